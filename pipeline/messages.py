@@ -1,0 +1,228 @@
+"""What the nodes say to each other. Small frozen types; every field has its unit.
+
+Times are those of the sensor clock, in nanoseconds since 1970-01-01 UTC, unless a field says
+otherwise. `streams.py` says on which key each type travels; `transport/codec.py` how it is
+written.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.blocks import AccelerationBlock
+from sensors.layout import SensorLayout
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Warning:  # noqa: A001  # the field's word; Python's own is never used here
+    """A doubt about a result that is still given. Codes are stable, texts are for people."""
+
+    code: str  # e.g. "non-stationary", "clipped", "harmonic"
+    text: str  # one sentence with the quantity, its unit and what it means
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mode:
+    """One identified mode of the tower, complex-normalised (Eq. 11: largest component = 1).
+
+    `covariance_factor` F, (2 + n_channels, n_columns), has the rows frequency [Hz], damping ratio
+    [-], then the shape's components [-]; F Fᵀ is their joint covariance. Its first
+    `n_block_columns` columns belong to the time blocks of the window, the same for every mode of
+    the estimate, so that products across modes give the covariance between modes; the further
+    columns are the mode's own (the spread over model orders).
+    """
+
+    name: str  # stays with the mode from window to window; "" while untracked
+    frequency: float  # f, undamped natural frequency [Hz]
+    frequency_std: float  # [Hz]
+    damping_ratio: float  # ζ, fraction of critical [-]
+    damping_ratio_std: float  # [-]
+    shape: FloatArray  # φ, (n_channels,) [-], channel order of the estimate
+    covariance_factor: FloatArray  # F, (2 + n_channels, n_columns)
+    n_block_columns: int  # columns of F common to all modes of the estimate
+    phase_collinearity: float = 1.0  # MPC of the complex shape, 1 = all channels in phase [-]
+    presence: float = 1.0  # share of the model orders in which the mode was stable [-]
+    quality: float = 1.0  # 0 (doubtful) to 1 (sure) [-]
+    pair_id: str = ""  # two modes that cannot be separated share one id; else ""
+
+    @property
+    def unit_component(self) -> int:
+        """Index of the shape's component that the normalisation sets to 1."""
+        return int(np.argmax(np.abs(self.shape)))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(2 + n_channels, 2 + n_channels), joint covariance of f [Hz], ζ [-], φ [-]."""
+        return self.covariance_factor @ self.covariance_factor.T
+
+    @property
+    def shape_std(self) -> FloatArray:
+        """(n_channels,) [-]; zero for the unit component."""
+        return np.sqrt((self.covariance_factor[2:] ** 2).sum(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModalEstimate:
+    """The modes identified in one window, lowest frequency first."""
+
+    turbine: str
+    window: int  # windows since the session's start, rejected ones counted, from 0
+    start_ns: int
+    end_ns: int
+    layout_id: str
+    channels: tuple[str, ...]  # names of the channels that the shapes' components belong to
+    modes: tuple[Mode, ...]
+    weight: float = 1.0  # hop / window duration: how much of the window is new [-]
+    warnings: tuple[Warning, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return (self.end_ns - self.start_ns) * 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class WindowRejected:
+    """A window that was not identified, or an estimate that was not used, and why."""
+
+    turbine: str
+    window: int
+    start_ns: int
+    end_ns: int
+    code: str  # stable: "gap", "nan", "constant", …
+    reason: str  # for people: "gap of 0.4 s in unit tower at 12.0 s"
+
+
+@dataclass(frozen=True, slots=True)
+class ModePair:
+    """An identified mode and the model mode it was taken for."""
+
+    identified: str  # Mode.name
+    model: str  # the model's label: "1" to "11" are Table 1's, then the other visible ones
+    frequency: float  # identified [Hz]
+    frequency_std: float  # [Hz]
+    model_frequency: float  # at the posterior's median [Hz]
+    mac: float  # modal assurance criterion [-]
+    shape_used: bool  # False where only the frequency entered the likelihood
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSummary:
+    """Marginal posterior of one parameter."""
+
+    name: str  # "k11", "k22", "k12" or "sigma"
+    unit: str
+    nominal: float  # the turbine description's value [unit]; 1 for sigma
+    median: float  # [unit]
+    p05: float  # 5 % quantile [unit]
+    p95: float  # 95 % quantile [unit]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundationPosterior:
+    """Posterior of the foundation's coupled springs given all accepted windows so far."""
+
+    turbine: str
+    window: int  # the last window that entered
+    time_ns: int  # end of that window
+    n_windows: int  # windows that entered
+    parameters: tuple[ParameterSummary, ...]  # k11, k22, k12, sigma
+    correlation: FloatArray  # (3, 3) of k11, k22, k12 [-]
+    draws: FloatArray  # (n_draws, 4), n_draws <= 1000: k11 [N/m], k22 [N·m/rad], k12 [N], σ [-]
+    pairs: tuple[ModePair, ...]
+    model_labels: tuple[str, ...]  # of every model mode the sensors can see
+    model_frequencies: FloatArray  # (n_labels,) at the median [Hz]
+    model_shapes: FloatArray  # (n_labels, n_channels) at the median, largest component 1 [-]
+    sampler: str  # "emcee", …
+    ess: float  # smallest effective sample size over the parameters
+    rhat: float  # largest split-R̂ over the parameters
+    autocorrelation_time: float  # largest τ over the parameters [steps]
+    reduced_chi_square: float  # of the paired frequencies at σ = 0 [-]
+    paired_share: float  # identified modes that found a model mode [-]
+    pairing_cost: float  # mean cost per identified mode [-]
+    trusted: bool = True  # False: published, but the data contradict the model
+    warnings: tuple[Warning, ...] = ()
+
+    def parameter(self, name: str) -> ParameterSummary:
+        """The parameter of that name; KeyError where there is none."""
+        for summary in self.parameters:
+            if summary.name == name:
+                return summary
+        raise KeyError(name)
+
+
+@dataclass(frozen=True, slots=True)
+class FoundationTruth:
+    """The true stiffness of a simulated turbine. No node that estimates ever takes it."""
+
+    turbine: str
+    time_ns: int  # from when it holds
+    k11: float  # [N/m]
+    k22: float  # [N·m/rad]
+    k12: float  # [N/rad]
+
+
+@dataclass(frozen=True, slots=True)
+class StreamGap:
+    """Blocks that were published but never arrived, or were never sent."""
+
+    turbine: str
+    unit: str
+    session: str
+    start_ns: int  # where the missing samples begin
+    end_ns: int  # where samples resume
+    first_sequence: int  # of the missing blocks
+    n_blocks: int
+
+
+@dataclass(frozen=True, slots=True)
+class StreamEnd:
+    """The source has no more blocks (a replay or simulation has come to its end)."""
+
+    turbine: str
+    unit: str
+    session: str
+    time_ns: int  # end of the last block
+    n_blocks: int  # blocks published in all
+
+
+@dataclass(frozen=True, slots=True)
+class MessageCount:
+    """How many messages of one type a node took or gave."""
+
+    message: str  # type name, e.g. "ModalEstimate"
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class NodeStatus:
+    """What a node says of itself: when it starts, regularly, and when it stops."""
+
+    turbine: str
+    node: str
+    time_ns: int  # clock of the machine the node runs on
+    state: str  # "ready" | "running" | "stopped"
+    last_sequence: int  # of the last AccelerationBlock handled; -1 before the first
+    received: tuple[MessageCount, ...] = ()
+    published: tuple[MessageCount, ...] = ()
+    lost: int = 0  # acceleration blocks that never came
+    late: int = 0  # blocks that came too late to be used
+    duplicate: int = 0  # blocks that came twice
+    busy_s: float = 0.0  # time spent in handling messages [s]
+    warnings: tuple[Warning, ...] = field(default=())
+
+
+Message = (
+    AccelerationBlock
+    | SensorLayout
+    | ModalEstimate
+    | WindowRejected
+    | FoundationPosterior
+    | FoundationTruth
+    | StreamGap
+    | StreamEnd
+    | NodeStatus
+)

@@ -1,0 +1,64 @@
+"""The table: which message travels on which key, how often, and whether it is recorded."""
+
+from dataclasses import dataclass
+
+from pipeline.messages import (
+    AccelerationBlock,
+    FoundationPosterior,
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    NodeStatus,
+    SensorLayout,
+    StreamEnd,
+    StreamGap,
+    WindowRejected,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """One kind of message on its way through the system."""
+
+    message: type
+    key: str  # Zenoh key and MCAP topic; {turbine}, {unit}, {node} are the message's own fields
+    period: float | None = None  # expected between two messages [s]; None: when it happens
+    cached: int = 1  # messages that a late or interrupted subscriber can still get
+    recorded: bool = True
+
+    def key_of(self, message: Message) -> str:
+        """The key of one message, e.g. pilewatch/iea15mw/tower/acceleration."""
+        fields = {name: getattr(message, name, "") for name in ("turbine", "unit", "node")}
+        return self.key.format(**fields)
+
+    @property
+    def key_expression(self) -> str:
+        """The Zenoh key expression that matches every turbine, unit and node."""
+        return self.key.format(turbine="*", unit="*", node="*")
+
+
+STREAMS = (
+    Stream(AccelerationBlock, "pilewatch/{turbine}/{unit}/acceleration", period=1.0, cached=600),
+    Stream(SensorLayout, "pilewatch/{turbine}/{unit}/layout"),
+    Stream(StreamGap, "pilewatch/{turbine}/{unit}/gap", cached=100),
+    Stream(StreamEnd, "pilewatch/{turbine}/{unit}/end"),
+    Stream(FoundationTruth, "pilewatch/{turbine}/truth"),
+    Stream(ModalEstimate, "pilewatch/{turbine}/modal-estimate", period=600.0, cached=100),
+    Stream(WindowRejected, "pilewatch/{turbine}/window-rejected", cached=100),
+    Stream(
+        FoundationPosterior, "pilewatch/{turbine}/foundation-posterior", period=600.0, cached=10
+    ),
+    Stream(NodeStatus, "pilewatch/{turbine}/status/{node}", period=1.0),
+)
+
+_BY_MESSAGE = {stream.message: stream for stream in STREAMS}
+
+
+def stream_of(message: type) -> Stream:
+    """The stream on which a message type travels; KeyError for a type not in the table."""
+    return _BY_MESSAGE[message]
+
+
+def key_of(message: Message) -> str:
+    """The key on which this message travels."""
+    return stream_of(type(message)).key_of(message)

@@ -1,0 +1,48 @@
+"""AccelerationBlock: one block of one acquisition unit, all its channels on one clock."""
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+NANOSECONDS = 1_000_000_000  # [ns/s]
+
+
+class BlockStatus(IntFlag):
+    """What the acquisition unit says about its own block; 0 is healthy."""
+
+    OK = 0
+    CLIPPED = 1  # at least one sample at the end of the converter's range
+    CLOCK_UNSYNCHRONISED = 2  # the unit has lost its time reference
+    SENSOR_FAULT = 4  # at least one channel reports a fault
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AccelerationBlock:
+    """Consecutive samples of all channels of one acquisition unit.
+
+    Sample i of the block was taken at `start_ns + i / sampling_rate`; it is sample
+    `first_sample + i` of the session. A session starts whenever the unit starts.
+    """
+
+    turbine: str  # turbine id
+    unit: str  # acquisition unit id
+    session: str  # session id: one per start of the unit
+    layout_id: str  # SensorLayout that says what each channel is
+    sequence: int  # blocks since the session's start, from 0
+    first_sample: int  # samples since the session's start, from 0
+    start_ns: int  # sensor clock at the first sample [ns since 1970-01-01 UTC]
+    sampling_rate: float  # [Hz]
+    samples: NDArray[np.float32]  # (n_samples, n_channels) [m/s²], channel order of the layout
+    status: BlockStatus = BlockStatus.OK
+
+    @property
+    def duration(self) -> float:
+        """Time that the block covers [s]."""
+        return len(self.samples) / self.sampling_rate
+
+    @property
+    def end_ns(self) -> int:
+        """Sensor clock one sample after the last [ns]: the next block's `start_ns`."""
+        return self.start_ns + round(self.duration * NANOSECONDS)

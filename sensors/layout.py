@@ -1,0 +1,114 @@
+"""Accelerometer and SensorLayout: what each channel of an acquisition unit measures, and where.
+
+Tower axes: x downwind in the parked position (fore-aft), y to the side (side-side), z up from
+the mean water level.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.errors import InputError
+
+Coupling = Literal["dc", "ac"]
+
+FORE_AFT = (1.0, 0.0, 0.0)
+SIDE_SIDE = (0.0, 1.0, 0.0)
+
+
+class LayoutError(InputError):
+    """A sensor layout that cannot be right; the message names the channel."""
+
+
+@dataclass(frozen=True, slots=True)
+class Accelerometer:
+    """One measuring axis: one channel of a block.
+
+    A DC-coupled axis tilts with the tower and reads u'' − g·ψ, ψ = du/dz the tower's rotation in
+    the axis' vertical plane; an AC-coupled one does so only above its corner frequency.
+    """
+
+    name: str  # unique in its layout, e.g. "z145-fa"
+    elevation: float  # above mean water level [m]
+    direction: tuple[float, float, float]  # direction cosines (x, y, z) of the positive axis [-]
+    coupling: Coupling = "dc"
+    corner_frequency: float = 0.0  # of an AC-coupled axis [Hz]
+    serial: str = ""
+    unit: str = "m/s²"
+
+    def __post_init__(self) -> None:
+        length = float(np.linalg.norm(self.direction))
+        if not abs(length - 1.0) < 1e-6:
+            raise LayoutError(
+                f"channel {self.name}: direction {self.direction} has length {length:.6g}; "
+                "direction cosines have length 1"
+            )
+        if self.coupling not in ("dc", "ac"):
+            raise LayoutError(
+                f"channel {self.name}: coupling {self.coupling!r} is neither 'dc' nor 'ac'"
+            )
+        if self.coupling == "ac" and not self.corner_frequency > 0:
+            raise LayoutError(
+                f"channel {self.name}: an AC-coupled axis needs its corner_frequency [Hz], "
+                f"not {self.corner_frequency}"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class SensorLayout:
+    """The channels of one acquisition unit, in the order of a block's columns."""
+
+    layout_id: str
+    turbine: str
+    unit: str
+    channels: tuple[Accelerometer, ...]
+
+    def __post_init__(self) -> None:
+        names = [channel.name for channel in self.channels]
+        for name in names:
+            if names.count(name) > 1:
+                raise LayoutError(
+                    f"layout {self.layout_id}: channel name {name!r} appears more than once"
+                )
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        return tuple(channel.name for channel in self.channels)
+
+    @property
+    def elevations(self) -> NDArray[np.float64]:
+        """(n_channels,) [m]"""
+        return np.array([channel.elevation for channel in self.channels])
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """(n_channels, 3) direction cosines [-]"""
+        return np.array([channel.direction for channel in self.channels])
+
+
+def biaxial_layout(
+    layout_id: str,
+    *,
+    turbine: str,
+    unit: str,
+    elevations: Sequence[float],
+    coupling: Coupling = "dc",
+    corner_frequency: float = 0.0,
+) -> SensorLayout:
+    """Bi-axial accelerometers at the given elevations [m]: all fore-aft channels, then all
+    side-side ones, each group in the order of `elevations`."""
+    channels = tuple(
+        Accelerometer(
+            name=f"z{elevation:g}-{suffix}",
+            elevation=elevation,
+            direction=direction,
+            coupling=coupling,
+            corner_frequency=corner_frequency,
+        )
+        for suffix, direction in (("fa", FORE_AFT), ("ss", SIDE_SIDE))
+        for elevation in elevations
+    )
+    return SensorLayout(layout_id, turbine=turbine, unit=unit, channels=channels)
