@@ -61,7 +61,7 @@ class Mode:
     @property
     def shape_std(self) -> FloatArray:
         """(n_channels,) [-]; zero for the unit component."""
-        return np.sqrt((self.covariance_factor[2:] ** 2).sum(axis=1))
+        return np.linalg.norm(self.covariance_factor[2:], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,17 +3,17 @@
 from dataclasses import dataclass
 
 from pipeline.messages import (
-    AccelerationBlock,
     FoundationPosterior,
     FoundationTruth,
     Message,
     ModalEstimate,
     NodeStatus,
-    SensorLayout,
     StreamEnd,
     StreamGap,
     WindowRejected,
 )
+from sensors.blocks import AccelerationBlock
+from sensors.layout import SensorLayout
 
 
 @dataclass(frozen=True, slots=True)
