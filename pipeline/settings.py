@@ -30,9 +30,7 @@ def settings_from_table(cls: type[T], table: Mapping[str, Any], where: str) -> T
         if key not in known:
             raise ScenarioError(_unknown_key(key, list(known), where))
     hints = get_type_hints(cls)
-    values = {
-        key: _converted(value, hints[key], f"{where} {key}") for key, value in table.items()
-    }
+    values = {key: _converted(value, hints[key], f"{where} {key}") for key, value in table.items()}
     for name, field in known.items():
         if name not in values and field.default is MISSING and field.default_factory is MISSING:
             raise ScenarioError(f"{where}: the key {name!r} is missing")
@@ -95,9 +93,7 @@ def _tuple(value: Any, hints: tuple[Any, ...], where: str) -> tuple[Any, ...]:
         return tuple(_converted(item, hints[0], where) for item in value)
     if len(value) != len(hints):
         raise ScenarioError(f"{where} has {len(value)} values; {len(hints)} are needed")
-    return tuple(
-        _converted(item, hint, where) for item, hint in zip(value, hints, strict=True)
-    )
+    return tuple(_converted(item, hint, where) for item, hint in zip(value, hints, strict=True))
 
 
 def _scalar(value: Any, hint: Any, where: str) -> Any:

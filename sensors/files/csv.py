@@ -67,14 +67,13 @@ def _header(path: Path) -> tuple[list[str], int, str]:
     """Column names, lines before the first sample, and the delimiter."""
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as lines:
-            for count, raw in enumerate(lines, start=1):
-                line = raw.strip()
-                if line and not line.startswith(("#", "%")):
-                    break
-            else:
-                raise FileError(f"{path}: the file is empty; a header row is needed")
+            stripped = ((count, raw.strip()) for count, raw in enumerate(lines, start=1))
+            rows = (row for row in stripped if row[1] and not row[1].startswith(("#", "%")))
+            count, line = next(rows, (0, ""))
     except OSError as error:
         raise FileError(f"{path}: {error.strerror or error}") from error
+    if not line:
+        raise FileError(f"{path}: the file is empty; a header row is needed")
     delimiter = max(";\t,", key=line.count)
     names = [name.strip().strip('"') for name in line.split(delimiter)]
     if all(_is_number(name) for name in names):
@@ -119,7 +118,9 @@ def _parsed(path: Path, header: list[str], skipped: int, delimiter: str) -> pa.T
         )
     except pa.ArrowInvalid as error:
         if "Empty CSV" in str(error):
-            raise FileError(f"{path}: 0 samples below the header; at least two are needed") from None
+            raise FileError(
+                f"{path}: 0 samples below the header; at least two are needed"
+            ) from None
         raise FileError(f"{path}: {' '.join(str(error).split())}") from error
 
 
