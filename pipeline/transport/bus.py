@@ -1,0 +1,146 @@
+"""What carries messages between nodes: the protocols, and the inbox at a subscriber's end.
+
+A transport's threads only put bytes into an inbox; decoding and everything after it happens in
+the thread of the subscriber. So no subscriber, however slow, holds up a publisher or another
+subscriber: what its inbox cannot hold is dropped and counted.
+"""
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from pipeline.messages import Message
+from pipeline.streams import key_of
+from pipeline.transport.codec import decode
+from pipeline.transport.errors import CodecError, TransportError
+
+logger = logging.getLogger(__name__)
+
+INBOX_CAPACITY = 10_000  # messages; nearly three hours of one unit's one-second blocks
+
+_NOT_IN_A_KEY = frozenset("/*$?#")
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """One message as it arrived."""
+
+    message_type: type
+    key: str
+    payload: bytes
+
+
+class Subscription(Protocol):
+    """Some streams on their way into one inbox."""
+
+    @property
+    def lost(self) -> int:
+        """Messages that were published and, as the transport knows, will never arrive."""
+        ...
+
+    def close(self) -> None:
+        """Deliver no more."""
+        ...
+
+
+class Bus(Protocol):
+    """Carries every message of the table of streams from its publisher to its subscribers.
+
+    Messages on one key arrive in the order of publishing. A subscriber that comes late receives
+    the last `Stream.cached` messages of each key first.
+    """
+
+    def publish(self, message: Message) -> None:
+        """Send on the message's key. Never waits for a subscriber.
+
+        Raises CodecError for a message that contradicts itself, TransportError for one whose
+        turbine, unit or node cannot be part of a key.
+        """
+        ...
+
+    def subscribe(self, message_types: Sequence[type], inbox: "Inbox") -> Subscription:
+        """Deliver all messages of these types, of every turbine, into the inbox."""
+        ...
+
+    def close(self) -> None:
+        """Leave; what was published before has been handed over to the transport."""
+        ...
+
+
+class Inbox:
+    """Bounded queue between a transport's threads and the one thread that takes messages out.
+
+    When it is full, the oldest message makes room: what a late subscriber still needs is the end
+    of the stream. `dropped` and `malformed` count what was never handed out.
+    """
+
+    def __init__(self, capacity: int = INBOX_CAPACITY) -> None:
+        self._deliveries: deque[Delivery] = deque()
+        self._capacity = capacity
+        self._changed = threading.Condition()
+        self._closed = False
+        self.dropped = 0
+        self.malformed = 0
+
+    def __len__(self) -> int:
+        return len(self._deliveries)
+
+    def put(self, delivery: Delivery) -> None:
+        """Take in one delivery. Any thread; never waits for the reader."""
+        with self._changed:
+            if len(self._deliveries) >= self._capacity:
+                self._deliveries.popleft()
+                self.dropped += 1
+            self._deliveries.append(delivery)
+            self._changed.notify()
+
+    def get(self, timeout: float | None = None) -> Message | None:
+        """The next message, waiting for it at most `timeout` [s]; None waits for ever.
+
+        Returns None when the time is over, or when the inbox is closed and empty. A delivery
+        that is no message of its stream is counted, reported and skipped.
+        """
+        while (delivery := self._next(timeout)) is not None:
+            try:
+                return _opened(delivery)
+            except CodecError as error:
+                self.malformed += 1
+                logger.warning("dropped what came on %s: %s", delivery.key, error)
+        return None
+
+    def close(self) -> None:
+        """Wake the reader; what is queued can still be taken out."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def _next(self, timeout: float | None) -> Delivery | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._deliveries or self._closed, timeout)
+            return self._deliveries.popleft() if self._deliveries else None
+
+
+def publishing_key(message: Message) -> str:
+    """The key on which a message is published.
+
+    Raises TransportError where turbine, unit or node is empty or has a character that divides
+    keys or selects many of them.
+    """
+    for field in ("turbine", "unit", "node"):
+        part = getattr(message, field, None)
+        if part is not None and (not part or _NOT_IN_A_KEY.intersection(part)):
+            raise TransportError(
+                f"{field} {part!r} of a {type(message).__name__} cannot be part of a key: "
+                "it needs at least one character and none of / * $ ? #"
+            )
+    return key_of(message)
+
+
+def _opened(delivery: Delivery) -> Message:
+    message: Message = decode(delivery.message_type, delivery.payload)
+    if key_of(message) != delivery.key:
+        raise CodecError(f"the message itself belongs on {key_of(message)}")
+    return message

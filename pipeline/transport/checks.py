@@ -1,0 +1,148 @@
+"""What a message must fulfil to be let in: checked once, at the codec, trusted afterwards.
+
+Values that a measurement or an algorithm may produce pass, NaN and ∞ included; what would make a
+receiver fail (a rate of zero, a time before 1970, arrays that do not fit together) does not.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from pipeline.messages import (
+    FoundationPosterior,
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    NodeStatus,
+    StreamEnd,
+    StreamGap,
+    WindowRejected,
+)
+from pipeline.transport.errors import CodecError
+from sensors.blocks import AccelerationBlock
+from sensors.layout import SensorLayout
+
+LOWEST_SAMPLING_RATE = 1e-3  # [Hz]
+HIGHEST_SAMPLING_RATE = 1e7  # [Hz]
+LATEST_NS = 2**62  # [ns since 1970], the year 2116: times and their differences fit into 64 bits
+HIGHEST_COUNT = 2**62  # of blocks or samples: 10⁹ years at 100 Hz, and sums fit into 64 bits
+
+
+def check(message: Message) -> None:
+    """Raise CodecError, in one sentence, where a message cannot be worked with."""
+    _CHECKS[type(message)](message)
+
+
+def _require(holds: bool, sentence: str) -> None:
+    if not holds:
+        raise CodecError(sentence)
+
+
+def _check_time(field: str, time_ns: int) -> None:
+    _require(
+        0 <= time_ns < LATEST_NS, f"{field} is {time_ns} ns; sensor times are 0 to {LATEST_NS} ns"
+    )
+
+
+def _check_span(start_ns: int, end_ns: int) -> None:
+    _check_time("start_ns", start_ns)
+    _check_time("end_ns", end_ns)
+    _require(start_ns <= end_ns, f"end_ns {end_ns} lies before start_ns {start_ns}")
+
+
+def _check_count(field: str, count: int) -> None:
+    _require(0 <= count < HIGHEST_COUNT, f"{field} is {count}; counts are 0 to {HIGHEST_COUNT}")
+
+
+def _check_block(block: AccelerationBlock) -> None:
+    _require(
+        LOWEST_SAMPLING_RATE <= block.sampling_rate <= HIGHEST_SAMPLING_RATE,
+        f"sampling_rate is {block.sampling_rate} Hz; a block has "
+        f"{LOWEST_SAMPLING_RATE:g} to {HIGHEST_SAMPLING_RATE:g} Hz",
+    )
+    _require(block.samples.ndim == 2, f"samples have {block.samples.ndim} axes instead of 2")
+    _require(block.samples.size > 0, f"samples have the shape {block.samples.shape}: none")
+    _check_count("sequence", block.sequence)
+    _check_count("first_sample", block.first_sample)
+    _check_span(block.start_ns, block.end_ns)
+
+
+def _check_layout(layout: SensorLayout) -> None:
+    _require(len(layout.channels) > 0, f"layout {layout.layout_id} has no channels")
+    for channel in layout.channels:
+        _require(
+            math.isfinite(channel.elevation) and math.isfinite(channel.corner_frequency),
+            f"channel {channel.name}: elevation {channel.elevation} m, "
+            f"corner frequency {channel.corner_frequency} Hz; both are finite",
+        )
+
+
+def _check_estimate(estimate: ModalEstimate) -> None:
+    _check_span(estimate.start_ns, estimate.end_ns)
+    n_channels = len(estimate.channels)
+    for mode in estimate.modes:
+        factor = mode.covariance_factor
+        _require(
+            mode.shape.shape == (n_channels,),
+            f"mode {mode.name!r}: shape {mode.shape.shape} for {n_channels} channels",
+        )
+        _require(
+            factor.ndim == 2 and factor.shape[0] == 2 + n_channels,
+            f"mode {mode.name!r}: covariance factor {factor.shape} for {n_channels} channels",
+        )
+        _require(
+            0 <= mode.n_block_columns <= factor.shape[1],
+            f"mode {mode.name!r}: {mode.n_block_columns} of {factor.shape[1]} columns are common",
+        )
+
+
+def _check_posterior(posterior: FoundationPosterior) -> None:
+    _check_time("time_ns", posterior.time_ns)
+    n_labels = len(posterior.model_labels)
+    _require(
+        posterior.correlation.shape == (3, 3),
+        f"correlation {posterior.correlation.shape} instead of (3, 3)",
+    )
+    _require(
+        posterior.draws.ndim == 2 and posterior.draws.shape[1] == 4,
+        f"draws {posterior.draws.shape} instead of (n_draws, 4)",
+    )
+    _require(
+        posterior.model_frequencies.shape == (n_labels,)
+        and posterior.model_shapes.ndim == 2
+        and posterior.model_shapes.shape[0] == n_labels,
+        f"model frequencies {posterior.model_frequencies.shape} and shapes "
+        f"{posterior.model_shapes.shape} for {n_labels} labels",
+    )
+
+
+def _check_gap(gap: StreamGap) -> None:
+    _check_span(gap.start_ns, gap.end_ns)
+    _check_count("first_sequence", gap.first_sequence)
+    _check_count("n_blocks", gap.n_blocks)
+
+
+def _check_end(end: StreamEnd) -> None:
+    _check_time("time_ns", end.time_ns)
+    _check_count("n_blocks", end.n_blocks)
+
+
+def _check_rejected(rejected: WindowRejected) -> None:
+    _check_span(rejected.start_ns, rejected.end_ns)
+
+
+def _check_timed(message: FoundationTruth | NodeStatus) -> None:
+    _check_time("time_ns", message.time_ns)
+
+
+_CHECKS: dict[type, Callable[[Any], None]] = {
+    AccelerationBlock: _check_block,
+    SensorLayout: _check_layout,
+    ModalEstimate: _check_estimate,
+    WindowRejected: _check_rejected,
+    FoundationPosterior: _check_posterior,
+    FoundationTruth: _check_timed,
+    StreamGap: _check_gap,
+    StreamEnd: _check_end,
+    NodeStatus: _check_timed,
+}
