@@ -1,0 +1,213 @@
+"""Response of the structure to nodal forces, integrated exactly in modal state space, and what
+accelerometers on it read.
+
+Every retained mode obeys, with q in mass-normalised coordinates [kg^½·m],
+
+    q'' + 2 ζ ω q' + ω² q = p(t),   p = φᵀ f(t)  [N/kg^½]
+
+The forces are given at the sampling instants and run straight from one to the next (first-order
+hold). For such a force the recursion used here has no integration error whatever the time step:
+it is the matrix exponential, not a difference scheme. Series come in chunks of any length and the
+state is carried, so memory does not grow with the duration.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObservedModes:
+    """Modes of the structure as a set of loads excites them and a sensor layout observes them."""
+
+    frequencies: FloatArray  # undamped, (n_modes,) [Hz]
+    damping_ratios: FloatArray  # ζ, (n_modes,) [-]
+    participation: FloatArray  # φᵀ at the loads, (n_modes, n_loads) [kg^-½]
+    displacement: FloatArray  # φ along each sensing axis, (n_channels, n_modes) [kg^-½]
+    rotation: FloatArray  # ψ = dφ/dz along each sensing axis, (n_channels, n_modes) [rad/(m·kg^½)]
+    corner_frequencies: FloatArray  # (n_channels,) [Hz]; 0 for a DC-coupled axis
+    gravity: float  # g [m/s²]
+
+
+class ModalOscillators:
+    """The modes' equations of motion as one exact recursion, mode by mode.
+
+    With x = (q, q')ᵀ and a force linear between its samples,
+
+        x_{k+1} = Φ x_k + Γ0 p_k + Γ1 p_{k+1}
+
+    Each mode then is a filter with two poles, w_k = p_k + tr(Φ) w_{k-1} − det(Φ) w_{k-2}, and q,
+    q', q'' are three-tap sums of w: `displacement_taps`, `velocity_taps`, `acceleration_taps`,
+    each (n_modes, 3), so that q_k = Σ_i taps_i w_{k-i}.
+    """
+
+    def __init__(
+        self, frequencies: FloatArray, damping_ratios: FloatArray, sampling_rate: float
+    ) -> None:
+        self._dt = 1.0 / sampling_rate
+        omega = 2.0 * np.pi * frequencies
+        propagator, gamma_0, gamma_1 = first_order_hold(omega, damping_ratios, self._dt)
+        trace = np.trace(propagator, axis1=1, axis2=2)
+        determinant = np.linalg.det(propagator)
+        self._denominator = np.stack([np.ones_like(trace), -trace, determinant], axis=1)
+        state_taps = _state_taps(propagator, trace, gamma_0, gamma_1)
+        self.displacement_taps = state_taps[:, 0]
+        self.velocity_taps = state_taps[:, 1]
+        self.acceleration_taps = (  # q'' = p − 2 ζ ω q' − ω² q
+            self._denominator
+            - (2.0 * damping_ratios * omega)[:, None] * self.velocity_taps
+            - (omega**2)[:, None] * self.displacement_taps
+        )
+        self._memory = np.zeros((len(omega), 2))  # lfilter's state
+        self._tail = np.zeros((len(omega), 2))  # w at the two last samples
+
+    def advance(self, modal_forces: FloatArray) -> FloatArray:
+        """Filtered forces w of the next samples, preceded by the two before them.
+
+        modal_forces   p, (n_modes, n_samples) [N/kg^½]
+        returns        w, (n_modes, 2 + n_samples)
+        """
+        filtered = np.empty((len(modal_forces), modal_forces.shape[1] + 2))
+        filtered[:, :2] = self._tail
+        one = np.ones(1)
+        for mode, force in enumerate(modal_forces):
+            filtered[mode, 2:], self._memory[mode] = lfilter(
+                one, self._denominator[mode], force, zi=self._memory[mode]
+            )
+        self._tail = filtered[:, -2:].copy()
+        return filtered
+
+    def frequency_response(self, taps: FloatArray, frequencies: FloatArray) -> ComplexArray:
+        """Response per unit harmonic force sampled as above: Σ taps_i z⁻ⁱ / Σ den_i z⁻ⁱ.
+
+        taps          (..., n_modes, 3)
+        frequencies   (n_frequencies,) [Hz]
+        returns       (n_frequencies, ..., n_modes)
+        """
+        powers = np.exp(
+            -2j * np.pi * self._dt * np.multiply.outer(frequencies, np.arange(3))
+        )  # z⁻ⁱ, (n_frequencies, 3)
+        numerator = np.tensordot(powers, taps, axes=([1], [taps.ndim - 1]))
+        denominator = powers @ self._denominator.T
+        between = tuple(range(1, numerator.ndim - 1))
+        return numerator / np.expand_dims(denominator, between)
+
+
+def first_order_hold(
+    omega: FloatArray, damping_ratios: FloatArray, time_step: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Exact propagators of damped oscillators under a force linear between samples.
+
+    omega            undamped circular frequencies, (n_modes,) [rad/s]
+    damping_ratios   ζ, (n_modes,) [-]
+    time_step        T [s]
+    returns          Φ (n_modes, 2, 2), Γ0 (n_modes, 2), Γ1 (n_modes, 2) for x = (q, q')ᵀ
+
+    All three are blocks of one matrix exponential, exp([[A T, b T, 0], [0, 0, 1], [0, 0, 0]]):
+    Source: Franklin, Powell and Workman, Digital Control of Dynamic Systems (triangle hold).
+    Time is counted in steps inside, so that q and q' T are of the same size.
+    """
+    step = omega * time_step
+    augmented = np.zeros((len(omega), 4, 4))
+    augmented[:, 0, 1] = 1.0
+    augmented[:, 1, 0] = -(step**2)
+    augmented[:, 1, 1] = -2.0 * damping_ratios * step
+    augmented[:, 1, 2] = time_step**2
+    augmented[:, 2, 3] = 1.0
+    exponential = expm(augmented)
+    to_seconds = np.array([1.0, 1.0 / time_step])
+    propagator = exponential[:, :2, :2] * np.outer(to_seconds, 1.0 / to_seconds)
+    gamma_1 = exponential[:, :2, 3] * to_seconds
+    gamma_0 = exponential[:, :2, 2] * to_seconds - gamma_1
+    return propagator, gamma_0, gamma_1
+
+
+def _state_taps(
+    propagator: FloatArray, trace: FloatArray, gamma_0: FloatArray, gamma_1: FloatArray
+) -> FloatArray:
+    """Numerators of q and q' over the modes' common denominator, (n_modes, 2, 3).
+
+    (zI − Φ)⁻¹ (Γ1 z + Γ0) with adj(zI − Φ) = zI − R, R = tr(Φ) I − Φ.
+    """
+    remainder = trace[:, None, None] * np.eye(2) - propagator
+    return np.stack(
+        [
+            gamma_1,
+            gamma_0 - np.einsum("mij,mj->mi", remainder, gamma_1),
+            -np.einsum("mij,mj->mi", remainder, gamma_0),
+        ],
+        axis=2,
+    )
+
+
+class AccelerationResponse:
+    """From forces to what the accelerometers read, chunk by chunk; starts at rest.
+
+    A DC-coupled axis reads u'' − g·ψ: it tilts with the tower by ψ = du/dz and feels gravity's
+    component. An AC-coupled one reads the same through its high-pass, s / (s + 2π f_corner).
+    """
+
+    def __init__(self, modes: ObservedModes, sampling_rate: float) -> None:
+        self._modes = modes
+        self._sampling_rate = sampling_rate
+        self._oscillators = ModalOscillators(modes.frequencies, modes.damping_ratios, sampling_rate)
+        self._taps = (  # (n_channels, n_modes, 3)
+            modes.displacement[:, :, None] * self._oscillators.acceleration_taps
+            - modes.gravity * modes.rotation[:, :, None] * self._oscillators.displacement_taps
+        )
+        self._coupling = _high_pass(modes.corner_frequencies, sampling_rate)
+        self._coupling_memory = np.zeros((len(modes.corner_frequencies), 1))
+
+    @property
+    def n_channels(self) -> int:
+        return len(self._modes.corner_frequencies)
+
+    def advance(self, forces: FloatArray) -> FloatArray:
+        """Accelerometer readings at the next samples.
+
+        forces    (n_samples, n_loads) [N]
+        returns   (n_samples, n_channels) [m/s²]
+        """
+        filtered = self._oscillators.advance(self._modes.participation @ forces.T)
+        readings = (
+            self._taps[:, :, 0] @ filtered[:, 2:]
+            + self._taps[:, :, 1] @ filtered[:, 1:-1]
+            + self._taps[:, :, 2] @ filtered[:, :-2]
+        )
+        for channel in np.flatnonzero(self._modes.corner_frequencies):
+            numerator, denominator = self._coupling[channel]
+            readings[channel], self._coupling_memory[channel] = lfilter(
+                numerator, denominator, readings[channel], zi=self._coupling_memory[channel]
+            )
+        return readings.T
+
+    def frequency_response(self, frequencies: FloatArray) -> ComplexArray:
+        """Reading per unit modal force, (n_frequencies, n_channels, n_modes) [m/s² per N/kg^½].
+
+        Exact for the sampled series, not only for the continuous structure: what `advance` does.
+        """
+        response = self._oscillators.frequency_response(self._taps, frequencies)
+        delay = np.exp(-2j * np.pi * frequencies / self._sampling_rate)
+        numerator, denominator = self._coupling[:, 0], self._coupling[:, 1]
+        coupling = (numerator[:, :1] + numerator[:, 1:] * delay) / (
+            denominator[:, :1] + denominator[:, 1:] * delay
+        )  # (n_channels, n_frequencies)
+        return response * coupling.T[:, :, None]
+
+
+def _high_pass(corner_frequencies: FloatArray, sampling_rate: float) -> FloatArray:
+    """First-order high-pass of each channel by the bilinear transform, (n_channels, 2, 2).
+
+    [channel, 0] is the numerator, [channel, 1] the denominator; a corner of 0 passes everything.
+    """
+    corner = np.tan(np.pi * corner_frequencies / sampling_rate)  # prewarped
+    passing = corner == 0.0
+    numerator = np.stack([np.ones_like(corner), np.where(passing, 0.0, -1.0)], axis=1)
+    denominator = np.stack([1.0 + corner, np.where(passing, 0.0, corner - 1.0)], axis=1)
+    return np.stack([numerator, denominator], axis=1)
