@@ -15,8 +15,10 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import brentq
 
 from sensors.errors import InputError
+from sensors.turbine.assembly import PLANE, StructuralModel
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
 SEA_WATER_GRAVITY = 9.81  # [m/s²], in the dispersion relation
 
@@ -148,6 +150,10 @@ class RandomLoad:
     sampling_rate: float  # [Hz]
     stream: RandomStream
 
+    @property
+    def n_series(self) -> int:
+        return self.distribution.shape[1]
+
     def spectrum(self, frequencies: FloatArray) -> FloatArray:
         """One-sided spectral density of each series, (n_frequencies,) [1/Hz].
 
@@ -162,7 +168,7 @@ class RandomLoad:
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
         """The load's series without end, in chunks (chunk, n_series) [-]."""
-        noise = FilteredNoise(self.kernel, self.distribution.shape[1], generator(seed, self.stream))
+        noise = FilteredNoise(self.kernel, self.n_series, generator(seed, self.stream))
         while True:
             yield noise.advance(chunk)
 
@@ -221,6 +227,76 @@ def wave_kernel(load: WaveBandLoad, sampling_rate: float) -> FloatArray:
     )
     density[frequencies > load.highest_frequency] = 0.0
     return spectral_kernel(density, sampling_rate)
+
+
+def random_loads(
+    model: StructuralModel,
+    *,
+    broadband: BroadbandLoad,
+    waves: WaveBandLoad,
+    sampling_rate: float,
+) -> tuple[RandomLoad, ...]:
+    """Every load on the structure that is not switched off, as series at this rate [Hz]."""
+    white = white_kernel(highest_frequency=broadband.highest_frequency, sampling_rate=sampling_rate)
+    loads = []
+    if broadband.tower_rms > 0:
+        pattern = tower_pattern(model, broadband.tower_rms)
+        loads.append(RandomLoad(pattern, white, sampling_rate, RandomStream.TOWER))
+    if broadband.blade_rms > 0 and model.blade_dofs.size:
+        pattern = blade_pattern(model, broadband.blade_rms)
+        loads.append(RandomLoad(pattern, white, sampling_rate, RandomStream.BLADES))
+    if waves.fore_aft_rms > 0 or waves.side_side_rms > 0:
+        pattern = wave_pattern(model, waves)
+        kernel = wave_kernel(waves, sampling_rate)
+        loads.append(RandomLoad(pattern, kernel, sampling_rate, RandomStream.WAVES))
+    return tuple(loads)
+
+
+def tower_pattern(model: StructuralModel, rms: float) -> FloatArray:
+    """A force at every tower and monopile node in each direction, independent of the others.
+
+    rms       of the n nodes' total in one direction [N], so rms / √n each
+    returns   (n_dofs, 2n): fore-aft nodes from the mudline up, then side-side ones [N]
+    """
+    dofs = np.concatenate([model.tower_dofs[:, plane.start] for plane in PLANE.values()])
+    return _one_force_each(model, dofs, rms / np.sqrt(len(model.elevations)))
+
+
+def blade_pattern(model: StructuralModel, rms: float) -> FloatArray:
+    """A force at every blade node but the root, flapwise and edgewise, independent of the others.
+
+    rms       of the total over a blade's n nodes in one direction [N], so rms / √n each
+    returns   (n_dofs, 2n · n_blades) [N]
+    """
+    flap_and_edge = model.blade_dofs[:, :, (0, 2)]
+    n_nodes = flap_and_edge.shape[1]
+    return _one_force_each(model, flap_and_edge.ravel(), rms / np.sqrt(n_nodes))
+
+
+def wave_pattern(model: StructuralModel, waves: WaveBandLoad) -> FloatArray:
+    """Forces of the wave band on the wetted nodes, (n_dofs, 2): fore-aft, side-side [N]."""
+    water = model.description.water
+    if water is None:
+        raise LoadError(
+            f"{model.description.name} has no [water]; set the waves' fore_aft_rms and "
+            "side_side_rms to 0"
+        )
+    profile = wave_profile(
+        model.elevations,
+        mudline=model.description.mudline,
+        level=water.level,
+        period=waves.peak_period,
+    )
+    pattern = np.zeros((model.n_dofs, 2))
+    pattern[model.tower_dofs[:, PLANE["FA"].start], 0] = waves.fore_aft_rms * profile
+    pattern[model.tower_dofs[:, PLANE["SS"].start], 1] = waves.side_side_rms * profile
+    return pattern
+
+
+def _one_force_each(model: StructuralModel, dofs: IntArray, rms: float) -> FloatArray:
+    pattern = np.zeros((model.n_dofs, len(dofs)))
+    pattern[dofs, np.arange(len(dofs))] = rms
+    return pattern
 
 
 def _require_positive(what: str, value: float, unit: str) -> None:
