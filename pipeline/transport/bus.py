@@ -107,8 +107,7 @@ class Inbox:
             try:
                 return _opened(delivery)
             except CodecError as error:
-                self.malformed += 1
-                logger.warning("dropped what came on %s: %s", delivery.key, error)
+                self._reject(delivery, error)
         return None
 
     def close(self) -> None:
@@ -116,6 +115,13 @@ class Inbox:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+
+    def _reject(self, delivery: Delivery, error: CodecError) -> None:
+        self.malformed += 1
+        if self.malformed.bit_count() == 1:  # the 1st, 2nd, 4th, 8th, …: a flood fills no log
+            logger.warning(
+                "dropped what came on %s (%d so far): %s", delivery.key, self.malformed, error
+            )
 
     def _next(self, timeout: float | None) -> Delivery | None:
         with self._changed:

@@ -22,6 +22,7 @@ from pipeline.transport.errors import CodecError
 from pipeline.transport.wire import (
     NUMBER_TYPES,
     is_run_of_numbers,
+    name_of_type,
     schema_of_message,
     wire_class,
 )
@@ -93,7 +94,7 @@ def _field(field: FieldDescriptorProto, hint: Any) -> _Field:
     if is_run_of_numbers(field):
         return _Numbers(field.name, NUMBER_TYPES[field.type], _tuple_length(hint))
     if field.type_name.endswith("Matrix"):
-        (values,) = (f for f in schema_of_message(_name(field)).field if f.name == "values")
+        (values,) = (f for f in schema_of_message(name_of_type(field)).field if f.name == "values")
         return _Matrix(field.name, NUMBER_TYPES[values.type])
     if field.type == FieldDescriptorProto.TYPE_MESSAGE:
         return _Records(field.name, get_args(hint)[0])
@@ -102,10 +103,6 @@ def _field(field: FieldDescriptorProto, hint: Any) -> _Field:
     if isinstance(hint, type) and issubclass(hint, IntFlag):
         return _Scalar(field.name, operator.index, hint)
     return _Scalar(field.name, _EXACT.get(hint, _unchanged))
-
-
-def _name(field: FieldDescriptorProto) -> str:
-    return field.type_name.rpartition(".")[2]
 
 
 def _tuple_length(hint: Any) -> int | None:

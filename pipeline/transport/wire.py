@@ -32,10 +32,29 @@ def schema() -> FileDescriptorProto:
     return FileDescriptorProto.FromString(pilewatch_pb2.DESCRIPTOR.serialized_pb)
 
 
-def self_description(message: str) -> tuple[str, bytes]:
-    """Full protobuf name of a message and the serialised FileDescriptorSet that explains it."""
+def full_name(message: str) -> str:
+    """Name of a message with its package, e.g. pilewatch.StreamGap."""
+    return f"{schema().package}.{message}"
+
+
+def self_description(message: str) -> bytes:
+    """The serialised FileDescriptorSet that explains one message and what it is made of."""
     file = schema()
-    return f"{file.package}.{message}", FileDescriptorSet(file=[file]).SerializeToString()
+    needed = _with_parts(message)
+    described = [entry for entry in file.message_type if entry.name in needed]
+    del file.message_type[:]
+    file.message_type.extend(described)
+    return FileDescriptorSet(file=[file]).SerializeToString()
+
+
+def _with_parts(message: str) -> set[str]:
+    parts = (name_of_type(field) for field in schema_of_message(message).field if field.type_name)
+    return {message}.union(*map(_with_parts, parts))
+
+
+def name_of_type(field: FieldDescriptorProto) -> str:
+    """Name of the message that a field holds."""
+    return field.type_name.rpartition(".")[2]
 
 
 @cache

@@ -1,0 +1,158 @@
+"""What a recording holds, in one look."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from pipeline.messages import NodeStatus, StreamGap
+from pipeline.recording.mcap_file import RecordedMessage
+from pipeline.recording.reader import decoded, read_metadata, recorded_messages
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.layout import SensorLayout
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelInfo:
+    """One key of the recording."""
+
+    key: str
+    message: str  # type name
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class UnitInfo:
+    """What was recorded of one session of one acquisition unit."""
+
+    turbine: str
+    unit: str
+    session: str
+    sampling_rate: float  # [Hz]
+    n_channels: int
+    n_blocks: int
+    start_ns: int  # first sample
+    end_ns: int  # one sample after the last
+    gaps: tuple[StreamGap, ...]  # between the first and the last block
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last, gaps included [s]."""
+        return (self.end_ns - self.start_ns) / NANOSECONDS
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingInfo:
+    """What a recording holds."""
+
+    path: Path
+    size: int  # [bytes]
+    metadata: dict[str, dict[str, str]]
+    channels: tuple[ChannelInfo, ...]
+    units: tuple[UnitInfo, ...]
+    layouts: tuple[SensorLayout, ...]
+    health: tuple[NodeStatus, ...]  # the last status of every node that was recorded
+
+    @property
+    def duration(self) -> float:
+        """From the first sample of any unit to the last of any [s]; 0 without samples."""
+        if not self.units:
+            return 0.0
+        first_ns = min(unit.start_ns for unit in self.units)
+        return (max(unit.end_ns for unit in self.units) - first_ns) / NANOSECONDS
+
+
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """A block without its samples."""
+
+    sequence: int
+    first_sample: int
+    next_sample: int
+    start_ns: int
+    end_ns: int
+
+
+def recording_info(path: Path) -> RecordingInfo:
+    """Channels, durations, gaps, metadata and the nodes' health. Reads the whole file and
+    verifies its checksums; raises RecordingError like `read_messages`."""
+    metadata = read_metadata(path)
+    tally = _Tally()
+    for recorded in recorded_messages(path):
+        tally.add(path, recorded)
+    return RecordingInfo(
+        path=path,
+        size=path.stat().st_size,
+        metadata=metadata,
+        channels=tuple(
+            ChannelInfo(key, message_type.__name__, count)
+            for (key, message_type), count in tally.counts.items()
+        ),
+        units=tuple(
+            _unit_info(tally.sessions[session], spans) for session, spans in tally.spans.items()
+        ),
+        layouts=tuple(tally.layouts.values()),
+        health=tuple(tally.statuses.values()),
+    )
+
+
+class _Tally:
+    """Counts what goes by, samples forgotten."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[tuple[str, type]] = Counter()
+        self.sessions: dict[tuple[str, str, str], AccelerationBlock] = {}  # the first block
+        self.spans: dict[tuple[str, str, str], list[_Span]] = defaultdict(list)
+        self.layouts: dict[str, SensorLayout] = {}
+        self.statuses: dict[str, NodeStatus] = {}
+
+    def add(self, path: Path, recorded: RecordedMessage) -> None:
+        self.counts[recorded.key, recorded.message_type] += 1
+        if recorded.message_type not in (AccelerationBlock, SensorLayout, NodeStatus):
+            return
+        match decoded(path, recorded):
+            case AccelerationBlock() as block:
+                self._add_block(block)
+            case SensorLayout() as layout:
+                self.layouts[layout.layout_id] = layout
+            case NodeStatus() as status:
+                self.statuses[status.node] = status
+
+    def _add_block(self, block: AccelerationBlock) -> None:
+        session = (block.turbine, block.unit, block.session)
+        self.sessions.setdefault(session, block)
+        next_sample = block.first_sample + len(block.samples)
+        self.spans[session].append(
+            _Span(block.sequence, block.first_sample, next_sample, block.start_ns, block.end_ns)
+        )
+
+
+def _unit_info(first: AccelerationBlock, spans: list[_Span]) -> UnitInfo:
+    in_order = sorted(spans, key=lambda span: span.sequence)
+    return UnitInfo(
+        turbine=first.turbine,
+        unit=first.unit,
+        session=first.session,
+        sampling_rate=first.sampling_rate,
+        n_channels=first.samples.shape[1],
+        n_blocks=len(spans),
+        start_ns=in_order[0].start_ns,
+        end_ns=in_order[-1].end_ns,
+        gaps=tuple(_gaps(first, in_order)),
+    )
+
+
+def _gaps(first: AccelerationBlock, in_order: list[_Span]) -> Iterator[StreamGap]:
+    for before, after in pairwise(in_order):
+        if after.first_sample <= before.next_sample:
+            continue
+        yield StreamGap(
+            turbine=first.turbine,
+            unit=first.unit,
+            session=first.session,
+            start_ns=before.end_ns,
+            end_ns=after.start_ns,
+            first_sequence=before.sequence + 1,
+            n_blocks=after.sequence - before.sequence - 1,
+        )

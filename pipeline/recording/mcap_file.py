@@ -1,0 +1,169 @@
+"""An MCAP file record by record: how far it is whole, and what its chunks hold.
+
+File: magic, records of the data section (header, metadata, chunks with their indexes), data end
+with a checksum over all before it, summary, footer, magic. A chunk holds schemas, channels and
+messages, compressed, with a checksum of its own. Source: https://mcap.dev/spec
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Metadata, Schema
+from mcap.records import Message as McapMessage
+from mcap.stream_reader import breakup_chunk
+
+from pipeline.recording.errors import RecordingError
+from pipeline.streams import STREAMS
+from pipeline.transport.wire import full_name
+
+MAGIC = b"\x89MCAP0\r\n"
+_RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows [bytes]
+
+# What the mcap package raises where bytes are not what they should be.
+DAMAGE = (
+    McapError,
+    struct.error,
+    zstandard.ZstdError,
+    ValueError,  # checksums and text that is not UTF-8 among them
+    KeyError,
+    OverflowError,
+    MemoryError,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One record of the file, not yet taken apart."""
+
+    offset: int  # of its first byte in the file
+    opcode: int
+    content: bytes
+
+    def checksum(self, before: int) -> int:
+        """CRC-32 of the data section up to the record's end, given that up to its start."""
+        head = _RECORD_HEAD.pack(self.opcode, len(self.content))
+        return zlib.crc32(self.content, zlib.crc32(head, before))
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedMessage:
+    """One message of the table of streams as it lies in the file, not yet decoded."""
+
+    message_type: type
+    key: str
+    log_time: int  # when it was received [ns since 1970-01-01 UTC]
+    publish_time: int  # its own time [ns since 1970-01-01 UTC]
+    payload: bytes
+
+
+def open_recording(path: Path) -> BinaryIO:
+    """The opened file. Raises RecordingError where it is missing or no recording at all."""
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise RecordingError(
+            f"cannot read the recording {path}: {error.strerror or error}"
+        ) from error
+    if file.read(len(MAGIC)) != MAGIC:
+        file.close()
+        raise RecordingError(f"{path} is not a recording: it does not begin as an MCAP file does")
+    return file
+
+
+def is_closed_properly(file: BinaryIO) -> bool:
+    """Whether the file ends as a finished recording does."""
+    if file.seek(0, 2) < 2 * len(MAGIC):
+        return False
+    file.seek(-len(MAGIC), 2)
+    return file.read() == MAGIC
+
+
+def complete_records(file: BinaryIO) -> Iterator[Record]:
+    """Every record of the data section that is there to its last byte, data end included, up to
+    the first that is not."""
+    size = file.seek(0, 2)
+    offset = len(MAGIC)
+    while offset + _RECORD_HEAD.size <= size:
+        file.seek(offset)
+        opcode, length = _RECORD_HEAD.unpack(file.read(_RECORD_HEAD.size))
+        if offset + _RECORD_HEAD.size + length > size:
+            return
+        yield Record(offset, opcode, file.read(length))
+        if opcode == Opcode.DATA_END:
+            return
+        offset += _RECORD_HEAD.size + length
+
+
+def checked_records(path: Path, file: BinaryIO) -> Iterator[Record]:
+    """Every record of the data section of a file that must be whole.
+
+    Raises RecordingError after the last good record where the file is damaged, and at the end
+    where its checksum does not hold.
+    """
+    checksum = zlib.crc32(MAGIC)
+    end = len(MAGIC)
+    for record in complete_records(file):
+        if record.opcode == Opcode.DATA_END:
+            (expected,) = struct.unpack_from("<I", record.content.ljust(4, b"\0"))
+            if expected not in (0, checksum):
+                raise RecordingError(f"{path} is damaged: its checksum does not hold")
+            return
+        yield record
+        checksum = record.checksum(checksum)
+        end = record.offset + _RECORD_HEAD.size + len(record.content)
+    raise RecordingError(f"{path} is damaged: what begins at byte {end} is no whole record")
+
+
+class ChannelTable:
+    """The schemas and channels met so far; makes sense of the messages that follow them."""
+
+    def __init__(self) -> None:
+        self.foreign: set[str] = set()  # topics of other programs
+        self.known: set[str] = set()  # topics of ours
+        self._schemas: dict[int, str] = {}
+        self._channels: dict[int, tuple[type | None, str]] = {}
+
+    def messages(self, record: Record) -> list[RecordedMessage]:
+        """What one chunk holds of the table of streams, in order, its checksum verified.
+
+        Raises one of DAMAGE.
+        """
+        chunk = Chunk.read(ReadDataStream(BytesIO(record.content)))
+        recorded: list[RecordedMessage] = []
+        for part in breakup_chunk(chunk, validate_crc=True):
+            match part:
+                case Schema():
+                    self._schemas[part.id] = part.name
+                case Channel():
+                    self._add(part)
+                case McapMessage():
+                    recorded.extend(self._message(part))
+        return recorded
+
+    def _add(self, channel: Channel) -> None:
+        message_type = _MESSAGE_TYPES.get(self._schemas.get(channel.schema_id, ""))
+        self._channels[channel.id] = (message_type, channel.topic)
+        (self.foreign if message_type is None else self.known).add(channel.topic)
+
+    def _message(self, part: McapMessage) -> Iterator[RecordedMessage]:
+        message_type, key = self._channels[part.channel_id]
+        if message_type is not None:
+            yield RecordedMessage(message_type, key, part.log_time, part.publish_time, part.data)
+
+
+def metadata_section(record: Record) -> tuple[str, dict[str, str]]:
+    """Name and texts of a metadata record. Raises one of DAMAGE."""
+    metadata = Metadata.read(ReadDataStream(BytesIO(record.content)))
+    return metadata.name, metadata.metadata
+
+
+_MESSAGE_TYPES = {full_name(stream.message.__name__): stream.message for stream in STREAMS}

@@ -1,0 +1,126 @@
+"""Recordings back into messages."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+
+from pipeline.messages import Message
+from pipeline.recording.errors import RecordingError
+from pipeline.recording.mcap_file import (
+    DAMAGE,
+    ChannelTable,
+    RecordedMessage,
+    checked_records,
+    is_closed_properly,
+    metadata_section,
+    open_recording,
+)
+from pipeline.recording.salvage import describe_what_is_left
+from pipeline.transport.codec import decode
+from pipeline.transport.errors import CodecError
+from sensors.layout import SensorLayout
+
+
+def read_messages(
+    path: Path,
+    message_types: Sequence[type] | None = None,
+    *,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+) -> Iterator[Message]:
+    """What was recorded, in the order of recording.
+
+    message_types      which to give; None: all
+    start_ns, end_ns   only messages with start_ns <= their own time < end_ns (`time_of`) [ns since
+                       1970-01-01 UTC]; a message that holds for ever (SensorLayout) has the time
+                       at which it was recorded and is always given
+
+    Checksums are verified on the way. Raises RecordingError at once where the file is missing,
+    foreign or cut, and on reaching it where a chunk is damaged.
+    """
+    file = _opened_whole(path)
+    return _messages(path, file, message_types, start_ns=start_ns, end_ns=end_ns)
+
+
+def recorded_messages(path: Path) -> Iterator[RecordedMessage]:
+    """As `read_messages`, not yet decoded and with the time of receiving."""
+    return _recorded(path, _opened_whole(path))
+
+
+def decoded(path: Path, recorded: RecordedMessage) -> Message:
+    """The message itself. Raises RecordingError where it cannot be read."""
+    try:
+        message: Message = decode(recorded.message_type, recorded.payload)
+    except CodecError as error:
+        raise RecordingError(
+            f"{path} has an unreadable message on {recorded.key} at {recorded.log_time} ns: {error}"
+        ) from error
+    return message
+
+
+def read_metadata(path: Path) -> dict[str, dict[str, str]]:
+    """Section → name → text, as given to the recorder. Raises RecordingError like
+    `read_messages`."""
+    with _opened_whole(path) as file:
+        try:
+            return dict(
+                metadata_section(record)
+                for record in checked_records(path, file)
+                if record.opcode == Opcode.METADATA
+            )
+        except DAMAGE as error:
+            raise RecordingError(f"{path} is damaged: its metadata cannot be read") from error
+
+
+def _opened_whole(path: Path) -> BinaryIO:
+    file = open_recording(path)
+    if not is_closed_properly(file):
+        with file:
+            left = describe_what_is_left(file)
+        raise RecordingError(f"{path} was cut off before its end: {left}")
+    return file
+
+
+def _messages(
+    path: Path,
+    file: BinaryIO,
+    message_types: Sequence[type] | None,
+    *,
+    start_ns: int | None,
+    end_ns: int | None,
+) -> Iterator[Message]:
+    for recorded in _recorded(path, file):
+        if message_types is not None and recorded.message_type not in message_types:
+            continue
+        if not _within(recorded, start_ns, end_ns):
+            continue
+        yield decoded(path, recorded)
+
+
+def _within(recorded: RecordedMessage, start_ns: int | None, end_ns: int | None) -> bool:
+    if recorded.message_type is SensorLayout:
+        return True
+    after_start = start_ns is None or recorded.publish_time >= start_ns
+    return after_start and (end_ns is None or recorded.publish_time < end_ns)
+
+
+def _recorded(path: Path, file: BinaryIO) -> Iterator[RecordedMessage]:
+    channels = ChannelTable()
+    with file:
+        for record in checked_records(path, file):
+            if record.opcode != Opcode.CHUNK:
+                continue
+            try:
+                messages = channels.messages(record)
+            except DAMAGE as error:
+                raise RecordingError(
+                    f"{path} is damaged: the chunk at byte {record.offset} fails its checksum; "
+                    "the other chunks can be salvaged"
+                ) from error
+            yield from messages
+    if channels.foreign and not channels.known:
+        raise RecordingError(
+            f"{path} holds no pilewatch channel, only {', '.join(sorted(channels.foreign))}"
+        )

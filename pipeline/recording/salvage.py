@@ -1,0 +1,123 @@
+"""What is left of a recording that was cut off or damaged."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+
+from pipeline.messages import Message
+from pipeline.recording.mcap_file import (
+    DAMAGE,
+    ChannelTable,
+    RecordedMessage,
+    complete_records,
+    metadata_section,
+    open_recording,
+)
+from pipeline.recording.writer import Recorder
+from pipeline.transport.codec import decode
+from pipeline.transport.errors import CodecError
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+
+
+@dataclass(frozen=True, slots=True)
+class Remains:
+    """How much of a file can still be read."""
+
+    chunks: int  # complete, with a checksum that holds
+    damaged_chunks: int  # there, but not as they were written
+    messages: int
+    unreadable_messages: int  # in complete chunks, but not what their channel says
+    duration: float  # from the first sample of any unit to the last of any [s]
+
+    def __str__(self) -> str:
+        damaged = f" ({self.damaged_chunks} more are damaged)" if self.damaged_chunks else ""
+        return (
+            f"{self.chunks} complete chunks with {self.messages} messages, "
+            f"{self.duration:.1f} s of samples, can be salvaged{damaged}"
+        )
+
+
+def salvage(source: Path, target: Path) -> Remains:
+    """Write every message of the complete chunks of `source` to a new, whole recording `target`,
+    with the metadata and all times as they were. The source is left as it is.
+
+    Raises RecordingError where the source is no recording or the target exists.
+    """
+    with open_recording(source) as file:
+        remains = _Remains()
+        recorder = Recorder(target, metadata=_metadata(file), clock=None)
+        for recorded in remains.messages(file):
+            message = remains.decoded(recorded)
+            if message is not None:
+                recorder.record(
+                    message, log_time=recorded.log_time, publish_time=recorded.publish_time
+                )
+        recorder.close()
+    return remains.counted()
+
+
+def describe_what_is_left(file: BinaryIO) -> str:
+    """For people: how much of an unfinished file can be salvaged."""
+    remains = _Remains()
+    for recorded in remains.messages(file):
+        remains.decoded(recorded)
+    return str(remains.counted())
+
+
+class _Remains:
+    """Goes through the complete chunks of a file and counts what it meets."""
+
+    def __init__(self) -> None:
+        self._chunks = self._damaged = self._messages = self._unreadable = 0
+        self._starts_ns: list[int] = []
+        self._ends_ns: list[int] = []
+
+    def messages(self, file: BinaryIO) -> Iterator[RecordedMessage]:
+        channels = ChannelTable()
+        for record in complete_records(file):
+            if record.opcode != Opcode.CHUNK:
+                continue
+            try:
+                messages = channels.messages(record)
+            except DAMAGE:
+                self._damaged += 1
+                continue
+            self._chunks += 1
+            yield from messages
+
+    def decoded(self, recorded: RecordedMessage) -> Message | None:
+        try:
+            message: Message = decode(recorded.message_type, recorded.payload)
+        except CodecError:
+            self._unreadable += 1
+            return None
+        self._messages += 1
+        if isinstance(message, AccelerationBlock):
+            self._starts_ns.append(message.start_ns)
+            self._ends_ns.append(message.end_ns)
+        return message
+
+    def counted(self) -> Remains:
+        span_ns = max(self._ends_ns, default=0) - min(self._starts_ns, default=0)
+        return Remains(
+            chunks=self._chunks,
+            damaged_chunks=self._damaged,
+            messages=self._messages,
+            unreadable_messages=self._unreadable,
+            duration=span_ns / NANOSECONDS,
+        )
+
+
+def _metadata(file: BinaryIO) -> dict[str, dict[str, str]]:
+    sections: dict[str, dict[str, str]] = {}
+    for record in complete_records(file):
+        if record.opcode == Opcode.METADATA:
+            try:
+                name, texts = metadata_section(record)
+            except DAMAGE:
+                continue
+            sections[name] = texts
+    return sections
