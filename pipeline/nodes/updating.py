@@ -1,0 +1,33 @@
+"""The updating node: each modal estimate refreshes the foundation's posterior."""
+
+from collections.abc import Iterable
+
+from pipeline.messages import FoundationPosterior, Message, ModalEstimate, WindowRejected
+from pipeline.updating.updater import FoundationUpdater, UpdatingState
+
+
+class FoundationUpdaterNode:
+    """Refreshes the foundation-stiffness posterior with each accepted modal estimate."""
+
+    name = "updating"
+    inputs: tuple[type, ...] = (ModalEstimate,)
+
+    def __init__(self, updater: FoundationUpdater, state: UpdatingState | None = None) -> None:
+        """state: what an earlier session ended with; None to begin with nothing seen."""
+        self._updater = updater
+        self._state = state or updater.initial_state()
+
+    @property
+    def state(self) -> UpdatingState:
+        """What the node remembers, O(1) in the number of windows."""
+        return self._state
+
+    def handle(self, message: Message) -> Iterable[FoundationPosterior | WindowRejected]:
+        """The posterior after a ModalEstimate, or why it could not be used."""
+        if isinstance(message, ModalEstimate):
+            self._state, answer = self._updater.updated(self._state, message)
+            return (answer,)
+        return ()
+
+    def close(self) -> None:
+        """Nothing is held."""

@@ -1,0 +1,54 @@
+"""What the updating needs to know of the structure: modes at the sensors for many stiffnesses."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class ModesOfStiffness(Protocol):
+    """Modes of n stiffness triples, m modes each, as the accelerometers read them."""
+
+    @property
+    def frequencies(self) -> FloatArray:
+        """(n, m) [Hz]; NaN where not admissible."""
+        ...
+
+    @property
+    def shapes(self) -> FloatArray:
+        """(n, m, n_channels) [-], scale arbitrary, channel order of the layout."""
+        ...
+
+    @property
+    def admissible(self) -> NDArray[np.bool_]:
+        """(n,) springs positive definite and structure stable under gravity."""
+        ...
+
+
+class ForwardModel(Protocol):
+    """The structure as a function of its foundation; `sensors.turbine.modal.ModalModel` is one."""
+
+    @property
+    def nominal(self) -> FloatArray:
+        """(3,) k11 [N/m], k22 [N·m/rad], k12 [N/rad] of the turbine's description."""
+        ...
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the m modes, the same for every stiffness."""
+        ...
+
+    def modal(self, theta: FloatArray) -> ModesOfStiffness:
+        """Modes for theta, (n, 3) in the units of `nominal`."""
+        ...
+
+    def subset(self, labels: Sequence[str]) -> "ForwardModel":
+        """A cheaper model with these modes only, in this order."""
+        ...
+
+    def following(self, theta_reference: FloatArray) -> "ForwardModel":
+        """The same modes, followed by overlap from theta_reference, (3,), instead of nominal."""
+        ...

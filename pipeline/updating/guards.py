@@ -1,0 +1,66 @@
+"""When a posterior must not be trusted, however narrow it is.
+
+A wrong structure widens σ a little and moves the stiffness a lot; the interval does not protect
+itself. What tells is how badly the frequencies fit, and how many modes find no partner.
+"""
+
+from dataclasses import dataclass
+
+from pipeline.messages import Warning as Doubt
+from pipeline.updating.prior import UpdatingError
+
+
+@dataclass(frozen=True, slots=True)
+class GuardSettings:
+    """Thresholds beyond which the structure is probably not the modelled one."""
+
+    reduced_chi_square: float = 3.0  # of the frequencies at σ = 0 [-]
+    paired_share: float = 0.8  # least share of identified modes with a partner [-]
+    pairing_cost: float = 2.5  # per identified mode [-]
+    rhat: float = 1.05  # chains that disagree more have not converged [-]
+    interval_share: float = 0.8  # of the prior's 90 % interval: above, nothing was learned [-]
+
+    def __post_init__(self) -> None:
+        for name in ("reduced_chi_square", "paired_share", "pairing_cost", "rhat"):
+            if not getattr(self, name) > 0:
+                raise UpdatingError(f"guard {name} is {getattr(self, name)}; it must be positive")
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """The figures by which a posterior is judged."""
+
+    reduced_chi_square: float
+    paired_share: float
+    pairing_cost: float
+
+
+def contradictions(fit: Fit, settings: GuardSettings) -> tuple[Doubt, ...]:
+    """Why the data contradict the model; empty for a posterior that may be trusted."""
+    doubts = []
+    if fit.reduced_chi_square > settings.reduced_chi_square:
+        doubts.append(
+            Doubt(
+                "misfit",
+                f"the identified frequencies lie further from the model's than their standard "
+                f"deviations allow (reduced chi-square {fit.reduced_chi_square:.1f}, at most "
+                f"{settings.reduced_chi_square:g} expected)",
+            )
+        )
+    if fit.paired_share < settings.paired_share:
+        doubts.append(
+            Doubt(
+                "few-pairs",
+                f"only {fit.paired_share:.0%} of the identified modes are modes of the model "
+                f"(at least {settings.paired_share:.0%} expected)",
+            )
+        )
+    if fit.pairing_cost > settings.pairing_cost:
+        doubts.append(
+            Doubt(
+                "pairing-cost",
+                f"identified and model modes resemble each other badly (mean cost "
+                f"{fit.pairing_cost:.1f}, at most {settings.pairing_cost:g} expected)",
+            )
+        )
+    return tuple(doubts)

@@ -1,0 +1,228 @@
+"""Which model mode is which identified mode, without knowing the foundation beforehand.
+
+Frequencies move by up to a third over the prior and fifty modes compete, so a pairing at nominal
+stiffness, by order, or by the nearest MAC goes wrong. Here draws of the whole prior box are
+searched first; the best few are refined with a tolerance that shrinks; the cheapest end wins.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.updating.evidence import ModeEvidence
+from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
+from pipeline.updating.prior import Prior, UpdatingError, modal_where_supported
+
+STEP_LENGTHS = np.array([1.0, 0.5, 0.2, 0.05])  # of a Gauss-Newton step, tried in one batch [-]
+DIFFERENCE = 1e-4  # relative step of the numerical derivatives [-]
+
+
+@dataclass(frozen=True, slots=True)
+class PairingSettings:
+    """Weights and extent of the search."""
+
+    search_draws: int = 500  # of the prior box
+    refined: int = 4  # best draws that are refined
+    tolerances: tuple[float, ...] = (0.03, 0.015, 0.008, 0.004)  # s_f of ln f, in turn [-]
+    steps: int = 3  # Gauss-Newton steps at each tolerance
+    mac_scale: float = 0.15  # of 1 − MAC [-]
+    rejection: float = 9.0  # cost at which an identified mode is better left alone [-]
+
+    def __post_init__(self) -> None:
+        if self.search_draws < 1 or self.refined < 1 or not self.tolerances:
+            raise UpdatingError("pairing needs search_draws, refined and tolerances of at least 1")
+        if not min(*self.tolerances, self.mac_scale, self.rejection) > 0:
+            raise UpdatingError("pairing tolerances, mac_scale and rejection must be positive")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairingTargets:
+    """The identified modes as the pairing sees them.
+
+    A close pair has no shape: its row of `shapes` is zero and its MAC counts as 1.
+    """
+
+    log_frequencies: FloatArray  # (n_identified,)
+    shapes: FloatArray  # (n_identified, n_channels) [-], zero at absent channels
+    available: FloatArray  # (n_identified, n_channels), 1 where the channel was measured
+    weights: FloatArray  # (n_identified,) share of the windows in which the mode was seen
+
+    @classmethod
+    def of(cls, modes: Sequence[ModeEvidence], n_windows: int) -> "PairingTargets":
+        """Targets of the combined modes."""
+        shapes = np.array([mode.shape for mode in modes])
+        return cls(
+            log_frequencies=np.log([mode.frequency for mode in modes]),
+            shapes=np.nan_to_num(shapes),
+            available=np.isfinite(shapes).astype(float),
+            weights=np.array([mode.n_windows for mode in modes]) / n_windows,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairing:
+    """One assignment at one stiffness."""
+
+    ratios: FloatArray  # (3,) where it was made [-]
+    model_modes: tuple[int, ...]  # for each identified mode the model mode's index, or −1
+    cost: float  # mean over the identified modes, weighted by how often they were seen [-]
+    paired_share: float  # likewise, of modes that found a partner [-]
+
+
+def pairing_costs(
+    targets: PairingTargets, modes: ModesOfStiffness, tolerance: float, mac_scale: float
+) -> FloatArray:
+    """(n, n_identified, n_model): (Δ ln f / s_f)² + ((1 − MAC) / s_MAC)²; inf where not
+    admissible."""
+    log_model = np.log(modes.frequencies)[:, None, :]
+    costs = ((targets.log_frequencies[:, None] - log_model) / tolerance) ** 2
+    costs += ((1 - macs(targets, modes.shapes)) / mac_scale) ** 2
+    return np.where(np.isfinite(costs), costs, np.inf)
+
+
+def macs(targets: PairingTargets, shapes: FloatArray) -> FloatArray:
+    """MAC of every identified with every model shape, on the channels that were measured.
+
+    shapes    (n, n_model, n_channels)
+    returns   (n, n_identified, n_model); 1 for identified modes without a shape
+    """
+    values = np.ones((len(shapes), len(targets.shapes), shapes.shape[1]))
+    for mask in np.unique(targets.available, axis=0):
+        rows = np.flatnonzero((targets.available == mask).all(axis=1))
+        if mask.any():
+            values[:, rows] = modal_assurance_criterion(targets.shapes[rows] * mask, shapes * mask)
+    return values
+
+
+def assigned(
+    costs: FloatArray, targets: PairingTargets, ratios: FloatArray, rejection: float
+) -> Pairing:
+    """The cheapest assignment of identified to model modes, each used once.
+
+    costs   (n_identified, n_model)
+
+    Leaving a mode alone costs `rejection`, so a pair that costs more is never made; clipping the
+    costs there says the same to the Hungarian algorithm as a column of dummies would.
+    """
+    clipped = np.minimum(costs, rejection)
+    rows, columns = linear_sum_assignment((clipped - rejection) * targets.weights[:, None])
+    model_modes = np.full(len(costs), -1)
+    kept = clipped[rows, columns] < rejection
+    model_modes[rows[kept]] = columns[kept]
+    each = np.full(len(costs), rejection)
+    each[rows] = clipped[rows, columns]
+    return Pairing(
+        ratios=ratios,
+        model_modes=tuple(int(mode) for mode in model_modes),
+        cost=float(np.average(each, weights=targets.weights)),
+        paired_share=float(np.average(model_modes >= 0, weights=targets.weights)),
+    )
+
+
+class PairingSearch:
+    """Finds the pairing of lowest cost over the whole prior.
+
+    The draws of the prior and their modes don't depend on the measurements: they are computed
+    once and serve every window. The model follows its modes from nominal stiffness.
+    """
+
+    def __init__(
+        self,
+        forward: ForwardModel,
+        prior: Prior,
+        settings: PairingSettings,
+        generator: np.random.Generator,
+    ) -> None:
+        self._forward = forward
+        self._prior = prior
+        self._settings = settings
+        draws = prior.draws(settings.search_draws, generator)
+        modes = forward.modal(prior.stiffness(draws))
+        self._draws = draws
+        self._modes = modes
+
+    def best(self, targets: PairingTargets, start: FloatArray | None = None) -> Pairing:
+        """The cheapest pairing at the finest tolerance.
+
+        start   (3,) ratios to refine as well, e.g. the last posterior's median. It is one start
+                among others: a wrong one cannot win against a cheaper one.
+        """
+        starts = [self._draws[number] for number in self._cheapest_draws(targets)]
+        if start is not None:
+            starts.append(start)
+        refined = [self.refined(targets, ratios) for ratios in starts]
+        return min(refined, key=lambda pairing: pairing.cost)
+
+    def _cheapest_draws(self, targets: PairingTargets) -> list[int]:
+        settings = self._settings
+        costs = pairing_costs(targets, self._modes, settings.tolerances[0], settings.mac_scale)
+        totals = [
+            assigned(each, targets, ratios, settings.rejection).cost
+            for each, ratios in zip(costs, self._draws, strict=True)
+        ]
+        return [int(number) for number in np.argsort(totals, kind="stable")[: settings.refined]]
+
+    def refined(self, targets: PairingTargets, ratios: FloatArray) -> Pairing:
+        """The pairing after following it downhill while the tolerance shrinks."""
+        pairing = self._pairings(targets, ratios[None], self._settings.tolerances[0])[0]
+        for tolerance in self._settings.tolerances:
+            pairing = self._pairings(targets, pairing.ratios[None], tolerance)[0]
+            for _ in range(self._settings.steps):
+                better = self._step(targets, pairing, tolerance)
+                if better is pairing:
+                    break
+                pairing = better
+        return pairing
+
+    def _pairings(
+        self, targets: PairingTargets, ratios: FloatArray, tolerance: float
+    ) -> list[Pairing]:
+        """Assignments at (n, 3) ratios; those outside the prior have infinite cost."""
+        supported, modes = modal_where_supported(self._forward, self._prior, ratios)
+        nowhere = (-1,) * len(targets.log_frequencies)
+        pairings = [Pairing(each, nowhere, np.inf, 0.0) for each in ratios]
+        if modes is None:
+            return pairings
+        costs = pairing_costs(targets, modes, tolerance, self._settings.mac_scale)
+        for number, each in zip(np.flatnonzero(supported), costs, strict=True):
+            if np.isfinite(each).any():
+                pairings[number] = assigned(each, targets, ratios[number], self._settings.rejection)
+        return pairings
+
+    def _step(self, targets: PairingTargets, pairing: Pairing, tolerance: float) -> Pairing:
+        """One Gauss-Newton step on the pairs' costs in ln k; the same pairing if none is better."""
+        direction = self._direction(targets, pairing, tolerance)
+        trials = pairing.ratios * np.exp(STEP_LENGTHS[:, None] * direction)
+        best = min(self._pairings(targets, trials, tolerance), key=lambda trial: trial.cost)
+        return best if best.cost < pairing.cost - 1e-6 else pairing
+
+    def _direction(self, targets: PairingTargets, pairing: Pairing, tolerance: float) -> FloatArray:
+        """(3,) of ln k: the least-squares step of the residuals' linearisation."""
+        points = pairing.ratios * np.exp(DIFFERENCE * np.vstack([np.zeros(3), np.eye(3)]))
+        modes = self._forward.modal(self._prior.stiffness(points))
+        residuals = self._residuals(targets, pairing, modes, tolerance)
+        jacobian = (residuals[1:] - residuals[0]).T / DIFFERENCE
+        if not np.all(np.isfinite(jacobian)) or not jacobian.size:
+            return np.zeros(3)
+        step = np.linalg.lstsq(jacobian, -residuals[0], rcond=1e-6)[0]
+        return step * min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-300))
+
+    def _residuals(
+        self,
+        targets: PairingTargets,
+        pairing: Pairing,
+        modes: ModesOfStiffness,
+        tolerance: float,
+    ) -> FloatArray:
+        """(n, 2 n_paired): square roots of the pairs' costs."""
+        identified = np.flatnonzero(np.array(pairing.model_modes) >= 0)
+        model = np.array(pairing.model_modes)[identified]
+        frequency = np.log(modes.frequencies[:, model]) - targets.log_frequencies[identified]
+        mac = macs(targets, modes.shapes)[:, identified, model]
+        root = np.sqrt(targets.weights[identified])
+        return np.hstack(
+            [root * frequency / tolerance, root * (1 - mac) / self._settings.mac_scale]
+        )

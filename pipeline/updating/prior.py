@@ -1,0 +1,98 @@
+"""θ = (k11, k22, k12) as ratios to nominal, their uniform prior, and what it excludes.
+
+Coordinates are the ratios r = k / k_nominal: dimensionless, of one size, and a prior uniform in k
+is uniform in r, so no Jacobian appears anywhere.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
+from sensors.errors import InputError
+
+PARAMETER_NAMES = ("k11", "k22", "k12")
+PARAMETER_UNITS = ("N/m", "N·m/rad", "N/rad")
+
+
+class UpdatingError(InputError):
+    """A setting or a stiffness with which no posterior can be computed."""
+
+
+@dataclass(frozen=True, slots=True)
+class PriorSettings:
+    """Bounds of the uniform prior, [foundation-updating] §4.2."""
+
+    lowest_ratio: float = 0.25  # k / nominal [-]
+    highest_ratio: float = 4.0  # k / nominal [-]
+    highest_sigma: float = 0.1  # σ, relative model discrepancy [-]
+
+    def __post_init__(self) -> None:
+        if not 0 < self.lowest_ratio < self.highest_ratio < np.inf:
+            raise UpdatingError(
+                f"prior ratios run from {self.lowest_ratio} to {self.highest_ratio}; they must be "
+                "positive and in rising order"
+            )
+        if not 0 < self.highest_sigma < np.inf:
+            raise UpdatingError(f"highest_sigma is {self.highest_sigma}; it must be positive")
+
+
+class Prior:
+    """Uniform in k11, k22, k12 within the box, zero where no foundation can be.
+
+    The springs must be positive definite, k11·k22 > k12², which excludes 39 % of the box of the
+    IEA 15 MW monopile; and the structure must stand under gravity, which only the forward model
+    can say (`modal(...).admissible`).
+    """
+
+    def __init__(self, nominal: FloatArray, settings: PriorSettings | None = None) -> None:
+        """nominal: (3,) k11 [N/m], k22 [N·m/rad], k12 [N/rad]. Raises UpdatingError."""
+        nominal = np.asarray(nominal, dtype=float)
+        if nominal.shape != (3,) or not np.all(np.isfinite(nominal)) or np.any(nominal == 0):
+            raise UpdatingError(
+                f"nominal springs {nominal.tolist()} cannot be updated as ratios; three finite "
+                "numbers other than 0 are needed"
+            )
+        self.nominal = nominal
+        self.settings = settings or PriorSettings()
+        self._coupling = nominal[2] ** 2 / (nominal[0] * nominal[1])  # k12² / (k11 k22) [-]
+
+    def stiffness(self, ratios: FloatArray) -> FloatArray:
+        """(..., 3) [N/m, N·m/rad, N/rad] of (..., 3) ratios [-]."""
+        return ratios * self.nominal
+
+    def supports(self, ratios: FloatArray) -> NDArray[np.bool_]:
+        """(...,) whether (..., 3) ratios lie in the box with positive definite springs."""
+        within = (ratios >= self.settings.lowest_ratio) & (ratios <= self.settings.highest_ratio)
+        definite = ratios[..., 0] * ratios[..., 1] > self._coupling * ratios[..., 2] ** 2
+        return within.all(axis=-1) & definite
+
+    def draws(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """(n, 3) ratios drawn from the supported part of the box (gravity not yet asked)."""
+        low, high = self.settings.lowest_ratio, self.settings.highest_ratio
+        accepted = np.empty((0, 3))
+        for _ in range(200):
+            candidates = generator.uniform(low, high, size=(2 * n, 3))
+            accepted = np.vstack([accepted, candidates[self.supports(candidates)]])
+            if len(accepted) >= n:
+                return accepted[:n]
+        raise UpdatingError(
+            f"fewer than {n} of {400 * n} draws between {low} and {high} times nominal "
+            f"{self.nominal.tolist()} have positive definite springs; k11·k22 > k12² is needed"
+        )
+
+
+def modal_where_supported(
+    forward: ForwardModel, prior: Prior, ratios: FloatArray
+) -> tuple[NDArray[np.bool_], ModesOfStiffness | None]:
+    """Which of (n, 3) ratios have a prior above zero, and the modes of those only.
+
+    returns    (n,) admissible; modes of the supported ones (None where there is none). A model
+               evaluation costs a thousand times the box test, so the box comes first.
+    """
+    admissible = prior.supports(ratios)
+    if not admissible.any():
+        return admissible, None
+    modes = forward.modal(prior.stiffness(ratios[admissible]))
+    return admissible, modes

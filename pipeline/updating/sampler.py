@@ -1,0 +1,110 @@
+"""Markov chains through emcee: an ensemble that proposes from a density fitted to itself."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import emcee
+import numpy as np
+
+from pipeline.updating.convergence import (
+    autocorrelation_time,
+    effective_sample_size,
+    split_rhat,
+)
+from pipeline.updating.forward_model import FloatArray
+from pipeline.updating.prior import UpdatingError
+
+LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""(n, n_dim) points → (n,) log density, −inf outside, and (n,) a companion drawn given the point
+(here σ) that stays with the walker that takes the point."""
+
+
+@dataclass(frozen=True, slots=True)
+class SamplerSettings:
+    """How long the chains are."""
+
+    walkers: int = 64
+    burn_in: int = 40  # steps that are thrown away
+    block: int = 40  # steps between two looks at the autocorrelation
+    most_steps: int = 600  # where a chain that is still too short is given up
+    chain_in_autocorrelation_times: float = 50.0  # shortest chain that is trusted [τ]
+    effective_draws: float = 1000.0
+
+    def __post_init__(self) -> None:
+        if self.walkers < 16 or self.walkers % 2:
+            raise UpdatingError(f"walkers is {self.walkers}; an even number from 16 is needed")
+        if not 4 <= self.block <= self.most_steps:
+            raise UpdatingError(
+                f"block is {self.block} and most_steps {self.most_steps}; 4 <= block <= most_steps"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chains:
+    """An ensemble's walk after burn-in."""
+
+    points: FloatArray  # (n_steps, n_walkers, n_dim)
+    companions: FloatArray  # (n_steps, n_walkers)
+    acceptance: float  # mean share of accepted proposals [-]
+    autocorrelation_time: float  # largest over dimensions and companion [steps]
+    ess: float  # smallest effective sample size
+    rhat: float  # largest split R̂
+    long_enough: bool  # at least 50 τ and the wanted effective draws
+
+    @property
+    def flat(self) -> FloatArray:
+        """(n_steps · n_walkers, n_dim + 1) points with their companion, step by step."""
+        joined = np.concatenate([self.points, self.companions[..., None]], axis=2)
+        return joined.reshape(-1, joined.shape[2])
+
+    @property
+    def ensemble(self) -> FloatArray:
+        """(n_walkers, n_dim) where the walkers stand at the end."""
+        return self.points[-1]
+
+
+def walked(
+    log_density: LogDensity,
+    start: FloatArray,
+    settings: SamplerSettings,
+    generator: np.random.Generator,
+) -> Chains:
+    """Chains of an ensemble sampler from start, (n_walkers, n_dim), all of finite density.
+
+    The proposal is a kernel density of the other half of the walkers (emcee's KDEMove). On sharp,
+    strongly correlated posteriors its chains forget within a few steps where the stretch move
+    needs fifty. The chain grows by blocks until it is 50 autocorrelation times long.
+    """
+    sampler = emcee.EnsembleSampler(
+        *start.shape,
+        lambda points: np.column_stack(log_density(points)),
+        moves=emcee.moves.KDEMove(),
+        vectorize=True,
+    )
+    seed = generator.integers(2**32, size=4, dtype=np.uint32)
+    state = emcee.State(start, random_state=np.random.RandomState(seed).get_state())
+    state = sampler.run_mcmc(state, settings.burn_in, store=False)
+    while True:
+        state = sampler.run_mcmc(state, settings.block)
+        chains = _assessed(sampler, settings)
+        n_steps = len(chains.points)
+        if chains.long_enough or n_steps + settings.block > settings.most_steps:
+            return chains
+
+
+def _assessed(sampler: emcee.EnsembleSampler, settings: SamplerSettings) -> Chains:
+    points = sampler.get_chain()
+    companions = np.asarray(sampler.get_blobs(), dtype=float)
+    quantities = [*np.moveaxis(points, 2, 0), companions]
+    tau = max(autocorrelation_time(each) for each in quantities)
+    ess = min(effective_sample_size(each) for each in quantities)
+    wanted = settings.chain_in_autocorrelation_times * tau
+    return Chains(
+        points=points,
+        companions=companions,
+        acceptance=float(np.mean(sampler.acceptance_fraction)),
+        autocorrelation_time=tau,
+        ess=ess,
+        rhat=max(split_rhat(each) for each in quantities),
+        long_enough=bool(len(points) >= wanted and ess >= settings.effective_draws),
+    )

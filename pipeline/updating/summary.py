@@ -1,0 +1,65 @@
+"""A posterior in the figures of `summary.json`: ratios to nominal, the truth where it is known."""
+
+import math
+from typing import Any
+
+from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
+
+Json = dict[str, Any]
+
+
+def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | None = None) -> Json:
+    """The `posterior` entry: k11, k22, k12, sigma, correlation, ess, rhat; unknown values None.
+
+    correlation   3 × 3, order k11, k22, k12
+    ess, rhat     the smallest and the largest over the parameters
+    """
+    summary: Json = {
+        name: stiffness_summary(
+            posterior.parameter(name), None if truth is None else getattr(truth, name)
+        )
+        for name in ("k11", "k22", "k12")
+    }
+    sigma = posterior.parameter("sigma")
+    summary["sigma"] = {"median": sigma.median, "p95": sigma.p95}
+    summary["correlation"] = [[_finite(each) for each in row] for row in posterior.correlation]
+    summary["ess"] = _finite(posterior.ess)
+    summary["rhat"] = _finite(posterior.rhat)
+    return summary
+
+
+def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -> Json:
+    """One stiffness in its unit and as ratios to nominal. truth: in the same unit."""
+    ratios = sorted(each / parameter.nominal for each in (parameter.p05, parameter.p95))
+    return {
+        "unit": parameter.unit,
+        "median": parameter.median,
+        "p05": parameter.p05,
+        "p95": parameter.p95,
+        "ratio_median": parameter.median / parameter.nominal,
+        "ratio_p05": ratios[0],
+        "ratio_p95": ratios[1],
+        "truth_ratio": None if truth is None else truth / parameter.nominal,
+    }
+
+
+def empty_summary() -> Json:
+    """The same entry where no window gave a posterior: every value None."""
+    nothing = ("median", "p05", "p95", "ratio_median", "ratio_p05", "ratio_p95", "truth_ratio")
+    units = {"k11": "N/m", "k22": "N·m/rad", "k12": "N/rad"}
+    summary: Json = {name: {"unit": unit, **dict.fromkeys(nothing)} for name, unit in units.items()}
+    summary["sigma"] = {"median": None, "p95": None}
+    summary.update(correlation=None, ess=None, rhat=None)
+    return summary
+
+
+def truth_covered(posterior: FoundationPosterior, truth: FoundationTruth) -> dict[str, bool]:
+    """For each stiffness whether the 90 % interval holds the truth."""
+    return {
+        name: posterior.parameter(name).p05 <= getattr(truth, name) <= posterior.parameter(name).p95
+        for name in ("k11", "k22", "k12")
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,369 @@
+"""FoundationUpdater: one more modal estimate, one more posterior of the foundation's springs."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pipeline.messages import (
+    FoundationPosterior,
+    ModalEstimate,
+    ModePair,
+    ParameterSummary,
+    WindowRejected,
+)
+from pipeline.messages import Warning as Doubt
+from pipeline.updating.evidence import EstimateRefused, ModalEvidence
+from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
+from pipeline.updating.guards import Fit, GuardSettings, contradictions
+from pipeline.updating.laplace import Peak, laplace_peak, starting_points
+from pipeline.updating.likelihood import (
+    LikelihoodSettings,
+    ModalLikelihood,
+    Observation,
+    observations,
+)
+from pipeline.updating.pairing import (
+    Pairing,
+    PairingSearch,
+    PairingSettings,
+    PairingTargets,
+    macs,
+)
+from pipeline.updating.prior import (
+    PARAMETER_NAMES,
+    PARAMETER_UNITS,
+    Prior,
+    PriorSettings,
+    modal_where_supported,
+)
+from pipeline.updating.sampler import Chains, SamplerSettings, walked
+from sensors.layout import SensorLayout
+
+MOST_DRAWS = 1000  # in a FoundationPosterior
+WARM_DISTANCE = 5.0  # of the peak from the last ensemble, in its standard deviations
+
+
+@dataclass(frozen=True, slots=True)
+class UpdatingSettings:
+    """Section [updating] of a scenario."""
+
+    prior: PriorSettings = field(default_factory=PriorSettings)
+    pairing: PairingSettings = field(default_factory=PairingSettings)
+    likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
+    sampler: SamplerSettings = field(default_factory=SamplerSettings)
+    guards: GuardSettings = field(default_factory=GuardSettings)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UpdatingState:
+    """All that is remembered between windows; its size doesn't grow with their number."""
+
+    evidence: ModalEvidence
+    ensemble: FloatArray | None = None  # (n_walkers, 3) ratios where the last chains ended
+    median: FloatArray | None = None  # (3,) ratios, of the last posterior
+
+
+class FoundationUpdater:
+    """Turns modal evidence into a posterior of k11, k22, k12 and σ.
+
+    Every posterior starts from the prior with all the evidence. Yesterday's posterior is never
+    today's prior; it only says where the chains may start.
+    """
+
+    def __init__(
+        self,
+        forward: ForwardModel,
+        layout: SensorLayout,
+        settings: UpdatingSettings | None = None,
+        *,
+        seed: int = 0,
+    ) -> None:
+        """forward: the structure at this layout's sensors. seed: the scenario's; with the window's
+        number it decides every random choice, wherever and in whatever order nodes run.
+
+        Raises UpdatingError.
+        """
+        self.settings = settings or UpdatingSettings()
+        self._forward = forward
+        self._layout = layout
+        self._seed = seed
+        self._prior = Prior(forward.nominal, self.settings.prior)
+        self._search = PairingSearch(
+            forward, self._prior, self.settings.pairing, np.random.default_rng(seed)
+        )
+
+    def initial_state(self) -> UpdatingState:
+        """Nothing seen yet."""
+        return UpdatingState(
+            ModalEvidence(
+                channels=self._layout.channel_names,
+                joint_covariance=self.settings.likelihood.joint_covariance,
+            )
+        )
+
+    def updated(
+        self, state: UpdatingState, estimate: ModalEstimate
+    ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
+        """State and posterior after one more window.
+
+        An estimate that cannot be used leaves the state as it was, and the answer is a
+        WindowRejected: the last good posterior stands.
+        """
+        try:
+            evidence = state.evidence.with_estimate(estimate)
+            return self._refreshed(replace(state, evidence=evidence), estimate)
+        except EstimateRefused as refusal:
+            return state, WindowRejected(
+                turbine=estimate.turbine,
+                window=estimate.window,
+                start_ns=estimate.start_ns,
+                end_ns=estimate.end_ns,
+                code=refusal.code,
+                reason=refusal.reason,
+            )
+
+    def _refreshed(
+        self, state: UpdatingState, estimate: ModalEstimate
+    ) -> tuple[UpdatingState, FoundationPosterior]:
+        generator = np.random.default_rng([self._seed, estimate.window])
+        match = self._matched(state, estimate)
+        density = _Posterior(match, self._prior, generator)
+        start = self._start(state, match.peak, density, generator)
+        chains = walked(density, start, self.settings.sampler, generator)
+        median = self._representative(chains)
+        posterior = self._message(estimate, state.evidence, match, chains, median)
+        return replace(state, ensemble=chains.ensemble, median=median), posterior
+
+    def _matched(self, state: UpdatingState, estimate: ModalEstimate) -> "_Match":
+        """Pairing, likelihood and its peak; the pairing is made once more at the peak."""
+        evidence = state.evidence
+        if not evidence.modes:
+            raise EstimateRefused("no-modes", "no mode was identified")
+        targets = PairingTargets.of(evidence.modes, evidence.n_windows)
+        pairing = self._search.best(targets, state.median)
+        match = self._match(evidence, pairing)
+        again = self._search.refined(targets, match.peak.ratios)
+        if again.model_modes != pairing.model_modes and again.cost <= pairing.cost:
+            match = self._match(evidence, again)
+        paired = {each.identified for each in match.used}
+        if not any(evidence.modes[number].last_window == estimate.window for number in paired):
+            raise EstimateRefused(
+                "no-paired-mode",
+                f"none of the {len(estimate.modes)} identified modes is a mode of the model",
+            )
+        return match
+
+    def _match(self, evidence: ModalEvidence, pairing: Pairing) -> "_Match":
+        local = self._forward.following(self._prior.stiffness(pairing.ratios))
+        frequencies = local.modal(self._prior.stiffness(pairing.ratios[None])).frequencies[0]
+        used = observations(evidence, pairing, frequencies, self.settings.likelihood)
+        if not used:
+            raise EstimateRefused(
+                "no-paired-mode",
+                f"none of the {len(evidence.modes)} identified modes is a mode of the model",
+            )
+        columns = sorted({mode for each in used for mode in each.model_modes})
+        forward = local.subset([local.labels[mode] for mode in columns])
+        likelihood = ModalLikelihood(
+            evidence,
+            used,
+            model_columns=columns,
+            settings=self.settings.likelihood,
+            highest_sigma=self.settings.prior.highest_sigma,
+        )
+        peak = laplace_peak(likelihood, forward, self._prior, pairing.ratios)
+        return _Match(pairing, used, likelihood, local, forward, peak)
+
+    def _start(
+        self,
+        state: UpdatingState,
+        peak: Peak,
+        density: "_Posterior",
+        generator: np.random.Generator,
+    ) -> FloatArray:
+        """Where the last chains ended if the peak still lies among them, else around the peak."""
+        n_walkers = self.settings.sampler.walkers
+        warm = state.ensemble
+        usable = warm is not None and len(warm) == n_walkers and _among(peak.ratios, warm)
+        if warm is not None and usable and np.all(np.isfinite(density.log_density(warm))):
+            return warm
+        return starting_points(peak, density.log_density, self._prior, n_walkers, generator)
+
+    def _representative(self, chains: Chains) -> FloatArray:
+        """(3,) the median of each ratio; where these three cannot stand together, the draw
+        nearest to them."""
+        flat = chains.flat[:, :3]
+        median = np.median(flat, axis=0)
+        supported, modes = modal_where_supported(self._forward, self._prior, median[None])
+        if supported[0] and modes is not None and modes.admissible[0]:
+            return median
+        distances = (((flat - median) / flat.std(axis=0)) ** 2).sum(axis=1)
+        return flat[int(np.argmin(distances))]
+
+    def _message(
+        self,
+        estimate: ModalEstimate,
+        evidence: ModalEvidence,
+        match: "_Match",
+        chains: Chains,
+        median: FloatArray,
+    ) -> FoundationPosterior:
+        modes = match.all_modes.modal(self._prior.stiffness(median[None]))
+        fit = Fit(
+            reduced_chi_square=_reduced_chi_square(match, self._prior.stiffness(median[None])),
+            paired_share=match.pairing.paired_share,
+            pairing_cost=match.pairing.cost,
+        )
+        parameters = self._summaries(chains)
+        against = contradictions(fit, self.settings.guards)
+        return FoundationPosterior(
+            turbine=estimate.turbine,
+            window=estimate.window,
+            time_ns=estimate.end_ns,
+            n_windows=evidence.n_windows,
+            parameters=parameters,
+            correlation=np.asarray(np.corrcoef(chains.flat[:, :3].T)),
+            draws=self._thinned(chains),
+            pairs=_pairs(evidence, match, modes),
+            model_labels=tuple(match.all_modes.labels),
+            model_frequencies=modes.frequencies[0],
+            model_shapes=_largest_component_one(modes.shapes[0]),
+            sampler="emcee",
+            ess=chains.ess,
+            rhat=chains.rhat,
+            autocorrelation_time=chains.autocorrelation_time,
+            reduced_chi_square=fit.reduced_chi_square,
+            paired_share=fit.paired_share,
+            pairing_cost=fit.pairing_cost,
+            trusted=not against,
+            warnings=(*against, *self._convergence(chains), *self._unidentified(chains)),
+        )
+
+    def _summaries(self, chains: Chains) -> tuple[ParameterSummary, ...]:
+        """Quantiles of every draw of the chains, k in its own unit."""
+        values = chains.flat * np.append(self._prior.nominal, 1.0)
+        quantiles = np.sort(np.quantile(values, [0.05, 0.5, 0.95], axis=0), axis=0)
+        return tuple(
+            ParameterSummary(name, unit, float(nominal), float(median), float(low), float(high))
+            for name, unit, nominal, (low, median, high) in zip(
+                (*PARAMETER_NAMES, "sigma"),
+                (*PARAMETER_UNITS, "-"),
+                (*self._prior.nominal, 1.0),
+                quantiles.T,
+                strict=True,
+            )
+        )
+
+    def _thinned(self, chains: Chains) -> FloatArray:
+        """(n <= 1000, 4) draws spread evenly over the chains, k in their units."""
+        flat = chains.flat
+        chosen = np.linspace(0, len(flat) - 1, min(MOST_DRAWS, len(flat))).round().astype(int)
+        return flat[chosen] * np.append(self._prior.nominal, 1.0)
+
+    def _convergence(self, chains: Chains) -> tuple[Doubt, ...]:
+        doubts = []
+        if not chains.long_enough:
+            doubts.append(
+                Doubt(
+                    "chain-short",
+                    f"the chain of {len(chains.points)} steps is "
+                    f"{len(chains.points) / chains.autocorrelation_time:.0f} autocorrelation times "
+                    f"long with {chains.ess:.0f} effective draws; its quantiles are rough",
+                )
+            )
+        if not chains.rhat <= self.settings.guards.rhat:
+            doubts.append(
+                Doubt(
+                    "not-converged",
+                    f"the chains disagree (split R-hat {chains.rhat:.3f}, at most "
+                    f"{self.settings.guards.rhat:g} expected)",
+                )
+            )
+        return tuple(doubts)
+
+    def _unidentified(self, chains: Chains) -> tuple[Doubt, ...]:
+        """One sentence for each stiffness about which the sensors say next to nothing."""
+        low, high = np.quantile(chains.flat[:, :3], [0.05, 0.95], axis=0)
+        bounds = self.settings.prior
+        shares = (high - low) / (0.9 * (bounds.highest_ratio - bounds.lowest_ratio))
+        return tuple(
+            Doubt(
+                "not-identified",
+                f"{name} is not identified by these sensors: its interval is {share:.0%} of the "
+                "prior's",
+            )
+            for name, share in zip(PARAMETER_NAMES, shares, strict=True)
+            if share > self.settings.guards.interval_share
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Match:
+    """Evidence tied to the model: what is compared with what, and how well it can fit."""
+
+    pairing: Pairing
+    used: tuple[Observation, ...]
+    likelihood: ModalLikelihood
+    all_modes: ForwardModel  # every visible mode, followed from the pairing's stiffness
+    forward: ForwardModel  # only those that the likelihood asks for
+    peak: Peak
+
+
+class _Posterior:
+    """Log density of the ratios with σ integrated out, and a σ drawn for each point."""
+
+    def __init__(self, match: _Match, prior: Prior, generator: np.random.Generator) -> None:
+        self._match = match
+        self._prior = prior
+        self._generator = generator
+
+    def __call__(self, ratios: FloatArray) -> tuple[FloatArray, FloatArray]:
+        supported, modes = modal_where_supported(self._match.forward, self._prior, ratios)
+        density = np.full(len(ratios), -np.inf)
+        sigma = np.zeros(len(ratios))
+        if modes is not None:
+            density[supported], sigma[supported] = self._match.likelihood.marginal(
+                modes, self._generator
+            )
+        return density, sigma
+
+    def log_density(self, ratios: FloatArray) -> FloatArray:
+        """(n,) without the companion."""
+        return self(ratios)[0]
+
+
+def _among(point: FloatArray, ensemble: FloatArray) -> bool:
+    """Whether the point lies within a few standard deviations of the ensemble."""
+    covariance = np.cov(ensemble.T)
+    offset = point - ensemble.mean(axis=0)
+    return bool(offset @ np.linalg.pinv(covariance) @ offset < WARM_DISTANCE**2)
+
+
+def _reduced_chi_square(match: _Match, theta: FloatArray) -> float:
+    """χ² / (n − 3) of the paired frequencies at σ = 0; floor and neighbours' gaps included."""
+    rows = match.likelihood.frequency_components
+    errors = match.likelihood.errors(match.forward.modal(theta))[0, rows]
+    variances = np.diag(match.likelihood.measurement_covariance)[rows]
+    return float((errors**2 / variances).sum() / max(len(rows) - 3, 1))
+
+
+def _pairs(evidence: ModalEvidence, match: _Match, modes: ModesOfStiffness) -> tuple[ModePair, ...]:
+    mac = macs(PairingTargets.of(evidence.modes, evidence.n_windows), modes.shapes)[0]
+    return tuple(
+        ModePair(
+            identified=evidence.modes[each.identified].name,
+            model=match.all_modes.labels[each.model_modes[0]],
+            frequency=evidence.modes[each.identified].frequency,
+            frequency_std=evidence.modes[each.identified].frequency_std,
+            model_frequency=float(modes.frequencies[0, each.model_modes[0]]),
+            mac=float(mac[each.identified, each.model_modes[0]]),
+            shape_used=each.shape_used,
+        )
+        for each in match.used
+    )
+
+
+def _largest_component_one(shapes: FloatArray) -> FloatArray:
+    """(n_model, n_channels) with each shape's largest component 1."""
+    largest = np.argmax(np.abs(shapes), axis=1)[:, None]
+    return shapes / np.take_along_axis(shapes, largest, axis=1)
