@@ -1,0 +1,41 @@
+"""Rerun: the session as pictures, into a .rrd file or a viewer. The only package that imports it.
+
+    outputs           where to: RrdFile, SpawnedViewer, ConnectedViewer; needs no rerun
+    display_signals   accelerations at 20 Hz
+    scene, corner     what is drawn, as plain figures
+    status            what is said, as text
+    entities          where everything lies: paths, timeline, styles
+    tower_views, track_views, foundation_views
+                      one function a picture
+    blueprint         tabs, views, axes
+    screen            one turbine, message by message
+    sink              the node
+
+Rerun is imported when a viewer is opened, not before: everything else runs without it.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from pipeline.viewer.outputs import ViewerOutput, require_rerun
+from sensors.turbine.description import TurbineDescription
+
+if TYPE_CHECKING:
+    from pipeline.viewer.sink import Viewer
+
+
+def open_viewer(
+    outputs: Sequence[ViewerOutput],
+    description: TurbineDescription,
+    *,
+    session: str,
+    strict: bool = False,
+) -> "Viewer":
+    """The sink node that shows a session; ViewerError where rerun is missing or an output fails.
+
+    See `pipeline.viewer.sink.Viewer` for the arguments.
+    """
+    require_rerun(tuple(outputs))
+    from pipeline.viewer.sink import Viewer
+
+    return Viewer(outputs, description, session=session, strict=strict)

@@ -1,0 +1,217 @@
+"""How the session is laid out: tabs, views, axis ranges. One blueprint for one or more turbines."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from pipeline.viewer.entities import (
+    TIMELINE,
+    mode_path,
+    parameter_path,
+    signal_path,
+    turbine_path,
+)
+from pipeline.viewer.status import STIFFNESSES
+from sensors.layout import SensorLayout
+
+TABS = ("Overview", "Signals", "Modes", "Foundation")
+
+
+@dataclass(frozen=True, slots=True)
+class TurbinePanel:
+    """What the layout must know of one turbine."""
+
+    turbine: str
+    layouts: tuple[SensorLayout, ...]  # of its acquisition units
+    modes: tuple[str, ...]  # model labels that get a plot of their own, in order
+    mid_height: float  # where the camera looks [m]
+
+
+def session_blueprint(
+    panels: Sequence[TurbinePanel], *, playback_speed: float, tab: str = TABS[0]
+) -> rrb.Blueprint:
+    """Tabs of one turbine; of several, a tab each that holds them.
+
+    playback_speed   session seconds a second of playing [-]
+    tab              which is open at first, one of TABS
+    """
+    each = [turbine_tabs(panel, tab=tab) for panel in panels]
+    top = each[0] if len(each) == 1 else rrb.Tabs(*each)
+    return rrb.Blueprint(
+        top,
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=TIMELINE,
+            playback_speed=playback_speed,
+            loop_mode="all",
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def turbine_tabs(panel: TurbinePanel, *, tab: str = TABS[0]) -> rrb.Tabs:
+    """Overview, Signals, Modes, Foundation of one turbine."""
+    root = turbine_path(panel.turbine)
+    return rrb.Tabs(
+        _overview(root, panel),
+        _signals(root, panel),
+        _modes(root, panel),
+        _foundation(root),
+        active_tab=TABS.index(tab),
+        name=panel.turbine,
+    )
+
+
+def _overview(root: str, panel: TurbinePanel) -> rrb.Horizontal:
+    return rrb.Horizontal(
+        _tower(root, panel),
+        rrb.Vertical(*_stiffness_bands(root), _shapes(root, panel), row_shares=[1, 1, 1, 2.2]),
+        rrb.Vertical(_status(root), _events(root), row_shares=[3, 2]),
+        column_shares=[2, 4, 3],
+        name="Overview",
+    )
+
+
+def _signals(root: str, panel: TurbinePanel) -> rrb.Vertical:
+    views = [
+        _accelerations(root, layout, axis, name)
+        for layout in panel.layouts
+        for axis, name in enumerate(("fore-aft (x)", "side-side (y)"))
+    ]
+    return rrb.Vertical(*views, name="Signals")
+
+
+def _modes(root: str, panel: TurbinePanel) -> rrb.Vertical:
+    tracks = [_track(root, label) for label in panel.modes]
+    return rrb.Vertical(
+        rrb.Horizontal(
+            rrb.Vertical(_frequencies(root), _damping(root, panel), row_shares=[3, 2]),
+            rrb.Grid(*tracks, grid_columns=3),
+            column_shares=[2, 3],
+        ),
+        _shapes(root, panel),
+        row_shares=[3, 2],
+        name="Modes",
+    )
+
+
+def _foundation(root: str) -> rrb.Horizontal:
+    sigma = rrb.TimeSeriesView(
+        origin=parameter_path(root, "sigma"),
+        name="Model discrepancy σ [-]: posterior 5, 50, 95 %",
+        time_ranges=_whole_session(),
+        plot_legend=rrb.PlotLegend("LeftTop"),
+    )
+    joint = rrb.Spatial2DView(
+        origin=f"{root}/foundation/joint",
+        name="Joint posterior, stiffness ÷ nominal [-] (green: truth)",
+        visual_bounds=rrb.VisualBounds2D(x_range=[-0.45, 3.8], y_range=[-0.25, 3.95]),
+    )
+    return rrb.Horizontal(
+        joint,
+        rrb.Vertical(*_stiffness_bands(root), sigma),
+        column_shares=[5, 4],
+        name="Foundation",
+    )
+
+
+def _tower(root: str, panel: TurbinePanel) -> rrb.Spatial3DView:
+    return rrb.Spatial3DView(
+        origin=f"{root}/tower",
+        name="Tower, sensors, sea and mudline [m]",
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            position=[330.0, 250.0, panel.mid_height + 60.0],
+            look_target=[0.0, 0.0, panel.mid_height + 15.0],
+            eye_up=[0.0, 0.0, 1.0],
+        ),
+    )
+
+
+def _shapes(root: str, panel: TurbinePanel) -> rrb.Spatial3DView:
+    middle = 44.0 * (len(panel.modes) - 1) / 2 / 2**0.5
+    return rrb.Spatial3DView(
+        origin=f"{root}/shapes",
+        name="Mode shapes, swinging when played: dots identified, line model",
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            position=[-middle + 330.0, middle + 330.0, panel.mid_height],
+            look_target=[-middle, middle, panel.mid_height],
+            eye_up=[0.0, 0.0, 1.0],
+        ),
+    )
+
+
+def _stiffness_bands(root: str) -> list[rrb.TimeSeriesView]:
+    return [
+        rrb.TimeSeriesView(
+            origin=parameter_path(root, name),
+            name=f"{name} ÷ nominal [-]: posterior 5, 50, 95 % and truth",
+            time_ranges=_whole_session(),
+            plot_legend=rrb.PlotLegend("LeftTop"),
+        )
+        for name in STIFFNESSES
+    ]
+
+
+def _accelerations(root: str, layout: SensorLayout, axis: int, name: str) -> rrb.TimeSeriesView:
+    path = signal_path(root, layout.unit)
+    along = [abs(channel.direction[axis]) > 0.7 for channel in layout.channels]
+    return rrb.TimeSeriesView(
+        origin=path,
+        name=f"Acceleration {name} of unit {layout.unit} [m/s²]",
+        overrides={path: rr.SeriesLines(visible_series=along)},
+        time_ranges=_whole_session(),
+        plot_legend=rrb.PlotLegend("LeftTop"),
+    )
+
+
+def _track(root: str, label: str) -> rrb.TimeSeriesView:
+    path = mode_path(root, label)
+    return rrb.TimeSeriesView(
+        origin=path,
+        contents=[f"{path}/identified", f"{path}/model"],
+        name=f"Mode {label} [Hz]",
+        time_ranges=_whole_session(),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def _frequencies(root: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"{root}/frequencies",
+        name="Natural frequencies [Hz]: blue fore-aft, purple side-side, orange model",
+        time_ranges=_whole_session(),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def _damping(root: str, panel: TurbinePanel) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"{root}/modes",
+        contents=[f"{mode_path(root, label)}/damping" for label in panel.modes],
+        name="Damping ratio ± 2 std [% of critical]",
+        time_ranges=_whole_session(),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def _status(root: str) -> rrb.TextDocumentView:
+    return rrb.TextDocumentView(origin=f"{root}/status", name="Status")
+
+
+def _events(root: str) -> rrb.TextLogView:
+    return rrb.TextLogView(origin=f"{root}/events", name="Events")
+
+
+def _whole_session() -> rrb.VisibleTimeRange:
+    return rrb.VisibleTimeRange(
+        TIMELINE,
+        start=rrb.TimeRangeBoundary.infinite(),
+        end=rrb.TimeRangeBoundary.infinite(),
+    )

@@ -1,0 +1,25 @@
+"""Colours that colour-blind people tell apart, readable on dark and on light ground.
+
+Source: Okabe and Ito, "Color Universal Design" (2008), without its black and its yellow, which
+vanish on a dark and on a light ground.
+"""
+
+Colour = tuple[int, int, int]  # red, green, blue, 0..255
+
+SKY_BLUE: Colour = (86, 180, 233)
+ORANGE: Colour = (230, 159, 0)
+BLUISH_GREEN: Colour = (0, 158, 115)
+VERMILLION: Colour = (213, 94, 0)
+REDDISH_PURPLE: Colour = (204, 121, 167)
+GREY: Colour = (140, 140, 140)
+
+# One meaning a colour, in every view.
+MEASURED = SKY_BLUE
+MODEL = ORANGE
+POSTERIOR = REDDISH_PURPLE
+TRUTH = BLUISH_GREEN
+TROUBLE = VERMILLION
+QUIET = GREY
+
+# Levels of the tower, lowest first; repeated where there are more.
+LEVELS = (SKY_BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, VERMILLION, GREY)

@@ -1,0 +1,111 @@
+"""A Rerun recording stream to where it was asked to go: file, started or running viewer."""
+
+import logging
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import rerun as rr
+
+from pipeline.viewer.outputs import (
+    ConnectedViewer,
+    RrdFile,
+    SpawnedViewer,
+    ViewerError,
+    ViewerOutput,
+)
+
+APPLICATION = "pilewatch"
+START_PATIENCE = 20.0  # for a viewer's window to come up [s]
+_log = logging.getLogger(__name__)
+
+
+def open_recording(outputs: Sequence[ViewerOutput], *, recording_id: str) -> rr.RecordingStream:
+    """A stream to all outputs at once; ViewerError where one cannot be reached or written."""
+    sinks = [_sink(output) for output in outputs]
+    recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
+    recording.set_log_time_enabled(False)  # sensor time alone: the machine's would stretch the axis
+    recording.set_log_tick_enabled(False)
+    recording.set_sinks(*sinks)
+    return recording
+
+
+def _sink(output: ViewerOutput) -> rr.FileSink | rr.GrpcSink:
+    match output:
+        case RrdFile(path):
+            return _file_sink(path)
+        case SpawnedViewer(port):
+            return rr.GrpcSink(spawn_viewer(port))
+        case ConnectedViewer(url):
+            return rr.GrpcSink(url)
+
+
+def _file_sink(path: Path) -> rr.FileSink:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    except OSError as error:
+        raise ViewerError(f"--rrd {path}: cannot be written ({error.strerror})") from error
+    return rr.FileSink(path)
+
+
+def spawn_viewer(port: int, *, headless: bool = False) -> str:
+    """Start a viewer that outlives this process and listens on loopback only; its address.
+
+    `rr.spawn` has no say in the interface and would listen on all of them. An already listening
+    port is an error: another viewer, or another program, has it.
+    """
+    if _is_listening(port):
+        raise ViewerError(
+            f"--view spawn: port {port} is in use; close the viewer that has it, or show the "
+            f"session in it with --view connect=rerun+http://127.0.0.1:{port}/proxy"
+        )
+    command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
+    command += ["--expect-data-soon", "--hide-welcome-screen"]
+    if headless:
+        command.append("--headless")
+    viewer = subprocess.Popen(
+        command,
+        env=os.environ | {"RERUN_ANALYTICS": "0"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    _await_listening(viewer, port)
+    return f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+def _await_listening(viewer: "subprocess.Popen[bytes]", port: int) -> None:
+    deadline = time.monotonic() + START_PATIENCE
+    while not _is_listening(port):
+        if viewer.poll() is not None:
+            raise ViewerError(
+                f"--view spawn: the viewer ended at once (exit code {viewer.returncode}); "
+                "is there a display? A session can be written with --rrd FILE instead"
+            )
+        if time.monotonic() > deadline:
+            viewer.terminate()
+            raise ViewerError(
+                f"--view spawn: no viewer on port {port} after {START_PATIENCE:g} s; "
+                "a session can be written with --rrd FILE instead"
+            )
+        time.sleep(0.05)
+
+
+def _is_listening(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def close_recording(recording: rr.RecordingStream, *, patience: float) -> None:
+    """Hand over what is buffered, within `patience` [s], and let go of the outputs."""
+    try:
+        recording.flush(timeout_sec=patience)
+    except (RuntimeError, ValueError) as error:
+        _log.warning("the viewer did not take the last of the session: %s", error)
+    recording.disconnect()

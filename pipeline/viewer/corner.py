@@ -1,0 +1,150 @@
+"""The joint posterior as a corner plot: pairs of stiffnesses, their marginals on the diagonal.
+
+Drawn in picture units, y down: every panel is a unit square. No rerun here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Point = tuple[float, float]
+
+PITCH = 1.35  # from one panel's corner to the next one's [panel widths]
+BINS = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """The range of one stiffness, as ratio to nominal, over one panel."""
+
+    low: float  # [-]
+    high: float  # [-]
+
+    def position(self, values: FloatArray) -> FloatArray:
+        """0 at the low end, 1 at the high end."""
+        return (values - self.low) / (self.high - self.low)
+
+    @property
+    def ticks(self) -> FloatArray:
+        """Two or three round numbers inside the range, a little away from its ends."""
+        step = _round_step((self.high - self.low) / 2.5)
+        first = np.ceil((self.low + 0.05 * (self.high - self.low)) / step)
+        last = np.floor((self.high - 0.05 * (self.high - self.low)) / step)
+        return np.arange(first, last + 1) * step
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A word of the picture, centred on its position."""
+
+    position: Point
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CornerPlot:
+    """Everything to draw, in picture units."""
+
+    draws: FloatArray  # (n, 2) points of all pair panels
+    frames: tuple[FloatArray, ...]  # outlines of panels and ticks
+    histograms: tuple[FloatArray, ...]  # outlines of the marginals
+    truth: tuple[FloatArray, ...]  # lines at the true ratio; empty where it is not known
+    texts: tuple[Text, ...]
+
+
+def corner_plot(
+    ratios: FloatArray, names: Sequence[str], *, truth: FloatArray | None = None
+) -> CornerPlot:
+    """Pairs below the diagonal, marginals on it.
+
+    ratios   (n_draws, n_parameters), stiffness over nominal [-]
+    truth    (n_parameters,) or None [-]
+    """
+    axes = [_axis(ratios[:, i], None if truth is None else truth[i]) for i in range(len(names))]
+    pairs = [(row, column) for row in range(len(names)) for column in range(row)]
+    panels = pairs + [(i, i) for i in range(len(names))]
+    return CornerPlot(
+        draws=np.concatenate([_pair(ratios, axes, row, column) for row, column in pairs]),
+        frames=tuple(_frame(row, column) for row, column in panels) + _tick_marks(axes),
+        histograms=tuple(_histogram(ratios[:, i], axis, i) for i, axis in enumerate(axes)),
+        truth=() if truth is None else _truth_lines(truth, axes),
+        texts=_texts(axes, names),
+    )
+
+
+def _axis(values: FloatArray, truth: float | None) -> Axis:
+    low, high = np.quantile(values, [0.005, 0.995])
+    if truth is not None:
+        low, high = min(low, truth), max(high, truth)
+    margin = max(0.12 * (high - low), 1e-6)
+    return Axis(float(low - margin), float(high + margin))
+
+
+def _round_step(step: float) -> float:
+    """The nearest 1, 2 or 5 times a power of ten that is not smaller."""
+    power = 10.0 ** np.floor(np.log10(step))
+    return float(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= step - 1e-12))
+
+
+def _place(row: int, column: int, x: FloatArray, y: FloatArray) -> FloatArray:
+    """(n, 2) picture positions of panel positions 0..1, y up inside the panel."""
+    return np.stack([column * PITCH + x, row * PITCH + 1.0 - y], axis=-1)
+
+
+def _pair(ratios: FloatArray, axes: Sequence[Axis], row: int, column: int) -> FloatArray:
+    x = axes[column].position(ratios[:, column])
+    y = axes[row].position(ratios[:, row])
+    inside = (x >= 0) & (x <= 1) & (y >= 0) & (y <= 1)
+    return _place(row, column, x[inside], y[inside])
+
+
+def _frame(row: int, column: int) -> FloatArray:
+    return _place(row, column, np.array([0.0, 1, 1, 0, 0]), np.array([0.0, 0, 1, 1, 0]))
+
+
+def _histogram(values: FloatArray, axis: Axis, i: int) -> FloatArray:
+    counts, edges = np.histogram(values, bins=BINS, range=(axis.low, axis.high))
+    heights = np.repeat(counts / max(counts.max(), 1) * 0.92, 2)
+    x = np.repeat(axis.position(edges), 2)
+    return _place(i, i, x, np.concatenate([[0.0], heights, [0.0]]))
+
+
+def _truth_lines(truth: FloatArray, axes: Sequence[Axis]) -> tuple[FloatArray, ...]:
+    ends = np.array([0.0, 1.0])
+    lines = []
+    for row, axis in enumerate(axes):
+        at_row = np.repeat(axis.position(truth[row : row + 1]), 2)
+        for column in range(row + 1):
+            at_column = np.repeat(axes[column].position(truth[column : column + 1]), 2)
+            lines.append(_place(row, column, at_column, ends))
+            if column < row:
+                lines.append(_place(row, column, ends, at_row))
+    return tuple(lines)
+
+
+def _tick_marks(axes: Sequence[Axis]) -> tuple[FloatArray, ...]:
+    last = len(axes) - 1
+    mark = np.array([0.0, -0.03])
+    marks = []
+    for i, axis in enumerate(axes):
+        for position in axis.position(axis.ticks):
+            marks.append(_place(last, i, np.full(2, position), mark))
+            if i > 0:
+                marks.append(_place(i, 0, mark, np.full(2, position)))
+    return tuple(marks)
+
+
+def _texts(axes: Sequence[Axis], names: Sequence[str]) -> tuple[Text, ...]:
+    last = len(axes) - 1
+    texts = []
+    for i, (axis, name) in enumerate(zip(axes, names, strict=True)):
+        texts.append(Text((i * PITCH + 0.5, i * PITCH - 0.1), f"{name} / nominal [-]"))
+        for tick, position in zip(axis.ticks, axis.position(axis.ticks), strict=True):
+            label = f"{tick:.4g}"
+            texts.append(Text((i * PITCH + float(position), last * PITCH + 1.1), label))
+            if i > 0:
+                texts.append(Text((-0.16, i * PITCH + 1.0 - float(position)), label))
+    return tuple(texts)

@@ -1,0 +1,113 @@
+"""Where everything lies in Rerun: entity paths, the timeline, the styles that several views share.
+
+Everything of a turbine lies below /{turbine}:
+
+    tower/…                           the turbine at rest, sea, mudline, sensors
+    signals/{unit}/acceleration       n scalars a row, one per channel [m/s²], 20 Hz
+    frequencies/identified/{mode}     what each window found [Hz]
+    frequencies/model/{label}         where the updated model has it [Hz]
+    modes/{label}/identified          median, ±2 standard deviations [Hz]; /model [Hz]
+    modes/{label}/damping             median, ±2 standard deviations [% of critical]
+    shapes/{label}/motion/…           the identified shape on the model's, swinging
+    foundation/{parameter}/posterior  5 %, 50 %, 95 %, stiffness ÷ nominal [-]; /truth
+    foundation/joint/…                corner plot of the stiffnesses
+    status, events                    text
+
+on one timeline, `time`: the sensor clock, UTC.
+"""
+
+from typing import Literal
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from pipeline.viewer.colours import Colour
+
+TIMELINE = "time"
+
+
+def turbine_path(turbine: str) -> str:
+    """Entity below which everything of one turbine lies."""
+    return f"/{entity_part(turbine)}"
+
+
+def entity_part(name: str) -> str:
+    """One part of an entity path, whatever characters a name has."""
+    return rr.escape_entity_path_part(name)
+
+
+def signal_path(root: str, unit: str) -> str:
+    """Entity of a unit's accelerations."""
+    return f"{root}/signals/{entity_part(unit)}/acceleration"
+
+
+def mode_path(root: str, label: str) -> str:
+    """Entity below which the tracks of one model mode lie."""
+    return f"{root}/modes/{entity_part(label)}"
+
+
+def model_line_path(root: str, label: str) -> str:
+    """Entity of one model mode's frequency among all frequencies."""
+    return f"{root}/frequencies/model/{entity_part(label)}"
+
+
+def shape_path(root: str, label: str) -> str:
+    """Entity below which one mode's shape hangs."""
+    return f"{root}/shapes/{entity_part(label)}"
+
+
+def parameter_path(root: str, name: str) -> str:
+    """Entity below which one parameter's bands and truth lie."""
+    return f"{root}/foundation/{entity_part(name)}"
+
+
+def at(recording: rr.RecordingStream, time_ns: int) -> None:
+    """What is logged next happened at this sensor time."""
+    recording.set_time(TIMELINE, timestamp=np.datetime64(time_ns, "ns"))
+
+
+def time_column(times_ns: NDArray[np.int64]) -> rr.TimeColumn:
+    """Sensor times of a chunk's rows."""
+    return rr.TimeColumn(TIMELINE, timestamp=times_ns.astype("datetime64[ns]"))
+
+
+def log_band_style(
+    recording: rr.RecordingStream, path: str, names: tuple[str, str, str], colour: Colour
+) -> None:
+    """Three series: thin lower and upper ends, a thick middle; points keep a lone one visible."""
+    low, middle, high = names
+    faint = tuple(int(0.72 * part) for part in colour)
+    recording.log(
+        path,
+        rr.SeriesLines(
+            names=[low, middle, high], colors=[faint, colour, faint], widths=[1.2, 2.5, 1.2]
+        ),
+        rr.SeriesPoints(
+            names=[low, middle, high],
+            colors=[faint, colour, faint],
+            markers=["up", "circle", "down"],
+            marker_sizes=[2.5, 4.0, 2.5],
+        ),
+        static=True,
+    )
+
+
+def log_line_style(
+    recording: rr.RecordingStream,
+    path: str,
+    name: str,
+    colour: Colour,
+    *,
+    width: float = 2.0,
+    marker: Literal["diamond", "square"] = "diamond",
+) -> None:
+    """One series, as a line with small points."""
+    recording.log(
+        path,
+        rr.SeriesLines(names=[name], colors=[colour], widths=[width]),
+        rr.SeriesPoints(
+            names=[name], colors=[colour], markers=[marker], marker_sizes=[width + 1.0]
+        ),
+        static=True,
+    )

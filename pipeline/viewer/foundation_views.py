@@ -1,0 +1,91 @@
+"""How sure the foundation's stiffness is: bands over time, the joint posterior, words, events."""
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from pipeline.messages import FoundationPosterior, FoundationTruth
+from pipeline.viewer import colours
+from pipeline.viewer.corner import CornerPlot, corner_plot
+from pipeline.viewer.entities import log_band_style, log_line_style, parameter_path
+from pipeline.viewer.status import STIFFNESSES
+
+FloatArray = NDArray[np.float64]
+
+
+def log_foundation_styles(recording: rr.RecordingStream, root: str) -> None:
+    """Names, units and colours of the posterior's bands; static."""
+    for name in STIFFNESSES:
+        names = (f"{name} 5 % [-]", f"{name} median [-]", f"{name} 95 % [-]")
+        path = parameter_path(root, name)
+        log_band_style(recording, f"{path}/posterior", names, colours.POSTERIOR)
+        log_line_style(recording, f"{path}/truth", f"{name} truth [-]", colours.TRUTH)
+    names = ("σ 5 % [-]", "σ median [-]", "σ 95 % [-]")
+    log_band_style(
+        recording, f"{parameter_path(root, 'sigma')}/posterior", names, colours.POSTERIOR
+    )
+
+
+def log_posterior_bands(
+    recording: rr.RecordingStream,
+    root: str,
+    posterior: FoundationPosterior,
+    truth: FoundationTruth | None,
+) -> None:
+    """5 %, 50 % and 95 % of each parameter, stiffness as ratio to nominal, with the truth."""
+    for parameter in posterior.parameters:
+        quantiles = np.array([parameter.p05, parameter.median, parameter.p95]) / parameter.nominal
+        path = parameter_path(root, parameter.name)
+        recording.log(f"{path}/posterior", rr.Scalars(quantiles))
+        if truth is not None and parameter.name in STIFFNESSES:
+            ratio = getattr(truth, parameter.name) / parameter.nominal
+            recording.log(f"{path}/truth", rr.Scalars(ratio))
+
+
+def log_joint_posterior(
+    recording: rr.RecordingStream,
+    root: str,
+    posterior: FoundationPosterior,
+    truth: FoundationTruth | None,
+) -> None:
+    """The corner plot of k11, k22, k12, with the truth where it is known."""
+    nominal = np.array([posterior.parameter(name).nominal for name in STIFFNESSES])
+    ratios = posterior.draws[:, : len(STIFFNESSES)] / nominal
+    known = np.array([truth.k11, truth.k22, truth.k12]) / nominal if truth else None
+    _log_corner(
+        recording, f"{root}/foundation/joint", corner_plot(ratios, STIFFNESSES, truth=known)
+    )
+
+
+def _log_corner(recording: rr.RecordingStream, path: str, plot: CornerPlot) -> None:
+    recording.log(
+        f"{path}/draws",
+        rr.Points2D(plot.draws, radii=rr.Radius.ui_points(1.5), colors=(*colours.POSTERIOR, 140)),
+    )
+    hair, stroke = rr.Radius.ui_points(0.5), rr.Radius.ui_points(1.0)
+    recording.log(f"{path}/frames", rr.LineStrips2D(plot.frames, radii=hair, colors=colours.QUIET))
+    recording.log(
+        f"{path}/marginals",
+        rr.LineStrips2D(plot.histograms, radii=stroke, colors=colours.POSTERIOR),
+    )
+    recording.log(f"{path}/truth", rr.LineStrips2D(plot.truth, radii=stroke, colors=colours.TRUTH))
+    recording.log(
+        f"{path}/text",
+        rr.Points2D(
+            [text.position for text in plot.texts],
+            radii=rr.Radius.ui_points(0.1),
+            colors=colours.QUIET,
+            labels=[text.text for text in plot.texts],
+            show_labels=True,
+        ),
+    )
+
+
+def log_status(recording: rr.RecordingStream, root: str, markdown: str) -> None:
+    """The status text as it stands."""
+    recording.log(f"{root}/status", rr.TextDocument(markdown, media_type="text/markdown"))
+
+
+def log_event(recording: rr.RecordingStream, root: str, text: str, *, level: str = "INFO") -> None:
+    """One line of the event list; level is INFO, WARN or ERROR."""
+    recording.log(f"{root}/events", rr.TextLog(text, level=level))

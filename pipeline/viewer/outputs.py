@@ -1,0 +1,82 @@
+"""Where the pictures go: a file, a viewer that is started, a viewer that is already there.
+
+Importable without rerun; `require_rerun` says in one line what is missing.
+"""
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from sensors.errors import InputError
+
+DEFAULT_PORT = 9876  # the Rerun viewer's own [-]
+
+
+class ViewerError(InputError):
+    """A viewer that cannot be had: rerun missing, a wrong address, a port in use."""
+
+
+@dataclass(frozen=True, slots=True)
+class RrdFile:
+    """A headless recording, to be opened later with `rerun FILE`."""
+
+    path: Path
+
+    @property
+    def option(self) -> str:
+        return f"--rrd {self.path}"
+
+
+@dataclass(frozen=True, slots=True)
+class SpawnedViewer:
+    """A viewer window started on this machine; it outlives the session and listens on loopback."""
+
+    port: int = DEFAULT_PORT
+
+    @property
+    def option(self) -> str:
+        return "--view spawn"
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectedViewer:
+    """A viewer that already runs at `url`, e.g. rerun+http://127.0.0.1:9876/proxy."""
+
+    url: str
+
+    @property
+    def option(self) -> str:
+        return f"--view connect={self.url}"
+
+
+ViewerOutput = RrdFile | SpawnedViewer | ConnectedViewer
+
+
+def parse_view(text: str) -> SpawnedViewer | ConnectedViewer:
+    """The output meant by `--view spawn` or `--view connect=URL`; ViewerError for anything else."""
+    if text == "spawn":
+        return SpawnedViewer()
+    word, _, url = text.partition("=")
+    if word == "connect" and _is_viewer_address(url):
+        return ConnectedViewer(url)
+    if word == "connect":
+        raise ViewerError(
+            f"--view connect={url}: not the address of a Rerun viewer; "
+            f"it looks like connect=rerun+http://127.0.0.1:{DEFAULT_PORT}/proxy"
+        )
+    raise ViewerError(f"--view {text}: neither 'spawn' nor 'connect=URL'")
+
+
+def _is_viewer_address(url: str) -> bool:
+    schemes = ("rerun://", "rerun+http://", "rerun+https://")
+    return url.startswith(schemes) and url.endswith("/proxy")
+
+
+def require_rerun(outputs: tuple[ViewerOutput, ...]) -> None:
+    """ViewerError where rerun is not installed, naming the option that needs it."""
+    if find_spec("rerun") is None:
+        needed_for = " and ".join(output.option for output in outputs)
+        raise ViewerError(
+            f"rerun-sdk is not installed (needed for {needed_for}): "
+            "pip install rerun-sdk, or run with --no-rrd"
+        )

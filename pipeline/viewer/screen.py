@@ -1,0 +1,267 @@
+"""TurbineScreen: everything shown of one turbine, message by message."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import rerun as rr
+
+from pipeline.messages import (
+    FoundationPosterior,
+    FoundationTruth,
+    ModalEstimate,
+    NodeStatus,
+    StreamGap,
+    WindowRejected,
+)
+from pipeline.viewer import foundation_views, tower_views, track_views
+from pipeline.viewer.blueprint import TurbinePanel
+from pipeline.viewer.display_signals import DisplayDecimator, DisplaySignal
+from pipeline.viewer.entities import at, turbine_path
+from pipeline.viewer.scene import outline, swing_frames
+from pipeline.viewer.status import SessionStatus, frequencies_text, gap_text, posterior_text
+from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.layout import SensorLayout
+from sensors.turbine.description import TurbineDescription
+
+MAX_MODES = 12  # plots of single modes, where the description names no reference modes
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How often things are handed over, in session time."""
+
+    signals: float  # accelerations gathered in one chunk [s]
+    swing: float  # one swing of a mode shape, T [s]
+    swing_chunk: float  # frames gathered in one chunk [s]
+
+    @property
+    def playback_speed(self) -> float:
+        """Session seconds a second of playing at which a shape swings every two seconds [-]."""
+        return max(1.0, self.swing / 2.0)
+
+
+TO_FILE = Pace(signals=30.0, swing=60.0, swing_chunk=600.0)  # large chunks: a small file
+TO_VIEWER = Pace(signals=1.0, swing=6.0, swing_chunk=3.0)  # small ones: a prompt picture
+
+
+@dataclass(slots=True)
+class _Unit:
+    """What is on its way to the screen from one acquisition unit."""
+
+    decimator: DisplayDecimator
+    waiting: list[DisplaySignal] = field(default_factory=list)
+    since_ns: int = 0  # start of the first waiting block
+    faulty: frozenset[str] | None = None  # None before the first block
+
+
+class TurbineScreen:
+    """Draws one turbine's messages. Remembers the last estimate, the truth, and what waits."""
+
+    def __init__(
+        self,
+        recording: rr.RecordingStream,
+        turbine: str,
+        description: TurbineDescription,
+        *,
+        pace: Pace,
+    ) -> None:
+        self._recording = recording
+        self._turbine = turbine
+        self._root = turbine_path(turbine)
+        self._outline = outline(description)
+        self._pace = pace
+        self._status = SessionStatus(turbine, title=description.title)
+        self._layouts: dict[str, SensorLayout] = {}
+        self._units: dict[str, _Unit] = {}
+        self._modes = tuple(mode.name for mode in description.reference_modes)
+        self._estimate: ModalEstimate | None = None
+        self._truth: FoundationTruth | None = None
+        self._styled: set[str] = set()
+        self._swings: dict[str, int] = {}  # shown shape → time until which its frames are out
+        self._full_swing_ns: int | None = None  # end of the first window with a posterior
+        self._now_ns = 0  # latest sensor time seen
+        tower_views.log_tower(recording, self._root, self._outline)
+        foundation_views.log_foundation_styles(recording, self._root)
+        self._place_modes()
+
+    @property
+    def panel(self) -> TurbinePanel:
+        """What the blueprint needs; new with a layout, and maybe with the first posterior."""
+        middle = (self._outline.mudline + self._outline.tower_top) / 2
+        return TurbinePanel(self._turbine, tuple(self._layouts.values()), self._modes, middle)
+
+    def show_layout(self, layout: SensorLayout) -> None:
+        """Sensors on the tower, names on the signals."""
+        self._layouts[layout.layout_id] = layout
+        track_views.log_signal_style(self._recording, self._root, layout)
+        tower_views.log_sensors(self._recording, self._root, layout)
+
+    def show_block(self, block: AccelerationBlock) -> None:
+        """Accelerations at display rate, gathered into chunks."""
+        unit = self._units.get(block.unit)
+        if unit is None:
+            unit = self._units[block.unit] = _Unit(DisplayDecimator(block.sampling_rate))
+        if not unit.waiting:
+            unit.since_ns = block.start_ns
+        unit.waiting.append(unit.decimator.push(block))
+        self._now_ns = max(self._now_ns, block.end_ns)
+        if block.end_ns - unit.since_ns >= self._pace.signals * NANOSECONDS:
+            self._hand_over(block.unit, unit)
+        self._show_faults(block, unit)
+        self._swing_on(self._pace.swing_chunk)
+
+    def show_estimate(self, estimate: ModalEstimate) -> None:
+        """Identified frequencies; shapes and tracks follow with the posterior that pairs them."""
+        self._estimate = estimate
+        layout = self._layouts.get(estimate.layout_id)
+        self._at(estimate.end_ns)
+        track_views.log_estimate(self._recording, self._root, estimate, layout, styled=self._styled)
+        found = frequencies_text([mode.frequency for mode in estimate.modes])
+        self._event(f"window {estimate.window} identified: {found}")
+        self._status.take(estimate)
+        self._show_status()
+
+    def show_rejection(self, rejected: WindowRejected) -> None:
+        """A window that gave no estimate, and why."""
+        self._at(rejected.end_ns)
+        self._event(f"window {rejected.window} rejected: {rejected.reason}", level="WARN")
+        self._status.take(rejected)
+        self._show_status()
+
+    def show_posterior(self, posterior: FoundationPosterior) -> None:
+        """Bands, joint posterior, tracks and shapes of the paired modes."""
+        if not self._modes:
+            self._modes = tuple(pair.model for pair in posterior.pairs[:MAX_MODES])
+            self._place_modes()
+        self._at(posterior.time_ns)
+        recording, root = self._recording, self._root
+        foundation_views.log_posterior_bands(recording, root, posterior, self._truth)
+        foundation_views.log_joint_posterior(recording, root, posterior, self._truth)
+        self._show_modes(posterior)
+        level = "INFO" if posterior.trusted else "ERROR"
+        self._event(posterior_text(posterior), level=level)
+        self._status.take(posterior)
+        self._show_status()
+
+    def show_truth(self, truth: FoundationTruth) -> None:
+        """The true stiffness; its line is drawn along with the posterior's bands."""
+        self._truth = truth
+        self._status.take(truth)
+        self._at(truth.time_ns)
+        self._event("simulated turbine: the true stiffness is known and drawn in green")
+
+    def show_gap(self, gap: StreamGap) -> None:
+        """Blocks that are missing."""
+        self._at(gap.end_ns)
+        self._event(f"gap: {gap_text(gap)}", level="WARN")
+        self._status.take(gap)
+        self._show_status()
+
+    def show_node(self, node: NodeStatus) -> None:
+        """A node's state; shown at the latest sensor time, since its own clock is the machine's."""
+        if self._status.take_node(node):
+            self._at(self._now_ns)
+            self._event(f"node {node.node}: {node.state}, {node.lost} lost, {node.late} late")
+            self._show_status()
+
+    def finish(self) -> None:
+        """Hand over what still waits."""
+        for name, unit in self._units.items():
+            self._hand_over(name, unit)
+        self._swing_on(0.0)
+        if self._now_ns:
+            self._at(self._now_ns)
+            self._show_status()
+
+    def _at(self, time_ns: int) -> None:
+        self._now_ns = max(self._now_ns, time_ns)
+        at(self._recording, time_ns)
+
+    def _event(self, text: str, *, level: str = "INFO") -> None:
+        foundation_views.log_event(self._recording, self._root, text, level=level)
+
+    def _show_status(self) -> None:
+        foundation_views.log_status(self._recording, self._root, self._status.markdown())
+
+    def _hand_over(self, name: str, unit: _Unit) -> None:
+        if unit.waiting:
+            track_views.log_signal(self._recording, self._root, name, unit.waiting)
+            unit.waiting.clear()
+
+    def _show_faults(self, block: AccelerationBlock, unit: _Unit) -> None:
+        layout = self._layouts.get(block.layout_id)
+        if layout is None:
+            return
+        faulty = faulty_channels(block, layout)
+        if faulty == unit.faulty:
+            return
+        self._at(block.start_ns)
+        tower_views.log_sensor_health(self._recording, self._root, layout, faulty=faulty)
+        if faulty or unit.faulty:
+            names = ", ".join(sorted(faulty)) or "none any more"
+            self._event(f"faulty channels of unit {block.unit}: {names}", level="WARN")
+        unit.faulty = faulty
+
+    def _place_modes(self) -> None:
+        for slot, label in enumerate(self._modes):
+            track_views.log_mode_styles(self._recording, self._root, label)
+            tower_views.log_shape_place(self._recording, self._root, label, slot, self._outline)
+
+    def _show_modes(self, posterior: FoundationPosterior) -> None:
+        fresh = self._estimate
+        estimate = fresh if fresh is not None and fresh.window == posterior.window else None
+        shown = [pair for pair in posterior.pairs if pair.model in self._modes]
+        track_views.log_pairs(self._recording, self._root, shown, estimate)
+        layout = self._layout_of(posterior, estimate)
+        if layout is None:
+            return
+        if self._full_swing_ns is None:
+            self._full_swing_ns = posterior.time_ns
+        for pair in shown:
+            identified, model = tower_views.paired_deflections(pair, posterior, estimate, layout)
+            tower_views.log_shape(
+                self._recording,
+                self._root,
+                pair,
+                identified=identified,
+                model=model,
+                foot=self._outline.mudline - 8.0,
+            )
+            self._swings.setdefault(pair.model, posterior.time_ns)
+        self._swing_on(self._pace.swing_chunk)
+
+    def _layout_of(
+        self, posterior: FoundationPosterior, estimate: ModalEstimate | None
+    ) -> SensorLayout | None:
+        """The layout whose channels the model's shapes have."""
+        wanted = [estimate.layout_id] if estimate else list(self._layouts)
+        layouts: Sequence[SensorLayout] = [
+            self._layouts[layout_id] for layout_id in wanted if layout_id in self._layouts
+        ]
+        n_channels = posterior.model_shapes.shape[1]
+        return next((one for one in layouts if len(one.channels) == n_channels), None)
+
+    def _swing_on(self, at_least: float) -> None:
+        """Frames of every shown shape up to now, where `at_least` [s] of them are due."""
+        if self._full_swing_ns is None:
+            return
+        for label, until_ns in self._swings.items():
+            if self._now_ns - until_ns < at_least * NANOSECONDS:
+                continue
+            frames = swing_frames(
+                until_ns,
+                self._now_ns + 1,
+                full_swing_ns=self._full_swing_ns,
+                period=self._pace.swing,
+            )
+            tower_views.log_swing(self._recording, self._root, label, frames)
+            self._swings[label] = self._now_ns + 1
+
+
+def faulty_channels(block: AccelerationBlock, layout: SensorLayout) -> frozenset[str]:
+    """Channels with a sample that is not finite; all of them where the unit reports a fault."""
+    if block.status & (BlockStatus.SENSOR_FAULT | BlockStatus.CLIPPED):
+        return frozenset(layout.channel_names)
+    broken = np.flatnonzero(~np.isfinite(block.samples).all(axis=0))
+    return frozenset(layout.channel_names[channel] for channel in broken)

@@ -1,0 +1,164 @@
+"""What the session says in words: a running summary of one turbine, as Markdown. No rerun here."""
+
+from collections import deque
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from pipeline.messages import (
+    FoundationPosterior,
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    NodeStatus,
+    StreamGap,
+    WindowRejected,
+)
+from sensors.blocks import NANOSECONDS
+
+STIFFNESSES = ("k11", "k22", "k12")
+_LISTED = 5  # rejected windows and gaps shown, the newest
+
+
+class SessionStatus:
+    """Remembers, for one turbine, what the status text needs; bounded, however long the session."""
+
+    def __init__(self, turbine: str, *, title: str = "") -> None:
+        self._heading = f"{title} ({turbine})" if title and title != turbine else turbine
+        self._n_identified = 0
+        self._n_rejected = 0
+        self._n_gaps = 0
+        self._missing_s = 0.0
+        self._estimate: ModalEstimate | None = None
+        self._posterior: FoundationPosterior | None = None
+        self._truth: FoundationTruth | None = None
+        self._rejected: deque[WindowRejected] = deque(maxlen=_LISTED)
+        self._gaps: deque[StreamGap] = deque(maxlen=_LISTED)
+        self._nodes: dict[str, NodeStatus] = {}
+
+    def take(self, message: Message) -> None:
+        """Remember one message; types that say nothing about the state are passed over."""
+        match message:
+            case ModalEstimate():
+                self._n_identified += 1
+                self._estimate = message
+            case WindowRejected():
+                self._n_rejected += 1
+                self._rejected.append(message)
+            case FoundationPosterior():
+                self._posterior = message
+            case FoundationTruth():
+                self._truth = message
+            case StreamGap():
+                self._n_gaps += 1
+                self._missing_s += (message.end_ns - message.start_ns) / NANOSECONDS
+                self._gaps.append(message)
+
+    def take_node(self, node: NodeStatus) -> bool:
+        """Remember a node's status; True where its state or its counts of trouble are new."""
+        before = self._nodes.get(node.node)
+        self._nodes[node.node] = node
+        return before is None or (before.state, before.lost, before.late) != (
+            node.state,
+            node.lost,
+            node.late,
+        )
+
+    def markdown(self) -> str:
+        """The whole text: verdict, foundation, windows, doubts, gaps, nodes."""
+        parts = (
+            [f"# {self._heading}", f"**{self._verdict()}**"],
+            self._foundation(),
+            self._windows(),
+            self._doubts(),
+            self._node_table(),
+        )
+        return "\n\n".join(paragraph for part in parts for paragraph in part)
+
+    def _verdict(self) -> str:
+        posterior = self._posterior
+        if posterior is None:
+            return "No posterior yet: the first needs one identified window."
+        if not posterior.trusted:
+            return "NOT TRUSTED: the data contradict the model; do not use these stiffnesses."
+        k22 = posterior.parameter("k22")
+        return (
+            f"Foundation known: rotational stiffness k22 is {k22.median / k22.nominal:.3f} × "
+            f"nominal, 90 % sure between {k22.p05 / k22.nominal:.3f} and "
+            f"{k22.p95 / k22.nominal:.3f}."
+        )
+
+    def _foundation(self) -> list[str]:
+        posterior = self._posterior
+        if posterior is None:
+            return []
+        rows = ["| ÷ nominal | median | 90 % interval | truth |", "|---|---|---|---|"]
+        for name in STIFFNESSES:
+            k = posterior.parameter(name)
+            truth = f"{getattr(self._truth, name) / k.nominal:.3f}" if self._truth else "–"
+            interval = f"{k.p05 / k.nominal:.3f} … {k.p95 / k.nominal:.3f}"
+            rows.append(f"| {name} | {k.median / k.nominal:.3f} | {interval} | {truth} |")
+        sigma = posterior.parameter("sigma")
+        rows.append(f"| σ [-] | {sigma.median:.4f} | below {sigma.p95:.4f} (95 %) | – |")
+        fit = (
+            f"{posterior.n_windows} windows, until {clock_time(posterior.time_ns)} UTC. "
+            f"Fit: χ² {posterior.reduced_chi_square:.2f}, "
+            f"{posterior.paired_share:.0%} of identified modes paired. "
+            f"Sampler: R̂ {posterior.rhat:.3f}, ESS {posterior.ess:.0f}."
+        )
+        return ["\n".join(rows), fit]
+
+    def _windows(self) -> list[str]:
+        found = f", {len(self._estimate.modes)} modes in the last" if self._estimate else ""
+        lines = [f"- {self._n_identified} identified{found}", f"- {self._n_rejected} rejected"]
+        lines += [
+            f"  - {clock_time(window.start_ns)}: {window.reason}" for window in self._rejected
+        ]
+        lines.append(f"- {self._n_gaps} gaps in the stream, {self._missing_s:.1f} s in all")
+        lines += [f"  - {gap_text(gap)}" for gap in self._gaps]
+        return ["## Windows", "\n".join(lines)]
+
+    def _doubts(self) -> list[str]:
+        results = (self._estimate, self._posterior)
+        doubts = [doubt for result in results if result for doubt in result.warnings]
+        if not doubts:
+            return []
+        return ["## Doubts", "\n".join(f"- {doubt.code}: {doubt.text}" for doubt in doubts)]
+
+    def _node_table(self) -> list[str]:
+        if not self._nodes:
+            return []
+        rows = ["| node | state | lost | late | busy |", "|---|---|---|---|---|"]
+        rows += [
+            f"| {node.node} | {node.state} | {node.lost} | {node.late} | {node.busy_s:.1f} s |"
+            for _, node in sorted(self._nodes.items())
+        ]
+        return ["## Nodes", "\n".join(rows)]
+
+
+def clock_time(time_ns: int) -> str:
+    """Hours, minutes, seconds of a sensor time, UTC."""
+    return datetime.fromtimestamp(time_ns // NANOSECONDS, UTC).strftime("%H:%M:%S")
+
+
+def gap_text(gap: StreamGap) -> str:
+    """One line about missing blocks."""
+    length = (gap.end_ns - gap.start_ns) / NANOSECONDS
+    return f"{clock_time(gap.start_ns)}: {gap.n_blocks} blocks ({length:.1f} s) of unit {gap.unit}"
+
+
+def posterior_text(posterior: FoundationPosterior) -> str:
+    """One line about a refreshed posterior: medians and 90 % intervals as ratios to nominal."""
+    parts = []
+    for name in STIFFNESSES:
+        k = posterior.parameter(name)
+        low, middle, high = (value / k.nominal for value in (k.p05, k.median, k.p95))
+        parts.append(f"{name} {middle:.3f} [{low:.3f}, {high:.3f}]")
+    trust = "" if posterior.trusted else "NOT TRUSTED: "
+    return f"{trust}posterior of {posterior.n_windows} windows, ÷ nominal: {', '.join(parts)}"
+
+
+def frequencies_text(frequencies: Sequence[float]) -> str:
+    """'12 modes, 0.158 to 11.9 Hz', or 'no modes'."""
+    if not frequencies:
+        return "no modes"
+    return f"{len(frequencies)} modes, {min(frequencies):.3f} to {max(frequencies):.2f} Hz"

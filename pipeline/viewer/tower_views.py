@@ -1,0 +1,191 @@
+"""The turbine in space: at rest, its sensors, its mode shapes swinging in a row."""
+
+import numpy as np
+import rerun as rr
+
+from pipeline.messages import FoundationPosterior, ModalEstimate, ModePair
+from pipeline.viewer import colours
+from pipeline.viewer.entities import entity_part, shape_path, time_column
+from pipeline.viewer.scene import (
+    NACELLE_SIZE,
+    Deflection,
+    Outline,
+    SwingFrames,
+    TriangleMesh,
+    deflection,
+    disc,
+    scaled_onto,
+)
+from sensors.layout import SensorLayout
+
+AMPLITUDE = 14.0  # swing of a shape's largest component in the picture [m]
+SPACING = 44.0  # between two shapes [m]
+ROW_DIRECTION = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)  # seen from (1, 1): FA and SS both show
+
+
+def log_tower(recording: rr.RecordingStream, root: str, turbine: Outline) -> None:
+    """Tubes, rotor-nacelle assembly, sea and mudline; static."""
+    recording.log(f"{root}/tower", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    recording.log(
+        f"{root}/tower/structure", _mesh(turbine.structure, (205, 205, 200, 255)), static=True
+    )
+    recording.log(
+        f"{root}/tower/nacelle",
+        rr.Boxes3D(
+            centers=[turbine.nacelle_centre],
+            sizes=[NACELLE_SIZE],
+            colors=[(205, 205, 200)],
+            fill_mode="solid",
+        ),
+        static=True,
+    )
+    if turbine.blades:
+        recording.log(
+            f"{root}/tower/blades",
+            rr.LineStrips3D(turbine.blades, radii=1.6, colors=[(225, 225, 220)]),
+            static=True,
+        )
+    seabed = disc(turbine.mudline)
+    recording.log(f"{root}/tower/mudline", _mesh(seabed, (150, 115, 75, 255)), static=True)
+    if turbine.water_level is not None:
+        sea = disc(turbine.water_level)
+        recording.log(f"{root}/tower/sea", _mesh(sea, (*colours.SKY_BLUE, 90)), static=True)
+    _log_elevation_marks(recording, root, turbine)
+
+
+def _mesh(mesh: TriangleMesh, colour: tuple[int, int, int, int]) -> rr.Mesh3D:
+    return rr.Mesh3D(
+        vertex_positions=mesh.vertices.astype(np.float32),
+        triangle_indices=mesh.triangles,
+        vertex_normals=mesh.normals.astype(np.float32),
+        albedo_factor=colour,
+    )
+
+
+def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outline) -> None:
+    marks = [(turbine.mudline, "mudline"), (turbine.tower_top, "tower top")]
+    if turbine.water_level is not None:
+        marks.append((turbine.water_level, "sea"))
+    recording.log(
+        f"{root}/tower/elevations",
+        rr.Points3D(
+            [(0.0, 45.0, elevation) for elevation, _ in marks],
+            radii=0.5,
+            colors=colours.QUIET,
+            labels=[f"{name} {elevation:+.0f} m" for elevation, name in marks],
+            show_labels=True,
+        ),
+        static=True,
+    )
+
+
+def sensor_path(root: str, unit: str) -> str:
+    """Entity of the accelerometers of one unit."""
+    return f"{root}/tower/sensors/{entity_part(unit)}"
+
+
+def sensor_levels(layout: SensorLayout) -> list[float]:
+    """Elevations that have a sensor, lowest first [m]."""
+    return sorted({channel.elevation for channel in layout.channels})
+
+
+def log_sensors(recording: rr.RecordingStream, root: str, layout: SensorLayout) -> None:
+    """Where the accelerometers of one unit sit, one dot a level; static."""
+    levels = sensor_levels(layout)
+    recording.log(
+        sensor_path(root, layout.unit),
+        rr.Points3D.from_fields(
+            positions=[(6.0, 3.0, level) for level in levels],
+            radii=2.8,
+            labels=[f"sensor {level:g} m" for level in levels],
+            show_labels=True,
+        ),
+        static=True,
+    )
+
+
+def log_sensor_health(
+    recording: rr.RecordingStream, root: str, layout: SensorLayout, *, faulty: frozenset[str]
+) -> None:
+    """The levels with a faulty channel in the colour of trouble, from here on."""
+    troubled = {channel.elevation for channel in layout.channels if channel.name in faulty}
+    shades = [
+        colours.TROUBLE if level in troubled else colours.MEASURED
+        for level in sensor_levels(layout)
+    ]
+    recording.log(sensor_path(root, layout.unit), rr.Points3D.from_fields(colors=shades))
+
+
+def log_shape_place(
+    recording: rr.RecordingStream, root: str, label: str, slot: int, turbine: Outline
+) -> None:
+    """Where in the row a mode's shape stands, and the tower at rest there; static."""
+    path = shape_path(root, label)
+    offset = ROW_DIRECTION * SPACING * slot
+    axis = [(0.0, 0.0, turbine.mudline), (0.0, 0.0, turbine.tower_top)]
+    recording.log(path, rr.Transform3D(translation=offset), static=True)
+    recording.log(
+        f"{path}/rest", rr.LineStrips3D([axis], radii=0.4, colors=colours.QUIET), static=True
+    )
+
+
+def log_shape(
+    recording: rr.RecordingStream,
+    root: str,
+    pair: ModePair,
+    *,
+    identified: Deflection | None,
+    model: Deflection,
+    foot: float,
+) -> None:
+    """One mode's identified shape (points) on the model's (line), at full swing."""
+    path = shape_path(root, pair.model)
+    recording.log(
+        f"{path}/motion/model",
+        rr.LineStrips3D([model.line(AMPLITUDE)], radii=1.0, colors=colours.MODEL),
+    )
+    if identified is not None:
+        recording.log(
+            f"{path}/motion/identified",
+            rr.Points3D(identified.line(AMPLITUDE), radii=3.2, colors=colours.MEASURED),
+        )
+    text = f"{pair.model} {model.direction}\n{pair.frequency:.4g} Hz\nMAC {pair.mac:.3f}"
+    recording.log(
+        f"{path}/caption",
+        rr.Points3D(
+            [(0.0, 0.0, foot)], radii=0.1, colors=colours.QUIET, labels=[text], show_labels=True
+        ),
+    )
+
+
+def paired_deflections(
+    pair: ModePair,
+    posterior: FoundationPosterior,
+    estimate: ModalEstimate | None,
+    layout: SensorLayout,
+) -> tuple[Deflection | None, Deflection]:
+    """Identified shape (None where this window lacks it) and model shape, laid on each other."""
+    row = posterior.model_labels.index(pair.model)
+    shape = posterior.model_shapes[row]
+    model = deflection(layout, layout.channel_names, shape)
+    found = [mode for mode in estimate.modes if mode.name == pair.identified] if estimate else []
+    if not found or estimate is None or estimate.layout_id != layout.layout_id:
+        return None, model
+    columns = [layout.channel_names.index(name) for name in estimate.channels]
+    laid_on = scaled_onto(found[0].shape, shape[columns])
+    return deflection(layout, estimate.channels, laid_on), model
+
+
+def log_swing(recording: rr.RecordingStream, root: str, label: str, frames: SwingFrames) -> None:
+    """The swing of one shape over some frames: one scale factor a frame, across the tower.
+
+    The shape itself is written once; scaling x and y by cos(2π t / T) moves it.
+    """
+    scales = np.ones((len(frames.times_ns), 3))
+    scales[:, :2] = frames.factors[:, None]
+    if len(frames.times_ns):
+        recording.send_columns(
+            f"{shape_path(root, label)}/motion",
+            [time_column(frames.times_ns)],
+            rr.Transform3D.columns(scale=scales),
+        )
