@@ -1,0 +1,239 @@
+"""Blind identification of one window: samples in, modes with their uncertainty out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.messages import Mode, Warning  # noqa: A004  # the field's word
+from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.oma.bands import Band, plan_bands
+from pipeline.oma.covariance import LagCovariances, block_hankel, lag_covariances
+from pipeline.oma.input_checks import Finding, check_samples, check_timestamps
+from pipeline.oma.mode_shapes import normalised_with_deviations
+from pipeline.oma.preprocessing import channel_rms, decimated, without_trend
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
+from pipeline.oma.stabilization import PoleCloud, PoleCluster, clusters, plausible, pole_cloud
+from pipeline.oma.uncertainty import (
+    PoleSensitivity,
+    frequency_damping_deviations,
+    pole_deviations,
+    pole_sensitivity,
+    shape_deviations,
+)
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identification:
+    """What one window says: its modes, or why it says nothing."""
+
+    modes: tuple[Mode, ...]  # lowest frequency first
+    warnings: tuple[Warning, ...] = ()
+    rejection: Warning | None = None  # the window cannot be identified; `modes` is empty then
+
+
+def identify(
+    samples: NDArray[np.floating],
+    sampling_rate: float,
+    settings: OmaSettings | None = None,
+    *,
+    times: FloatArray | None = None,
+    channel_names: Sequence[str] | None = None,
+) -> Identification:
+    """Modes of the structure that a whole array of samples, taken as one window, shows.
+
+    samples         (n, n_channels); any unit, channels may differ in theirs
+    sampling_rate   [Hz]
+    times           (n,) time stamps of the samples, if there are any [s]
+    channel_names   for the texts of warnings; "channel 1" and so on by default
+
+    Shapes are in the samples' own units: a channel in g beside one in m/s² reads accordingly.
+    A window with a gap, NaN or a dead channel is rejected, which is a value and no exception.
+    Raises OmaSettingsError when the sampling rate is too low for the frequencies asked for.
+    """
+    settings = settings or OmaSettings()
+    names = channel_names or [f"channel {i + 1}" for i in range(samples.shape[1])]
+    findings = check_samples(samples, sampling_rate, names)
+    if times is not None:
+        findings += check_timestamps(times, sampling_rate)
+    for finding in findings:
+        if finding.action == "reject":
+            return Identification((), (), finding.warning)
+    bands = plan_bands(
+        n_samples=len(samples),
+        n_channels=samples.shape[1],
+        sampling_rate=sampling_rate,
+        settings=settings,
+    )
+    if not bands:
+        return Identification((), (), _too_short(len(samples), sampling_rate).warning)
+    steady = without_trend(np.asarray(samples, dtype=np.float64))
+    by_band = [identify_band(steady, band, settings) for band in bands]
+    return Identification(merged(by_band), tuple(finding.warning for finding in findings))
+
+
+def _too_short(n_samples: int, sampling_rate: float) -> Finding:
+    return Finding(
+        "short",
+        f"{n_samples} samples ({n_samples / sampling_rate:.3g} s) are too few to identify a mode",
+        "reject",
+    )
+
+
+def identify_band(samples: FloatArray, band: Band, settings: OmaSettings) -> list[Mode]:
+    """Modes of one band. samples: (n, n_channels) at the full rate, free of offset."""
+    slow = decimated(samples, band.decimation)
+    rms = channel_rms(slow)
+    covariances = lag_covariances(
+        slow / rms, n_lags=2 * band.block_rows, n_blocks=settings.n_blocks
+    )
+    return modes_of_covariances(covariances, rms, band, settings)
+
+
+def modes_of_covariances(
+    covariances: LagCovariances, channel_scales: FloatArray, band: Band, settings: OmaSettings
+) -> list[Mode]:
+    """Modes of one band from its lag covariances.
+
+    channel_scales   (n_channels,), what the channels were divided by: shapes are scaled back
+    """
+    subspace = signal_subspace(
+        block_hankel(covariances.mean, band.block_rows),
+        n_channels=len(channel_scales),
+        highest_order=max(band.orders),
+    )
+    dt = 1 / band.sampling_rate
+    deviations = covariances.deviations
+    diagram = _Diagram([], [], [])
+    for system in system_modes(subspace, orders=band.orders, sampling_interval=dt):
+        kept = plausible(system, band, settings)
+        sensitivity = pole_sensitivity(subspace, system, kept)
+        moved = pole_deviations(sensitivity, deviations, subspace.n_channels)
+        stds = frequency_damping_deviations(system.poles[kept], moved, dt).frequency_std
+        sharp = stds <= settings.maximum_frequency_std * system.frequencies[kept]
+        kept[kept] = sharp
+        diagram.systems.append(system)
+        diagram.kept.append(kept)
+        diagram.stds.append(stds[sharp])
+    cloud = pole_cloud(diagram.systems, diagram.kept, diagram.stds)
+    found = clusters(
+        cloud, n_orders=len(diagram.systems), minimum_presence=settings.minimum_presence
+    )
+    return [
+        _mode(cluster, cloud, diagram.systems, subspace, deviations, channel_scales, dt)
+        for cluster in found
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Diagram:
+    """The systems of all orders and which of their poles are kept."""
+
+    systems: list[SystemModes]
+    kept: list[BoolArray]
+    stds: list[FloatArray]
+
+
+def _mode(
+    cluster: PoleCluster,
+    cloud: PoleCloud,
+    systems: list[SystemModes],
+    subspace: SignalSubspace,
+    deviations: FloatArray,
+    channel_scales: FloatArray,
+    dt: float,
+) -> Mode:
+    """The cluster's representative with its joint uncertainty and the cluster's own spread."""
+    pole = cluster.representative
+    system = next(s for s in systems if s.order == cloud.orders[pole])
+    index = int(cloud.indices[pole])
+    sensitivity: PoleSensitivity = pole_sensitivity(subspace, system, np.array([index]))
+    moved = pole_deviations(sensitivity, deviations, subspace.n_channels)
+    by_block = frequency_damping_deviations(system.poles[[index]], moved, dt)
+    shape, shape_factor = normalised_with_deviations(
+        system.shapes[:, index] * channel_scales,
+        shape_deviations(subspace, system, sensitivity, deviations, index)
+        * channel_scales[:, None],
+    )
+    factor = np.vstack([by_block.frequency, by_block.damping_ratio, shape_factor])
+    spread = np.zeros((len(factor), 2))
+    spread[0, 0], spread[1, 1] = cluster.frequency_spread, cluster.damping_spread
+    return mode_from_factor(
+        frequency=float(system.frequencies[index]),
+        damping_ratio=float(system.damping_ratios[index]),
+        shape=shape,
+        block_factor=factor,
+        own_factor=spread,
+        phase_collinearity=float(cloud.collinearities[pole]),
+        presence=cluster.presence,
+    )
+
+
+def mode_from_factor(
+    *,
+    frequency: float,
+    damping_ratio: float,
+    shape: FloatArray,
+    block_factor: FloatArray,
+    own_factor: FloatArray,
+    phase_collinearity: float,
+    presence: float,
+) -> Mode:
+    """A Mode whose stds follow from its covariance factors (rows f, ζ, φ)."""
+    factor = np.hstack([block_factor, own_factor])
+    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
+    return Mode(
+        name="",
+        frequency=frequency,
+        frequency_std=float(frequency_std),
+        damping_ratio=damping_ratio,
+        damping_ratio_std=float(damping_std),
+        shape=shape,
+        covariance_factor=factor,
+        n_block_columns=block_factor.shape[1],
+        phase_collinearity=phase_collinearity,
+        presence=presence,
+        quality=presence * phase_collinearity,
+    )
+
+
+MUCH_SHARPER = 2.0  # a faster band's frequency std must be this many times smaller to be taken
+
+
+def merged(by_band: Sequence[Sequence[Mode]]) -> tuple[Mode, ...]:
+    """The modes of all bands (slowest band first), each once, lowest frequency first.
+
+    Two estimates are one mode when their frequencies agree within three joint std or half a
+    percent and their MAC is 0.8 or more. The slower band's stays, since the faster ones are
+    biased where their lags are short for the mode, unless the faster one's is much sharper.
+    """
+    ranked = sorted(
+        (
+            (mode.frequency_std * MUCH_SHARPER**place / mode.frequency, place, mode)
+            for place, modes in enumerate(by_band)
+            for mode in modes
+        ),
+        key=lambda entry: entry[:2],
+    )
+    kept: list[Mode] = []
+    for _, _, mode in ranked:
+        if not any(_same(mode, other) for other in kept):
+            kept.append(mode)
+    return tuple(sorted(kept, key=lambda m: m.frequency))
+
+
+def _same(mode: Mode, other: Mode) -> bool:
+    joint_std = float(np.hypot(mode.frequency_std, other.frequency_std))
+    near = abs(mode.frequency - other.frequency) <= max(3 * joint_std, 0.005 * other.frequency)
+    mac = modal_assurance_criterion(mode.shape[None], other.shape[None])[0, 0]
+    return bool(near and mac >= 0.8)
+
+
+def renamed(mode: Mode, name: str) -> Mode:
+    """The same mode under its track's name."""
+    return replace(mode, name=name)

@@ -1,0 +1,61 @@
+"""From raw samples to a band's samples: offset and drift removed, decimated, scaled."""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+FloatArray = NDArray[np.float64]
+
+STOP_BAND_ATTENUATION = 70.0  # [dB]: aliases stay below the noise of a good accelerometer
+PASS_BAND = 0.44  # of the decimated rate: flat to here,
+STOP_BAND = 0.56  # and shut from here, so that aliases fold back above the pass band only
+
+
+@lru_cache(maxsize=32)
+def anti_alias_taps(decimation: int) -> FloatArray:
+    """Linear-phase low-pass filter for decimation by q, symmetric, gain 1 at 0 Hz.
+
+    Why a finite, symmetric one: every channel is delayed by the same constant, so shapes keep
+    their phase; and a finite impulse response adds no poles, so neither frequency nor damping is
+    moved (only the first lags see the filter at all).
+    """
+    if decimation == 1:
+        return np.ones(1)
+    width = (STOP_BAND - PASS_BAND) / decimation / 0.5  # of the original Nyquist frequency
+    n_taps, beta = signal.kaiserord(STOP_BAND_ATTENUATION, width)
+    n_taps |= 1  # odd: the delay is a whole number of samples
+    cutoff = 0.5 * (PASS_BAND + STOP_BAND) / decimation / 0.5
+    return np.asarray(signal.firwin(n_taps, cutoff, window=("kaiser", beta)))
+
+
+def decimated(samples: FloatArray, decimation: int) -> FloatArray:
+    """Every q-th sample after the anti-alias filter, where the filter is wholly filled.
+
+    samples   (n, n_channels)
+    returns   ((n − 1) // q − ⌈(n_taps − 1) / q⌉ + 1, n_channels), empty for a short record
+    """
+    if decimation == 1:
+        return samples
+    taps = anti_alias_taps(decimation)
+    if len(samples) < len(taps):
+        return samples[:0]
+    filtered = signal.upfirdn(taps, samples, down=decimation, axis=0)
+    first = -(-(len(taps) - 1) // decimation)
+    last = (len(samples) - 1) // decimation
+    return np.asarray(filtered[first : last + 1])
+
+
+def without_trend(samples: FloatArray) -> FloatArray:
+    """The samples less each channel's least-squares straight line (offset and drift).
+
+    samples   (n, n_channels)
+    """
+    return np.asarray(signal.detrend(samples, axis=0, type="linear"))
+
+
+def channel_rms(samples: FloatArray) -> FloatArray:
+    """Root mean square of each channel, (n_channels,); 1 for a channel that is zero."""
+    rms = np.sqrt(np.mean(samples**2, axis=0))
+    return np.where(rms > 0, rms, 1.0)

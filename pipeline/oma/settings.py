@@ -1,0 +1,50 @@
+"""OmaSettings: everything about identification that a scenario may set."""
+
+from dataclasses import dataclass
+
+from sensors.errors import InputError
+
+
+class OmaSettingsError(InputError):
+    """An identification setting that cannot be right; the message names the setting."""
+
+
+@dataclass(frozen=True, slots=True)
+class OmaSettings:
+    """Settings of the identification; the defaults need no change for most structures.
+
+    Bands and block rows follow from the sampling rate and the two frequencies (`bands.py`), so
+    one set of defaults serves a tower of 0.15 Hz and a laboratory frame of 40 Hz.
+    """
+
+    window_duration: float = 600.0  # [s]
+    hop: float = 600.0  # from one window's start to the next one's [s]
+    lateness: float = 5.0  # how long an out-of-order block is waited for, in sensor time [s]
+    lowest_frequency: float | None = None  # of the modes sought [Hz]; None: what the bands reach
+    highest_frequency: float | None = None  # [Hz]; None: 0.45 × the sampling rate
+    n_blocks: int = 40  # time blocks for the uncertainty; std scatters by 1/sqrt(2(n_blocks − 1))
+    maximum_damping: float = 0.1  # ζ of a structural mode [-]
+    minimum_presence: float = 0.5  # share of the orders in which a mode must be stable [-]
+    minimum_collinearity: float = 0.6  # modal phase collinearity of a structural mode [-]
+    maximum_frequency_std: float = 0.03  # relative to the frequency [-]
+
+    def __post_init__(self) -> None:
+        for name in ("window_duration", "hop", "n_blocks", "maximum_damping"):
+            if not getattr(self, name) > 0:
+                raise OmaSettingsError(f"[oma] {name} is {getattr(self, name)}; it must be > 0")
+        if self.hop > self.window_duration:
+            raise OmaSettingsError(
+                f"[oma] hop is {self.hop:g} s, longer than window_duration "
+                f"({self.window_duration:g} s): samples between the windows would be unused"
+            )
+        if self.n_blocks < 10:
+            raise OmaSettingsError(
+                f"[oma] n_blocks is {self.n_blocks}; fewer than 10 blocks give no uncertainty"
+            )
+        low, high = self.lowest_frequency, self.highest_frequency
+        if low is not None and not low > 0:
+            raise OmaSettingsError(f"[oma] lowest_frequency is {low:g} Hz; it must be > 0")
+        if low is not None and high is not None and not high > low:
+            raise OmaSettingsError(
+                f"[oma] highest_frequency is {high:g} Hz, not above lowest_frequency ({low:g} Hz)"
+            )

@@ -1,0 +1,155 @@
+"""Blocks in, one answer a window out: what happens to gaps, repeats and late blocks."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.messages import Message, ModalEstimate, StreamEnd, StreamGap, WindowRejected
+from pipeline.nodes.identification import IdentificationNode
+from pipeline.oma.settings import OmaSettings
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.layout import biaxial_layout
+from tests.pipeline.oma.conftest import structure
+
+RATE = 20.0  # [Hz]
+START = 1_700_000_000 * NANOSECONDS
+LAYOUT = biaxial_layout("layout-1", turbine="t1", unit="tower", elevations=[80.0])
+SETTINGS = OmaSettings(window_duration=60.0, hop=60.0)
+
+
+@pytest.fixture(scope="module")
+def blocks() -> list[AccelerationBlock]:
+    """Three minutes of two channels in blocks of one second."""
+    known = structure([1.0, 3.0], 0.01, np.array([[1.0, 0.4], [0.4, -1.0]]))
+    samples = known.ambient_response(sampling_rate=RATE, duration=180.0, seed=2)
+    return cut(samples)
+
+
+def cut(samples: np.ndarray, session: str = "s1") -> list[AccelerationBlock]:
+    length = round(RATE)
+    return [
+        AccelerationBlock(
+            turbine="t1",
+            unit="tower",
+            session=session,
+            layout_id="layout-1",
+            sequence=k,
+            first_sample=k * length,
+            start_ns=START + k * NANOSECONDS,
+            sampling_rate=RATE,
+            samples=samples[k * length : (k + 1) * length].astype(np.float32),
+        )
+        for k in range(len(samples) // length)
+    ]
+
+
+def answers(blocks: Iterable[AccelerationBlock]) -> list[Message]:
+    node = IdentificationNode(SETTINGS)
+    said = list(node.handle(LAYOUT))
+    last = None
+    for block in blocks:
+        said += node.handle(block)
+        last = block
+    assert last is not None
+    end = StreamEnd("t1", "tower", last.session, last.end_ns, last.sequence + 1)
+    return said + list(node.handle(end))
+
+
+def outline(messages: Iterable[Message]) -> list[str]:
+    return [
+        f"{type(m).__name__} {m.window}" if not isinstance(m, StreamGap) else "StreamGap"
+        for m in messages
+    ]
+
+
+def same_modes(first: Message, second: Message) -> bool:
+    assert isinstance(first, ModalEstimate)
+    assert isinstance(second, ModalEstimate)
+    pairs = zip(first.modes, second.modes, strict=True)
+    return all(a.frequency == b.frequency and (a.shape == b.shape).all() for a, b in pairs)
+
+
+def test_every_minute_gives_one_estimate_on_sensor_time(blocks: list[AccelerationBlock]) -> None:
+    """
+    |—— 0 ——|—— 1 ——|—— 2 ——|
+    """
+    said = answers(blocks)
+    assert outline(said) == ["ModalEstimate 0", "ModalEstimate 1", "ModalEstimate 2"]
+    for k, estimate in enumerate(said):
+        assert isinstance(estimate, ModalEstimate)
+        assert estimate.start_ns == START + 60 * k * NANOSECONDS
+        assert estimate.end_ns == START + 60 * (k + 1) * NANOSECONDS
+        assert estimate.channels == ("z80-fa", "z80-ss")
+        assert estimate.modes[0].frequency == pytest.approx(1.0, rel=0.02)
+
+
+def test_a_lost_block_rejects_its_window_and_no_other(blocks: list[AccelerationBlock]) -> None:
+    """
+    |—— 0 ——|—▒ 1 ——|—— 2 ——|
+    """
+    said = answers(blocks[:70] + blocks[72:])
+    assert outline(said) == [
+        "ModalEstimate 0",
+        "StreamGap",
+        "WindowRejected 1",
+        "ModalEstimate 2",
+    ]
+    gap, rejected = said[1], said[2]
+    assert isinstance(gap, StreamGap)
+    assert (gap.first_sequence, gap.n_blocks) == (70, 2)
+    assert (gap.start_ns, gap.end_ns) == (START + 70 * NANOSECONDS, START + 72 * NANOSECONDS)
+    assert isinstance(rejected, WindowRejected)
+    assert (rejected.code, rejected.reason) == ("gap", "gap of 2 s in unit tower at 70.000 s")
+
+
+def test_a_late_block_opens_no_gap(blocks: list[AccelerationBlock]) -> None:
+    shuffled = blocks.copy()
+    shuffled[30], shuffled[32] = shuffled[32], shuffled[30]
+    in_order, late = answers(blocks), answers(shuffled)
+    assert outline(late) == outline(in_order)
+    assert same_modes(late[0], in_order[0])
+
+
+def test_a_repeated_block_is_used_once(blocks: list[AccelerationBlock]) -> None:
+    repeated = [*blocks[:31], blocks[30], blocks[10], *blocks[31:]]
+    assert same_modes(answers(repeated)[0], answers(blocks)[0])
+
+
+def test_a_block_that_comes_after_its_gap_was_declared_changes_nothing(
+    blocks: list[AccelerationBlock],
+) -> None:
+    very_late = blocks[:70] + blocks[71:90] + [blocks[70]] + blocks[90:]
+    assert outline(answers(very_late)) == outline(answers(blocks[:70] + blocks[71:]))
+
+
+def test_a_gap_over_several_windows_rejects_each(blocks: list[AccelerationBlock]) -> None:
+    said = answers(blocks[:50] + blocks[130:])
+    assert outline(said) == [
+        "StreamGap",
+        "WindowRejected 0",
+        "WindowRejected 1",
+        "WindowRejected 2",
+    ]
+
+
+def test_a_session_that_ends_early_says_so(blocks: list[AccelerationBlock]) -> None:
+    said = answers(blocks[:100])
+    assert outline(said) == ["ModalEstimate 0", "WindowRejected 1"]
+    assert isinstance(said[1], WindowRejected)
+    assert said[1].code == "short"
+
+
+def test_a_new_session_begins_with_window_zero(blocks: list[AccelerationBlock]) -> None:
+    restarted = [replace(block, session="s2") for block in blocks[:60]]
+    said = answers(blocks[:60] + restarted)
+    assert outline(said) == ["ModalEstimate 0", "ModalEstimate 0"]
+
+
+def test_a_dead_channel_rejects_the_window_with_its_reason() -> None:
+    samples = np.random.default_rng(5).standard_normal((1200, 2))
+    samples[:, 1] = 0.0
+    said = answers(cut(samples))
+    assert isinstance(said[0], WindowRejected)
+    assert (said[0].code, said[0].reason) == ("constant", "z80-ss is constant over the window")

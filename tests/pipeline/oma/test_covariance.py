@@ -1,0 +1,56 @@
+"""Lag covariances and the block Hankel matrix."""
+
+import numpy as np
+import pytest
+
+from pipeline.oma.covariance import block_hankel, lag_covariances
+
+
+def samples(n: int = 500, n_channels: int = 3, seed: int = 4) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal((n, n_channels))
+
+
+def test_lag_covariances_are_the_sums_of_their_definition() -> None:
+    y = samples()
+    covariances = lag_covariances(y, n_lags=20, n_blocks=12).mean
+    start = len(y) - 20 - 12 * ((len(y) - 20) // 12)
+    here = y[start : len(y) - 20]
+    for lag in (1, 7, 20):
+        ahead = y[start + lag : len(y) - 20 + lag]
+        np.testing.assert_allclose(covariances[lag - 1], ahead.T @ here / len(here), atol=1e-13)
+
+
+def test_block_mean_is_the_covariance_of_one_long_block() -> None:
+    y = samples(n=20 + 12 * 40)
+    by_block = lag_covariances(y, n_lags=20, n_blocks=12).mean
+    at_once = lag_covariances(y, n_lags=20, n_blocks=1).mean
+    np.testing.assert_allclose(by_block, at_once, atol=1e-13)
+
+
+def test_reference_channels_are_columns_of_the_full_covariances() -> None:
+    y = samples()
+    full = lag_covariances(y, n_lags=20, n_blocks=12).mean
+    reduced = lag_covariances(y, n_lags=20, n_blocks=12, references=slice(1, 3)).mean
+    np.testing.assert_allclose(reduced, full[:, :, 1:3], atol=1e-13)
+
+
+def test_hankel_block_i_j_is_the_covariance_of_lag_i_plus_j_plus_one() -> None:
+    covariances = samples(n=10 * 3).reshape(10, 3, 3)
+    hankel = block_hankel(covariances, block_rows=5)
+    assert hankel.shape == (18, 15)
+    np.testing.assert_array_equal(hankel[6:9, 9:12], covariances[2 + 3])
+
+
+def test_deviations_give_the_variance_of_the_mean() -> None:
+    """White noise of variance 1: the covariance of two channels over m samples has variance 1/m."""
+    variances = []
+    for seed in range(40):
+        y = samples(n=1 + 40 * 25, n_channels=2, seed=seed)
+        deviations = lag_covariances(y, n_lags=1, n_blocks=40).deviations
+        variances.append(np.sum(deviations[:, 0, 0, 1] ** 2))
+    assert np.mean(variances) == pytest.approx(1 / 1000, rel=0.15)
+
+
+def test_a_record_shorter_than_its_blocks_is_refused() -> None:
+    with pytest.raises(ValueError, match="too few"):
+        lag_covariances(samples(n=30), n_lags=20, n_blocks=12)

@@ -1,0 +1,80 @@
+"""A window of samples is turned into the modes of the structure that shook."""
+
+import numpy as np
+import pytest
+
+from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.oma.identification import Identification, identify
+from pipeline.oma.settings import OmaSettings, OmaSettingsError
+from tests.pipeline.oma.conftest import KnownStructure
+
+
+def assert_modes_found(known: KnownStructure, result: Identification, *, tolerance: float) -> None:
+    assert result.rejection is None
+    for frequency, shape in zip(known.frequencies, known.shapes, strict=True):
+        mode = min(result.modes, key=lambda m: abs(m.frequency - frequency))
+        assert mode.frequency == pytest.approx(frequency, rel=tolerance)
+        assert modal_assurance_criterion(mode.shape[None], shape[None])[0, 0] > 0.99
+
+
+def test_two_masses_on_springs_have_their_closed_form_modes(
+    two_mass_system: KnownStructure,
+) -> None:
+    y = two_mass_system.ambient_response(sampling_rate=20.0, duration=600.0, seed=7)
+    result = identify(y, 20.0)
+    assert_modes_found(two_mass_system, result, tolerance=0.01)
+    for mode in result.modes:
+        nearest = np.argmin(np.abs(two_mass_system.frequencies - mode.frequency))
+        if abs(two_mass_system.frequencies[nearest] - mode.frequency) < 0.02 * mode.frequency:
+            assert mode.damping_ratio == pytest.approx(0.01, abs=4 * mode.damping_ratio_std)
+
+
+def test_a_slow_tower_and_a_fast_frame_need_no_other_settings(
+    cantilever: KnownStructure, laboratory_frame: KnownStructure
+) -> None:
+    tower = cantilever.ambient_response(sampling_rate=40.0, duration=600.0, seed=7)
+    assert_modes_found(cantilever, identify(tower, 40.0), tolerance=0.01)
+    frame = laboratory_frame.ambient_response(sampling_rate=100.0, duration=300.0, seed=7)
+    assert_modes_found(laboratory_frame, identify(frame, 100.0), tolerance=0.01)
+
+
+def test_largest_component_is_one_and_has_no_variance(cantilever: KnownStructure) -> None:
+    y = cantilever.ambient_response(sampling_rate=40.0, duration=300.0, seed=3)
+    for mode in identify(y, 40.0).modes:
+        assert mode.shape[mode.unit_component] == 1.0
+        assert mode.shape_std[mode.unit_component] == 0.0
+        assert mode.frequency_std == pytest.approx(np.sqrt(mode.covariance[0, 0]))
+
+
+def test_a_window_with_a_sample_that_is_no_number_is_rejected(
+    two_mass_system: KnownStructure,
+) -> None:
+    y = two_mass_system.ambient_response(sampling_rate=20.0, duration=60.0, seed=1)
+    y[400, 1] = np.nan
+    result = identify(y, 20.0)
+    assert result.modes == ()
+    assert result.rejection is not None
+    assert result.rejection.code == "nan"
+    assert "channel 2 at 20.000 s" in result.rejection.text
+
+
+def test_a_dead_channel_is_rejected_by_its_name(two_mass_system: KnownStructure) -> None:
+    y = two_mass_system.ambient_response(sampling_rate=20.0, duration=60.0, seed=1)
+    y[:, 0] = 0.25
+    rejection = identify(y, 20.0, channel_names=["z41-fa", "z80-fa"]).rejection
+    assert rejection is not None
+    assert (rejection.code, rejection.text) == (
+        "constant",
+        "z41-fa is constant over the window",
+    )
+
+
+def test_a_frequency_beyond_the_sampling_rate_is_refused(two_mass_system: KnownStructure) -> None:
+    y = two_mass_system.ambient_response(sampling_rate=20.0, duration=60.0, seed=1)
+    with pytest.raises(OmaSettingsError, match="highest_frequency is 15 Hz"):
+        identify(y, 20.0, OmaSettings(highest_frequency=15.0))
+
+
+def test_one_sample_is_too_short() -> None:
+    rejection = identify(np.array([[1.0, 2.0]]), 40.0).rejection
+    assert rejection is not None
