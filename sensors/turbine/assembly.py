@@ -66,6 +66,14 @@ class StructuralModel:
         """(2, 2): (u, ψ) of the mudline, fore-aft then side-side."""
         return self.tower_dofs[0, :4].reshape(2, 2)
 
+    @property
+    def blade_coordinates(self) -> IntArray:
+        """(n_blades, n): every coordinate of each blade, in the same order for all."""
+        n_blades = len(self.blade_dofs)
+        return np.concatenate(
+            [self.blade_dofs.reshape(n_blades, -1), self.blade_inner_dofs], axis=1
+        )
+
     def stiffness_at(self, theta: ArrayLike) -> FloatArray:
         """(n_dofs, n_dofs) stiffness with other springs θ, (3,) [N/m, N·m/rad, N/rad]."""
         sign = self.description.foundation.sign
