@@ -254,8 +254,7 @@ def _precision(factor: FloatArray, n_blocks: int, joint: bool) -> FloatArray:
     """
     p = len(factor)
     if joint and (n_blocks == 0 or n_blocks > p + 3):
-        inverse: FloatArray = np.linalg.inv(factor @ factor.T)
-        return inverse * _wishart_bias(n_blocks, p)
+        return np.asarray(np.linalg.inv(factor @ factor.T) * _wishart_bias(n_blocks, p))
     return np.diag(_wishart_bias(n_blocks, 1) / (factor**2).sum(axis=1))
 
 

@@ -12,6 +12,7 @@ from pipeline.updating.convergence import (
     split_rhat,
 )
 from pipeline.updating.forward_model import FloatArray
+from pipeline.updating.moves import fitting_moves
 from pipeline.updating.prior import UpdatingError
 
 LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -71,14 +72,14 @@ def walked(
 ) -> Chains:
     """Chains of an ensemble sampler from start, (n_walkers, n_dim), all of finite density.
 
-    The proposal is a kernel density of the other half of the walkers (emcee's KDEMove). On sharp,
-    strongly correlated posteriors its chains forget within a few steps where the stretch move
+    Each half of the walkers proposes from a density fitted to the other half (`moves`). On sharp,
+    strongly correlated posteriors such chains forget within a few steps where the stretch move
     needs fifty. The chain grows by blocks until it is 50 autocorrelation times long.
     """
     sampler = emcee.EnsembleSampler(
         *start.shape,
         lambda points: np.column_stack(log_density(points)),
-        moves=emcee.moves.KDEMove(),
+        moves=fitting_moves(),
         vectorize=True,
     )
     seed = generator.integers(2**32, size=4, dtype=np.uint32)
