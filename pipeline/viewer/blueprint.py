@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from pipeline.viewer.entities import (
     TIMELINE,
@@ -14,6 +16,7 @@ from pipeline.viewer.entities import (
     turbine_path,
 )
 from pipeline.viewer.status import STIFFNESSES
+from pipeline.viewer.tower_views import SPACING
 from sensors.layout import SensorLayout
 
 TABS = ("Overview", "Signals", "Modes", "Foundation")
@@ -44,6 +47,7 @@ def session_blueprint(
         rrb.TimePanel(
             state="collapsed",
             timeline=TIMELINE,
+            play_state="following",  # opens at the session's end, where everything is
             playback_speed=playback_speed,
             loop_mode="all",
         ),
@@ -70,9 +74,9 @@ def turbine_tabs(panel: TurbinePanel, *, tab: str = TABS[0]) -> rrb.Tabs:
 def _overview(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     return rrb.Horizontal(
         _tower(root, panel),
-        rrb.Vertical(*_stiffness_bands(root), _shapes(root, panel), row_shares=[1, 1, 1, 2.2]),
+        rrb.Vertical(*_stiffness_bands(root), _shapes(root, panel), row_shares=[3, 3, 3, 5]),
         rrb.Vertical(_status(root), _events(root), row_shares=[3, 2]),
-        column_shares=[2, 4, 3],
+        column_shares=[5, 8, 6],
         name="Overview",
     )
 
@@ -86,16 +90,13 @@ def _signals(root: str, panel: TurbinePanel) -> rrb.Vertical:
     return rrb.Vertical(*views, name="Signals")
 
 
-def _modes(root: str, panel: TurbinePanel) -> rrb.Vertical:
-    tracks = [_track(root, label) for label in panel.modes]
-    return rrb.Vertical(
-        rrb.Horizontal(
-            rrb.Vertical(_frequencies(root), _damping(root, panel), row_shares=[3, 2]),
-            rrb.Grid(*tracks, grid_columns=3),
-            column_shares=[2, 3],
+def _modes(root: str, panel: TurbinePanel) -> rrb.Horizontal:
+    return rrb.Horizontal(
+        rrb.Vertical(
+            _frequencies(root), _damping(root, panel), _shapes(root, panel), row_shares=[3, 2, 3]
         ),
-        _shapes(root, panel),
-        row_shares=[3, 2],
+        rrb.Grid(*[_track(root, label) for label in panel.modes], grid_columns=3),
+        column_shares=[2, 3],
         name="Modes",
     )
 
@@ -103,9 +104,9 @@ def _modes(root: str, panel: TurbinePanel) -> rrb.Vertical:
 def _foundation(root: str) -> rrb.Horizontal:
     sigma = rrb.TimeSeriesView(
         origin=parameter_path(root, "sigma"),
-        name="Model discrepancy σ [-]: posterior 5, 50, 95 %",
-        time_ranges=_whole_session(),
-        plot_legend=rrb.PlotLegend("LeftTop"),
+        name="Model discrepancy σ [-]: 5, 50, 95 % of the posterior",
+        **_whole_session(),
+        plot_legend=rrb.PlotLegend(visible=False),
     )
     joint = rrb.Spatial2DView(
         origin=f"{root}/foundation/joint",
@@ -126,22 +127,22 @@ def _tower(root: str, panel: TurbinePanel) -> rrb.Spatial3DView:
         name="Tower, sensors, sea and mudline [m]",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=[330.0, 250.0, panel.mid_height + 60.0],
-            look_target=[0.0, 0.0, panel.mid_height + 15.0],
+            position=[360.0, 270.0, panel.mid_height + 60.0],
+            look_target=[0.0, 0.0, panel.mid_height + 25.0],
             eye_up=[0.0, 0.0, 1.0],
         ),
     )
 
 
 def _shapes(root: str, panel: TurbinePanel) -> rrb.Spatial3DView:
-    middle = 44.0 * (len(panel.modes) - 1) / 2 / 2**0.5
+    middle = (len(panel.modes) - 1) / 2 * SPACING / 2**0.5
     return rrb.Spatial3DView(
         origin=f"{root}/shapes",
-        name="Mode shapes, swinging when played: dots identified, line model",
+        name="Mode shapes: dots identified, line model; below: direction, Hz, MAC",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=[-middle + 330.0, middle + 330.0, panel.mid_height],
-            look_target=[-middle, middle, panel.mid_height],
+            position=[-middle + 190.0, middle + 190.0, panel.mid_height],
+            look_target=[-middle, middle, panel.mid_height - 8.0],
             eye_up=[0.0, 0.0, 1.0],
         ),
     )
@@ -151,9 +152,9 @@ def _stiffness_bands(root: str) -> list[rrb.TimeSeriesView]:
     return [
         rrb.TimeSeriesView(
             origin=parameter_path(root, name),
-            name=f"{name} ÷ nominal [-]: posterior 5, 50, 95 % and truth",
-            time_ranges=_whole_session(),
-            plot_legend=rrb.PlotLegend("LeftTop"),
+            name=f"{name} ÷ nominal [-]: 5, 50, 95 % of the posterior, truth green",
+            **_whole_session(),
+            plot_legend=rrb.PlotLegend(visible=False),
         )
         for name in STIFFNESSES
     ]
@@ -166,7 +167,7 @@ def _accelerations(root: str, layout: SensorLayout, axis: int, name: str) -> rrb
         origin=path,
         name=f"Acceleration {name} of unit {layout.unit} [m/s²]",
         overrides={path: rr.SeriesLines(visible_series=along)},
-        time_ranges=_whole_session(),
+        **_whole_session(),
         plot_legend=rrb.PlotLegend("LeftTop"),
     )
 
@@ -177,7 +178,7 @@ def _track(root: str, label: str) -> rrb.TimeSeriesView:
         origin=path,
         contents=[f"{path}/identified", f"{path}/model"],
         name=f"Mode {label} [Hz]",
-        time_ranges=_whole_session(),
+        **_whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 
@@ -186,17 +187,21 @@ def _frequencies(root: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"{root}/frequencies",
         name="Natural frequencies [Hz]: blue fore-aft, purple side-side, orange model",
-        time_ranges=_whole_session(),
+        **_whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 
 
 def _damping(root: str, panel: TurbinePanel) -> rrb.TimeSeriesView:
+    paths = [f"{mode_path(root, label)}/damping" for label in panel.modes]
+    middle = rr.SeriesLines(visible_series=[False, True, False])  # bands would hide each other
+    points = rr.SeriesPoints(visible_series=[False, True, False])
     return rrb.TimeSeriesView(
         origin=f"{root}/modes",
-        contents=[f"{mode_path(root, label)}/damping" for label in panel.modes],
-        name="Damping ratio ± 2 std [% of critical]",
-        time_ranges=_whole_session(),
+        contents=paths,
+        name="Damping ratios [% of critical]",
+        overrides={path: [middle, points] for path in paths},
+        **_whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 
@@ -206,12 +211,20 @@ def _status(root: str) -> rrb.TextDocumentView:
 
 
 def _events(root: str) -> rrb.TextLogView:
-    return rrb.TextLogView(origin=f"{root}/events", name="Events")
-
-
-def _whole_session() -> rrb.VisibleTimeRange:
-    return rrb.VisibleTimeRange(
-        TIMELINE,
-        start=rrb.TimeRangeBoundary.infinite(),
-        end=rrb.TimeRangeBoundary.infinite(),
+    return rrb.TextLogView(
+        origin=f"{root}/events",
+        name="Events",
+        columns=rrb.TextLogColumns(
+            timeline_columns=[TimelineColumn(TIMELINE, visible=False)],
+            text_log_columns=[TextLogColumn("LogLevel"), TextLogColumn("Body")],
+        ),
     )
+
+
+def _whole_session() -> dict[str, Any]:
+    """Data and axis of a plot from the first to the last sample, wherever the cursor is."""
+    start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.infinite()
+    return {
+        "time_ranges": rrb.VisibleTimeRange(TIMELINE, start=start, end=end),
+        "axis_x": rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
+    }

@@ -30,7 +30,7 @@ class Axis:
     @property
     def ticks(self) -> FloatArray:
         """Two or three round numbers inside the range, a little away from its ends."""
-        step = _round_step((self.high - self.low) / 2.5)
+        step = _round_step((self.high - self.low) / 4)
         first = np.ceil((self.low + 0.05 * (self.high - self.low)) / step)
         last = np.floor((self.high - 0.05 * (self.high - self.low)) / step)
         return np.arange(first, last + 1) * step
@@ -141,7 +141,7 @@ def _texts(axes: Sequence[Axis], names: Sequence[str]) -> tuple[Text, ...]:
     last = len(axes) - 1
     texts = []
     for i, (axis, name) in enumerate(zip(axes, names, strict=True)):
-        texts.append(Text((i * PITCH + 0.5, i * PITCH - 0.1), f"{name} / nominal [-]"))
+        texts.append(Text((i * PITCH + 0.5, i * PITCH - 0.15), f"{name} / nominal [-]"))
         for tick, position in zip(axis.ticks, axis.position(axis.ticks), strict=True):
             label = f"{tick:.4g}"
             texts.append(Text((i * PITCH + float(position), last * PITCH + 1.1), label))

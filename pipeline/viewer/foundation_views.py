@@ -60,7 +60,7 @@ def log_joint_posterior(
 def _log_corner(recording: rr.RecordingStream, path: str, plot: CornerPlot) -> None:
     recording.log(
         f"{path}/draws",
-        rr.Points2D(plot.draws, radii=rr.Radius.ui_points(1.5), colors=(*colours.POSTERIOR, 140)),
+        rr.Points2D(plot.draws, radii=rr.Radius.ui_points(1.3), colors=colours.POSTERIOR),
     )
     hair, stroke = rr.Radius.ui_points(0.5), rr.Radius.ui_points(1.0)
     recording.log(f"{path}/frames", rr.LineStrips2D(plot.frames, radii=hair, colors=colours.QUIET))

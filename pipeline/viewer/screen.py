@@ -19,7 +19,13 @@ from pipeline.viewer.blueprint import TurbinePanel
 from pipeline.viewer.display_signals import DisplayDecimator, DisplaySignal
 from pipeline.viewer.entities import at, turbine_path
 from pipeline.viewer.scene import outline, swing_frames
-from pipeline.viewer.status import SessionStatus, frequencies_text, gap_text, posterior_text
+from pipeline.viewer.status import (
+    SessionStatus,
+    clock_time,
+    frequencies_text,
+    gap_text,
+    posterior_text,
+)
 from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.layout import SensorLayout
 from sensors.turbine.description import TurbineDescription
@@ -81,6 +87,7 @@ class TurbineScreen:
         self._swings: dict[str, int] = {}  # shown shape → time until which its frames are out
         self._full_swing_ns: int | None = None  # end of the first window with a posterior
         self._now_ns = 0  # latest sensor time seen
+        self._at_ns = 0  # sensor time of what is being drawn
         tower_views.log_tower(recording, self._root, self._outline)
         foundation_views.log_foundation_styles(recording, self._root)
         self._place_modes()
@@ -118,7 +125,7 @@ class TurbineScreen:
         self._at(estimate.end_ns)
         track_views.log_estimate(self._recording, self._root, estimate, layout, styled=self._styled)
         found = frequencies_text([mode.frequency for mode in estimate.modes])
-        self._event(f"window {estimate.window} identified: {found}")
+        self._event(f"window {estimate.window}: {found}")
         self._status.take(estimate)
         self._show_status()
 
@@ -176,10 +183,12 @@ class TurbineScreen:
 
     def _at(self, time_ns: int) -> None:
         self._now_ns = max(self._now_ns, time_ns)
+        self._at_ns = time_ns
         at(self._recording, time_ns)
 
     def _event(self, text: str, *, level: str = "INFO") -> None:
-        foundation_views.log_event(self._recording, self._root, text, level=level)
+        line = f"{clock_time(self._at_ns)}  {text}"
+        foundation_views.log_event(self._recording, self._root, line, level=level)
 
     def _show_status(self) -> None:
         foundation_views.log_status(self._recording, self._root, self._status.markdown())
@@ -205,7 +214,7 @@ class TurbineScreen:
 
     def _place_modes(self) -> None:
         for slot, label in enumerate(self._modes):
-            track_views.log_mode_styles(self._recording, self._root, label)
+            track_views.log_mode_styles(self._recording, self._root, label, slot)
             tower_views.log_shape_place(self._recording, self._root, label, slot, self._outline)
 
     def _show_modes(self, posterior: FoundationPosterior) -> None:

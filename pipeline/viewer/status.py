@@ -66,7 +66,7 @@ class SessionStatus:
     def markdown(self) -> str:
         """The whole text: verdict, foundation, windows, doubts, gaps, nodes."""
         parts = (
-            [f"# {self._heading}", f"**{self._verdict()}**"],
+            [f"### {self._heading}", f"**{self._verdict()}**"],
             self._foundation(),
             self._windows(),
             self._doubts(),
@@ -100,7 +100,7 @@ class SessionStatus:
         sigma = posterior.parameter("sigma")
         rows.append(f"| σ [-] | {sigma.median:.4f} | below {sigma.p95:.4f} (95 %) | – |")
         fit = (
-            f"{posterior.n_windows} windows, until {clock_time(posterior.time_ns)} UTC. "
+            f"{counted(posterior.n_windows, 'window')}, until {clock_time(posterior.time_ns)} UTC. "
             f"Fit: χ² {posterior.reduced_chi_square:.2f}, "
             f"{posterior.paired_share:.0%} of identified modes paired. "
             f"Sampler: R̂ {posterior.rhat:.3f}, ESS {posterior.ess:.0f}."
@@ -113,16 +113,18 @@ class SessionStatus:
         lines += [
             f"  - {clock_time(window.start_ns)}: {window.reason}" for window in self._rejected
         ]
-        lines.append(f"- {self._n_gaps} gaps in the stream, {self._missing_s:.1f} s in all")
+        lines.append(
+            f"- {counted(self._n_gaps, 'gap')} in the stream, {self._missing_s:.1f} s in all"
+        )
         lines += [f"  - {gap_text(gap)}" for gap in self._gaps]
-        return ["## Windows", "\n".join(lines)]
+        return ["#### Windows", "\n".join(lines)]
 
     def _doubts(self) -> list[str]:
         results = (self._estimate, self._posterior)
         doubts = [doubt for result in results if result for doubt in result.warnings]
         if not doubts:
             return []
-        return ["## Doubts", "\n".join(f"- {doubt.code}: {doubt.text}" for doubt in doubts)]
+        return ["#### Doubts", "\n".join(f"- {doubt.code}: {doubt.text}" for doubt in doubts)]
 
     def _node_table(self) -> list[str]:
         if not self._nodes:
@@ -132,7 +134,7 @@ class SessionStatus:
             f"| {node.node} | {node.state} | {node.lost} | {node.late} | {node.busy_s:.1f} s |"
             for _, node in sorted(self._nodes.items())
         ]
-        return ["## Nodes", "\n".join(rows)]
+        return ["#### Nodes", "\n".join(rows)]
 
 
 def clock_time(time_ns: int) -> str:
@@ -146,15 +148,20 @@ def gap_text(gap: StreamGap) -> str:
     return f"{clock_time(gap.start_ns)}: {gap.n_blocks} blocks ({length:.1f} s) of unit {gap.unit}"
 
 
+def counted(number: int, noun: str) -> str:
+    """'1 window', '2 windows'."""
+    return f"{number} {noun}" + "s" * (number != 1)
+
+
 def posterior_text(posterior: FoundationPosterior) -> str:
-    """One line about a refreshed posterior: medians and 90 % intervals as ratios to nominal."""
+    """One line about a refreshed posterior: medians and half the 90 % intervals' widths."""
     parts = []
     for name in STIFFNESSES:
         k = posterior.parameter(name)
-        low, middle, high = (value / k.nominal for value in (k.p05, k.median, k.p95))
-        parts.append(f"{name} {middle:.3f} [{low:.3f}, {high:.3f}]")
+        half_width = (k.p95 - k.p05) / 2 / k.nominal
+        parts.append(f"{name} {k.median / k.nominal:.3f} ± {half_width:.3f}")
     trust = "" if posterior.trusted else "NOT TRUSTED: "
-    return f"{trust}posterior of {posterior.n_windows} windows, ÷ nominal: {', '.join(parts)}"
+    return f"{trust}{', '.join(parts)} × nominal, from {counted(posterior.n_windows, 'window')}"
 
 
 def frequencies_text(frequencies: Sequence[float]) -> str:

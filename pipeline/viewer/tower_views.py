@@ -18,8 +18,8 @@ from pipeline.viewer.scene import (
 )
 from sensors.layout import SensorLayout
 
-AMPLITUDE = 14.0  # swing of a shape's largest component in the picture [m]
-SPACING = 44.0  # between two shapes [m]
+AMPLITUDE = 20.0  # swing of a shape's largest component in the picture [m]
+SPACING = 40.0  # between two shapes [m]
 ROW_DIRECTION = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)  # seen from (1, 1): FA and SS both show
 
 
@@ -72,7 +72,7 @@ def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outl
             [(0.0, 45.0, elevation) for elevation, _ in marks],
             radii=0.5,
             colors=colours.QUIET,
-            labels=[f"{name} {elevation:+.0f} m" for elevation, name in marks],
+            labels=[f"{name} {elevation:.0f} m" for elevation, name in marks],
             show_labels=True,
         ),
         static=True,
@@ -94,10 +94,16 @@ def log_sensors(recording: rr.RecordingStream, root: str, layout: SensorLayout) 
     levels = sensor_levels(layout)
     recording.log(
         sensor_path(root, layout.unit),
-        rr.Points3D.from_fields(
-            positions=[(6.0, 3.0, level) for level in levels],
-            radii=2.8,
-            labels=[f"sensor {level:g} m" for level in levels],
+        rr.Points3D.from_fields(positions=[(6.0, 3.0, level) for level in levels], radii=2.8),
+        static=True,
+    )
+    recording.log(
+        f"{sensor_path(root, layout.unit)}/labels",
+        rr.Points3D(
+            [(0.0, -34.0, level + 6.0) for level in levels],
+            radii=0.1,
+            colors=colours.MEASURED,
+            labels=[f"{level:g} m" for level in levels],
             show_labels=True,
         ),
         static=True,
@@ -124,6 +130,7 @@ def log_shape_place(
     offset = ROW_DIRECTION * SPACING * slot
     axis = [(0.0, 0.0, turbine.mudline), (0.0, 0.0, turbine.tower_top)]
     recording.log(path, rr.Transform3D(translation=offset), static=True)
+    recording.log(f"{path}/name", _caption([turbine.tower_top + 24.0], [label]), static=True)
     recording.log(
         f"{path}/rest", rr.LineStrips3D([axis], radii=0.4, colors=colours.QUIET), static=True
     )
@@ -149,12 +156,18 @@ def log_shape(
             f"{path}/motion/identified",
             rr.Points3D(identified.line(AMPLITUDE), radii=3.2, colors=colours.MEASURED),
         )
-    text = f"{pair.model} {model.direction}\n{pair.frequency:.4g} Hz\nMAC {pair.mac:.3f}"
-    recording.log(
-        f"{path}/caption",
-        rr.Points3D(
-            [(0.0, 0.0, foot)], radii=0.1, colors=colours.QUIET, labels=[text], show_labels=True
-        ),
+    words = [model.direction, f"{pair.frequency:.3g}", f"{pair.mac:.2f}"]
+    recording.log(f"{path}/caption", _caption([foot, foot - 20.0, foot - 40.0], words))
+
+
+def _caption(heights: list[float], words: list[str]) -> rr.Points3D:
+    """Words above each other on the axis of a shape; a label has one line only."""
+    return rr.Points3D(
+        [(0.0, 0.0, height) for height in heights],
+        radii=0.1,
+        colors=colours.QUIET,
+        labels=words,
+        show_labels=True,
     )
 
 

@@ -94,7 +94,7 @@ def _log_identified_style(
     )
 
 
-def log_mode_styles(recording: rr.RecordingStream, root: str, label: str) -> None:
+def log_mode_styles(recording: rr.RecordingStream, root: str, label: str, slot: int) -> None:
     """Names and colours of one model mode's tracks; static."""
     path = mode_path(root, label)
     log_band_style(
@@ -108,7 +108,7 @@ def log_mode_styles(recording: rr.RecordingStream, root: str, label: str) -> Non
         recording,
         f"{path}/damping",
         (f"mode {label} −2 std [%]", f"mode {label} [%]", f"mode {label} +2 std [%]"),
-        colours.LEVELS[sum(map(ord, label)) % len(colours.LEVELS)],
+        colours.LEVELS[slot % len(colours.LEVELS)],
     )
     log_line_style(
         recording, model_line_path(root, label), f"model {label} [Hz]", colours.MODEL, width=1.0

@@ -20,11 +20,11 @@ from pipeline.messages import (
     NodeStatus,
     ParameterSummary,
     StreamGap,
-    Warning,
     WindowRejected,
 )
+from pipeline.messages import Warning as Doubt
 from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout, biaxial_layout
+from sensors.layout import biaxial_layout
 from sensors.turbine.description import load_turbine
 
 START_NS = 1_767_225_600 * NANOSECONDS  # 2026-01-01 00:00 UTC
@@ -144,7 +144,7 @@ def modal_estimate(window: int, rng: np.random.Generator) -> ModalEstimate:
         LAYOUT.layout_id,
         LAYOUT.channel_names,
         modes,
-        warnings=(Warning("close-modes", "0.157 and 0.159 Hz are nearer than 1/600 s"),),
+        warnings=(Doubt("close-modes", "0.157 and 0.159 Hz are nearer than 1/600 s"),),
     )
 
 
@@ -230,5 +230,3 @@ def node_status(state: str, last_sequence: int) -> NodeStatus:
     """Stamped by the machine's clock, years away from the sensors'."""
     machine_ns = 2_000_000_000 * NANOSECONDS
     return NodeStatus(TURBINE, "identification", machine_ns, state, last_sequence)
-
-

@@ -1,0 +1,152 @@
+"""Pictures of a session, made without a screen: python -m tests.screenshots FILE.rrd FOLDER
+
+One PNG per tab. Rerun draws with Vulkan; in software Debian's mesa-vulkan-drivers and libvulkan1 do
+(apt-get install mesa-vulkan-drivers libvulkan1). Without them the script says so and makes none.
+"""
+
+import ctypes.util
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+WINDOW_SIZE = "1600x1000"  # [pixels]
+PATIENCE = 60.0  # for a viewer to come up on a slow machine [s]
+SETTLING = 4.0  # from a change of tab to a finished picture; the viewer does not say when [s]
+_log = logging.getLogger("screenshots")
+
+
+def missing() -> str:
+    """Why no picture can be made here; "" where it can."""
+    if ctypes.util.find_library("vulkan") is None:
+        return "no Vulkan loader: apt-get install mesa-vulkan-drivers libvulkan1"
+    drivers = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
+    if not any(folder.is_dir() and any(folder.iterdir()) for folder in drivers):
+        return "no Vulkan driver: apt-get install mesa-vulkan-drivers"
+    return ""
+
+
+@contextmanager
+def headless_viewer() -> Iterator[Any]:
+    """A viewer without a window on a free loopback port; gone at the end."""
+    from rerun.experimental import ViewerClient
+
+    port = _free_port()
+    with tempfile.TemporaryDirectory() as runtime:
+        command = [sys.executable, "-m", "rerun", "--headless", "--window-size", WINDOW_SIZE]
+        command += ["--bind", "127.0.0.1", "--port", str(port), "--expect-data-soon"]
+        viewer = subprocess.Popen(
+            command,
+            env=os.environ | {"RERUN_ANALYTICS": "0", "XDG_RUNTIME_DIR": runtime},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        try:
+            _await(port, viewer)
+            yield ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+        finally:
+            os.killpg(viewer.pid, signal.SIGTERM)
+            viewer.wait(timeout=20)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _await(port: int, viewer: "subprocess.Popen[bytes]") -> None:
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if viewer.poll() is not None:
+            raise RuntimeError(f"the viewer ended with exit code {viewer.returncode}")
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.1)
+    raise TimeoutError(f"no viewer on port {port} after {PATIENCE:g} s")
+
+
+def take(rrd: Path, folder: Path) -> dict[str, Path]:
+    """One PNG of each tab of a .rrd, the cursor at the session's end; tab's name → file."""
+    pictures = {}
+    with headless_viewer() as viewer:
+        viewer.open(str(rrd.resolve()))
+        recording = viewer.get_state().recordings[0]
+        end = next(line.end for line in recording.timelines if line.name == "time")
+        viewer.set_time(timeline="time", timestamp=np.datetime64(end, "ns"), play_state="paused")
+        for tab in tabs(viewer.get_blueprint().blueprint):
+            show_tab(viewer, tab)
+            time.sleep(SETTLING)
+            pictures[tab] = folder.resolve() / f"{tab.lower()}.png"
+            viewer.save_screenshot(str(pictures[tab]))
+            _shrink(pictures[tab])
+    return pictures
+
+
+def _shrink(png: Path) -> None:
+    """Half the bytes: a palette of 256 colours is enough for flat surfaces and lines."""
+    with Image.open(png) as picture:
+        small = picture.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    small.save(png, optimize=True)
+
+
+def tabs(blueprint: dict[str, Any]) -> list[str]:
+    """Names of the tabs of the (first) turbine, in order."""
+    containers = _containers(blueprint)
+    top = next(one for one in containers.values() if one.get("container_kind") == "Tabs")
+    return [containers["/" + path]["display_name"] for path in top["contents"]]
+
+
+def show_tab(viewer: Any, name: str) -> None:
+    """Bring one tab to the front."""
+    blueprint = viewer.get_blueprint()
+    containers = _containers(blueprint.blueprint)
+    top = next(one for one in containers.values() if one.get("container_kind") == "Tabs")
+    top["active_tab"] = next(
+        path for path in top["contents"] if containers["/" + path]["display_name"] == name
+    )
+    viewer.set_blueprint(blueprint.blueprint, of="recording")
+
+
+def _containers(blueprint: dict[str, Any]) -> dict[str, Any]:
+    return {
+        path: entity["ContainerBlueprint"]
+        for path, entity in blueprint.items()
+        if "ContainerBlueprint" in entity
+    }
+
+
+def filled_colours(png: Path, *, at_least: int = 30) -> set[tuple[int, int, int]]:
+    """Colours (red, green, blue) that fill at least so many pixels of a picture."""
+    with Image.open(png) as picture:
+        counts = picture.convert("RGB").getcolors(maxcolors=2**24) or []
+    return {colour for count, colour in counts if count >= at_least and isinstance(colour, tuple)}
+
+
+def main(arguments: list[str]) -> None:
+    """Take the pictures, or say why not."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    if reason := missing():
+        _log.warning("skipped: %s", reason)
+        return
+    rrd, folder = map(Path, arguments)
+    folder.mkdir(parents=True, exist_ok=True)
+    for tab, picture in take(rrd, folder).items():
+        _log.info("%s: %s, %.0f kB", tab, picture, picture.stat().st_size / 1e3)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
