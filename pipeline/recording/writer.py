@@ -99,7 +99,7 @@ class Recorder:
         if self._file.closed:
             return
         self._write_waiting(0)
-        self._writer.finish()  # type: ignore[no-untyped-call]  # as mcap ships it
+        self._writer.finish()
         self._file.flush()
         os.fsync(self._file.fileno())
         self._file.close()
@@ -131,7 +131,7 @@ class Recorder:
             return
         age = abs(now_ns - opened_ns)  # a clock that is set back makes no chunk eternal
         if age >= self._settings.chunk_duration * NANOSECONDS:
-            self._writer.flush()  # type: ignore[no-untyped-call]  # as mcap ships it
+            self._writer.flush()
             self._chunk_opened_ns = None
 
     def _channel(self, key: str, message_type: type) -> int:

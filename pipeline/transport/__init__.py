@@ -1,0 +1,7 @@
+"""How messages travel: written by the codec, carried by a bus, taken out of an inbox.
+
+codec         messages ↔ bytes, by the schema in proto/
+bus           the protocols: Bus, Subscription; Inbox
+memory_bus    one process, one thread: lock-step and tests
+zenoh_bus     everything else
+"""

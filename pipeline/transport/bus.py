@@ -7,7 +7,7 @@ subscriber: what its inbox cannot hold is dropped and counted.
 
 import logging
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -39,6 +39,10 @@ class Subscription(Protocol):
     @property
     def lost(self) -> int:
         """Messages that were published and, as the transport knows, will never arrive."""
+        ...
+
+    def lost_of(self, message_type: type) -> int:
+        """Those of one type."""
         ...
 
     def close(self) -> None:
@@ -82,18 +86,26 @@ class Inbox:
         self._capacity = capacity
         self._changed = threading.Condition()
         self._closed = False
-        self.dropped = 0
+        self._dropped: Counter[type] = Counter()
         self.malformed = 0
 
     def __len__(self) -> int:
         return len(self._deliveries)
 
+    @property
+    def dropped(self) -> int:
+        """Messages that made room for later ones."""
+        return self._dropped.total()
+
+    def dropped_of(self, message_type: type) -> int:
+        """Those of one type."""
+        return self._dropped[message_type]
+
     def put(self, delivery: Delivery) -> None:
         """Take in one delivery. Any thread; never waits for the reader."""
         with self._changed:
             if len(self._deliveries) >= self._capacity:
-                self._deliveries.popleft()
-                self.dropped += 1
+                self._dropped[self._deliveries.popleft().message_type] += 1
             self._deliveries.append(delivery)
             self._changed.notify()
 

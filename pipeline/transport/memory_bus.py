@@ -56,6 +56,9 @@ class MemorySubscription:
         self._message_types = message_types
         self._inbox = inbox
 
+    def lost_of(self, message_type: type) -> int:
+        return 0
+
     def deliver(self, delivery: Delivery) -> None:
         if delivery.message_type in self._message_types:
             self._inbox.put(delivery)
