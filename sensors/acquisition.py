@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import firwin, kaiserord, upfirdn
+from scipy.signal import fftconvolve, firwin, kaiserord
 
 FloatArray = NDArray[np.float64]
 
@@ -31,11 +31,12 @@ class Decimator:
         returns   (n_out, n_channels), n_out n_in / factor on average
         """
         pending = np.concatenate([self._pending, samples])
-        n_out = max(0, (len(pending) - 2 * self._half - 1) // self._factor + 1)
+        n_out = max(0, (len(pending) - len(self._taps)) // self._factor + 1)
         self._pending = pending[n_out * self._factor :].copy()
-        filtered = upfirdn(self._taps, pending, down=self._factor, axis=0)
-        first = 2 * self._half // self._factor
-        return np.ascontiguousarray(filtered[first : first + n_out])
+        if n_out == 0:
+            return np.empty((0, pending.shape[1]))
+        filtered = fftconvolve(pending.T, self._taps[None, :], mode="valid", axes=1)
+        return np.ascontiguousarray(filtered[:, :: self._factor].T)
 
     def gain(self, frequencies: FloatArray, input_rate: float) -> FloatArray:
         """Amplitude gain before folding, (n_frequencies,) [-]; the phase is zero."""
@@ -44,7 +45,7 @@ class Decimator:
 
 
 def anti_alias_taps(factor: int) -> FloatArray:
-    """Symmetric low-pass (Kaiser window) for decimation by `factor`; its half is a multiple of it.
+    """Symmetric low-pass (Kaiser window) for decimation by `factor`, (odd,) [-].
 
     Flat to PASS_BAND and empty beyond STOP_BAND, both over the output rate.
     """
@@ -52,7 +53,7 @@ def anti_alias_taps(factor: int) -> FloatArray:
         return np.ones(1)
     nyquist = factor / 2.0  # of the input, over the output rate
     n_taps, beta = kaiserord(ATTENUATION, (STOP_BAND - PASS_BAND) / nyquist)
-    half = -(-(n_taps // 2) // factor) * factor
+    half = n_taps // 2
     cutoff = 0.5 * (PASS_BAND + STOP_BAND) / nyquist
     return firwin(2 * half + 1, cutoff, window=("kaiser", beta))
 
@@ -61,6 +62,8 @@ def quantised(samples: FloatArray, step: float) -> NDArray[np.float32]:
     """Samples as the converter counts them: the nearest multiple of its step.
 
     samples   any shape [m/s²]
-    step      of the converter [m/s²]; a power of two keeps the multiples exact in float32
+    step      of the converter [m/s²], 0 for none; a power of two is exact in float32
     """
+    if step == 0.0:
+        return samples.astype(np.float32)
     return (np.round(samples / step) * step).astype(np.float32)

@@ -219,7 +219,7 @@ WAVE_KERNEL_DURATION = 300.0  # [s]: a resolution of .007 Hz, below the width of
 def wave_kernel(load: WaveBandLoad, sampling_rate: float) -> FloatArray:
     """Filter from white noise to a series with the load's spectrum, variance 1."""
     n_taps = 2 * round(0.5 * WAVE_KERNEL_DURATION * sampling_rate)
-    frequencies = np.arange(n_taps // 2 + 1) * (sampling_rate / n_taps)
+    frequencies = np.linspace(0.0, 0.5 * sampling_rate, n_taps // 2 + 1)
     density = jonswap(
         frequencies,
         peak_frequency=1.0 / load.peak_period,
