@@ -1,0 +1,75 @@
+"""START HERE: the whole system on one screen.
+
+    source ──► AccelerationBlock ──► [identification] ──► ModalEstimate
+    ModalEstimate ──► [updating] ──► FoundationPosterior
+    every message ──► [recorder] → MCAP   and ──► [viewer] → Rerun
+
+To change the identification, the updating, a sink or a view, change its line in `build`.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.node import Node
+from pipeline.nodes.updating import FoundationUpdaterNode
+from pipeline.recording.writer import Metadata, Recorder
+from pipeline.scenario import Scenario
+from pipeline.updating.updater import FoundationUpdater
+from pipeline.viewer.outputs import ViewerOutput
+from pipeline.viewer.sink import Viewer
+from sensors.layout import SensorLayout
+from sensors.turbine.modal import ModalModel
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Where a session's results go."""
+
+    recording: Path | None = None  # MCAP file; None: nothing is recorded
+    metadata: Metadata | None = None  # stored in the recording
+    views: tuple[ViewerOutput, ...] = ()
+    session: str = "pilewatch"  # what the viewer calls it
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A node of the graph and how to make it.
+
+    It is made where it runs: in this thread, in a thread of its own, in another process.
+    """
+
+    node: type[Node]
+    make: Callable[[], Node]
+
+    @property
+    def name(self) -> str:
+        return self.node.name  # type: ignore[return-value]  # a class attribute of every node
+
+
+def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[Plan, ...]:
+    """The nodes of a session in the order of the flow."""
+
+    def identification() -> Node:
+        return IdentificationNode(scenario.oma)
+
+    def updating() -> Node:
+        model = ModalModel(scenario.structure, layout)
+        updater = FoundationUpdater(model, layout, scenario.updating, seed=scenario.seed)
+        return FoundationUpdaterNode(updater)
+
+    def viewer() -> Node:
+        return Viewer(outputs.views, scenario.structure, session=outputs.session)
+
+    def recorder() -> Node:
+        assert outputs.recording is not None
+        return Recorder(outputs.recording, metadata=outputs.metadata or {}, clock=time.time_ns)
+
+    graph = [Plan(IdentificationNode, identification), Plan(FoundationUpdaterNode, updating)]
+    if outputs.views:
+        graph.append(Plan(Viewer, viewer))
+    if outputs.recording:
+        graph.append(Plan(Recorder, recorder))  # last: it hears what the others say at the end
+    return tuple(graph)

@@ -1,0 +1,97 @@
+"""Who is alive, what is late, what is missing: from the table of streams alone."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pipeline.messages import Message, NodeStatus, StreamEnd, StreamGap
+from pipeline.streams import key_of, stream_of
+from sensors.blocks import NANOSECONDS
+
+LATE_AFTER = 3.0  # a stream is late when so many of its periods have gone by in silence [-]
+
+Condition = Literal["alive", "late", "ended"]
+
+
+@dataclass(frozen=True, slots=True)
+class StreamHealth:
+    """How one key does."""
+
+    key: str
+    condition: Condition  # a stream without a period is never late
+    silence: float  # since the last message [s]
+    messages: int
+
+
+@dataclass(frozen=True, slots=True)
+class NodeHealth:
+    """How one node does."""
+
+    condition: Condition  # late: it has not said anything for too long; ended: it has said so
+    silence: float  # since its last status [s]
+    status: NodeStatus  # the last
+
+
+@dataclass(slots=True)
+class _Seen:
+    message: Message  # the last
+    time_ns: int
+    count: int
+
+
+class Health:
+    """Watches messages go by.
+
+    All times are of the watcher's own clock [ns]: when a message came, and when it is asked.
+    """
+
+    def __init__(self) -> None:
+        self._seen: dict[str, _Seen] = {}
+        self._ended: set[tuple[str, str]] = set()  # (turbine, unit)
+        self._gaps: list[StreamGap] = []
+
+    def observe(self, message: Message, now_ns: int) -> None:
+        """Take note of one message that has just come."""
+        key = key_of(message)
+        count = self._seen[key].count if key in self._seen else 0
+        self._seen[key] = _Seen(message, now_ns, count + 1)
+        if isinstance(message, StreamEnd):
+            self._ended.add((message.turbine, message.unit))
+        elif isinstance(message, StreamGap):
+            self._gaps.append(message)
+
+    @property
+    def gaps(self) -> tuple[StreamGap, ...]:
+        """Every gap that was reported, in the order of reporting."""
+        return tuple(self._gaps)
+
+    def streams(self, now_ns: int) -> tuple[StreamHealth, ...]:
+        """Every key on which something has come, statuses left out."""
+        return tuple(
+            StreamHealth(key, self._condition(seen, now_ns), _silence(seen, now_ns), seen.count)
+            for key, seen in self._seen.items()
+            if not isinstance(seen.message, NodeStatus)
+        )
+
+    def nodes(self, now_ns: int) -> tuple[NodeHealth, ...]:
+        """Every node that has said anything."""
+        return tuple(
+            NodeHealth(self._condition(seen, now_ns), _silence(seen, now_ns), seen.message)
+            for seen in self._seen.values()
+            if isinstance(seen.message, NodeStatus)
+        )
+
+    def _condition(self, seen: _Seen, now_ns: int) -> Condition:
+        if self._has_ended(seen.message):
+            return "ended"
+        period = stream_of(type(seen.message)).period
+        late = period is not None and _silence(seen, now_ns) > LATE_AFTER * period
+        return "late" if late else "alive"
+
+    def _has_ended(self, message: Message) -> bool:
+        if isinstance(message, NodeStatus):
+            return message.state == "stopped"
+        return (message.turbine, getattr(message, "unit", "")) in self._ended
+
+
+def _silence(seen: _Seen, now_ns: int) -> float:
+    return (now_ns - seen.time_ns) / NANOSECONDS

@@ -1,0 +1,97 @@
+"""The model's modes at one foundation stiffness: `pilewatch modes`."""
+
+from dataclasses import dataclass, replace
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
+from sensors.errors import InputError
+from sensors.turbine.description import load_turbine
+from sensors.turbine.foundation import SpringSign
+from sensors.turbine.modal import ModalModel, ModalParameters
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelModes:
+    """The visible modes of a turbine at one stiffness."""
+
+    model: ModalModel
+    modes: ModalParameters
+    ratios: NDArray[np.float64]  # (3,) k11, k22, k12 over nominal [-]
+
+    @property
+    def published(self) -> dict[str, float]:
+        """Mode label → frequency that the publication lists [Hz]."""
+        return {mode.name: mode.frequency for mode in self.model.description.reference_modes}
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """The entries of `modes --json`, Table 1's modes first."""
+        return [
+            {
+                "name": label,
+                "direction": self.model.directions[number],
+                "frequency_hz": float(self.modes.frequencies[0, number]),
+                "shape": self.modes.shapes[0, number].tolist(),
+                "blade_energy_share": float(self.model.blade_energy_share[number]),
+                "table1_hz": self.published.get(label),
+            }
+            for number, label in enumerate(self.model.labels)
+        ]
+
+
+def model_modes(
+    *,
+    theta: str | None = None,
+    sign: str | None = None,
+    turbine: str | None = None,
+    scenario: str | None = None,
+) -> ModelModes:
+    """Modes of a turbine at the sensors of a scenario.
+
+    theta      "k11,k22,k12" as ratios to nominal; None: nominal
+    sign       "published" or "embedded-pile"; None: the scenario's
+    turbine    shipped name or path of a description; None: the scenario's
+    scenario   shipped name or path; None: the default one
+
+    Raises InputError for any of them, and for springs that are not positive definite.
+    """
+    chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+    description = chosen.structure if turbine is None else load_turbine(turbine)
+    if sign is not None:
+        if sign not in get_args(SpringSign):
+            words = " or ".join(get_args(SpringSign))
+            raise InputError(f"--sign {sign!r} is not a sign convention: {words}")
+        description = description.with_sign(sign)  # type: ignore[arg-type]  # checked above
+    layout = replace(chosen.layout, turbine=description.name)
+    model = ModalModel(description, layout)
+    ratios = _ratios(theta)
+    modes = model.modal((ratios * model.nominal)[None])
+    if not modes.admissible[0]:
+        raise InputError(
+            f"--theta {theta}: no foundation can be so: k11·k22 must exceed k12² "
+            f"(nominal k12²/(k11·k22) is {_coupling(model.nominal):.3f}, here "
+            f"{_coupling(ratios * model.nominal):.3f}) and the structure must stand under gravity"
+        )
+    return ModelModes(model, modes, ratios)
+
+
+def _coupling(stiffness: NDArray[np.float64]) -> float:
+    k11, k22, k12 = stiffness
+    return float(k12**2 / (k11 * k22))
+
+
+def _ratios(theta: str | None) -> NDArray[np.float64]:
+    if theta is None:
+        return np.ones(3)
+    try:
+        ratios = np.array([float(part) for part in theta.split(",")])
+    except ValueError:
+        ratios = np.array([])
+    if ratios.shape != (3,) or not np.all(np.isfinite(ratios)):
+        raise InputError(
+            f"--theta {theta!r}: three numbers are needed, k11,k22,k12 as ratios to nominal, "
+            "e.g. 1,0.9,1"
+        )
+    return ratios

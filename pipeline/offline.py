@@ -1,0 +1,170 @@
+"""Identification of a file, without turbine, transport or posterior: `pilewatch identify`."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.messages import ModalEstimate, Warning, WindowRejected  # noqa: A004
+from pipeline.oma.identification import identify
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.tracking import ModeTracker
+from pipeline.recording.reader import read_messages
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.errors import InputError
+from sensors.files.csv import read_csv
+from sensors.files.table import ChannelTable, FileError
+from sensors.layout import SensorLayout
+
+RATE_TOLERANCE = 0.02  # between the sampling rate given and the time stamps, relative
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileIdentification:
+    """What a file's windows gave, in order of time."""
+
+    estimates: tuple[ModalEstimate, ...]
+    rejected: tuple[WindowRejected, ...]
+    sampling_rate: float  # [Hz]
+    duration: float  # [s]
+    channels: tuple[str, ...]
+    start_ns: int  # first sample [ns since 1970-01-01 UTC]; 0 where the file does not say
+
+    @property
+    def warnings(self) -> tuple[Warning, ...]:
+        """Every doubt once: of the windows, then of those rejected."""
+        doubts = [doubt for estimate in self.estimates for doubt in estimate.warnings]
+        doubts += [Warning(each.code, each.reason) for each in self.rejected]
+        return tuple(dict.fromkeys(doubts))
+
+    def windows_json(self) -> dict[str, Any]:
+        """As in `summary.json`: how many were identified, and the others with their reasons."""
+        rejected = [
+            {
+                "start": (each.start_ns - self.start_ns) / NANOSECONDS,
+                "code": each.code,
+                "reason": each.reason,
+            }
+            for each in self.rejected
+        ]
+        return {"identified": len(self.estimates), "rejected": rejected}
+
+
+def identify_file(
+    path: Path,
+    *,
+    sampling_rate: float | None = None,
+    window: float | None = None,
+    settings: OmaSettings | None = None,
+) -> FileIdentification:
+    """Modes of the structure that a recording or a text file of channels shows.
+
+    sampling_rate   [Hz]; needed where the file has no time column
+    window          [s]; None: the whole file is one window
+
+    Raises InputError: a file that cannot be read, no sampling rate, a window longer than the file.
+    """
+    table, rate = _read(path, sampling_rate)
+    duration = len(table.samples) / rate
+    if window is not None and not 0 < window <= duration * (1 + 1e-9):
+        raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
+    length = len(table.samples) if window is None else round(window * rate)
+    tracker = ModeTracker()
+    estimates, rejected = [], []
+    for number, answer in enumerate(_windows(table, rate, length, settings or OmaSettings())):
+        numbered = replace(answer, window=number)
+        if isinstance(numbered, ModalEstimate):
+            estimates.append(replace(numbered, modes=tracker.named(numbered.modes)))
+        else:
+            rejected.append(numbered)
+    return FileIdentification(
+        tuple(estimates), tuple(rejected), rate, duration, table.names, table.start_ns
+    )
+
+
+def _read(path: Path, sampling_rate: float | None) -> tuple[ChannelTable, float]:
+    if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
+        raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
+    table = recorded_channels(path) if path.suffix == ".mcap" else read_csv(path)
+    stamped = table.sampling_rate
+    if sampling_rate is None and stamped is None:
+        raise FileError(
+            f"{path} has no time column (t, time or timestamp): give --sampling-rate HZ"
+        )
+    return table, sampling_rate or stamped or 0.0
+
+
+def recorded_channels(path: Path) -> ChannelTable:
+    """The samples of a recording's first unit, in order of time; missing blocks show in `times`.
+
+    Raises RecordingError, and FileError where it holds no blocks.
+    """
+    names: dict[str, tuple[str, ...]] = {}
+    blocks: dict[tuple[str, str], list[AccelerationBlock]] = {}
+    for message in read_messages(path, (SensorLayout, AccelerationBlock)):
+        if isinstance(message, SensorLayout):
+            names[message.layout_id] = message.channel_names
+        elif isinstance(message, AccelerationBlock):
+            blocks.setdefault((message.turbine, message.unit), []).append(message)
+    if not blocks:
+        raise FileError(f"{path} holds no acceleration blocks")
+    first = next(iter(blocks.values()))
+    ordered = sorted(
+        {(block.session, block.sequence): block for block in first}.values(),
+        key=lambda block: block.start_ns,
+    )
+    return _table(ordered, names)
+
+
+def _table(blocks: list[AccelerationBlock], names: dict[str, tuple[str, ...]]) -> ChannelTable:
+    start_ns = blocks[0].start_ns
+    times = [
+        (block.start_ns - start_ns) / NANOSECONDS
+        + np.arange(len(block.samples)) / block.sampling_rate
+        for block in blocks
+    ]
+    samples = np.concatenate([block.samples for block in blocks]).astype(np.float64)
+    numbered = tuple(f"ch{i + 1}" for i in range(samples.shape[1]))
+    channels = names.get(blocks[0].layout_id, numbered)
+    return ChannelTable(
+        channels, ("m/s²",) * len(channels), samples, np.concatenate(times), start_ns
+    )
+
+
+def _windows(
+    table: ChannelTable, rate: float, length: int, settings: OmaSettings
+) -> Iterator[ModalEstimate | WindowRejected]:
+    for first in range(0, len(table.samples) - length + 1, length):
+        window = slice(first, first + length)
+        times = None if table.times is None else table.times[window]
+        found = identify(
+            table.samples[window],
+            rate,
+            settings,
+            times=times,
+            channel_names=table.names,
+        )
+        start_ns = table.start_ns + _nanoseconds(first, rate, times)
+        end_ns = start_ns + round(length / rate * NANOSECONDS)
+        if found.rejection is not None:
+            doubt = found.rejection
+            yield WindowRejected("", 0, start_ns, end_ns, doubt.code, doubt.text)
+        else:
+            yield ModalEstimate(
+                turbine="",
+                window=0,
+                start_ns=start_ns,
+                end_ns=end_ns,
+                layout_id="",
+                channels=table.names,
+                modes=found.modes,
+                warnings=found.warnings,
+            )
+
+
+def _nanoseconds(first: int, rate: float, times: NDArray[np.float64] | None) -> int:
+    seconds = first / rate if times is None else float(times[0])
+    return round(seconds * NANOSECONDS)

@@ -1,0 +1,163 @@
+"""One TOML file is the whole experiment: turbine, sensors, simulation, identification, updating.
+
+Shipped scenarios live in `pipeline/scenarios`; a path to a file of one's own works wherever a
+name does. The text of the scenario is stored in every recording, so that any recording can be
+run again.
+"""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+from pipeline.oma.settings import OmaSettings
+from pipeline.settings import ScenarioError, settings_from_table
+from pipeline.updating.updater import UpdatingSettings
+from sensors.layout import Coupling, SensorLayout, biaxial_layout
+from sensors.simulated import SimulationSettings
+from sensors.turbine.description import TurbineDescription, load_turbine
+
+DEFAULT_SCENARIO = "parked"
+
+
+@dataclass(frozen=True, slots=True)
+class TurbineSettings:
+    """Which structure is watched, and under what name its messages travel."""
+
+    id: str = "iea15mw"  # in every key and message
+    description: str = "iea15mw_monopile"  # a shipped description or a path to one's own
+    springs_sign: Literal["published", "embedded-pile"] | None = None  # None: as described
+
+    def __post_init__(self) -> None:
+        if not self.id or any(letter in self.id for letter in "/*$#? "):
+            raise ScenarioError(
+                f"id is {self.id!r}; a name without spaces and / * $ # ? is needed "
+                "(it becomes part of a Zenoh key)"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSettings:
+    """The bi-axial accelerometers of the acquisition unit."""
+
+    unit: str = "tower"
+    layout_id: str = "tower-1"
+    elevations: tuple[float, ...] = (41.0, 80.0, 106.0, 145.0)  # above mean water level [m]
+    coupling: Coupling = "dc"
+    corner_frequency: float = 0.0  # of AC-coupled ones [Hz]
+
+
+@dataclass(frozen=True, slots=True)
+class FlowSettings:
+    """How fast a replay may run ahead of the nodes."""
+
+    unacknowledged_blocks: int = 120  # published but not yet reported as handled by every node
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """Everything that a session is made of. One section of the file per field."""
+
+    name: str
+    title: str = ""
+    description: str = ""
+    seed: int = 1
+    turbine: TurbineSettings = field(default_factory=TurbineSettings)
+    sensors: SensorSettings = field(default_factory=SensorSettings)
+    simulation: SimulationSettings = field(default_factory=SimulationSettings)
+    oma: OmaSettings = field(default_factory=OmaSettings)
+    updating: UpdatingSettings = field(default_factory=UpdatingSettings)
+    flow: FlowSettings = field(default_factory=FlowSettings)
+    text: str = ""  # the file as it was read
+
+    @property
+    def layout(self) -> SensorLayout:
+        """The layout of the simulated or live unit; a recording brings its own."""
+        return biaxial_layout(
+            self.sensors.layout_id,
+            turbine=self.turbine.id,
+            unit=self.sensors.unit,
+            elevations=self.sensors.elevations,
+            coupling=self.sensors.coupling,
+            corner_frequency=self.sensors.corner_frequency,
+        )
+
+    @property
+    def structure(self) -> TurbineDescription:
+        """The turbine's description with the scenario's sign convention of k12."""
+        described = load_turbine(self.turbine.description)
+        if self.turbine.springs_sign is None:
+            return described
+        return described.with_sign(self.turbine.springs_sign)
+
+
+def shipped_scenarios() -> tuple[str, ...]:
+    """Names of the scenarios inside the package."""
+    folder = resources.files("pipeline") / "scenarios"
+    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml")))
+
+
+def load_scenario(name_or_path: str) -> Scenario:
+    """A shipped scenario by name, or one's own by path.
+
+    Raises ScenarioError: no such scenario, not TOML, an unknown key or a wrong value (the message
+    names file, section and key).
+    """
+    if name_or_path in shipped_scenarios():
+        shipped = resources.files("pipeline") / "scenarios" / f"{name_or_path}.toml"
+        return scenario_from_text(shipped.read_text(encoding="utf-8"), f"{name_or_path}.toml")
+    path = Path(name_or_path)
+    try:
+        return scenario_from_text(path.read_text(encoding="utf-8"), name_or_path)
+    except FileNotFoundError:
+        shipped_names = ", ".join(shipped_scenarios())
+        raise ScenarioError(
+            f"scenario {name_or_path!r} is neither a file nor one of the shipped ones "
+            f"({shipped_names})"
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"scenario {name_or_path!r} cannot be read: {error}") from error
+
+
+def scenario_from_text(text: str, origin: str) -> Scenario:
+    """The scenario that a TOML text describes; `origin` names it in errors."""
+    try:
+        table: dict[str, Any] = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
+    if "text" in table:
+        raise ScenarioError(f"{origin}: unknown key 'text'")
+    table.setdefault("name", Path(origin).stem)
+    return settings_from_table(Scenario, table | {"text": text}, origin)
+
+
+def with_overrides(
+    scenario: Scenario, *, duration: float | None = None, seed: int | None = None
+) -> Scenario:
+    """The scenario with another duration of its simulation [s] or another seed."""
+    simulation = scenario.simulation
+    if duration is not None:
+        simulation = replace(simulation, duration=duration)
+    return replace(scenario, simulation=simulation, seed=scenario.seed if seed is None else seed)
+
+
+def scenario_metadata(scenario: Scenario) -> dict[str, str]:
+    """What a recording stores of its scenario: enough to make the same scenario again."""
+    return {
+        "name": scenario.name,
+        "seed": str(scenario.seed),
+        "duration": repr(scenario.simulation.duration),
+        "toml": scenario.text,
+    }
+
+
+def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario:
+    """The scenario that a recording was made under."""
+    stored = scenario_from_text(metadata["toml"], origin)
+    return with_overrides(
+        replace(stored, name=metadata["name"]),
+        duration=float(metadata["duration"]),
+        seed=int(metadata["seed"]),
+    )

@@ -1,0 +1,210 @@
+"""What a session listens to: a recording, a simulation, or instruments that publish."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+
+from pipeline.messages import FoundationTruth, Message
+from pipeline.recording.info import recording_info
+from pipeline.recording.reader import read_messages
+from pipeline.recording.writer import Metadata, Recorder, RecorderSettings
+from pipeline.runner import with_end
+from pipeline.scenario import (
+    DEFAULT_SCENARIO,
+    Scenario,
+    load_scenario,
+    scenario_from_metadata,
+    scenario_metadata,
+)
+from sensors.blocks import AccelerationBlock
+from sensors.errors import InputError
+from sensors.layout import SensorLayout
+from sensors.pacing import Pace, paced
+from sensors.replayed import ReplayedTower, due_time
+from sensors.simulated import SimulatedTower
+
+DEFAULT_RECORDING = Path("recordings/parked.mcap")
+COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing is at risk here
+
+
+class SourceError(InputError):
+    """A source that does not exist or cannot be understood."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where a session's messages come from, and what is known of them beforehand."""
+
+    text: str  # as `--source` says it
+    scenario: Scenario
+    layout: SensorLayout
+    truth: FoundationTruth | None  # of a simulated turbine
+    duration: float | None  # [s]; None: live, without end
+    recording: Path | None = None  # of a replay
+
+    @property
+    def is_live(self) -> bool:
+        return self.duration is None
+
+    @property
+    def metadata(self) -> Metadata:
+        """What is stored in a recording, so that it can be run again."""
+        truth = (
+            {}
+            if self.truth is None
+            else {
+                name: repr(getattr(self.truth, name)) for name in ("k11", "k22", "k12", "time_ns")
+            }
+        )
+        return {
+            "pilewatch": {"version": version("pilewatch"), "source": self.text},
+            "scenario": scenario_metadata(self.scenario),
+        } | ({"truth": truth} if truth else {})
+
+    def messages(self, speed: float = float("inf")) -> Iterator[Message]:
+        """Layout, truth where known, then the blocks, each when it is due.
+
+        speed   1 is real time; infinity never waits
+        """
+        pace = Pace(speed, MonotonicClock())
+        if self.truth is not None:
+            yield self.truth
+        yield from paced(self._sensor_messages(), pace=pace, time_of=due_time)
+
+    def with_recording(self, path: Path) -> "Source":
+        """The same replay from a file that was moved."""
+        return replace(self, recording=path)
+
+    def _sensor_messages(self) -> Iterator[AccelerationBlock | SensorLayout]:
+        if self.recording is not None:
+            yield from ReplayedTower(sensor_messages(self.recording))
+        else:
+            yield self.layout
+            yield from simulated_tower(self.scenario)
+
+
+def sensor_messages(path: Path) -> Iterator[AccelerationBlock | SensorLayout]:
+    """What the sensors said, in the order of recording."""
+    for message in read_messages(path, (SensorLayout, AccelerationBlock)):
+        if isinstance(message, AccelerationBlock | SensorLayout):
+            yield message
+
+
+class MonotonicClock:
+    """The machine's own clock, for pacing."""
+
+    def now(self) -> float:
+        """[s]"""
+        return time.monotonic()
+
+    def wait(self, seconds: float) -> None:
+        """Sleep."""
+        time.sleep(seconds)
+
+
+def open_source(text: str | None, scenario: str | None = None) -> Source:
+    """The source that `--source` names: replay:FILE, simulate:SCENARIO or live.
+
+    text       None: replay the recording that comes with the project
+    scenario   name or path; None: the recording's own, the simulated one, or the default
+
+    Raises SourceError, ScenarioError, RecordingError.
+    """
+    if text is None:
+        return _default_source(scenario)
+    kind, _, name = text.partition(":")
+    if kind == "replay" and name:
+        return replayed(Path(name), scenario)
+    if kind == "simulate":
+        return simulated(load_scenario(name or scenario or DEFAULT_SCENARIO))
+    if kind == "live" and not name:
+        chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+        return Source("live", chosen, chosen.layout, truth=None, duration=None)
+    raise SourceError(f"--source {text!r} is none of replay:FILE, simulate:SCENARIO and live")
+
+
+def _default_source(scenario: str | None) -> Source:
+    if DEFAULT_RECORDING.exists():
+        return replayed(DEFAULT_RECORDING, scenario)
+    raise SourceError(
+        f"there is no {DEFAULT_RECORDING} in this folder; make one with "
+        f"`pilewatch simulate {DEFAULT_SCENARIO} -o {DEFAULT_RECORDING}`, "
+        "or choose --source replay:FILE or --source simulate:SCENARIO"
+    )
+
+
+def replayed(path: Path, scenario: str | None = None) -> Source:
+    """A recording as a source, under its own scenario unless another is named."""
+    info = recording_info(path)
+    if not info.units or not info.layouts:
+        raise SourceError(f"{path} holds no acceleration blocks with their layout")
+    stored = info.metadata.get("scenario")
+    if scenario is not None:
+        chosen = load_scenario(scenario)
+    elif stored:
+        chosen = scenario_from_metadata(stored, f"scenario in {path}")
+    else:
+        chosen = load_scenario(DEFAULT_SCENARIO)
+    layout = info.layouts[-1]
+    return Source(
+        text=f"replay:{path}",
+        scenario=chosen,
+        layout=layout,
+        truth=_recorded_truth(info.metadata, layout.turbine),
+        duration=info.duration,
+        recording=path,
+    )
+
+
+def _recorded_truth(metadata: Metadata, turbine: str) -> FoundationTruth | None:
+    truth = metadata.get("truth")
+    if not truth:
+        return None
+    return FoundationTruth(
+        turbine,
+        int(truth["time_ns"]),
+        k11=float(truth["k11"]),
+        k22=float(truth["k22"]),
+        k12=float(truth["k12"]),
+    )
+
+
+def simulated(scenario: Scenario) -> Source:
+    """The scenario's simulated turbine as a source."""
+    springs = simulated_tower(scenario).truth
+    return Source(
+        text=f"simulate:{scenario.name}",
+        scenario=scenario,
+        layout=scenario.layout,
+        truth=FoundationTruth(
+            scenario.turbine.id,
+            scenario.simulation.start_ns,
+            k11=springs.k11,
+            k22=springs.k22,
+            k12=springs.k12,
+        ),
+        duration=scenario.simulation.duration,
+    )
+
+
+def simulated_tower(scenario: Scenario) -> SimulatedTower:
+    """The turbine that a scenario simulates, its random numbers from the scenario's seed."""
+    settings = replace(scenario.simulation, seed=scenario.seed)
+    return SimulatedTower(scenario.structure, scenario.layout, settings)
+
+
+def record_simulation(
+    source: Source, path: Path, *, report: Callable[[AccelerationBlock], None] | None = None
+) -> None:
+    """Write a simulated source to an MCAP file; the same scenario gives the same file.
+
+    Raises RecordingError where the file exists or cannot be written.
+    """
+    recorder = Recorder(path, metadata=source.metadata, clock=None, settings=COMPACT)
+    for message in with_end(source.messages()):
+        recorder.handle(message)
+        if report and isinstance(message, AccelerationBlock):
+            report(message)
+    recorder.close()

@@ -1,0 +1,244 @@
+"""SessionSummary: a sink that keeps what a person wants to know of a session in the end.
+
+`as_json` is the content of `summary.json`; its names are stable: more may come, none changes.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pipeline.messages import (
+    FoundationPosterior,
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    Mode,
+    ModePair,
+    NodeStatus,
+    StreamGap,
+    Warning,  # noqa: A004  # the field's word
+    WindowRejected,
+)
+from pipeline.updating.summary import empty_summary, posterior_summary
+from sensors.blocks import AccelerationBlock
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CombinedMode:
+    """One mode over all windows that saw it."""
+
+    name: str  # the model's label where it was paired, else the track's name
+    frequency: float  # precision-weighted mean over the windows [Hz]
+    frequency_std: float  # of that mean [Hz]
+    damping_ratio: float  # [-]
+    damping_ratio_std: float  # [-]
+    shape: tuple[float, ...]  # of the window that saw it sharpest [-]
+    seen_in_windows: int
+    pair_id: str
+    quality: float
+    pair: ModePair | None = None  # with a model mode
+
+    def as_json(self) -> Json:
+        return {
+            "name": self.name,
+            "frequency_hz": self.frequency,
+            "frequency_std_hz": known(self.frequency_std),
+            "damping_ratio": self.damping_ratio,
+            "damping_ratio_std": known(self.damping_ratio_std),
+            "shape": list(self.shape),
+            "mac_to_model": None if self.pair is None else known(self.pair.mac),
+            "model_frequency_hz": None if self.pair is None else known(self.pair.model_frequency),
+            "seen_in_windows": self.seen_in_windows,
+            "pair_id": self.pair_id or None,
+            "quality": known(self.quality),
+        }
+
+
+def known(value: float | None) -> float | None:
+    """JSON knows no NaN: what is not finite is unknown, null."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def combined_modes(
+    estimates: Sequence[ModalEstimate], pairs: Sequence[ModePair] = ()
+) -> list[CombinedMode]:
+    """The modes of all windows, one entry per track, lowest frequency first."""
+    sightings: dict[str, list[tuple[Mode, float]]] = {}
+    for estimate in estimates:
+        for number, mode in enumerate(estimate.modes):
+            name = mode.name or f"window {estimate.window} mode {number + 1}"
+            sightings.setdefault(name, []).append((mode, estimate.weight))
+    paired = {
+        track: pair for pair in pairs for track in (pair.identified, *pair.identified.split("+"))
+    }
+    combined = [_combined(name, seen, paired.get(name)) for name, seen in sightings.items()]
+    return sorted(combined, key=lambda mode: mode.frequency)
+
+
+def _combined(name: str, seen: Sequence[tuple[Mode, float]], pair: ModePair | None) -> CombinedMode:
+    modes = [mode for mode, _ in seen]
+    weights = np.array([weight for _, weight in seen])
+    frequency, frequency_std = _weighted_mean(
+        [mode.frequency for mode in modes], [mode.frequency_std for mode in modes], weights
+    )
+    damping, damping_std = _weighted_mean(
+        [mode.damping_ratio for mode in modes],
+        [mode.damping_ratio_std for mode in modes],
+        weights,
+    )
+    sharpest = min(modes, key=lambda mode: mode.frequency_std)
+    return CombinedMode(
+        name=name if pair is None else pair.model,
+        frequency=frequency,
+        frequency_std=frequency_std,
+        damping_ratio=damping,
+        damping_ratio_std=damping_std,
+        shape=tuple(float(component) for component in sharpest.shape),
+        seen_in_windows=len(modes),
+        pair_id=modes[-1].pair_id,
+        quality=float(np.mean([mode.quality for mode in modes])),
+        pair=pair,
+    )
+
+
+def _weighted_mean(
+    values: Sequence[float], stds: Sequence[float], weights: np.ndarray
+) -> tuple[float, float]:
+    """Mean and std of independent estimates; `weights` count overlapping windows once."""
+    precisions = weights / np.square(stds)
+    if not np.all(np.isfinite(precisions)):
+        return float(np.mean(values)), float("nan")
+    total = float(precisions.sum())
+    return float(np.dot(precisions, values) / total), total**-0.5
+
+
+@dataclass(slots=True)
+class SessionSummary:
+    """Collects results and accounts while the session runs; answers with nothing."""
+
+    source: str
+    turbine: str
+    estimates: list[ModalEstimate] = field(default_factory=list)
+    rejected: list[WindowRejected] = field(default_factory=list)
+    gaps: list[StreamGap] = field(default_factory=list)
+    posterior: FoundationPosterior | None = None
+    truth: FoundationTruth | None = None
+    statuses: dict[str, NodeStatus] = field(default_factory=dict)
+    first_ns: int | None = None  # of the first block that the source gave
+    last_ns: int | None = None
+    published: int = 0  # acceleration blocks
+
+    name = "summary"
+    inputs = (
+        ModalEstimate,
+        WindowRejected,
+        StreamGap,
+        FoundationPosterior,
+        FoundationTruth,
+        NodeStatus,
+    )
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        match message:
+            case ModalEstimate():
+                self.estimates.append(message)
+            case WindowRejected():
+                self.rejected.append(message)
+            case StreamGap():
+                self.gaps.append(message)
+            case FoundationPosterior():
+                self.posterior = message
+            case FoundationTruth():
+                self.truth = message
+            case NodeStatus():
+                self.statuses[message.node] = message
+        return ()
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def count(self, block: AccelerationBlock) -> None:
+        """A block that the source publishes."""
+        self.published += 1
+        self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
+        self.last_ns = max(self.last_ns or 0, block.end_ns)
+
+    @property
+    def modes(self) -> list[CombinedMode]:
+        return combined_modes(self.estimates, self.posterior.pairs if self.posterior else ())
+
+    @property
+    def warnings(self) -> list[Warning]:
+        """Every doubt once, in order of appearance: the last posterior's, then the windows'."""
+        doubts = [*(self.posterior.warnings if self.posterior else ())]
+        doubts += [doubt for estimate in self.estimates for doubt in estimate.warnings]
+        return list(dict.fromkeys(doubts))
+
+    @property
+    def duration(self) -> float:
+        """Of the measurements [s]."""
+        if self.first_ns is None or self.last_ns is None:
+            return 0.0
+        return (self.last_ns - self.first_ns) * 1e-9
+
+    def as_json(self, wall: float) -> Json:
+        """wall: how long the session took [s]."""
+        return {
+            "source": self.source,
+            "turbine": self.turbine,
+            "duration_s": self.duration,
+            "windows": {
+                "identified": len(self.estimates),
+                "rejected": [self._rejection(each) for each in self.rejected],
+            },
+            "modes": [mode.as_json() for mode in self.modes],
+            "posterior": self._posterior(),
+            "warnings": [{"code": each.code, "text": each.text} for each in self.warnings],
+            "stream": self._stream(),
+            "timing": {
+                "wall_s": wall,
+                "realtime_factor": self.duration / wall if wall > 0 else None,
+                "identify_s_per_window": self._busy("identification"),
+                "update_s_per_window": self._busy("updating"),
+            },
+        }
+
+    def _rejection(self, rejected: WindowRejected) -> Json:
+        start = None if self.first_ns is None else (rejected.start_ns - self.first_ns) * 1e-9
+        return {"start": start, "code": rejected.code, "reason": rejected.reason}
+
+    def _posterior(self) -> Json:
+        if self.posterior is None:
+            return empty_summary()
+        last = self.posterior
+        return posterior_summary(last, self.truth) | {
+            "trusted": last.trusted,
+            "windows": last.n_windows,
+            "sampler": last.sampler,
+            "reduced_chi_square": known(last.reduced_chi_square),
+            "paired_share": known(last.paired_share),
+            "pairing_cost": known(last.pairing_cost),
+        }
+
+    def _stream(self) -> Json:
+        recorder = self.statuses.get("recorder")
+        blocks = AccelerationBlock.__name__
+        recorded = None
+        if recorder is not None:
+            recorded = sum(each.count for each in recorder.received if each.message == blocks)
+        takers = [status for node, status in self.statuses.items() if node != "source"]
+        return {
+            "published": self.published,
+            "recorded": recorded,
+            "lost": max((status.lost for status in takers), default=0),
+            "late": max((status.late for status in takers), default=0),
+        }
+
+    def _busy(self, node: str) -> float | None:
+        status, windows = self.statuses.get(node), len(self.estimates)
+        return status.busy_s / windows if status is not None and windows else None

@@ -1,0 +1,128 @@
+"""What the commands print for people: rich tables of modes and posteriors."""
+
+from collections.abc import Sequence
+
+from rich.table import Table
+
+from pipeline.model_modes import ModelModes
+from pipeline.recording.info import RecordingInfo
+from pipeline.summary import CombinedMode, Json
+
+
+def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table:
+    """The identified modes, with the model's beside them where they were paired."""
+    paired = any(mode.pair is not None for mode in modes)
+    table = _table(f"Identified modes ({_counted(windows, 'window')})")
+    for title in ("mode", "f [Hz]", "± std", "ζ [%]", "± std", "windows"):
+        table.add_column(title, justify="right")
+    if paired:
+        for title in ("model f [Hz]", "MAC"):
+            table.add_column(title, justify="right")
+    for mode in modes:
+        row = [
+            mode.name + (" ≈" if mode.pair_id else ""),
+            f"{mode.frequency:.4f}",
+            f"{mode.frequency_std:.4f}",
+            f"{100 * mode.damping_ratio:.2f}",
+            f"{100 * mode.damping_ratio_std:.2f}",
+            str(mode.seen_in_windows),
+        ]
+        if paired and mode.pair is not None:
+            row += [f"{mode.pair.model_frequency:.4f}", f"{mode.pair.mac:.3f}"]
+        table.add_row(*row)
+    if any(mode.pair_id for mode in modes):
+        table.caption = "≈ two modes that cannot be separated: what is known is their mean"
+    return table
+
+
+def posterior_table(posterior: Json) -> Table:
+    """Median and 90 % interval of each spring, absolute and over nominal."""
+    table = _table("Foundation posterior")
+    truth_known = any(posterior[name]["truth_ratio"] is not None for name in ("k11", "k22", "k12"))
+    for title in ("", "median", "5 %", "95 %", "unit", "over nominal", "5 %", "95 %"):
+        table.add_column(title, justify="right")
+    if truth_known:
+        table.add_column("truth", justify="right")
+    for name in ("k11", "k22", "k12"):
+        spring = posterior[name]
+        row = [name, *(f"{spring[key]:.4g}" for key in ("median", "p05", "p95")), spring["unit"]]
+        row += [f"{spring[key]:.4f}" for key in ("ratio_median", "ratio_p05", "ratio_p95")]
+        if spring["truth_ratio"] is not None:
+            row.append(f"{spring['truth_ratio']:.4f}")
+        table.add_row(*row)
+    sigma = posterior["sigma"]
+    table.add_row("σ", f"{sigma['median']:.2g}", "", f"{sigma['p95']:.2g}", "-")
+    table.caption = (
+        f"{_counted(posterior['windows'], 'window')}, {posterior['sampler']}: "
+        f"{posterior['ess']:.0f} effective draws, R-hat {posterior['rhat']:.3f}; "
+        f"σ is the model's relative discrepancy"
+    )
+    return table
+
+
+def model_modes_table(found: ModelModes) -> Table:
+    """The model's modes beside the frequencies that the publication lists."""
+    description = found.model.description
+    ratios = ", ".join(f"{ratio:g}" for ratio in found.ratios)
+    table = _table(
+        f"{description.title or description.name}: modes at k11, k22, k12 = {ratios} × nominal "
+        f"(sign of k12: {description.foundation.sign})"
+    )
+    for heading in ("mode", "direction", "f [Hz]", "published [Hz]", "difference", "blade energy"):
+        table.add_column(heading, justify="right")
+    for mode in found.as_json():
+        frequency, published = mode["frequency_hz"], mode["table1_hz"]
+        table.add_row(
+            mode["name"],
+            mode["direction"],
+            f"{frequency:.4f}",
+            "" if published is None else f"{published:.4f}",
+            "" if published is None else f"{100 * (frequency / published - 1):+.2f} %",
+            f"{100 * mode['blade_energy_share']:.0f} %",
+        )
+    return table
+
+
+def recording_tables(info: RecordingInfo) -> list[Table]:
+    """Channels, units with their gaps, and nodes of a recording."""
+    channels = _table(f"{info.path} · {info.size / 1e6:.2f} MB · {info.duration:.1f} s")
+    for title in ("key", "message", "count"):
+        channels.add_column(title, justify="right" if title == "count" else "left")
+    for channel in info.channels:
+        channels.add_row(channel.key, channel.message, str(channel.count))
+    units = _table("Acquisition units")
+    for title in ("unit", "session", "rate [Hz]", "channels", "blocks", "duration [s]", "gaps"):
+        units.add_column(title, justify="right")
+    for unit in info.units:
+        missing = sum((gap.end_ns - gap.start_ns) * 1e-9 for gap in unit.gaps)
+        units.add_row(
+            f"{unit.turbine}/{unit.unit}",
+            unit.session,
+            f"{unit.sampling_rate:g}",
+            str(unit.n_channels),
+            str(unit.n_blocks),
+            f"{unit.duration:.1f}",
+            f"{len(unit.gaps)} ({missing:.1f} s)" if unit.gaps else "none",
+        )
+    nodes = _table("Nodes, as they last said")
+    for title in ("node", "state", "last block", "lost", "late", "duplicate", "busy [s]"):
+        nodes.add_column(title, justify="right")
+    for status in info.health:
+        nodes.add_row(
+            status.node,
+            status.state,
+            str(status.last_sequence) if status.last_sequence >= 0 else "",
+            str(status.lost),
+            str(status.late),
+            str(status.duplicate),
+            f"{status.busy_s:.2f}",
+        )
+    return [channels, units] + ([nodes] if info.health else [])
+
+
+def _table(title: str) -> Table:
+    return Table(title=title, title_justify="left", caption_justify="left", header_style="bold")
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" + ("" if count == 1 else "s")
