@@ -15,9 +15,9 @@ from pipeline.oma.mode_shapes import normalised_with_deviations
 from pipeline.oma.preprocessing import channel_rms, decimated, without_trend
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
-from pipeline.oma.stabilization import PoleCloud, PoleCluster, clusters, plausible, pole_cloud
+from pipeline.oma.stabilization import PoleCloud, PoleCluster, clusters, pole_cloud, recurring
 from pipeline.oma.uncertainty import (
-    PoleSensitivity,
+    BlockDeviations,
     frequency_damping_deviations,
     pole_deviations,
     pole_sensitivity,
@@ -108,70 +108,82 @@ def modes_of_covariances(
         highest_order=max(band.orders),
     )
     dt = 1 / band.sampling_rate
-    deviations = covariances.deviations
-    diagram = _Diagram([], [], [])
-    for system in system_modes(subspace, orders=band.orders, sampling_interval=dt):
-        kept = plausible(system, band, settings)
-        sensitivity = pole_sensitivity(subspace, system, kept)
-        moved = pole_deviations(sensitivity, deviations, subspace.n_channels)
-        stds = frequency_damping_deviations(system.poles[kept], moved, dt).frequency_std
-        sharp = stds <= settings.maximum_frequency_std * system.frequencies[kept]
-        kept[kept] = sharp
-        diagram.systems.append(system)
-        diagram.kept.append(kept)
-        diagram.stds.append(stds[sharp])
-    cloud = pole_cloud(diagram.systems, diagram.kept, diagram.stds)
-    found = clusters(
-        cloud, n_orders=len(diagram.systems), minimum_presence=settings.minimum_presence
-    )
-    return [
-        _mode(cluster, cloud, diagram.systems, subspace, deviations, channel_scales, dt)
-        for cluster in found
-    ]
+    deviations = BlockDeviations(covariances.deviations)
+    systems = list(system_modes(subspace, orders=band.orders, sampling_interval=dt))
+    cloud = _sharp_cloud(systems, subspace, deviations, band, settings)
+    found = clusters(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
+    return _represented(found, cloud, systems, subspace, deviations, channel_scales, dt)
 
 
-@dataclass(frozen=True, slots=True)
-class _Diagram:
-    """The systems of all orders and which of their poles are kept."""
-
-    systems: list[SystemModes]
-    kept: list[BoolArray]
-    stds: list[FloatArray]
-
-
-def _mode(
-    cluster: PoleCluster,
-    cloud: PoleCloud,
-    systems: list[SystemModes],
+def _sharp_cloud(
+    systems: Sequence[SystemModes],
     subspace: SignalSubspace,
-    deviations: FloatArray,
+    deviations: BlockDeviations,
+    band: Band,
+    settings: OmaSettings,
+) -> PoleCloud:
+    """Plausible poles that come back over the orders and whose frequency is known well enough."""
+    cloud = pole_cloud(systems, band, settings)
+    cloud = cloud.only(
+        recurring(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
+    )
+    stds = np.empty(len(cloud))
+    for system in systems:
+        here = cloud.orders == system.order
+        chosen = cloud.indices[here]
+        moved = pole_deviations(pole_sensitivity(subspace, system, chosen), deviations)
+        poles = frequency_damping_deviations(system.poles[chosen], moved, 1 / band.sampling_rate)
+        stds[here] = poles.frequency_std
+    cloud = replace(cloud, frequency_stds=stds)
+    return cloud.only(stds <= settings.maximum_frequency_std * cloud.frequencies)
+
+
+def _represented(
+    found: Sequence[PoleCluster],
+    cloud: PoleCloud,
+    systems: Sequence[SystemModes],
+    subspace: SignalSubspace,
+    deviations: BlockDeviations,
     channel_scales: FloatArray,
     dt: float,
-) -> Mode:
-    """The cluster's representative with its joint uncertainty and the cluster's own spread."""
-    pole = cluster.representative
-    system = next(s for s in systems if s.order == cloud.orders[pole])
-    index = int(cloud.indices[pole])
-    sensitivity: PoleSensitivity = pole_sensitivity(subspace, system, np.array([index]))
-    moved = pole_deviations(sensitivity, deviations, subspace.n_channels)
-    by_block = frequency_damping_deviations(system.poles[[index]], moved, dt)
-    shape, shape_factor = normalised_with_deviations(
-        system.shapes[:, index] * channel_scales,
-        shape_deviations(subspace, system, sensitivity, deviations, index)
-        * channel_scales[:, None],
-    )
-    factor = np.vstack([by_block.frequency, by_block.damping_ratio, shape_factor])
-    spread = np.zeros((len(factor), 2))
-    spread[0, 0], spread[1, 1] = cluster.frequency_spread, cluster.damping_spread
-    return mode_from_factor(
-        frequency=float(system.frequencies[index]),
-        damping_ratio=float(system.damping_ratios[index]),
-        shape=shape,
-        block_factor=factor,
-        own_factor=spread,
-        phase_collinearity=float(cloud.collinearities[pole]),
-        presence=cluster.presence,
-    )
+) -> list[Mode]:
+    """Every cluster's representative with its joint uncertainty and the cluster's own spread."""
+    modes = []
+    for system in systems:
+        here = [c for c in found if cloud.orders[c.representative] == system.order]
+        if not here:
+            continue
+        chosen = np.array([cloud.indices[c.representative] for c in here])
+        sensitivity = pole_sensitivity(subspace, system, chosen)
+        moved = pole_deviations(sensitivity, deviations)
+        poles = frequency_damping_deviations(system.poles[chosen], moved, dt)
+        shapes = shape_deviations(subspace, system, sensitivity, deviations, chosen)
+        for place, cluster in enumerate(here):
+            shape, shape_factor = normalised_with_deviations(
+                system.shapes[:, chosen[place]] * channel_scales,
+                shapes[place] * channel_scales[:, None],
+            )
+            modes.append(
+                mode_from_factor(
+                    frequency=float(system.frequencies[chosen[place]]),
+                    damping_ratio=float(system.damping_ratios[chosen[place]]),
+                    shape=shape,
+                    block_factor=np.vstack(
+                        [poles.frequency[place], poles.damping_ratio[place], shape_factor]
+                    ),
+                    own_factor=_spread_factor(cluster, len(shape)),
+                    phase_collinearity=float(cloud.collinearities[cluster.representative]),
+                    presence=cluster.presence,
+                )
+            )
+    return modes
+
+
+def _spread_factor(cluster: PoleCluster, n_channels: int) -> FloatArray:
+    """Columns that add the cluster's own spread of f and ζ over the orders."""
+    factor = np.zeros((2 + n_channels, 2))
+    factor[0, 0], factor[1, 1] = cluster.frequency_spread, cluster.damping_spread
+    return factor
 
 
 def mode_from_factor(
@@ -229,9 +241,10 @@ def merged(by_band: Sequence[Sequence[Mode]]) -> tuple[Mode, ...]:
 
 def _same(mode: Mode, other: Mode) -> bool:
     joint_std = float(np.hypot(mode.frequency_std, other.frequency_std))
-    near = abs(mode.frequency - other.frequency) <= max(3 * joint_std, 0.005 * other.frequency)
+    if abs(mode.frequency - other.frequency) > max(3 * joint_std, 0.005 * other.frequency):
+        return False
     mac = modal_assurance_criterion(mode.shape[None], other.shape[None])[0, 0]
-    return bool(near and mac >= 0.8)
+    return bool(mac >= 0.8)
 
 
 def renamed(mode: Mode, name: str) -> Mode:

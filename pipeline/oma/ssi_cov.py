@@ -63,13 +63,77 @@ class SystemModes:
     damping_ratios: FloatArray  # ζ [-]
 
 
-def signal_subspace(hankel: FloatArray, *, n_channels: int, highest_order: int) -> SignalSubspace:
-    """Truncated singular value decomposition H ≈ U diag(s) Vᵀ to the highest order asked for."""
-    left, singular_values, right = linalg.svd(
-        hankel, full_matrices=False, check_finite=False, lapack_driver="gesdd"
-    )
+RESIDUAL = 1e-9  # ‖H Hᵀ u − s² u‖ / s² of every singular vector that is used
+_SMALL = 5  # a Hankel matrix less than this many times the order is decomposed in full
+
+
+def signal_subspace(
+    hankel: FloatArray,
+    *,
+    n_channels: int,
+    highest_order: int,
+    start: SignalSubspace | None = None,
+) -> SignalSubspace:
+    """Truncated singular value decomposition H ≈ U diag(s) Vᵀ to the highest order asked for.
+
+    start   of an earlier, overlapping window: the iteration begins there
+
+    The leading part is iterated to a residual of 1e-9; a small matrix, or one whose singular
+    values fall so slowly that the iteration does not get there, is decomposed in full.
+    """
+    truncated = None
+    if min(hankel.shape) >= _SMALL * highest_order:
+        truncated = leading_singular_triplets(
+            hankel, highest_order, start=None if start is None else start.left
+        )
+    left, singular_values, right = truncated or _all_singular_triplets(hankel)
     n = min(highest_order, int(np.sum(singular_values > 1e-12 * singular_values[0])))
-    return SignalSubspace(left[:, :n], singular_values[:n], right[:n].T, n_channels)
+    return SignalSubspace(left[:, :n], singular_values[:n], right[:, :n], n_channels)
+
+
+def _all_singular_triplets(hankel: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    left, singular_values, right = linalg.svd(hankel, full_matrices=False, check_finite=False)
+    return left, singular_values, right.T
+
+
+def leading_singular_triplets(
+    matrix: FloatArray, count: int, *, start: FloatArray | None = None, seed: int = 0
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """The largest singular values and their vectors (U, s, V) by a block Krylov iteration.
+
+    matrix   H, (m, n)
+    count    how many triplets
+    start    (m, any number) vectors near the wanted U; a fixed random block by default
+    returns  None when the residual is not reached in a basis of 4 × count vectors
+
+    An orthonormal basis B of the Krylov space of H Hᵀ grows block by block; with C = Hᵀ B the
+    triplets come from the small matrix Cᵀ C = Bᵀ H Hᵀ B. What leaves the basis is the next block
+    Q⁺ R, so that ‖H Hᵀ u − s² u‖ = ‖R x_last‖ costs nothing.
+    Source: Golub and Van Loan, Matrix Computations, 4th ed., §10.4; Musco and Musco (2015),
+    Randomized block Krylov methods, for the random start.
+    """
+    block_size = max(8, count // 3)
+    if start is None:
+        start = matrix @ np.random.default_rng(seed).standard_normal((matrix.shape[1], block_size))
+    basis = np.linalg.qr(start)[0]
+    images = matrix.T @ basis  # C
+    newest = slice(0, basis.shape[1])
+    while basis.shape[1] < 4 * count:
+        following = matrix @ images[:, newest]
+        for _ in range(2):  # twice is enough (Kahan, Parlett) for orthogonality to rounding
+            following -= basis @ (basis.T @ following)
+        following, leaving = np.linalg.qr(following)
+        if basis.shape[1] >= count:
+            squares, x = linalg.eigh(images.T @ images, check_finite=False)
+            squares, x = squares[: -count - 1 : -1], x[:, : -count - 1 : -1]
+            residual = np.linalg.norm(leaving @ x[newest], axis=0)
+            if (residual <= RESIDUAL * squares).all():
+                singular_values = np.sqrt(squares)
+                return basis @ x, singular_values, (images @ x) / singular_values
+        newest = slice(basis.shape[1], basis.shape[1] + following.shape[1])
+        basis = np.hstack([basis, following])
+        images = np.hstack([images, matrix.T @ following])
+    return None
 
 
 def system_modes(

@@ -5,7 +5,7 @@ with the same frequency and shape in most model orders.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,18 +28,26 @@ LEAST_MAC = 0.9  # between poles of one mode in different orders
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoleCloud:
-    """All poles of a band that may belong to modes: the stabilisation diagram."""
+    """Poles of all orders of a band that may belong to modes: the stabilisation diagram."""
 
     orders: IntArray  # model order of each pole, (n_poles,)
     indices: IntArray  # the pole's place among the modes of its order, (n_poles,)
     frequencies: FloatArray  # (n_poles,) [Hz]
-    frequency_stds: FloatArray  # (n_poles,) [Hz]
     damping_ratios: FloatArray  # (n_poles,) [-]
     shapes: ComplexArray  # (n_poles, n_channels) [-]
-    collinearities: FloatArray  # MPC, (n_poles,) [-]
+    frequency_stds: FloatArray  # (n_poles,) [Hz]; NaN until computed
 
     def __len__(self) -> int:
         return len(self.frequencies)
+
+    @property
+    def collinearities(self) -> FloatArray:
+        """MPC, (n_poles,) [-]"""
+        return modal_phase_collinearity(self.shapes)
+
+    def only(self, chosen: BoolArray) -> "PoleCloud":
+        """The cloud of the chosen poles."""
+        return PoleCloud(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,29 +72,36 @@ def plausible(modes: SystemModes, band: Band, settings: OmaSettings) -> BoolArra
     )
 
 
-def pole_cloud(
-    systems: Sequence[SystemModes],
-    kept: Sequence[BoolArray],
-    frequency_stds: Sequence[FloatArray],
-) -> PoleCloud:
-    """The kept poles of all orders side by side; frequency_stds are those of the kept ones."""
-    indices = [np.flatnonzero(mask) for mask in kept]
-    shapes = np.concatenate(
-        [system.shapes.T[index] for system, index in zip(systems, indices, strict=True)]
-    )
+def pole_cloud(systems: Sequence[SystemModes], band: Band, settings: OmaSettings) -> PoleCloud:
+    """The plausible poles of all orders side by side; their std is not known yet."""
+    kept = [np.flatnonzero(plausible(system, band, settings)) for system in systems]
+    pairs = list(zip(systems, kept, strict=True))
+    frequencies = np.concatenate([s.frequencies[index] for s, index in pairs])
     return PoleCloud(
-        orders=np.repeat([s.order for s in systems], [len(index) for index in indices]),
-        indices=np.concatenate(indices),
-        frequencies=np.concatenate(
-            [s.frequencies[index] for s, index in zip(systems, indices, strict=True)]
-        ),
-        frequency_stds=np.concatenate(list(frequency_stds)),
-        damping_ratios=np.concatenate(
-            [s.damping_ratios[index] for s, index in zip(systems, indices, strict=True)]
-        ),
-        shapes=shapes,
-        collinearities=modal_phase_collinearity(shapes),
+        orders=np.repeat([s.order for s in systems], [len(index) for index in kept]),
+        indices=np.concatenate(kept),
+        frequencies=frequencies,
+        damping_ratios=np.concatenate([s.damping_ratios[index] for s, index in pairs]),
+        shapes=np.concatenate([s.shapes.T[index] for s, index in pairs]),
+        frequency_stds=np.full(len(frequencies), np.nan),
     )
+
+
+def recurring(cloud: PoleCloud, *, n_orders: int, minimum_presence: float) -> BoolArray:
+    """Poles with enough like ones in other orders to be in a cluster, whatever their std.
+
+    Only these are worth the cost of an uncertainty.
+    """
+    f = cloud.frequencies
+    near = np.abs(f[:, None] - f[None, :]) <= LARGEST_TOLERANCE * f[:, None]
+    alike = near & (modal_assurance_criterion(cloud.shapes, cloud.shapes) >= LEAST_MAC)
+    in_order = cloud.orders[:, None] == np.unique(cloud.orders)[None, :]
+    present = (alike.astype(np.float32) @ in_order.astype(np.float32)) > 0
+    return np.asarray(present.sum(axis=1) >= _least_members(n_orders, minimum_presence))
+
+
+def _least_members(n_orders: int, minimum_presence: float) -> float:
+    return max(2.0, minimum_presence * n_orders)
 
 
 def clusters(cloud: PoleCloud, *, n_orders: int, minimum_presence: float) -> list[PoleCluster]:
@@ -100,7 +115,7 @@ def clusters(cloud: PoleCloud, *, n_orders: int, minimum_presence: float) -> lis
         return []
     alike = _alikeness(cloud)
     free = np.ones(len(cloud), dtype=bool)
-    least = max(2.0, minimum_presence * n_orders)
+    least = _least_members(n_orders, minimum_presence)
     found = []
     while free.any():
         degree = np.where(free, (alike & free).sum(axis=1), 0)

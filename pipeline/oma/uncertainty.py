@@ -6,6 +6,10 @@ blocks (`LagCovariances.deviations`): to first order a deviation ΔH moves the c
 the state matrix by
     ΔA = O_up⁺ (ΔO_down − ΔO_up A) + (O_upᵀ O_up)⁻¹ ΔO_upᵀ (O_down − O_up A),
 a pole by Δλ = χᵀ ΔA ψ and an eigenvector by Δψ_i = Σ_{j≠i} ψ_j χ_jᵀ ΔA ψ_i / (λ_i − λ_j).
+The first leaves out the singular values beyond the order. Why: kept, they put
+1/(s_n² − s_{n+1}²) into the derivative, which is far larger than the true scatter wherever an
+order cuts through the nearly equal singular values of the noise.
+
 Each block's ΔH gives one column; the columns F of a mode satisfy cov = F Fᵀ, and the same columns
 serve all modes, so covariances between modes come for free.
 
@@ -20,12 +24,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, linalg
+from scipy import fft
 
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+ComplexArray = NDArray[np.complexfloating]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,52 +55,63 @@ def pole_sensitivity(
     """
     n, l = modes.order, subspace.n_channels  # noqa: E741  # l: the field's number of outputs
     U, upper, lower = subspace.left[:, :n], subspace.upper[:, :n], subspace.lower[:, :n]
-    weighted_right = subspace.right[:, :n] / subspace.singular_values[:n]  # V S⁻¹
-    gram = linalg.cho_factor(upper.T @ upper, check_finite=False)
     poles, right = modes.poles[chosen], modes.right[:, chosen]
-    dual = linalg.cho_solve(gram, modes.left[:, chosen], check_finite=False)
-    a = upper @ dual
-    zeros = np.zeros((l, a.shape[1]))
-    residual = lower @ right - (upper @ right) * poles
+    last = subspace.left[-l:, :n]
+    gram = np.eye(n) - last.T @ last  # O_upᵀ O_up, since UᵀU = I
+    dual = np.linalg.solve(gram, modes.left[:, chosen])
+    a, up_right = _times(upper, dual), _times(upper, right)
+    b = np.zeros((len(U), len(poles)), dtype=complex)
+    b[l:] = a
+    b[:-l] -= poles * a
+    b_residual = np.zeros_like(b)
+    b_residual[:-l] = _times(lower, right) - up_right * poles
+    s = subspace.singular_values[:n, None]
     return PoleSensitivity(
-        b=_outside(U, np.vstack([zeros, a]) - poles * np.vstack([a, zeros])),
-        w=weighted_right @ right,
-        b_residual=_outside(U, np.vstack([residual, zeros])),
-        w_residual=weighted_right @ dual,
+        b=_outside(U, b),
+        w=_times(subspace.right[:, :n], right / s),
+        b_residual=_outside(U, b_residual),
+        w_residual=_times(subspace.right[:, :n], dual / s),
     )
+
+
+def _times(real: FloatArray, columns: ComplexArray) -> ComplexArray:
+    """Real matrix times complex columns, without making the matrix complex."""
+    pairs = np.ascontiguousarray(columns).view(np.float64)
+    return np.asarray((real @ pairs).view(np.complex128))
 
 
 def _outside(U: FloatArray, vectors: ComplexArray) -> ComplexArray:
     """(I − U Uᵀ) vectors: the part that leaves the column space."""
-    return np.asarray(vectors - U @ (U.T @ vectors))
+    return np.asarray(vectors - _times(U, _times(U.T, vectors)))
 
 
-def pole_deviations(
-    sensitivity: PoleSensitivity, deviations: FloatArray, n_channels: int
-) -> ComplexArray:
+def pole_deviations(sensitivity: PoleSensitivity, deviations: "BlockDeviations") -> ComplexArray:
     """Δλ_d of every mode by time block, (n_modes, n_blocks).
 
-    deviations   ΔR, (n_blocks, n_lags, n_channels, n_references)
+        Δλ_d = Σ_τ ⟨g_τ, ΔR_τ⟩,   g_τ = Σ_{i+j+1=τ} b_i w_jᵀ + (the same of b₂, w₂)
+
+    Why single precision: this is the costliest step, and a std needs no more than six digits.
     """
-    n_blocks, n_lags, _, n_references = deviations.shape
-    gradient = _convolved(sensitivity.b, sensitivity.w, n_lags, n_channels, n_references)
-    gradient += _convolved(
-        sensitivity.b_residual, sensitivity.w_residual, n_lags, n_channels, n_references
+    n_lags, n_channels, n_references = deviations.lag_shape
+
+    def convolved(b: ComplexArray, w: ComplexArray) -> NDArray[np.complex64]:
+        left, right = _spectra(b, n_channels, n_lags), _spectra(w, n_references, n_lags)
+        return left[:, :, None] * right[:, None]
+
+    spectrum = convolved(sensitivity.b, sensitivity.w)
+    spectrum += convolved(sensitivity.b_residual, sensitivity.w_residual)
+    gradient = fft.ifft(spectrum, axis=-1, overwrite_x=True)
+    flat = gradient.reshape(len(gradient), n_lags * n_channels * n_references)
+    return np.asarray(
+        (flat.real @ deviations.by_entry + 1j * (flat.imag @ deviations.by_entry)),
+        dtype=np.complex128,
     )
-    flat = deviations.reshape(n_blocks, -1).T
-    gradient = gradient.reshape(len(gradient), n_lags * n_channels * n_references)
-    return np.asarray(gradient.real @ flat + 1j * (gradient.imag @ flat))
 
 
-def _convolved(
-    b: ComplexArray, w: ComplexArray, n_lags: int, n_channels: int, n_references: int
-) -> ComplexArray:
-    """g_τ = Σ_{i+j+1=τ} b_i w_jᵀ, (n_modes, n_lags, n_channels, n_references)."""
-    n_modes = b.shape[1]
-    b_spectrum = fft.fft(b.T.reshape(n_modes, len(b) // n_channels, n_channels), n_lags, axis=1)
-    w_spectrum = fft.fft(w.T.reshape(n_modes, len(w) // n_references, n_references), n_lags, axis=1)
-    product = b_spectrum[:, :, :, None] * w_spectrum[:, :, None, :]
-    return np.asarray(fft.ifft(product, axis=1, overwrite_x=True))
+def _spectra(vectors: ComplexArray, width: int, length: int) -> NDArray[np.complex64]:
+    """Spectra along the block rows, (n_modes, width, length)."""
+    rows = vectors.T.reshape(vectors.shape[1], len(vectors) // width, width)
+    return np.asarray(fft.fft(rows.transpose(0, 2, 1).astype(np.complex64), length, axis=-1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,56 +149,69 @@ def shape_deviations(
     subspace: SignalSubspace,
     modes: SystemModes,
     sensitivity: PoleSensitivity,
-    deviations: FloatArray,
-    mode: int,
+    deviations: "BlockDeviations",
+    chosen: NDArray[np.int64],
 ) -> ComplexArray:
-    """Δφ of one mode of one order by time block, (n_channels, n_blocks), complex.
+    """Δφ of chosen modes of one order by time block, (n_chosen, n_channels, n_blocks), complex.
 
-    sensitivity   of this mode alone
-    deviations    ΔR, (n_blocks, n_lags, n_channels, n_references)
-    mode          its index among the order's modes
+    sensitivity   of the chosen modes
+    chosen        their indices among the order's modes
 
         Δφ = ΔC ψ + C Δψ, with ΔO ψ = P ΔH V S⁻¹ ψ and ΔC its first block row
     """
     n, l = modes.order, subspace.n_channels  # noqa: E741
     U, upper = subspace.left[:, :n], subspace.upper[:, :n]
-    pole = modes.poles[mode]
-    moved = _outside(U, hankel_products(deviations, sensitivity.w[:, 0]))  # ΔO ψ
-    turned = transposed_hankel_products(deviations, sensitivity.b_residual[:, 0])
-    through_residual = (subspace.right[:, :n].T @ turned) / subspace.singular_values[:n, None]
-    state_change = linalg.solve(  # ΔA ψ
-        upper.T @ upper,
-        upper.T @ (moved[l:] - pole * moved[:-l]) + through_residual,
-        assume_a="pos",
-        check_finite=False,
-    )
-    distance = pole - modes.all_poles
-    distance[np.argmin(np.abs(distance))] = np.inf  # ψ itself keeps its scale
-    vector_change = modes.all_right @ ((modes.all_left.T @ state_change) / distance[:, None])
-    return np.asarray(moved[:l] + subspace.left[:l, :n] @ vector_change)
+    gram = upper.T @ upper
+    moved_all = deviations.hankel_products(sensitivity.w)
+    turned_all = deviations.transposed_hankel_products(sensitivity.b_residual)
+    changes = []
+    for place, mode in enumerate(chosen):
+        pole = modes.poles[mode]
+        moved = _outside(U, moved_all[place])  # ΔO ψ
+        through_residual = _times(subspace.right[:, :n].T, turned_all[place])
+        through_residual /= subspace.singular_values[:n, None]
+        state_change = np.linalg.solve(  # ΔA ψ
+            gram, _times(upper.T, moved[l:] - pole * moved[:-l]) + through_residual
+        )
+        distance = pole - modes.all_poles
+        distance[np.argmin(np.abs(distance))] = np.inf  # ψ itself keeps its scale
+        vector_change = modes.all_right @ ((modes.all_left.T @ state_change) / distance[:, None])
+        changes.append(moved[:l] + subspace.left[:l, :n] @ vector_change)
+    return np.array(changes)
 
 
-def hankel_products(covariances: FloatArray, vector: ComplexArray) -> ComplexArray:
-    """H^(b) w for the Hankel matrix of every time block, ((p + 1)·n_channels, n_blocks).
+class BlockDeviations:
+    """What the deviations of the time blocks do to poles and vectors.
 
-    covariances   (n_blocks, n_lags = 2p, n_channels, n_references)
-    vector        w, (p·n_references,)
-
-    By FFT along the lags: (H w)_i = Σ_j R_{i+j+1} w_j.
+    The Hankel matrices of the blocks are never formed: (ΔH w)_i = Σ_j ΔR_{i+j+1} w_j is a
+    convolution with w reversed, done by FFT along the lags.
     """
-    n_blocks, n_lags, _, n_references = covariances.shape
-    rows = len(vector) // n_references
-    reversed_blocks = vector.reshape(rows, n_references)[::-1]
-    product = np.einsum(
-        "blij,lj->bli",
-        fft.fft(covariances, axis=1),
-        fft.fft(reversed_blocks, n_lags, axis=0),
-        optimize=True,
-    )
-    valid = fft.ifft(product, axis=1)[:, rows - 1 :]
-    return np.asarray(valid.reshape(n_blocks, -1).T)
 
+    def __init__(self, deviations: FloatArray):
+        """deviations: ΔR, (n_blocks, n_lags, n_channels, n_references)"""
+        n_blocks, n_lags, n_channels, n_references = deviations.shape
+        self.lag_shape = (n_lags, n_channels, n_references)
+        entries = deviations.transpose(2, 3, 1, 0).reshape(-1, n_blocks)
+        self.by_entry = entries.astype(np.float32)  # (n_channels·n_references·n_lags, n_blocks)
+        self._n_lags = n_lags
+        self._spectrum = fft.rfft(deviations, axis=1).transpose(1, 0, 2, 3)
 
-def transposed_hankel_products(covariances: FloatArray, vector: ComplexArray) -> ComplexArray:
-    """H^(b)ᵀ b for the Hankel matrix of every time block, (p·n_references, n_blocks)."""
-    return hankel_products(covariances.transpose(0, 1, 3, 2), vector)
+    def hankel_products(self, vectors: ComplexArray) -> ComplexArray:
+        """ΔH^(b) w of every block; vectors (p·n_ref, n), (n, (p + 1)·n_ch, n_blocks)."""
+        return self._products(self._spectrum, vectors)
+
+    def transposed_hankel_products(self, vectors: ComplexArray) -> ComplexArray:
+        """ΔH^(b)ᵀ b of every block; vectors ((p + 1)·n_ch, n), (n, p·n_ref, n_blocks)."""
+        return self._products(self._spectrum.transpose(0, 1, 3, 2), vectors)
+
+    def _products(self, spectrum: ComplexArray, vectors: ComplexArray) -> ComplexArray:
+        n_freq, n_blocks, n_out, n_in = spectrum.shape
+        rows, n_vectors = len(vectors) // n_in, vectors.shape[1]
+        pairs = np.ascontiguousarray(vectors).view(np.float64).reshape(rows, n_in, -1)
+        turned = fft.rfft(pairs[::-1], self._n_lags, axis=0)
+        product = np.ascontiguousarray(spectrum).reshape(n_freq, n_blocks * n_out, n_in) @ turned
+        valid = fft.irfft(product, self._n_lags, axis=0, overwrite_x=True)[rows - 1 :]
+        by_block = valid.reshape(len(valid), n_blocks, n_out, 2 * n_vectors).view(np.complex128)
+        return np.asarray(
+            by_block.transpose(3, 0, 2, 1).reshape(n_vectors, len(valid) * n_out, n_blocks)
+        )
