@@ -1,13 +1,15 @@
 """Who is alive, what is late, what is missing: from the table of streams alone."""
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
 from pipeline.messages import Message, NodeStatus, StreamEnd, StreamGap
 from pipeline.streams import key_of, stream_of
-from sensors.blocks import NANOSECONDS
+from sensors.blocks import NANOSECONDS, AccelerationBlock
 
 LATE_AFTER = 3.0  # a stream is late when so many of its periods have gone by in silence [-]
+LATEST_GAPS = 1000  # that are remembered
 
 Condition = Literal["alive", "late", "ended"]
 
@@ -46,8 +48,8 @@ class Health:
 
     def __init__(self) -> None:
         self._seen: dict[str, _Seen] = {}
-        self._ended: set[tuple[str, str]] = set()  # (turbine, unit)
-        self._gaps: list[StreamGap] = []
+        self._ended: dict[tuple[str, str], str] = {}  # (turbine, unit) → session
+        self._gaps: deque[StreamGap] = deque(maxlen=LATEST_GAPS)
 
     def observe(self, message: Message, now_ns: int) -> None:
         """Take note of one message that has just come."""
@@ -55,13 +57,15 @@ class Health:
         count = self._seen[key].count if key in self._seen else 0
         self._seen[key] = _Seen(message, now_ns, count + 1)
         if isinstance(message, StreamEnd):
-            self._ended.add((message.turbine, message.unit))
+            self._ended[message.turbine, message.unit] = message.session
         elif isinstance(message, StreamGap):
             self._gaps.append(message)
+        elif isinstance(message, AccelerationBlock):
+            self._note_session(message)
 
     @property
     def gaps(self) -> tuple[StreamGap, ...]:
-        """Every gap that was reported, in the order of reporting."""
+        """The latest gaps that were reported, in the order of reporting."""
         return tuple(self._gaps)
 
     def streams(self, now_ns: int) -> tuple[StreamHealth, ...]:
@@ -79,6 +83,11 @@ class Health:
             for seen in self._seen.values()
             if isinstance(seen.message, NodeStatus)
         )
+
+    def _note_session(self, block: AccelerationBlock) -> None:
+        unit = (block.turbine, block.unit)
+        if self._ended.get(unit, block.session) != block.session:
+            del self._ended[unit]  # the unit has started again
 
     def _condition(self, seen: _Seen, now_ns: int) -> Condition:
         if self._has_ended(seen.message):

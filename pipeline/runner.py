@@ -206,7 +206,9 @@ def serve(
     beat = Heartbeat(clock)
 
     def say(state: str) -> None:
-        bus.publish(account.status(state, lost=subscription.lost + inbox.dropped))
+        bus.publish(
+            account.status(state, lost=subscription.lost_of(AccelerationBlock) + inbox.dropped)
+        )
         beat.said(account)
 
     say("ready")

@@ -71,6 +71,7 @@ class Scenario:
     updating: UpdatingSettings = field(default_factory=UpdatingSettings)
     flow: FlowSettings = field(default_factory=FlowSettings)
     text: str = ""  # the file as it was read
+    origin: str = DEFAULT_SCENARIO  # shipped name or path, as the person gave it
 
     @property
     def layout(self) -> SensorLayout:
@@ -107,10 +108,12 @@ def load_scenario(name_or_path: str) -> Scenario:
     """
     if name_or_path in shipped_scenarios():
         shipped = resources.files("pipeline") / "scenarios" / f"{name_or_path}.toml"
-        return scenario_from_text(shipped.read_text(encoding="utf-8"), f"{name_or_path}.toml")
+        text = shipped.read_text(encoding="utf-8")
+        return replace(scenario_from_text(text, f"{name_or_path}.toml"), origin=name_or_path)
     path = Path(name_or_path)
     try:
-        return scenario_from_text(path.read_text(encoding="utf-8"), name_or_path)
+        text = path.read_text(encoding="utf-8")
+        return replace(scenario_from_text(text, name_or_path), origin=name_or_path)
     except FileNotFoundError:
         shipped_names = ", ".join(shipped_scenarios())
         raise ScenarioError(
@@ -127,8 +130,9 @@ def scenario_from_text(text: str, origin: str) -> Scenario:
         table: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
-    if "text" in table:
-        raise ScenarioError(f"{origin}: unknown key 'text'")
+    for key in ("text", "origin"):  # ours, not the file's
+        if key in table:
+            raise ScenarioError(f"{origin}: unknown key {key!r}")
     table.setdefault("name", Path(origin).stem)
     return settings_from_table(Scenario, table | {"text": text}, origin)
 

@@ -6,19 +6,23 @@ session early, what was recorded is closed properly and the summary says what is
 
 import json
 import logging
+import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
 from pipeline import runner
 from pipeline.app import Outputs, build
+from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.sources import Source
 from pipeline.summary import Json, SessionSummary
-from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
-from pipeline.viewer.outputs import RrdFile, ViewerOutput, require_rerun
+from pipeline.transport.bus import Bus
+from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, peer_of
+from pipeline.viewer.outputs import ConnectedViewer, RrdFile, ViewerOutput, require_rerun
 from sensors.blocks import AccelerationBlock
 from sensors.errors import InputError
 
@@ -37,7 +41,7 @@ class SessionOptions:
     way: Way = "threads"
     rrd: bool = True  # write out/session.rrd
     view: ViewerOutput | None = None  # a viewer beside it
-    zenoh: ZenohSettings = ZenohSettings()
+    zenoh: ZenohSettings = field(default_factory=ZenohSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +96,8 @@ def session_outputs(source: Source, options: SessionOptions) -> Outputs:
         views += (options.view,)
     if views:
         require_rerun(views)
-    return Outputs(options.out / RECORDING, source.metadata, views)
+    name = f"{source.layout.turbine} {source.text}"
+    return Outputs(options.out / RECORDING, source.metadata, views, session=name)
 
 
 def _run(
@@ -106,14 +111,106 @@ def _run(
 ) -> None:
     turbine = source.layout.turbine
     graph = build(source.scenario, source.layout, outputs)
-    messages = None if source.is_live else source.messages(options.speed)
-    as_fast_as_possible = options.speed == float("inf")
-    credit = source.scenario.flow.unacknowledged_blocks if as_fast_as_possible else None
     if options.way == "lock-step":
-        if messages is None:
-            raise InputError("a live source cannot be run in lock-step: it waits for nobody")
-        nodes = [make() for make in graph.values()]
-        runner.run_lock_step(messages, [*nodes, summary], turbine=turbine, report=report)
+        if source.is_live:
+            raise InputError("--lock-step cannot run a live source: it waits for nobody")
+        nodes = [*(plan.make() for plan in graph), summary]
+        messages = source.messages(options.speed)
+        runner.run_lock_step(messages, nodes, turbine=turbine, report=report)
         return
-    with runner.hub(options.zenoh, ZenohBus) as hub:
-        ...
+    endpoint = options.zenoh.listen[0] if options.zenoh.listen else free_endpoint()
+    hub = replace(options.zenoh, listen=(endpoint,))
+
+    def open_bus() -> Bus:
+        return ZenohBus(peer_of(endpoint))
+
+    workers: list[runner.Worker] = []
+    for plan in graph:
+        if options.way == "processes":
+            command = node_command(plan.name, source, options, endpoint, scenario_option)
+            workers.append(runner.NodeProcess(plan.node, command))
+        else:
+            workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
+    workers.append(runner.NodeThread(summary, open_bus, turbine))
+    follows = options.speed == float("inf")
+    with runner.open_session(lambda: ZenohBus(hub)) as bus:
+        runner.run_workers(
+            None if source.is_live else source.messages(options.speed),
+            workers,
+            bus,
+            turbine=turbine,
+            unacknowledged_blocks=source.scenario.flow.unacknowledged_blocks if follows else None,
+            report=report,
+            stopping=stopping,
+        )
+
+
+def node_command(
+    name: str, source: Source, options: SessionOptions, endpoint: str, scenario: str | None
+) -> list[str]:
+    """`pilewatch node` as another process, for the same graph as this session's."""
+    command = [sys.executable, "-m", "pipeline", "node", name, "--connect", endpoint]
+    command += ["--out", str(options.out)]
+    if source.recording is not None:
+        command += ["--recording", str(source.recording)]
+    if scenario is not None:
+        command += ["--scenario", scenario]
+    elif source.recording is None:
+        command += ["--scenario", source.scenario.origin]
+    if isinstance(options.view, ConnectedViewer):
+        command += ["--view", f"connect={options.view.url}"]
+    elif options.view is not None:
+        command += ["--view", "spawn"]
+    return command + ([] if options.rrd else ["--no-rrd"])
+
+
+def run_node(name: str, source: Source, options: SessionOptions, stopping: threading.Event) -> None:
+    """One node of the graph by itself, until `stopping` is set.
+
+    Raises InputError for a node that the graph does not have, NodeFailed for one that failed.
+    """
+    outputs = session_outputs(source, options)
+    plans = {plan.name: plan for plan in build(source.scenario, source.layout, outputs)}
+    if name not in plans:
+        raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")
+    options.out.mkdir(parents=True, exist_ok=True)
+    node = plans[name].make()
+    with runner.one_blas_thread(), runner.open_session(lambda: ZenohBus(options.zenoh)) as bus:
+        runner.serve(node, bus, turbine=source.layout.turbine, stopping=stopping)
+
+
+def prepare_folder(source: Source, out: Path) -> Source:
+    """Make the folder and set an earlier session's files in it aside, under their date.
+
+    Returns the source, which may be one of the files set aside. Raises InputError where the
+    folder cannot be made.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: {error.strerror}; a folder is needed") from error
+    for path in (
+        out / RECORDING,
+        out / f"{RECORDING}{ACTIVE_SUFFIX}",
+        out / PICTURES,
+        out / SUMMARY,
+    ):
+        if path.exists():
+            moved = _set_aside(path)
+            logger.info("%s of an earlier session is now %s", path, moved)
+            if source.recording is not None and source.recording.resolve() == path.resolve():
+                source = source.with_recording(moved)
+    return source
+
+
+def _set_aside(path: Path) -> Path:
+    """Rename a file to its name with the time of its last change; gives the new path."""
+    changed = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+    stem, _, suffixes = path.name.partition(".")
+    for number in range(1, 1000):
+        again = "" if number == 1 else f"-{number}"
+        moved = path.with_name(f"{stem}-{changed:%Y%m%dT%H%M%SZ}{again}.{suffixes}")
+        if not moved.exists():
+            path.rename(moved)
+            return moved
+    raise InputError(f"{path}: a thousand earlier sessions of that second; clear the folder")

@@ -38,24 +38,26 @@ def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table
 def posterior_table(posterior: Json) -> Table:
     """Median and 90 % interval of each spring, absolute and over nominal."""
     table = _table("Foundation posterior")
-    truth_known = any(posterior[name]["truth_ratio"] is not None for name in ("k11", "k22", "k12"))
-    for title in ("", "median", "5 %", "95 %", "unit", "over nominal", "5 %", "95 %"):
-        table.add_column(title, justify="right")
-    if truth_known:
-        table.add_column("truth", justify="right")
+    for title in ("", "median", "90 % interval", "unit", "÷ nominal", "90 % interval", "truth"):
+        table.add_column(title, justify="right", no_wrap=True)
     for name in ("k11", "k22", "k12"):
         spring = posterior[name]
-        row = [name, *(f"{spring[key]:.4g}" for key in ("median", "p05", "p95")), spring["unit"]]
-        row += [f"{spring[key]:.4f}" for key in ("ratio_median", "ratio_p05", "ratio_p95")]
-        if spring["truth_ratio"] is not None:
-            row.append(f"{spring['truth_ratio']:.4f}")
-        table.add_row(*row)
+        truth = spring["truth_ratio"]
+        table.add_row(
+            name,
+            f"{spring['median']:.3e}",
+            f"{spring['p05']:.3e}, {spring['p95']:.3e}",
+            spring["unit"],
+            f"{spring['ratio_median']:.4f}",
+            f"{spring['ratio_p05']:.4f}, {spring['ratio_p95']:.4f}",
+            "unknown" if truth is None else f"{truth:.4f}",
+        )
     sigma = posterior["sigma"]
-    table.add_row("σ", f"{sigma['median']:.2g}", "", f"{sigma['p95']:.2g}", "-")
+    table.add_row("σ", f"{sigma['median']:.1e}", f"below {sigma['p95']:.1e} (95 %)", "-")
     table.caption = (
         f"{_counted(posterior['windows'], 'window')}, {posterior['sampler']}: "
         f"{posterior['ess']:.0f} effective draws, R-hat {posterior['rhat']:.3f}; "
-        f"σ is the model's relative discrepancy"
+        "σ: relative discrepancy of the model"
     )
     return table
 
