@@ -192,6 +192,14 @@ class SimulatedTower:
             forces = np.concatenate([next(one) for one in series], axis=1)
             yield decimator.advance(response.advance(forces))
 
+    def readings_per_mode(self, frequencies: FloatArray) -> NDArray[np.complex128]:
+        """Reading of each channel per unit harmonic force in each of `modes`, before decimation.
+
+        frequencies   (n_frequencies,) [Hz]
+        returns       (n_frequencies, n_channels, n_modes) [m/s² per N/kg^½]
+        """
+        return AccelerationResponse(self._observed, self._rate).frequency_response(frequencies)
+
     def spectrum(self, frequencies: FloatArray) -> FloatArray:
         """One-sided spectral density of the readings by theory, without noise.
 
@@ -202,27 +210,31 @@ class SimulatedTower:
         """
         response = AccelerationResponse(self._observed, self._rate)
         decimator = Decimator(self.settings.decimation, response.n_channels)
-        per_mode = response.frequency_response(frequencies)
-        density = np.zeros(per_mode.shape[:2])
-        first = 0
-        for load in self._loads:
-            own = self._observed.participation[:, first : first + load.n_series]
-            power = (per_mode.real @ own) ** 2 + (per_mode.imag @ own) ** 2
-            density += power.sum(axis=2) * load.spectrum(frequencies)[:, None]
-            first += load.n_series
-        return density * decimator.gain(frequencies, self._rate)[:, None] ** 2
+        series = np.cumsum([load.n_series for load in self._loads])[:-1]
+        participations = np.split(self._observed.participation, series, axis=1)
+        densities = np.array([load.spectrum(frequencies) for load in self._loads])
+        spectrum = np.empty((len(frequencies), response.n_channels))
+        for start in range(0, len(frequencies), SPECTRUM_CHUNK):
+            part = slice(start, start + SPECTRUM_CHUNK)
+            per_mode = response.frequency_response(frequencies[part])
+            gains = np.stack([_power(per_mode @ own) for own in participations])
+            spectrum[part] = np.einsum("lfc,lf->fc", gains, densities[:, part])
+        return spectrum * decimator.gain(frequencies, self._rate)[:, None] ** 2
 
     def stationary_rms(self) -> FloatArray:
         """Root mean square of the readings by theory, (n_channels,) [m/s²]."""
         grid = resonance_grid(self._modes, 0.5 * self.settings.sampling_rate)
-        parts = np.array_split(grid, 1 + len(grid) // SPECTRUM_CHUNK)
-        density = np.concatenate([self.spectrum(part) for part in parts])
-        return np.sqrt(np.trapezoid(density, grid, axis=0))
+        return np.sqrt(np.trapezoid(self.spectrum(grid), grid, axis=0))
 
     def noise_rms(self) -> FloatArray:
         """Standard deviation of each channel's white noise, (n_channels,) [m/s²]."""
         share = self.settings.noise_share
         return share * self.stationary_rms() if share > 0 else np.zeros(len(self.layout.channels))
+
+
+def _power(gains: NDArray[np.complex128]) -> FloatArray:
+    """Σ |gain|² over the independent series on the last axis."""
+    return (gains.real**2 + gains.imag**2).sum(axis=-1)
 
 
 def true_springs(

@@ -61,23 +61,29 @@ class StructureModes:
 def structure_modes(
     model: StructuralModel, damping: ModalDamping, *, highest_frequency: float
 ) -> StructureModes:
-    """Modes of the full model up to a frequency [Hz], from K φ = ω² M φ.
+    """Modes of the full model up to a frequency [Hz], from M φ = K φ / ω².
+
+    Solved for 1/ω², the lowest modes are the largest eigenvalues and keep eleven digits beside
+    axial modes 10⁵ times as high; for ω² they would keep six.
 
     Raises TurbineError where the structure is unstable: springs too soft for its weight.
     """
-    eigenvalues, shapes = eigh(
-        model.stiffness,
-        model.mass,
-        subset_by_value=(-np.inf, (2.0 * np.pi * highest_frequency) ** 2),
-    )
-    if not eigenvalues[0] > 0.0:
+    try:
+        flexibilities, vectors = eigh(
+            model.mass,
+            model.stiffness,
+            subset_by_value=((2.0 * np.pi * highest_frequency) ** -2, np.inf),
+        )
+    except np.linalg.LinAlgError as error:
         raise TurbineError(
             f"springs k11, k22, k12 = {', '.join(f'{k:.4g}' for k in model.theta)}: "
             f"{model.description.name} is unstable under its own weight; stiffer ones are needed"
-        )
+        ) from error
+    omega = flexibilities[::-1] ** -0.5
+    shapes = vectors[:, ::-1] * omega  # from φᵀ K φ = 1 to φᵀ M φ = 1
     share = np.einsum("im,ij,jm->m", shapes, model.blade_mass, shapes, optimize=True)
     return StructureModes(
-        frequencies=np.sqrt(eigenvalues) / (2.0 * np.pi),
+        frequencies=omega / (2.0 * np.pi),
         damping_ratios=damping.support + (damping.blades - damping.support) * share,
         shapes=shapes,
         blade_energy_share=share,

@@ -5,12 +5,17 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, lsim
 
+from sensors.turbine.assembly import assemble
+from sensors.turbine.description import load_turbine
+from sensors.turbine.foundation import TurbineError
 from sensors.turbine.response import (
     AccelerationResponse,
     FloatArray,
+    ModalDamping,
     ModalOscillators,
     ObservedModes,
     first_order_hold,
+    structure_modes,
 )
 
 RATE = 120.0  # [Hz]
@@ -186,3 +191,26 @@ def test_frequency_response_is_that_of_the_sampled_readings() -> None:
     frequencies = np.fft.rfftfreq(2**15, 1 / RATE)
     response = AccelerationResponse(modes, RATE).frequency_response(frequencies).sum(axis=2)[:, 0]
     np.testing.assert_allclose(np.fft.rfft(readings), response, atol=1e-9 * np.abs(response).max())
+
+
+def test_modes_are_mass_normalised_and_solve_the_full_equation() -> None:
+    model = assemble(load_turbine("iea15mw_monopile"), tube_refinement=2)
+    modes = structure_modes(model, ModalDamping(), highest_frequency=20.0)
+    modal_mass = modes.shapes.T @ model.mass @ modes.shapes
+    np.testing.assert_allclose(modal_mass, np.eye(len(modal_mass)), atol=1e-8)
+    squares = (2 * np.pi * modes.frequencies) ** 2
+    modal_stiffness = modes.shapes.T @ model.stiffness @ modes.shapes
+    np.testing.assert_allclose(np.diag(modal_stiffness), squares, rtol=1e-8)
+    assert np.all(np.diff(modes.frequencies) >= 0)
+
+
+def test_a_tower_too_soft_to_stand_is_refused_with_its_springs() -> None:
+    soft = assemble(load_turbine("iea15mw_monopile"), stiffness=(1e6, 1e8, 1e3))
+    with pytest.raises(TurbineError, match=r"1e\+06, 1e\+08, 1000.*unstable"):
+        structure_modes(soft, ModalDamping(), highest_frequency=60.0)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 1.0, -0.01])
+def test_a_damping_ratio_outside_0_to_1_is_refused(ratio: float) -> None:
+    with pytest.raises(TurbineError, match=f"blades is {ratio:g}"):
+        ModalDamping(blades=ratio)
