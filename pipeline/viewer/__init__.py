@@ -9,6 +9,7 @@
                       one function a picture
     blueprint         tabs, views, axes
     screen            one turbine, message by message
+    show, stages      one output, and the thread it is drawn in
     sink              the node
 
 Rerun is imported when a viewer is opened, not before: everything else runs without it.

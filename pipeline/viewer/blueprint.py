@@ -141,8 +141,8 @@ def _shapes(root: str, panel: TurbinePanel) -> rrb.Spatial3DView:
         name="Mode shapes: dots identified, line model; below: direction, Hz, MAC",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=[-middle + 190.0, middle + 190.0, panel.mid_height],
-            look_target=[-middle, middle, panel.mid_height - 8.0],
+            position=[-middle + 208.0, middle + 208.0, panel.mid_height],
+            look_target=[-middle, middle, panel.mid_height - 10.0],
             eye_up=[0.0, 0.0, 1.0],
         ),
     )

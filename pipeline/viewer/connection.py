@@ -6,12 +6,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import rerun as rr
 
 from pipeline.viewer.outputs import (
+    DEFAULT_PORT,
     ConnectedViewer,
     RrdFile,
     SpawnedViewer,
@@ -21,16 +22,18 @@ from pipeline.viewer.outputs import (
 
 APPLICATION = "pilewatch"
 START_PATIENCE = 20.0  # for a viewer's window to come up [s]
+CONNECT_PATIENCE = 3.0  # for a running viewer to answer [s]
 _log = logging.getLogger(__name__)
 
 
-def open_recording(outputs: Sequence[ViewerOutput], *, recording_id: str) -> rr.RecordingStream:
-    """A stream to all outputs at once; ViewerError where one cannot be reached or written."""
-    sinks = [_sink(output) for output in outputs]
+def open_recording(output: ViewerOutput, *, recording_id: str) -> rr.RecordingStream:
+    """A stream to one output; ViewerError where it cannot be reached or written."""
+    sink = _sink(output)
     recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
     recording.set_log_time_enabled(False)  # sensor time alone: the machine's would stretch the axis
     recording.set_log_tick_enabled(False)
-    recording.set_sinks(*sinks)
+    recording.set_sinks(sink)
+    recording.send_recording_name(recording_id)
     return recording
 
 
@@ -41,7 +44,20 @@ def _sink(output: ViewerOutput) -> rr.FileSink | rr.GrpcSink:
         case SpawnedViewer(port):
             return rr.GrpcSink(spawn_viewer(port))
         case ConnectedViewer(url):
+            _require_viewer(url)
             return rr.GrpcSink(url)
+
+
+def _require_viewer(url: str) -> None:
+    address = urlsplit(url)
+    port = address.port or DEFAULT_PORT
+    try:
+        socket.create_connection((address.hostname or "", port), timeout=CONNECT_PATIENCE).close()
+    except OSError as error:
+        raise ViewerError(
+            f"--view connect={url}: no viewer listens there ({error.strerror or error}); "
+            f"start one with: rerun --bind 127.0.0.1 --port {port}"
+        ) from error
 
 
 def _file_sink(path: Path) -> rr.FileSink:
@@ -109,3 +125,12 @@ def close_recording(recording: rr.RecordingStream, *, patience: float) -> None:
     except (RuntimeError, ValueError) as error:
         _log.warning("the viewer did not take the last of the session: %s", error)
     recording.disconnect()
+
+
+def forget_unfinished() -> None:
+    """Do not wait, when this process ends, for viewers that have not taken everything.
+
+    The SDK flushes every stream at exit and would wait for a frozen viewer forever. Streams to
+    files are flushed by then: `close_recording` did it.
+    """
+    rr.unregister_shutdown()

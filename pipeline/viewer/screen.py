@@ -1,15 +1,18 @@
 """TurbineScreen: everything shown of one turbine, message by message."""
 
-from collections.abc import Sequence
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from pipeline.messages import (
     FoundationPosterior,
     FoundationTruth,
     ModalEstimate,
+    Mode,
+    ModePair,
     NodeStatus,
     StreamGap,
     WindowRejected,
@@ -18,7 +21,7 @@ from pipeline.viewer import foundation_views, tower_views, track_views
 from pipeline.viewer.blueprint import TurbinePanel
 from pipeline.viewer.display_signals import DisplayDecimator, DisplaySignal
 from pipeline.viewer.entities import at, turbine_path
-from pipeline.viewer.scene import outline, swing_frames
+from pipeline.viewer.scene import deflection, outline, scaled_onto, swing_frames
 from pipeline.viewer.status import (
     SessionStatus,
     clock_time,
@@ -30,16 +33,19 @@ from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.layout import SensorLayout
 from sensors.turbine.description import TurbineDescription
 
+FloatArray = NDArray[np.float64]
+
 MAX_MODES = 12  # plots of single modes, where the description names no reference modes
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How often things are handed over, in session time."""
+    """How often things are handed over; session time unless said otherwise."""
 
     signals: float  # accelerations gathered in one chunk [s]
     swing: float  # one swing of a mode shape, T [s]
     swing_chunk: float  # frames gathered in one chunk [s]
+    rest: float = 0.0  # between two hand-overs, by the machine's clock [s]
 
     @property
     def playback_speed(self) -> float:
@@ -48,7 +54,8 @@ class Pace:
 
 
 TO_FILE = Pace(signals=30.0, swing=60.0, swing_chunk=600.0)  # large chunks: a small file
-TO_VIEWER = Pace(signals=1.0, swing=6.0, swing_chunk=3.0)  # small ones: a prompt picture
+# Small ones for a prompt picture, but four a second at most, however fast a replay is.
+TO_VIEWER = Pace(signals=1.0, swing=18.0, swing_chunk=1.0, rest=0.25)
 
 
 @dataclass(slots=True)
@@ -87,6 +94,7 @@ class TurbineScreen:
         self._swings: dict[str, int] = {}  # shown shape → time until which its frames are out
         self._full_swing_ns: int | None = None  # end of the first window with a posterior
         self._now_ns = 0  # latest sensor time seen
+        self._handed_over = -np.inf  # when, by the machine's clock [s]
         self._at_ns = 0  # sensor time of what is being drawn
         tower_views.log_tower(recording, self._root, self._outline)
         foundation_views.log_foundation_styles(recording, self._root)
@@ -113,10 +121,12 @@ class TurbineScreen:
             unit.since_ns = block.start_ns
         unit.waiting.append(unit.decimator.push(block))
         self._now_ns = max(self._now_ns, block.end_ns)
-        if block.end_ns - unit.since_ns >= self._pace.signals * NANOSECONDS:
-            self._hand_over(block.unit, unit)
         self._show_faults(block, unit)
-        self._swing_on(self._pace.swing_chunk)
+        if time.monotonic() - self._handed_over >= self._pace.rest:
+            if block.end_ns - unit.since_ns >= self._pace.signals * NANOSECONDS:
+                self._hand_over(block.unit, unit)
+                self._handed_over = time.monotonic()
+            self._swing_on(self._pace.swing_chunk)
 
     def show_estimate(self, estimate: ModalEstimate) -> None:
         """Identified frequencies; shapes and tracks follow with the posterior that pairs them."""
@@ -218,36 +228,56 @@ class TurbineScreen:
             tower_views.log_shape_place(self._recording, self._root, label, slot, self._outline)
 
     def _show_modes(self, posterior: FoundationPosterior) -> None:
-        fresh = self._estimate
-        estimate = fresh if fresh is not None and fresh.window == posterior.window else None
-        shown = [pair for pair in posterior.pairs if pair.model in self._modes]
-        track_views.log_pairs(self._recording, self._root, shown, estimate)
-        layout = self._layout_of(posterior, estimate)
-        if layout is None:
-            return
+        layout = self._layout_of(posterior)
+        pairs = {pair.model: pair for pair in posterior.pairs}
+        for row, label in enumerate(posterior.model_labels):
+            if label in self._modes:
+                frequency = float(posterior.model_frequencies[row])
+                track_views.log_model_frequency(self._recording, self._root, label, frequency)
+                mode = self._identified(pairs.get(label), posterior)
+                if mode is not None:
+                    track_views.log_identified(self._recording, self._root, label, mode)
+                if layout is not None:
+                    shape = posterior.model_shapes[row]
+                    self._show_shapes(label, shape, mode, pairs.get(label), layout)
+                    self._swings.setdefault(label, posterior.time_ns)
         if self._full_swing_ns is None:
             self._full_swing_ns = posterior.time_ns
-        for pair in shown:
-            identified, model = tower_views.paired_deflections(pair, posterior, estimate, layout)
-            tower_views.log_shape(
-                self._recording,
-                self._root,
-                pair,
-                identified=identified,
-                model=model,
-                foot=self._outline.mudline - 8.0,
-            )
-            self._swings.setdefault(pair.model, posterior.time_ns)
         self._swing_on(self._pace.swing_chunk)
 
-    def _layout_of(
-        self, posterior: FoundationPosterior, estimate: ModalEstimate | None
-    ) -> SensorLayout | None:
-        """The layout whose channels the model's shapes have."""
-        wanted = [estimate.layout_id] if estimate else list(self._layouts)
-        layouts: Sequence[SensorLayout] = [
-            self._layouts[layout_id] for layout_id in wanted if layout_id in self._layouts
-        ]
+    def _identified(self, pair: ModePair | None, posterior: FoundationPosterior) -> Mode | None:
+        """The pair's mode as this posterior's own window has it; None where it lacks it."""
+        estimate = self._estimate
+        if pair is None or estimate is None or estimate.window != posterior.window:
+            return None
+        return next((mode for mode in estimate.modes if mode.name == pair.identified), None)
+
+    def _show_shapes(
+        self,
+        label: str,
+        model_shape: FloatArray,
+        mode: Mode | None,
+        pair: ModePair | None,
+        layout: SensorLayout,
+    ) -> None:
+        """The model's shape, the identified one laid on it, and what they are."""
+        model = deflection(layout, layout.channel_names, model_shape)
+        tower_views.log_model_shape(self._recording, self._root, label, model)
+        identified = None
+        if mode is not None and self._estimate is not None:
+            channels = self._estimate.channels
+            columns = [layout.channel_names.index(name) for name in channels]
+            identified = deflection(layout, channels, scaled_onto(mode.shape, model_shape[columns]))
+        tower_views.log_identified_shape(self._recording, self._root, label, identified)
+        words = [model.direction]
+        words += [f"{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["not found"]
+        foot = self._outline.mudline - 8.0
+        tower_views.log_shape_caption(self._recording, self._root, label, words, foot=foot)
+
+    def _layout_of(self, posterior: FoundationPosterior) -> SensorLayout | None:
+        """The layout whose channels the model's shapes have: the last estimate's, else any."""
+        wanted = [self._estimate.layout_id] if self._estimate else list(self._layouts)
+        layouts = [self._layouts[one] for one in wanted if one in self._layouts]
         n_channels = posterior.model_shapes.shape[1]
         return next((one for one in layouts if len(one.channels) == n_channels), None)
 

@@ -1,9 +1,10 @@
 """The turbine in space: at rest, its sensors, its mode shapes swinging in a row."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 
-from pipeline.messages import FoundationPosterior, ModalEstimate, ModePair
 from pipeline.viewer import colours
 from pipeline.viewer.entities import entity_part, shape_path, time_column
 from pipeline.viewer.scene import (
@@ -12,9 +13,7 @@ from pipeline.viewer.scene import (
     Outline,
     SwingFrames,
     TriangleMesh,
-    deflection,
     disc,
-    scaled_onto,
 )
 from sensors.layout import SensorLayout
 
@@ -136,31 +135,32 @@ def log_shape_place(
     )
 
 
-def log_shape(
-    recording: rr.RecordingStream,
-    root: str,
-    pair: ModePair,
-    *,
-    identified: Deflection | None,
-    model: Deflection,
-    foot: float,
+def log_model_shape(
+    recording: rr.RecordingStream, root: str, label: str, shape: Deflection
 ) -> None:
-    """One mode's identified shape (points) on the model's (line), at full swing."""
-    path = shape_path(root, pair.model)
-    recording.log(
-        f"{path}/motion/model",
-        rr.LineStrips3D([model.line(AMPLITUDE)], radii=1.0, colors=colours.MODEL),
-    )
-    if identified is not None:
-        recording.log(
-            f"{path}/motion/identified",
-            rr.Points3D(identified.line(AMPLITUDE), radii=3.2, colors=colours.MEASURED),
-        )
-    words = [model.direction, f"{pair.frequency:.3g}", f"{pair.mac:.2f}"]
-    recording.log(f"{path}/caption", _caption([foot, foot - 20.0, foot - 40.0], words))
+    """The updated model's shape of one mode as a line, at full swing."""
+    line = rr.LineStrips3D([shape.line(AMPLITUDE)], radii=1.0, colors=colours.MODEL)
+    recording.log(f"{shape_path(root, label)}/motion/model", line)
 
 
-def _caption(heights: list[float], words: list[str]) -> rr.Points3D:
+def log_identified_shape(
+    recording: rr.RecordingStream, root: str, label: str, shape: Deflection | None
+) -> None:
+    """The identified shape as dots at the sensors, at full swing; none where it was not found."""
+    line = np.empty((0, 3)) if shape is None else shape.line(AMPLITUDE)
+    dots = rr.Points3D(line, radii=3.2, colors=colours.MEASURED)
+    recording.log(f"{shape_path(root, label)}/motion/identified", dots)
+
+
+def log_shape_caption(
+    recording: rr.RecordingStream, root: str, label: str, words: Sequence[str], *, foot: float
+) -> None:
+    """Words below a shape, one below the other from elevation `foot` [m]."""
+    heights = [foot - 20.0 * line for line in range(len(words))]
+    recording.log(f"{shape_path(root, label)}/caption", _caption(heights, words))
+
+
+def _caption(heights: Sequence[float], words: Sequence[str]) -> rr.Points3D:
     """Words above each other on the axis of a shape; a label has one line only."""
     return rr.Points3D(
         [(0.0, 0.0, height) for height in heights],
@@ -169,24 +169,6 @@ def _caption(heights: list[float], words: list[str]) -> rr.Points3D:
         labels=words,
         show_labels=True,
     )
-
-
-def paired_deflections(
-    pair: ModePair,
-    posterior: FoundationPosterior,
-    estimate: ModalEstimate | None,
-    layout: SensorLayout,
-) -> tuple[Deflection | None, Deflection]:
-    """Identified shape (None where this window lacks it) and model shape, laid on each other."""
-    row = posterior.model_labels.index(pair.model)
-    shape = posterior.model_shapes[row]
-    model = deflection(layout, layout.channel_names, shape)
-    found = [mode for mode in estimate.modes if mode.name == pair.identified] if estimate else []
-    if not found or estimate is None or estimate.layout_id != layout.layout_id:
-        return None, model
-    columns = [layout.channel_names.index(name) for name in estimate.channels]
-    laid_on = scaled_onto(found[0].shape, shape[columns])
-    return deflection(layout, estimate.channels, laid_on), model
 
 
 def log_swing(recording: rr.RecordingStream, root: str, label: str, frames: SwingFrames) -> None:

@@ -1,11 +1,11 @@
 """What is measured and identified over time: accelerations, frequencies, damping ratios."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
 
-from pipeline.messages import ModalEstimate, Mode, ModePair
+from pipeline.messages import ModalEstimate, Mode
 from pipeline.viewer import colours
 from pipeline.viewer.display_signals import DisplaySignal
 from pipeline.viewer.entities import (
@@ -115,23 +115,20 @@ def log_mode_styles(recording: rr.RecordingStream, root: str, label: str, slot: 
     )
 
 
-def log_pairs(
-    recording: rr.RecordingStream,
-    root: str,
-    pairs: Iterable[ModePair],
-    estimate: ModalEstimate | None,
+def log_model_frequency(
+    recording: rr.RecordingStream, root: str, label: str, frequency: float
 ) -> None:
-    """Identified over model, mode by mode: frequency with its band, damping with its band."""
-    found = {mode.name: mode for mode in estimate.modes} if estimate else {}
-    for pair in pairs:
-        path = mode_path(root, pair.model)
-        recording.log(f"{path}/model", rr.Scalars(pair.model_frequency))
-        recording.log(model_line_path(root, pair.model), rr.Scalars(pair.model_frequency))
-        mode = found.get(pair.identified)
-        if mode is not None:
-            recording.log(f"{path}/identified", _band(mode.frequency, mode.frequency_std))
-            damping = mode.damping_ratio * PERCENT
-            recording.log(f"{path}/damping", _band(damping, mode.damping_ratio_std * PERCENT))
+    """Where the updated model has one mode [Hz]."""
+    recording.log(f"{mode_path(root, label)}/model", rr.Scalars(frequency))
+    recording.log(model_line_path(root, label), rr.Scalars(frequency))
+
+
+def log_identified(recording: rr.RecordingStream, root: str, label: str, mode: Mode) -> None:
+    """An identified mode over the model's of that label: frequency and damping with bands."""
+    path = mode_path(root, label)
+    recording.log(f"{path}/identified", _band(mode.frequency, mode.frequency_std))
+    damping, std = mode.damping_ratio * PERCENT, mode.damping_ratio_std * PERCENT
+    recording.log(f"{path}/damping", _band(damping, std))
 
 
 def _band(value: float, std: float) -> rr.Scalars:

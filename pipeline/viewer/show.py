@@ -1,0 +1,89 @@
+"""A show: one recording stream on which every turbine of the session has its screen."""
+
+from pipeline.messages import (
+    FoundationPosterior,
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    NodeStatus,
+    StreamGap,
+    WindowRejected,
+)
+from pipeline.viewer.blueprint import TurbinePanel, session_blueprint
+from pipeline.viewer.connection import close_recording, forget_unfinished, open_recording
+from pipeline.viewer.outputs import RrdFile, ViewerOutput
+from pipeline.viewer.screen import TO_FILE, TO_VIEWER, TurbineScreen
+from sensors.blocks import AccelerationBlock
+from sensors.layout import SensorLayout
+from sensors.turbine.description import TurbineDescription
+
+PATIENCE_WITH_FILE = 60.0  # for the last of the session to be written [s]
+PATIENCE_WITH_VIEWER = 5.0  # to be taken by a viewer [s]
+
+
+class Show:
+    """Draws messages on one output; lays the views out anew when a turbine or unit appears.
+
+    Raises ViewerError where the output cannot be had.
+    """
+
+    def __init__(
+        self, output: ViewerOutput, description: TurbineDescription, *, session: str
+    ) -> None:
+        to_file = isinstance(output, RrdFile)
+        self._description = description
+        self._pace = TO_FILE if to_file else TO_VIEWER
+        self._patience = PATIENCE_WITH_FILE if to_file else PATIENCE_WITH_VIEWER
+        self._recording = open_recording(output, recording_id=session)
+        self._screens: dict[str, TurbineScreen] = {}
+        self._laid_out: tuple[TurbinePanel, ...] = ()
+
+    def take(self, message: Message) -> None:
+        """Draw one message on its turbine's screen."""
+        screen = self._screen_of(message.turbine)
+        match message:
+            case AccelerationBlock():
+                screen.show_block(message)
+            case SensorLayout():
+                screen.show_layout(message)
+            case ModalEstimate():
+                screen.show_estimate(message)
+            case WindowRejected():
+                screen.show_rejection(message)
+            case FoundationPosterior():
+                screen.show_posterior(message)
+            case FoundationTruth():
+                screen.show_truth(message)
+            case StreamGap():
+                screen.show_gap(message)
+            case NodeStatus():
+                screen.show_node(message)
+        self._lay_out()
+
+    def finish(self) -> None:
+        """Hand over what waits and let go of the output."""
+        for screen in self._screens.values():
+            screen.finish()
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Let go of the output without drawing more."""
+        close_recording(self._recording, patience=self._patience)
+
+    def leave_behind(self) -> None:
+        """Let the process end without waiting for a viewer that takes nothing."""
+        forget_unfinished()
+
+    def _screen_of(self, turbine: str) -> TurbineScreen:
+        if turbine not in self._screens:
+            self._screens[turbine] = TurbineScreen(
+                self._recording, turbine, self._description, pace=self._pace
+            )
+        return self._screens[turbine]
+
+    def _lay_out(self) -> None:
+        panels = tuple(screen.panel for screen in self._screens.values())
+        if panels != self._laid_out:
+            self._laid_out = panels
+            blueprint = session_blueprint(panels, playback_speed=self._pace.playback_speed)
+            self._recording.send_blueprint(blueprint)
