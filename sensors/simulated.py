@@ -102,8 +102,8 @@ class SimulatedTower:
 
     The structure is the full finite-element model on `tube_refinement` times the tube elements
     (never the updater's reduced basis), integrated exactly at 120 Hz or a little more, filtered
-    and decimated. The blades keep the description's elements. Noise is a share of the rms that theory
-    gives each channel in the long run, not of the record's: it does not depend on the seed.
+    and decimated. The blades keep the description's elements. Noise is a share of the rms that
+    theory gives each channel, not of the record's: it does not depend on the seed.
     The same settings give the same samples whatever the block size; memory is flat in the duration.
     """
 
