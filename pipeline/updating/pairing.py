@@ -17,6 +17,7 @@ from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfSti
 from pipeline.updating.prior import Prior, UpdatingError, modal_where_supported
 
 STEP_LENGTHS = np.array([1.0, 0.5, 0.2, 0.05])  # of a Gauss-Newton step, tried in one batch [-]
+SURELY_WITHIN_REACH = 0.94  # share of the model's highest frequency at nominal stiffness [-]
 DIFFERENCE = 1e-4  # relative step of the numerical derivatives [-]
 
 
@@ -49,16 +50,26 @@ class PairingTargets:
     shapes: FloatArray  # (n_identified, n_channels) [-], zero at absent channels
     available: FloatArray  # (n_identified, n_channels), 1 where the channel was measured
     weights: FloatArray  # (n_identified,) share of the windows in which the mode was seen
+    judged: FloatArray  # (n_identified,) 1 where the model, if right, must have a partner
 
     @classmethod
-    def of(cls, modes: Sequence[ModeEvidence], n_windows: int) -> "PairingTargets":
-        """Targets of the combined modes."""
+    def of(
+        cls, modes: Sequence[ModeEvidence], n_windows: int, *, reach: float = np.inf
+    ) -> "PairingTargets":
+        """Targets of the combined modes.
+
+        reach   [Hz] the model's highest mode at nominal stiffness. Another stiffness may move it
+                past a mode that the model doesn't hold, so what lies just below is paired where
+                it can be, but its want of a partner says nothing.
+        """
         shapes = np.array([mode.shape for mode in modes])
+        frequencies = np.array([mode.frequency for mode in modes])
         return cls(
-            log_frequencies=np.log([mode.frequency for mode in modes]),
+            log_frequencies=np.log(frequencies),
             shapes=np.nan_to_num(shapes),
             available=np.isfinite(shapes).astype(float),
             weights=np.array([mode.n_windows for mode in modes]) / n_windows,
+            judged=(frequencies < SURELY_WITHIN_REACH * reach).astype(float),
         )
 
 
@@ -68,8 +79,9 @@ class Pairing:
 
     ratios: FloatArray  # (3,) where it was made [-]
     model_modes: tuple[int, ...]  # for each identified mode the model mode's index, or −1
-    cost: float  # mean over the identified modes, weighted by how often they were seen [-]
-    paired_share: float  # likewise, of modes that found a partner [-]
+    total_cost: float  # over all identified modes, weighted by how often they were seen [-]
+    cost: float  # mean over the judged modes, weighted likewise [-]
+    paired_share: float  # of the judged modes, those that found a partner, weighted likewise [-]
 
 
 def pairing_costs(
@@ -114,11 +126,13 @@ def assigned(
     model_modes[rows[kept]] = columns[kept]
     each = np.full(len(costs), rejection)
     each[rows] = clipped[rows, columns]
+    weights = targets.weights * (targets.judged if targets.judged.any() else 1.0)
     return Pairing(
         ratios=ratios,
         model_modes=tuple(int(mode) for mode in model_modes),
-        cost=float(np.average(each, weights=targets.weights)),
-        paired_share=float(np.average(model_modes >= 0, weights=targets.weights)),
+        total_cost=float(each @ targets.weights),
+        cost=float(np.average(each, weights=weights)),
+        paired_share=float(np.average(model_modes >= 0, weights=weights)),
     )
 
 
@@ -154,13 +168,13 @@ class PairingSearch:
         if start is not None:
             starts.append(start)
         refined = [self.refined(targets, ratios) for ratios in starts]
-        return min(refined, key=lambda pairing: pairing.cost)
+        return min(refined, key=lambda pairing: pairing.total_cost)
 
     def _cheapest_draws(self, targets: PairingTargets) -> list[int]:
         settings = self._settings
         costs = pairing_costs(targets, self._modes, settings.tolerances[0], settings.mac_scale)
         totals = [
-            assigned(each, targets, ratios, settings.rejection).cost
+            assigned(each, targets, ratios, settings.rejection).total_cost
             for each, ratios in zip(costs, self._draws, strict=True)
         ]
         return [int(number) for number in np.argsort(totals, kind="stable")[: settings.refined]]
@@ -183,7 +197,7 @@ class PairingSearch:
         """Assignments at (n, 3) ratios; those outside the prior have infinite cost."""
         supported, modes = modal_where_supported(self._forward, self._prior, ratios)
         nowhere = (-1,) * len(targets.log_frequencies)
-        pairings = [Pairing(each, nowhere, np.inf, 0.0) for each in ratios]
+        pairings = [Pairing(each, nowhere, np.inf, np.inf, 0.0) for each in ratios]
         if modes is None:
             return pairings
         costs = pairing_costs(targets, modes, tolerance, self._settings.mac_scale)
@@ -196,8 +210,8 @@ class PairingSearch:
         """One Gauss-Newton step on the pairs' costs in ln k; the same pairing if none is better."""
         direction = self._direction(targets, pairing, tolerance)
         trials = pairing.ratios * np.exp(STEP_LENGTHS[:, None] * direction)
-        best = min(self._pairings(targets, trials, tolerance), key=lambda trial: trial.cost)
-        return best if best.cost < pairing.cost - 1e-6 else pairing
+        best = min(self._pairings(targets, trials, tolerance), key=lambda trial: trial.total_cost)
+        return best if best.total_cost < pairing.total_cost - 1e-6 else pairing
 
     def _direction(self, targets: PairingTargets, pairing: Pairing, tolerance: float) -> FloatArray:
         """(3,) of ln k: the least-squares step of the residuals' linearisation."""

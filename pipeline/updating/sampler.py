@@ -24,9 +24,9 @@ LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 class SamplerSettings:
     """How long the chains are."""
 
-    walkers: int = 64
-    burn_in: int = 40  # steps that are thrown away
-    block: int = 40  # steps between two looks at the autocorrelation
+    walkers: int = 40
+    burn_in: int = 25  # steps that are thrown away
+    block: int = 25  # steps between two looks at the autocorrelation
     most_steps: int = 600  # where a chain that is still too short is given up
     chain_in_autocorrelation_times: float = 50.0  # shortest chain that is trusted [τ]
     effective_draws: float = 1000.0

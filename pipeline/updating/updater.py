@@ -88,6 +88,7 @@ class FoundationUpdater:
         self._layout = layout
         self._seed = seed
         self._prior = Prior(forward.nominal, self.settings.prior)
+        self._reach = float(np.max(forward.modal(self._prior.nominal[None]).frequencies))
         self._search = PairingSearch(
             forward, self._prior, self.settings.pairing, np.random.default_rng(seed)
         )
@@ -139,11 +140,11 @@ class FoundationUpdater:
         evidence = state.evidence
         if not evidence.modes:
             raise EstimateRefused("no-modes", "no mode was identified")
-        targets = PairingTargets.of(evidence.modes, evidence.n_windows)
+        targets = PairingTargets.of(evidence.modes, evidence.n_windows, reach=self._reach)
         pairing = self._search.best(targets, state.median)
         match = self._match(evidence, pairing)
         again = self._search.refined(targets, match.peak.ratios)
-        if again.model_modes != pairing.model_modes and again.cost <= pairing.cost:
+        if again.model_modes != pairing.model_modes and again.total_cost <= pairing.total_cost:
             match = self._match(evidence, again)
         paired = {each.identified for each in match.used}
         if not any(evidence.modes[number].last_window == estimate.window for number in paired):
