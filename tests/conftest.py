@@ -1,0 +1,50 @@
+"""What every test shares: repeatable examples, and a short recording simulated once."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from pipeline.scenario import Scenario, scenario_from_text
+from pipeline.sources import record_simulation, simulated
+
+# The same examples every time and on every machine, however slow.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
+
+SHORT_SCENARIO = """
+title = "Two short windows of the parked turbine"
+seed = 3
+
+[simulation]
+duration = 240.0
+transient = 120.0
+
+[oma]
+window_duration = 120.0
+hop = 120.0
+
+[updating.sampler]
+walkers = 16
+burn_in = 10
+block = 10
+most_steps = 20
+
+[updating.pairing]
+search_draws = 100
+refined = 2
+"""
+
+
+@pytest.fixture(scope="session")
+def short_scenario() -> Scenario:
+    """Four minutes of the parked turbine in two windows, chains too short to be trusted."""
+    return scenario_from_text(SHORT_SCENARIO, "short.toml")
+
+
+@pytest.fixture(scope="session")
+def short_recording(tmp_path_factory: pytest.TempPathFactory, short_scenario: Scenario) -> Path:
+    """The same, recorded."""
+    path = tmp_path_factory.mktemp("recording") / "short.mcap"
+    record_simulation(simulated(short_scenario), path)
+    return path

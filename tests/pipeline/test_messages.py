@@ -1,0 +1,47 @@
+"""What the messages say of themselves."""
+
+import numpy as np
+import pytest
+
+from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ParameterSummary
+from tests.pipeline.example_messages import START_NS, block
+
+FACTOR = np.array([[0.003, 0.0], [0.0, 0.001], [0.0, 0.0], [0.3, 0.4]])
+
+
+def mode(shape: list[float]) -> Mode:
+    return Mode("2", 0.1587, 0.003, 0.007, 0.001, np.array(shape), FACTOR, n_block_columns=2)
+
+
+def test_a_mode_is_normalised_to_its_largest_component_whatever_the_sign() -> None:
+    assert mode([-0.8, 1.0]).unit_component == 1
+    assert mode([-1.0, 0.9]).unit_component == 0
+
+
+def test_a_modes_covariance_has_the_variances_on_its_diagonal() -> None:
+    identified = mode([1.0, 0.5])
+    variances = [0.003**2, 0.001**2, 0.0, 0.3**2 + 0.4**2]
+    assert np.diag(identified.covariance) == pytest.approx(variances)
+    assert identified.shape_std == pytest.approx([0.0, 0.5])
+
+
+def test_an_estimate_of_ten_minutes_lasts_600_seconds() -> None:
+    end_ns = START_NS + 600 * 10**9
+    estimate = ModalEstimate("t1", 0, START_NS, end_ns, "four-levels", (), ())
+    assert estimate.duration == pytest.approx(600.0)
+
+
+def test_one_block_ends_where_the_next_begins() -> None:
+    assert block(3).end_ns == block(4).start_ns
+    assert block(3).duration == 1.0
+
+
+def test_a_posterior_gives_its_parameters_by_name() -> None:
+    k22 = ParameterSummary("k22", "N·m/rad", 8.238e11, 8.1e11, 8.0e11, 8.2e11)
+    posterior = FoundationPosterior(
+        *["t1", 0, START_NS, 1, (k22,), np.eye(3), np.zeros((0, 4)), (), ()],
+        *[np.zeros(0), np.zeros((0, 8)), "emcee", 1e3, 1.0, 6.0, 1.1, 0.9, 1.4],
+    )
+    assert posterior.parameter("k22") is k22
+    with pytest.raises(KeyError):
+        posterior.parameter("k33")

@@ -1,0 +1,188 @@
+"""What is sent and recorded is what was meant, and nothing else is let in."""
+
+import subprocess
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from pipeline import messages as message_types
+from pipeline.messages import FoundationPosterior, Message, ModalEstimate, NodeStatus
+from pipeline.streams import STREAMS
+from pipeline.transport.codec import LARGEST_PAYLOAD, decode, encode
+from pipeline.transport.errors import CodecError
+from pipeline.transport.proto import pilewatch_pb2
+from pipeline.transport.wire import schema
+from sensors import blocks, layout
+from sensors.blocks import AccelerationBlock
+from tests.pipeline.example_messages import START_NS, block, messages, same
+
+TYPES = [stream.message for stream in STREAMS]
+
+
+@given(messages)
+def test_what_is_decoded_is_what_was_encoded(message: Message) -> None:
+    assert same(decode(type(message), encode(message)), message)
+
+
+@given(st.sampled_from(TYPES), st.binary(max_size=200))
+def test_any_bytes_are_a_message_or_a_codec_error(message_type: type, payload: bytes) -> None:
+    try:
+        message = decode(message_type, payload)
+    except CodecError:
+        return
+    assert isinstance(message, message_type)
+
+
+@given(messages, st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 255)), min_size=1))
+def test_a_damaged_message_is_a_message_or_a_codec_error(
+    message: Message, flips: list[tuple[int, int]]
+) -> None:
+    payload = bytearray(encode(message))
+    for position, mask in flips:
+        if payload:
+            payload[position % len(payload)] ^= mask
+    try:
+        decode(type(message), bytes(payload))
+    except CodecError:
+        return
+
+
+@given(messages, st.sampled_from(TYPES))
+def test_a_message_read_as_another_type_is_a_message_or_a_codec_error(
+    message: Message, message_type: type
+) -> None:
+    try:
+        decode(message_type, encode(message))
+    except CodecError:
+        return
+
+
+def test_another_program_reads_a_block_from_its_schema_alone() -> None:
+    sent = block(7)
+    read = pilewatch_pb2.AccelerationBlock.FromString(encode(sent))
+    assert (read.turbine, read.sequence, read.start_ns) == ("t1", 7, sent.start_ns)
+    assert np.array_equal(
+        np.float32(read.samples.values).reshape(read.samples.rows, read.samples.columns),
+        sent.samples,
+    )
+
+
+def test_a_block_from_another_program_is_understood() -> None:
+    sent = block(7)
+    written = pilewatch_pb2.AccelerationBlock(
+        turbine=sent.turbine,
+        unit=sent.unit,
+        session=sent.session,
+        layout_id=sent.layout_id,
+        sequence=sent.sequence,
+        first_sample=sent.first_sample,
+        start_ns=sent.start_ns,
+        sampling_rate=sent.sampling_rate,
+        samples=pilewatch_pb2.FloatMatrix(rows=40, columns=8, values=sent.samples.ravel()),
+    )
+    assert same(decode(AccelerationBlock, written.SerializeToString()), sent)
+
+
+def test_the_schema_has_the_names_of_the_python_types_and_fields() -> None:
+    for described in schema().message_type:
+        if described.name.endswith("Matrix"):
+            continue
+        python_type = next(
+            getattr(module, described.name)
+            for module in (message_types, blocks, layout)
+            if hasattr(module, described.name)
+        )
+        assert [field.name for field in described.field] == [f.name for f in fields(python_type)]
+
+
+def test_the_generated_code_is_that_of_the_schema(tmp_path: Path) -> None:
+    pytest.importorskip("grpc_tools", reason="grpcio-tools is not installed")
+    described = tmp_path / "described"
+    subprocess.run(
+        [
+            *[sys.executable, "-m", "grpc_tools.protoc", "--proto_path=."],
+            f"--descriptor_set_out={described}",
+            "pipeline/transport/proto/pilewatch.proto",
+        ],
+        cwd=Path(__file__).parents[3],
+        check=True,
+        timeout=60,
+    )
+    (file,) = FileDescriptorSet.FromString(described.read_bytes()).file
+    file.ClearField("source_code_info")
+    for message in file.message_type:
+        for field in message.field:
+            field.ClearField("json_name")
+    assert file == schema()
+
+
+def test_every_message_that_travels_has_its_schema() -> None:
+    described = {message.name for message in schema().message_type}
+    assert {message_type.__name__ for message_type in TYPES} <= described
+
+
+def test_samples_of_another_precision_are_sent_as_float32() -> None:
+    sent = replace(block(0), samples=np.array([[0.1, 0.2]]))
+    assert decode(AccelerationBlock, encode(sent)).samples.dtype == np.float32
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"sampling_rate": 0.0}, "sampling_rate is 0.0 Hz"),
+        ({"sampling_rate": float("nan")}, "sampling_rate is nan Hz"),
+        ({"sampling_rate": 1e-300}, "sampling_rate is 1e-300 Hz"),
+        ({"sequence": -1}, "sequence is -1"),
+        ({"sequence": 1.5}, "cannot be interpreted as an integer"),
+        ({"start_ns": 2**62}, "sensor times are"),
+        ({"samples": np.zeros((0, 8), np.float32)}, r"shape \(0, 8\)"),
+        ({"samples": np.zeros(8, np.float32)}, "1 axes"),
+        ({"samples": np.zeros((1, 8), complex)}, "Cannot cast"),
+        ({"turbine": "\ud800"}, "AccelerationBlock cannot be written"),
+        ({"unit": 5}, "AccelerationBlock cannot be written"),
+    ],
+)
+def test_a_block_that_contradicts_itself_is_not_sent(wrong: dict, sentence: str) -> None:
+    with pytest.raises(CodecError, match=sentence):
+        encode(replace(block(0), **wrong))
+
+
+def test_a_block_whose_samples_do_not_fill_its_rows_is_refused() -> None:
+    written = pilewatch_pb2.AccelerationBlock.FromString(encode(block(0)))
+    written.samples.rows = 41
+    with pytest.raises(CodecError, match="reshape"):
+        decode(AccelerationBlock, written.SerializeToString())
+
+
+def test_a_payload_beyond_all_reason_is_refused_unread() -> None:
+    with pytest.raises(CodecError, match="largest allowed"):
+        decode(NodeStatus, bytes(LARGEST_PAYLOAD + 1))
+
+
+def test_a_mode_with_fewer_components_than_channels_is_refused() -> None:
+    written = pilewatch_pb2.ModalEstimate(turbine="t1", channels=["a", "b"])
+    written.modes.add(shape=[1.0]).covariance_factor.rows = 4
+    with pytest.raises(CodecError, match="2 channels"):
+        decode(ModalEstimate, written.SerializeToString())
+
+
+def test_a_posterior_without_its_correlation_is_refused() -> None:
+    written = pilewatch_pb2.FoundationPosterior(turbine="t1", time_ns=START_NS)
+    with pytest.raises(CodecError, match="correlation"):
+        decode(FoundationPosterior, written.SerializeToString())
+
+
+@given(st.floats(width=32))
+@example(-0.0)
+@example(float("nan"))
+@example(float("-inf"))
+def test_a_sample_keeps_its_bits(sample: float) -> None:
+    sent = replace(block(0), samples=np.array([[sample]], np.float32))
+    received = decode(AccelerationBlock, encode(sent)).samples
+    assert received.tobytes() == sent.samples.tobytes()

@@ -1,0 +1,158 @@
+"""Sessions of their own on one machine: they find each other and lose nothing."""
+
+import multiprocessing
+import random
+import socket
+import threading
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from pipeline.messages import NodeStatus, WindowRejected
+from pipeline.transport.bus import Inbox
+from pipeline.transport.errors import TransportError
+from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub, peer_of
+from sensors.blocks import AccelerationBlock
+from tests.pipeline.example_messages import block, rejection, status
+from tests.pipeline.transport.test_bus import PATIENCE, take
+
+NODES = ("source", "identification", "updating", "recorder", "viewer")
+
+
+class Peer(threading.Thread):
+    """Publishes fifty messages at once, while links still come up, and listens until it has those
+    of every peer."""
+
+    def __init__(self, name: str, settings: ZenohSettings, everybody_done: threading.Barrier):
+        super().__init__(name=name)
+        self.heard: dict[str, list[int]] = {node: [] for node in NODES}
+        self._settings = settings
+        self._everybody_done = everybody_done
+
+    def run(self) -> None:
+        with closing(ZenohBus(self._settings)) as bus:
+            inbox = Inbox()
+            bus.subscribe([WindowRejected], inbox)
+            for window in range(50):
+                bus.publish(rejection(window, turbine=self.name))
+            for message in take(inbox, 50 * len(NODES)):
+                self.heard[message.turbine].append(message.window)
+            self._everybody_done.wait(PATIENCE)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_peers_that_start_in_any_order_all_hear_each_other_completely(seed: int) -> None:
+    endpoint = free_endpoint()
+    order = random.Random(seed).sample(NODES, len(NODES))
+    done = threading.Barrier(len(NODES))
+    peers = [
+        Peer(name, hub(endpoint) if name == "source" else peer_of(endpoint), done) for name in order
+    ]
+    for peer in peers:
+        peer.start()
+    for peer in peers:
+        peer.join(2 * PATIENCE)
+    assert {peer.name: peer.heard for peer in peers} == {
+        name: {node: list(range(50)) for node in NODES} for name in NODES
+    }
+
+
+def publish_blocks(endpoint: str, n_blocks: int) -> None:
+    """A process of its own: publish, and leave at once."""
+    with closing(ZenohBus(peer_of(endpoint))) as bus:
+        inbox = Inbox()
+        bus.subscribe([NodeStatus], inbox)
+        take(inbox, 1)  # somebody listens
+        for sequence in range(n_blocks):
+            bus.publish(block(sequence))
+
+
+def test_what_a_process_published_before_it_left_arrives() -> None:
+    endpoint = free_endpoint()
+    with closing(ZenohBus(hub(endpoint))) as bus:
+        inbox = Inbox()
+        bus.subscribe([AccelerationBlock], inbox)
+        bus.publish(status("recorder", state="ready"))
+        process = multiprocessing.get_context("spawn").Process(
+            target=publish_blocks, args=(endpoint, 200)
+        )
+        process.start()
+        received = take(inbox, 200)
+        process.join(PATIENCE)
+    assert process.exitcode == 0
+    assert [message.sequence for message in received] == list(range(200))
+
+
+def test_what_arrives_and_what_is_counted_as_lost_is_what_was_published() -> None:
+    n_statuses = 20_000  # far more than a link's queue or the cache of one status holds
+    endpoint = free_endpoint()
+    with closing(ZenohBus(hub(endpoint))) as listening, closing(ZenohBus(peer_of(endpoint))) as bus:
+        inbox = Inbox(capacity=2 * n_statuses)
+        subscription = listening.subscribe([NodeStatus], inbox)
+        for sequence in range(n_statuses):
+            bus.publish(status("source", last_sequence=sequence))
+        heard = []
+        while (not heard or heard[-1] < n_statuses - 1) and (message := inbox.get(PATIENCE)):
+            heard.append(message.last_sequence)
+    assert heard == sorted(set(heard))
+    assert heard[-1] == n_statuses - 1
+    assert n_statuses - len(heard) == subscription.lost == subscription.lost_of(NodeStatus)
+
+
+def refusal(settings: ZenohSettings) -> str:
+    with pytest.raises(TransportError) as refused:
+        ZenohBus(settings)
+    message = str(refused.value)
+    assert "\n" not in message
+    assert ".rs" not in message  # where in Zenoh it went wrong helps nobody here
+    return message
+
+
+def test_a_port_in_use_is_one_clear_line() -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        endpoint = f"tcp/127.0.0.1:{other.getsockname()[1]}"
+        assert refusal(hub(endpoint)).startswith(f"cannot listen on {endpoint}: the port is in use")
+
+
+def test_a_client_without_a_router_is_one_clear_line() -> None:
+    endpoint = free_endpoint()
+    message = refusal(ZenohSettings(mode="client", connect=(endpoint,)))
+    assert message == f"no Zenoh session answers at {endpoint}; a client needs a router"
+
+
+def test_an_endpoint_that_is_none_is_one_clear_line() -> None:
+    assert "Endpoints must be of the form" in refusal(ZenohSettings(connect=("localhost",)))
+
+
+def test_a_configuration_with_an_unknown_key_is_one_clear_line(tmp_path: Path) -> None:
+    path = tmp_path / "zenoh.json5"
+    path.write_text("{mode: 'peer', lissten: {}}")
+    message = refusal(ZenohSettings(config_file=path))
+    assert message.startswith(f"{path} is no Zenoh configuration")
+    assert "lissten" in message
+
+
+def test_a_missing_configuration_is_one_clear_line(tmp_path: Path) -> None:
+    path = tmp_path / "zenoh.json5"
+    assert refusal(ZenohSettings(config_file=path)) == f"there is no Zenoh configuration {path}"
+
+
+def test_a_configuration_file_is_used_as_it_is(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    path = tmp_path / "zenoh.json5"
+    path.write_text(
+        "{mode: 'router', scouting: {multicast: {enabled: false}},"
+        f" listen: {{endpoints: ['{endpoint}']}}}}"
+    )
+    client = ZenohSettings(mode="client", connect=(endpoint,))
+    with (
+        closing(ZenohBus(ZenohSettings(config_file=path))) as router,
+        closing(ZenohBus(client)) as bus,
+    ):
+        inbox = Inbox()
+        router.subscribe([NodeStatus], inbox)
+        bus.publish(status("source"))
+        assert take(inbox, 1) == [status("source")]
