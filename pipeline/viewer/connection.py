@@ -63,7 +63,7 @@ def _require_viewer(url: str) -> None:
 def _file_sink(path: Path) -> rr.FileSink:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch()
+        path.open("ab").close()
     except OSError as error:
         raise ViewerError(f"--rrd {path}: cannot be written ({error.strerror})") from error
     return rr.FileSink(path)

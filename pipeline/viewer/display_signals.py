@@ -61,9 +61,9 @@ class DisplayDecimator:
         windows = starts[:, None] + np.arange(len(self._taps))
         samples = np.einsum("ntc,t->nc", joined[windows].astype(float), self._taps)
         centres = starts + len(self._taps) // 2 - len(tail)  # sample 0 is the block's first
-        times = block.start_ns + np.round(centres * (NANOSECONDS / block.sampling_rate))
+        offsets = np.round(centres * (NANOSECONDS / block.sampling_rate)).astype(np.int64)
         self._keep(joined, first_needed=self._skip + len(starts) * self._factor)
-        return DisplaySignal(times.astype(np.int64), _on_step(samples))
+        return DisplaySignal(block.start_ns + offsets, _on_step(samples))
 
     def _keep(self, joined: NDArray[np.float32], *, first_needed: int) -> None:
         kept = min(first_needed, len(joined))

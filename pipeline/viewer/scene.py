@@ -166,8 +166,9 @@ def swing_frames(
     period      T, of one swing in session time [s]
     per_swing   frames in T; 18 has none at a standstill, where the picture would be flat
     """
-    step = round(period * NANOSECONDS / per_swing)
-    first = -((full_swing_ns - start_ns) // step)  # ceiling division
-    last = -((full_swing_ns - end_ns) // step)
-    index = np.arange(first, last, dtype=np.int64)
-    return SwingFrames(full_swing_ns + index * step, np.cos(index * (2 * np.pi / per_swing)))
+    step = period * NANOSECONDS / per_swing  # [ns], not a whole number
+    first, last = (int((time_ns - full_swing_ns) // step) for time_ns in (start_ns, end_ns))
+    index = np.arange(first, last + 2)
+    times = full_swing_ns + np.round(index * step).astype(np.int64)
+    inside = (times >= start_ns) & (times < end_ns)
+    return SwingFrames(times[inside], np.cos(index[inside] * (2 * np.pi / per_swing)))

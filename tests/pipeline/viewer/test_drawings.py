@@ -1,0 +1,116 @@
+"""What is drawn: tower, shapes, swing, corner plot, as plain figures."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pipeline.viewer.corner import PITCH, Axis, corner_plot
+from pipeline.viewer.scene import (
+    deflection,
+    outline,
+    scaled_onto,
+    swing_frames,
+    tube_mesh,
+)
+from sensors.blocks import NANOSECONDS
+from sensors.layout import Accelerometer, SensorLayout
+from tests.pipeline.viewer.session import DESCRIPTION, LAYOUT
+
+MINUTE = 60 * NANOSECONDS
+
+
+def test_tubes_have_their_diameters_at_their_elevations():
+    mesh = tube_mesh(DESCRIPTION.tubes)
+    radii = np.hypot(mesh.vertices[:, 0], mesh.vertices[:, 1])
+    for tube in DESCRIPTION.tubes:
+        at_bottom = np.isclose(mesh.vertices[:, 2], tube.bottom)
+        assert np.isclose(radii[at_bottom], tube.diameter / 2).any()
+
+
+def test_faces_of_the_tubes_look_outwards():
+    mesh = tube_mesh(DESCRIPTION.tubes[:1])
+    corners = mesh.vertices[mesh.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outwards = corners.mean(axis=1) * [1.0, 1.0, 0.0]
+    assert (np.einsum("ij,ij->i", normals, outwards) > 0).all()
+
+
+def test_blades_are_as_long_as_described_and_one_points_up():
+    blades = outline(DESCRIPTION).blades
+    described = DESCRIPTION.blades
+    assert described is not None
+    lengths = [np.linalg.norm(tip - root) for root, tip in blades]
+    assert lengths == pytest.approx([described.elements[-1].outer] * described.number)
+    assert max(tip[2] for _, tip in blades) > DESCRIPTION.tower_top + 100.0
+
+
+def test_rotor_is_upwind_of_the_tower():
+    for root, _ in outline(DESCRIPTION).blades:
+        assert root[0] < 0.0
+
+
+def test_a_skew_accelerometer_moves_the_picture_along_its_own_direction():
+    skew = SensorLayout(
+        "l",
+        turbine="t",
+        unit="u",
+        channels=(
+            Accelerometer("a", 50.0, (0.6, 0.8, 0.0)),
+            Accelerometer("b", 50.0, (-0.8, 0.6, 0.0)),
+        ),
+    )
+    moved = deflection(skew, ("a", "b"), np.array([0.6, -0.8]))
+    assert moved.displacements == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
+    assert moved.direction == "FA"
+
+
+def test_a_shape_on_part_of_the_channels_is_drawn_where_these_sit():
+    part = deflection(LAYOUT, ("z145-ss", "z41-ss"), np.array([1.0, 0.2]))
+    assert list(part.elevations) == [41.0, 145.0]
+    assert list(part.displacements[:, 1]) == [0.2, 1.0]
+    assert part.direction == "SS"
+
+
+def test_shapes_of_opposite_sign_are_laid_on_each_other():
+    shape = np.array([0.2, 0.6, 1.0])
+    assert scaled_onto(-3.0 * shape, shape) == pytest.approx(shape)
+
+
+def test_consecutive_stretches_of_frames_are_the_frames_of_the_whole():
+    origin = 7 * MINUTE
+    whole = swing_frames(0, 20 * MINUTE, full_swing_ns=origin, period=60.0)
+    cuts = [0, 123_456_789, 5 * MINUTE, 5 * MINUTE + 1, 20 * MINUTE]
+    parts = [
+        swing_frames(start, end, full_swing_ns=origin, period=60.0) for start, end in pairwise(cuts)
+    ]
+    assert list(np.concatenate([part.times_ns for part in parts])) == list(whole.times_ns)
+    assert whole.factors[whole.times_ns == origin] == pytest.approx(1.0)
+    assert (whole.times_ns >= 0).all()
+    assert (whole.times_ns < 20 * MINUTE).all()
+
+
+def test_corner_plot_keeps_pairs_below_and_marginals_on_the_diagonal():
+    rng = np.random.default_rng(3)
+    ratios = rng.normal(1.0, 0.02, size=(500, 3))
+    plot = corner_plot(ratios, ("a", "b", "c"), truth=np.array([1.0, 1.0, 1.0]))
+    column, row = np.floor(plot.draws / PITCH).astype(int).T
+    assert set(zip(row, column, strict=True)) == {(1, 0), (2, 0), (2, 1)}
+    assert len(plot.histograms) == 3
+    assert len(plot.truth) == 3 + 2 * 3  # a line on each marginal, a cross on each pair
+
+
+def test_a_truth_far_from_the_posterior_is_inside_the_picture():
+    rng = np.random.default_rng(3)
+    ratios = rng.normal(1.0, 0.01, size=(500, 2))
+    plot = corner_plot(ratios, ("a", "b"), truth=np.array([1.5, 0.5]))
+    for line in plot.truth:
+        assert line.min() >= -1e-9
+        assert line.max() <= PITCH + 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("width", [1e-4, 0.003, 0.02, 0.5, 3.0])
+def test_axes_have_two_to_five_ticks_inside(width: float):
+    axis = Axis(1.0 - width / 3, 1.0 + 2 * width / 3)
+    assert 1 <= len(axis.ticks) <= 5
+    assert ((axis.ticks > axis.low) & (axis.ticks < axis.high)).all()

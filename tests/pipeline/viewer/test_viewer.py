@@ -1,0 +1,230 @@
+"""A session ends up in the .rrd: every stream, with its units, at its time."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.messages import FoundationTruth
+from pipeline.viewer import open_viewer
+from pipeline.viewer.display_signals import DISPLAY_RATE, DISPLAY_STEP
+from pipeline.viewer.outputs import ConnectedViewer, RrdFile, ViewerError
+from sensors.blocks import NANOSECONDS
+from tests.pipeline.viewer.conftest import record
+from tests.pipeline.viewer.content import Recorded
+from tests.pipeline.viewer.session import (
+    DESCRIPTION,
+    LAYOUT,
+    REFERENCE_MODES,
+    START_NS,
+    TRUE_RATIOS,
+    TURBINE,
+    WINDOW,
+    Episode,
+    acceleration_block,
+    node_status,
+)
+
+ROOT = f"/{TURBINE}"
+SIGNAL = f"{ROOT}/signals/tower/acceleration"
+
+
+def test_everything_of_a_turbine_lies_below_its_name_on_the_sensor_clock(recorded: Recorded):
+    assert all(entity.startswith(ROOT) for entity in recorded.entities)
+    assert recorded.timelines == {"time"}
+    for entity in (SIGNAL, f"{ROOT}/status", f"{ROOT}/events"):
+        times = recorded.times_ns(entity)
+        assert times[0] >= START_NS
+        assert times[-1] <= START_NS + 3 * WINDOW * NANOSECONDS
+
+
+def test_a_blueprint_is_in_the_file(recorded: Recorded):
+    assert recorded.n_blueprints == 1
+
+
+def test_accelerations_are_shown_at_twenty_hertz_with_one_named_series_a_channel(
+    recorded: Recorded,
+):
+    names = recorded.series_names(SIGNAL)
+    assert names == [f"{channel} [m/s²]" for channel in LAYOUT.channel_names]
+    times = recorded.times_ns(SIGNAL)
+    assert recorded.scalars(SIGNAL).shape == (len(times), len(names))
+    steps = np.diff(times)
+    assert np.sum(steps == round(NANOSECONDS / DISPLAY_RATE)) > 0.999 * len(steps)
+
+
+def test_a_gap_breaks_the_lines_instead_of_bridging_it(recorded: Recorded):
+    broken = np.isnan(recorded.scalars(SIGNAL)).all(axis=1)
+    gap_start = START_NS + (WINDOW + 60) * NANOSECONDS
+    assert list(recorded.times_ns(SIGNAL)[broken]) == [gap_start]
+
+
+def test_displayed_accelerations_follow_the_measured_ones_on_a_coarse_step(recorded: Recorded):
+    shown, times = recorded.scalars(SIGNAL)[:150], recorded.times_ns(SIGNAL)[:150]
+    block = acceleration_block(0, 10, np.random.default_rng(8))
+    measured = block.samples[(times - block.start_ns) * 40 // NANOSECONDS]
+    for channel in range(4):  # side-side has hardly more than noise here
+        assert np.corrcoef(shown[:, channel], measured[:, channel])[0, 1] > 0.8
+    assert (shown / DISPLAY_STEP == np.round(shown / DISPLAY_STEP)).all()
+
+
+def test_posterior_bands_are_ratios_to_nominal_with_the_truth_beside_them(recorded: Recorded):
+    ends = [START_NS + n * WINDOW * NANOSECONDS for n in (1, 3)]
+    for name, ratio in zip(("k11", "k22", "k12"), TRUE_RATIOS, strict=True):
+        path = f"{ROOT}/foundation/{name}"
+        assert recorded.series_names(f"{path}/posterior") == [
+            f"{name} 5 % [-]",
+            f"{name} median [-]",
+            f"{name} 95 % [-]",
+        ]
+        bands = recorded.scalars(f"{path}/posterior")
+        assert list(recorded.times_ns(f"{path}/posterior")) == ends
+        assert (np.diff(bands, axis=1) > 0).all()
+        assert bands[1, 2] - bands[1, 0] < bands[0, 2] - bands[0, 0]  # more windows, narrower
+        assert recorded.scalars(f"{path}/truth") == pytest.approx(ratio)
+    assert len(recorded.scalars(f"{ROOT}/foundation/sigma/posterior")) == 2
+
+
+def test_without_a_truth_no_truth_is_drawn(tmp_path: Path):
+    recorded = record(tmp_path / "s.rrd", Episode(n_windows=1, truth=False))
+    assert recorded.column(f"{ROOT}/foundation/k11/truth", "Scalars:scalars") == []
+    assert recorded.column(f"{ROOT}/foundation/joint/truth", "LineStrips2D:strips") == [[]]
+
+
+def test_every_reference_mode_has_a_track_of_identified_over_model(recorded: Recorded):
+    for name, _, frequency, _ in REFERENCE_MODES:
+        model = recorded.scalars(f"{ROOT}/modes/{name}/model")
+        assert model == pytest.approx(frequency)
+        band = recorded.column(f"{ROOT}/modes/{name}/identified", "Scalars:scalars")
+        if name == "1":  # never found
+            assert band == []
+        else:
+            low, middle, high = np.array(band).T
+            assert middle == pytest.approx((low + high) / 2)
+            assert np.all((low < middle) & (np.abs(middle / frequency - 1) < 0.03))
+
+
+def test_damping_is_shown_in_percent(recorded: Recorded):
+    band = recorded.scalars(f"{ROOT}/modes/5/damping")
+    assert band[:, 1] == pytest.approx(0.8, abs=0.4)
+    assert all(name.endswith("[%]") for name in recorded.series_names(f"{ROOT}/modes/5/damping"))
+
+
+def test_identified_shape_lies_on_the_model_shape(recorded: Recorded):
+    for name in ("2", "4", "9"):
+        motion = f"{ROOT}/shapes/{name}/motion"
+        dots = np.array(recorded.column(f"{motion}/identified", "Points3D:positions")[-1])
+        (line,) = recorded.column(f"{motion}/model", "LineStrips3D:strips")[-1]
+        assert list(dots[:, 2]) == [41.0, 80.0, 106.0, 145.0]
+        assert np.abs(dots - np.array(line)).max() < 0.05 * 20.0  # 5 % of the drawn swing [m]
+
+
+def test_fore_aft_modes_swing_along_x_and_side_side_modes_along_y(recorded: Recorded):
+    for name, direction, _, _ in REFERENCE_MODES:
+        ((line,), *_) = recorded.column(f"{ROOT}/shapes/{name}/motion/model", "LineStrips3D:strips")
+        x, y, _ = np.abs(np.array(line)).max(axis=0)
+        assert (x > 0 and y == 0) if direction == "FA" else (y > 0 and x == 0)
+
+
+def test_shapes_swing_and_stand_at_full_swing_when_a_posterior_comes(recorded: Recorded):
+    motion = f"{ROOT}/shapes/2/motion"
+    factors = np.array(recorded.column(motion, "Transform3D:scale"))[:, 0]
+    times = recorded.times_ns(motion)
+    assert factors[[0, -1]] == pytest.approx(1.0)
+    assert [times[0], times[-1]] == [START_NS + n * WINDOW * NANOSECONDS for n in (1, 3)]
+    assert factors.min() == pytest.approx(-1.0)
+    assert np.abs(factors).min() > 0.1  # never flat
+
+
+def test_joint_posterior_shows_every_pair_of_stiffnesses(recorded: Recorded):
+    draws = np.array(recorded.column(f"{ROOT}/foundation/joint/draws", "Points2D:positions")[-1])
+    assert 0.97 * 3 * 800 < len(draws) <= 3 * 800
+    words = recorded.column(f"{ROOT}/foundation/joint/text", "Points2D:labels")[-1]
+    assert {"k11 / nominal [-]", "k22 / nominal [-]", "k12 / nominal [-]"} <= set(words)
+
+
+def test_the_tower_stands_from_the_mudline_to_its_top(recorded: Recorded):
+    (vertices,) = recorded.column(f"{ROOT}/tower/structure", "Mesh3D:vertex_positions", static=True)
+    heights = np.array(vertices)[:, 2]
+    assert [heights.min(), heights.max()] == [-30.0, 145.0]
+    (blades,) = recorded.column(f"{ROOT}/tower/blades", "LineStrips3D:strips", static=True)
+    assert len(blades) == 3
+    (sensors,) = recorded.column(f"{ROOT}/tower/sensors/tower", "Points3D:positions", static=True)
+    assert [z for _, _, z in sensors] == [41.0, 80.0, 106.0, 145.0]
+
+
+def test_status_and_events_tell_the_session(recorded: Recorded):
+    (*_, (last,)) = recorded.column(f"{ROOT}/status", "TextDocument:text")
+    for words in ("Foundation known", "2 identified", "1 rejected", "gap of 60.0 s in unit tower"):
+        assert words in last
+    events = [text for (text,) in recorded.column(f"{ROOT}/events", "TextLog:text")]
+    assert sum("window 1 rejected" in text for text in events) == 1
+    assert sum("× nominal" in text for text in events) == 2
+    levels = [level for (level,) in recorded.column(f"{ROOT}/events", "TextLog:level")]
+    assert levels.count("WARN") == 2  # the gap and the rejected window
+
+
+def test_an_untrusted_posterior_is_an_error_in_the_events(tmp_path: Path):
+    recorded = record(tmp_path / "s.rrd", Episode(n_windows=1, trusted=False))
+    assert ["ERROR"] in recorded.column(f"{ROOT}/events", "TextLog:level")
+    assert "NOT TRUSTED" in recorded.column(f"{ROOT}/status", "TextDocument:text")[-1][0]
+
+
+def test_a_dead_channel_turns_its_sensor_into_the_colour_of_trouble(tmp_path: Path):
+    viewer = open_viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    viewer.handle(LAYOUT)
+    rng = np.random.default_rng(8)
+    block = acceleration_block(1, 10, rng)
+    block.samples[:, 3] = np.nan  # z145-fa
+    viewer.handle(acceleration_block(0, 10, rng))
+    viewer.handle(block)
+    viewer.close()
+    recorded = Recorded(tmp_path / "s.rrd")
+    healthy, troubled = recorded.column(f"{ROOT}/tower/sensors/tower", "Points3D:colors")
+    assert healthy[:3] == troubled[:3]
+    assert healthy[3] != troubled[3]
+
+
+def test_a_day_of_eight_channels_takes_less_than_150_megabytes(tmp_path: Path):
+    episode = Episode(n_windows=6, block=1)  # the noise makes these signals compress badly
+    recorded = record(tmp_path / "s.rrd", episode)
+    assert recorded.path.stat().st_size * 24 < 150e6
+
+
+def test_two_turbines_share_a_recording_side_by_side(tmp_path: Path):
+    viewer = open_viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    for turbine in ("north", "south"):
+        viewer.handle(FoundationTruth(turbine, START_NS, *map(float, DESCRIPTION.nominal)))
+    viewer.close()
+    entities = Recorded(tmp_path / "s.rrd").entities
+    assert {"/north/tower/structure", "/south/tower/structure"} <= entities
+
+
+def test_a_broken_picture_is_logged_once_and_ends_no_session(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    viewer = open_viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s")
+    viewer.handle(LAYOUT)
+    narrow = acceleration_block(0, 10, np.random.default_rng(8))
+    one_channel_too_few = type(narrow)(
+        *(getattr(narrow, name) for name in narrow.__slots__[:-2]), narrow.samples[:, :0]
+    )
+    with caplog.at_level(logging.ERROR):
+        viewer.handle(one_channel_too_few)
+        viewer.handle(object())  # type: ignore[arg-type]
+        viewer.handle(node_status("stopped", 0))
+        viewer.close()
+        viewer.close()
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+
+
+def test_a_viewer_that_is_not_there_is_one_clear_line():
+    with pytest.raises(ViewerError, match=r"no viewer listens there.*rerun --bind 127\.0\.0\.1"):
+        open_viewer([ConnectedViewer("rerun+http://127.0.0.1:1/proxy")], DESCRIPTION, session="s")
+
+
+def test_a_file_that_cannot_be_written_is_one_clear_line(tmp_path: Path):
+    (tmp_path / "folder.rrd").mkdir()
+    with pytest.raises(ViewerError, match=r"--rrd .*folder\.rrd: cannot be written"):
+        open_viewer([RrdFile(tmp_path / "folder.rrd")], DESCRIPTION, session="s")
