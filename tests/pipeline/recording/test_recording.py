@@ -1,0 +1,295 @@
+"""What was recorded is what is read; what is no whole recording says so in one line."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import mcap.reader
+import mcap.writer
+import pytest
+from google.protobuf import message_factory
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.messages import FoundationTruth, Message, StreamEnd
+from pipeline.recording.errors import RecordingError
+from pipeline.recording.info import recording_info
+from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.writer import Recorder, RecorderSettings
+from pipeline.streams import STREAMS
+from sensors.blocks import AccelerationBlock
+from sensors.layout import SensorLayout
+from tests.pipeline.example_messages import (
+    LAYOUT,
+    START_NS,
+    all_same,
+    block,
+    messages,
+    rejection,
+    status,
+)
+
+SECOND = 10**9  # [ns]
+TRUTH = FoundationTruth("t1", START_NS, 0.098e11, 8.238e11, 0.678e11)
+METADATA = {"scenario": {"toml": "seed = 1\n"}, "pilewatch": {"version": "0.1.0"}}
+FORTY_SECONDS = [LAYOUT, TRUTH, *map(block, range(40)), rejection(0)]
+
+
+def record(
+    path: Path,
+    recorded: list[Message],
+    *,
+    clock: Callable[[], int] | None = None,
+    chunk_duration: float = 1.0,
+) -> Path:
+    recorder = Recorder(
+        path,
+        metadata=METADATA,
+        clock=clock,
+        settings=RecorderSettings(chunk_duration=chunk_duration),
+    )
+    for message in recorded:
+        assert tuple(recorder.handle(message)) == ()
+    recorder.close()
+    return path
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    return record(tmp_path / "tower.mcap", FORTY_SECONDS)
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(RecordingError) as refused:
+        list(read_messages(path))
+    assert "\n" not in str(refused.value)
+    assert str(path) in str(refused.value)
+    return str(refused.value)
+
+
+# ---- writing and reading -----------------------------------------------------------------------
+
+
+@settings(max_examples=30)
+@given(recorded=st.lists(messages, max_size=8))
+def test_what_is_read_is_what_was_recorded(
+    recorded: list[Message], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.mktemp("any") / "tower.mcap"
+    assert all_same(read_messages(record(path, recorded, clock=lambda: START_NS)), recorded)
+
+
+def test_the_recorder_takes_every_message_that_is_to_be_recorded(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", metadata={}, clock=None)
+    assert set(recorder.inputs) == {stream.message for stream in STREAMS if stream.recorded}
+    recorder.handle(block(0))
+    recorder.handle(block(1))
+    assert recorder.recorded[AccelerationBlock] == 2
+    recorder.close()
+
+
+def test_messages_of_some_types_and_of_a_span_of_time_can_be_picked(recording: Path) -> None:
+    picked = read_messages(
+        recording,
+        [AccelerationBlock],
+        start_ns=START_NS + 10 * SECOND,
+        end_ns=START_NS + 20 * SECOND,
+    )
+    assert [message.sequence for message in picked] == list(range(10, 20))
+
+
+def test_a_layout_holds_for_every_span_of_time(recording: Path) -> None:
+    first, *blocks = read_messages(
+        recording, [SensorLayout, AccelerationBlock], start_ns=START_NS + 39 * SECOND
+    )
+    assert first == LAYOUT
+    assert len(blocks) == 1
+
+
+def test_the_scenario_and_all_that_is_needed_to_run_it_again_is_inside(recording: Path) -> None:
+    assert read_metadata(recording) == METADATA
+
+
+def test_the_same_messages_make_the_same_file(tmp_path: Path) -> None:
+    one, other = (record(tmp_path / name, FORTY_SECONDS) for name in ("one.mcap", "other.mcap"))
+    assert one.read_bytes() == other.read_bytes()
+
+
+def test_another_program_reads_a_block_from_the_file_alone(recording: Path) -> None:
+    with recording.open("rb") as file:
+        schema, channel, message = next(
+            mcap.reader.make_reader(file).iter_messages(["pilewatch/t1/tower/acceleration"])
+        )
+    (described,) = FileDescriptorSet.FromString(schema.data).file
+    pool = DescriptorPool()
+    pool.Add(described)
+    block_class = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+    read = block_class.FromString(message.data)
+    assert (schema.encoding, channel.message_encoding) == ("protobuf", "protobuf")
+    assert (message.sequence, message.publish_time) == (0, START_NS)
+    assert list(read.samples.values) == block(0).samples.ravel().tolist()
+
+
+def test_log_time_is_when_a_message_came_and_publish_time_when_it_was_measured(
+    tmp_path: Path,
+) -> None:
+    received_ns = START_NS + 3600 * SECOND
+    path = record(tmp_path / "a.mcap", [LAYOUT, block(5)], clock=lambda: received_ns)
+    with path.open("rb") as file:
+        recorded = [message for *_, message in mcap.reader.make_reader(file).iter_messages()]
+    assert [message.log_time for message in recorded] == [received_ns] * 2
+    assert recorded[1].publish_time == block(5).start_ns
+
+
+def test_a_computed_recording_begins_with_its_first_sample(recording: Path) -> None:
+    with recording.open("rb") as file:
+        summary = mcap.reader.make_reader(file).get_summary()
+    assert summary.statistics.message_start_time == START_NS
+
+
+def test_an_hour_of_eight_channels_fits_into_four_and_a_half_megabytes(tmp_path: Path) -> None:
+    five_minutes = [LAYOUT, *map(block, range(300))]
+    path = record(tmp_path / "a.mcap", five_minutes, chunk_duration=60.0)
+    assert 12 * path.stat().st_size <= 4.5e6
+
+
+def test_a_recording_has_its_name_only_when_it_is_finished(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap", metadata={}, clock=None)
+    recorder.handle(block(0))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap.active"]
+    recorder.close()
+    recorder.close()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]
+
+
+@pytest.mark.parametrize("existing", ["a.mcap", "a.mcap.active"])
+def test_an_earlier_recording_is_never_overwritten(tmp_path: Path, existing: str) -> None:
+    (tmp_path / existing).write_bytes(b"an hour of work")
+    with pytest.raises(RecordingError, match="exists already"):
+        Recorder(tmp_path / "a.mcap", metadata={}, clock=None)
+    assert (tmp_path / existing).read_bytes() == b"an hour of work"
+
+
+def test_a_folder_that_does_not_exist_is_one_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="the folder must exist"):
+        Recorder(tmp_path / "missing" / "a.mcap", metadata={}, clock=None)
+
+
+def test_the_open_chunk_never_holds_more_than_its_time(tmp_path: Path) -> None:
+    now_ns = START_NS
+    recorder = Recorder(tmp_path / "a.mcap", metadata={}, clock=lambda: now_ns)
+    sizes = []
+    for sequence in range(10):
+        now_ns += SECOND
+        recorder.handle(block(sequence))
+        sizes.append((tmp_path / "a.mcap.active").stat().st_size)
+    recorder.close()
+    assert all(later > earlier for earlier, later in pairwise(sizes[1:]))
+
+
+# ---- what is no whole recording ----------------------------------------------------------------
+
+
+def test_a_missing_recording_is_one_clear_line(tmp_path: Path) -> None:
+    assert "No such file" in refusal(tmp_path / "missing.mcap")
+
+
+def test_a_folder_is_no_recording(tmp_path: Path) -> None:
+    assert "Is a directory" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"t,x\n0,1\n", b"\x89MCAP"])
+def test_a_file_of_another_kind_is_one_clear_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(content)
+    assert "is not a recording" in refusal(path)
+
+
+def test_a_cut_recording_says_what_can_be_salvaged(recording: Path) -> None:
+    whole = recording.read_bytes()
+    recording.write_bytes(whole[: len(whole) // 2])
+    message = refusal(recording)
+    assert "was cut off before its end" in message
+    assert "complete chunks" in message
+
+
+def test_an_mcap_file_of_another_program_names_its_topics(tmp_path: Path) -> None:
+    path = tmp_path / "robot.mcap"
+    with path.open("wb") as file:
+        writer = mcap.writer.Writer(file)
+        writer.start()
+        schema = writer.register_schema("Pose", "jsonschema", b"{}")
+        channel = writer.register_channel("/robot/pose", "json", schema)
+        writer.add_message(channel, log_time=0, data=b"{}", publish_time=0)
+        writer.finish()
+    assert "holds no pilewatch channel, only /robot/pose" in refusal(path)
+
+
+@settings(max_examples=60)
+@given(share=st.floats(0, 1, exclude_max=True), mask=st.integers(1, 255))
+def test_a_flipped_byte_is_found_or_changes_nothing(
+    share: float, mask: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("flipped")
+    path = record(folder / "tower.mcap", FORTY_SECONDS, chunk_duration=10.0)
+    damaged = bytearray(path.read_bytes())
+    damaged[int(share * len(damaged))] ^= mask
+    path.write_bytes(damaged)
+    try:
+        read = list(read_messages(path))
+        metadata = read_metadata(path)
+    except RecordingError:
+        return
+    assert all_same(read, FORTY_SECONDS)
+    assert metadata == METADATA
+
+
+# ---- at one look -------------------------------------------------------------------------------
+
+
+def test_info_shows_channels_durations_layouts_and_metadata(recording: Path) -> None:
+    info = recording_info(recording)
+    (unit,) = info.units
+    assert {channel.key: channel.count for channel in info.channels} == {
+        "pilewatch/t1/tower/layout": 1,
+        "pilewatch/t1/truth": 1,
+        "pilewatch/t1/tower/acceleration": 40,
+        "pilewatch/t1/window-rejected": 1,
+    }
+    assert (unit.unit, unit.sampling_rate, unit.n_channels, unit.n_blocks) == ("tower", 40.0, 8, 40)
+    assert info.duration == unit.duration == 40.0
+    assert info.layouts == (LAYOUT,)
+    assert info.metadata == METADATA
+    assert info.size == recording.stat().st_size
+
+
+def test_info_shows_the_gaps(tmp_path: Path) -> None:
+    # sequence   0 1 2 . . . 6 7 . 9
+    with_gaps = [block(sequence) for sequence in (0, 1, 2, 6, 7, 9)]
+    (unit,) = recording_info(record(tmp_path / "a.mcap", with_gaps)).units
+    assert [(gap.first_sequence, gap.n_blocks) for gap in unit.gaps] == [(3, 3), (8, 1)]
+    assert unit.gaps[0].start_ns == block(3).start_ns
+    assert unit.gaps[0].end_ns == block(6).start_ns
+    assert unit.duration == 10.0
+
+
+def test_info_shows_no_gap_where_a_block_was_only_late(tmp_path: Path) -> None:
+    late = [block(sequence) for sequence in (0, 1, 3, 2, 4)]
+    (unit,) = recording_info(record(tmp_path / "a.mcap", late)).units
+    assert unit.gaps == ()
+
+
+def test_info_shows_the_last_word_of_every_node(tmp_path: Path) -> None:
+    said = [status("updating"), status("updating", state="stopped"), status("viewer")]
+    health = recording_info(record(tmp_path / "a.mcap", said)).health
+    assert {node.node: node.state for node in health} == {
+        "updating": "stopped",
+        "viewer": "running",
+    }
+
+
+def test_a_recording_without_samples_has_no_duration(tmp_path: Path) -> None:
+    end = StreamEnd("t1", "tower", "session-1", START_NS, 0)
+    assert recording_info(record(tmp_path / "a.mcap", [end])).duration == 0.0

@@ -1,0 +1,122 @@
+"""A recording that was cut keeps every chunk that was complete."""
+
+import multiprocessing
+import os
+import random
+import signal
+from pathlib import Path
+
+import pytest
+
+from pipeline.recording.errors import RecordingError
+from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.salvage import salvage
+from pipeline.recording.writer import Recorder
+from tests.pipeline.example_messages import LAYOUT, START_NS, all_same, block
+from tests.pipeline.recording.test_recording import METADATA, SECOND, record
+
+MINUTE = [LAYOUT, *map(block, range(60))]
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """One minute in chunks of five seconds."""
+    return record(tmp_path / "tower.mcap", MINUTE, chunk_duration=5.0)
+
+
+def salvaged(path: Path, content: bytes) -> list:
+    """What is left of a file with this content."""
+    path.write_bytes(content)
+    target = path.with_suffix(".salvaged.mcap")
+    target.unlink(missing_ok=True)
+    salvage(path, target)
+    return list(read_messages(target))
+
+
+def test_a_recording_cut_anywhere_gives_every_complete_chunk(recording: Path) -> None:
+    whole = recording.read_bytes()
+    generator = random.Random(4)
+    lengths = sorted(generator.randrange(8, len(whole)) for _ in range(40))
+    counts = []
+    for length in lengths:
+        left = salvaged(recording, whole[:length])
+        assert all_same(left, MINUTE[: len(left)])
+        counts.append(len(left))
+    assert counts == sorted(counts)
+    assert {(count - 1) % 5 for count in counts if count} == {0}  # a layout, then five a chunk
+    assert counts[-1] == len(MINUTE)
+
+
+def test_a_damaged_recording_gives_every_other_chunk(recording: Path) -> None:
+    whole = recording.read_bytes()
+    generator = random.Random(5)
+    for _ in range(40):
+        damaged = bytearray(whole)
+        damaged[generator.randrange(len(whole) // 4, len(whole))] ^= generator.randrange(1, 256)
+        sequences = [message.sequence for message in salvaged(recording, damaged)[1:]]
+        assert sequences == sorted(set(sequences))
+        assert set(sequences) <= set(range(60))
+
+
+def test_the_chunks_after_a_damaged_one_are_still_there(recording: Path) -> None:
+    damaged = bytearray(recording.read_bytes())
+    damaged[len(damaged) // 2] ^= 0xFF
+    recording.write_bytes(damaged)
+    remains = salvage(recording, recording.with_suffix(".salvaged.mcap"))
+    assert (remains.chunks, remains.damaged_chunks) == (11, 1)
+    assert str(remains) == (
+        "11 complete chunks with 56 messages, 60.0 s of samples, can be salvaged "
+        "(1 more are damaged)"
+    )
+
+
+def test_salvaging_keeps_metadata_and_times_and_leaves_the_source_alone(recording: Path) -> None:
+    cut = recording.read_bytes()[:-50]
+    recording.write_bytes(cut)
+    target = recording.with_suffix(".salvaged.mcap")
+    salvage(recording, target)
+    assert recording.read_bytes() == cut
+    assert read_metadata(target) == METADATA
+    assert all_same(read_messages(target), MINUTE)
+
+
+def test_nothing_is_salvaged_over_another_recording(recording: Path) -> None:
+    with pytest.raises(RecordingError, match="exists already"):
+        salvage(recording, recording)
+
+
+def test_what_is_no_recording_cannot_be_salvaged(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("not a recording")
+    with pytest.raises(RecordingError, match="is not a recording"):
+        salvage(path, tmp_path / "a.mcap")
+
+
+def record_until_killed(path: Path, n_blocks: int) -> None:
+    """A process of its own: record a block a second, then be killed."""
+    now_ns = START_NS
+
+    def clock() -> int:
+        nonlocal now_ns
+        now_ns += SECOND
+        return now_ns
+
+    recorder = Recorder(path, metadata=METADATA, clock=clock)
+    for sequence in range(n_blocks):
+        recorder.handle(block(sequence))
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_recorder_that_is_killed_loses_at_most_two_seconds(tmp_path: Path) -> None:
+    path = tmp_path / "tower.mcap"
+    process = multiprocessing.get_context("spawn").Process(
+        target=record_until_killed, args=(path, 100)
+    )
+    process.start()
+    process.join(60)
+    assert process.exitcode == -signal.SIGKILL
+    left = tmp_path / "tower.salvaged.mcap"
+    salvage(tmp_path / "tower.mcap.active", left)
+    sequences = [message.sequence for message in read_messages(left)]
+    assert sequences == list(range(len(sequences)))
+    assert len(sequences) >= 98
