@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.blocks import AccelerationBlock
+from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import SensorLayout
 
 FloatArray = NDArray[np.float64]
@@ -81,7 +81,7 @@ class ModalEstimate:
     @property
     def duration(self) -> float:
         """[s]"""
-        return (self.end_ns - self.start_ns) * 1e-9
+        return (self.end_ns - self.start_ns) / NANOSECONDS
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,13 @@ def settings_from_table(cls: type[T], table: Mapping[str, Any], where: str) -> T
         raise ScenarioError(f"{where}: {error}") from error
 
 
+def _place(where: str, key: str, hint: Any) -> str:
+    """Where a value stands: "parked.toml [oma] hop"; a table's name goes into the brackets."""
+    if not is_dataclass(hint):
+        return f"{where} {key}"
+    return f"{where[:-1]}.{key}]" if where.endswith("]") else f"{where} [{key}]"
+
+
 def _unknown_key(key: str, known: list[str], where: str) -> str:
     close = difflib.get_close_matches(key, known, n=1)
     advice = f"did you mean {close[0]!r}?" if close else f"it takes {', '.join(known)}"

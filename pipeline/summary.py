@@ -23,7 +23,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.updating.summary import empty_summary, posterior_summary
-from sensors.blocks import AccelerationBlock
+from sensors.blocks import NANOSECONDS, AccelerationBlock
 
 Json = dict[str, Any]
 
@@ -184,7 +184,7 @@ class SessionSummary:
         """Of the measurements [s]."""
         if self.first_ns is None or self.last_ns is None:
             return 0.0
-        return (self.last_ns - self.first_ns) * 1e-9
+        return (self.last_ns - self.first_ns) / NANOSECONDS
 
     def as_json(self, wall: float) -> Json:
         """wall: how long the session took [s]."""
@@ -208,8 +208,11 @@ class SessionSummary:
             },
         }
 
+    def _since_start(self, time_ns: int) -> float | None:
+        return None if self.first_ns is None else (time_ns - self.first_ns) / NANOSECONDS
+
     def _rejection(self, rejected: WindowRejected) -> Json:
-        start = None if self.first_ns is None else (rejected.start_ns - self.first_ns) * 1e-9
+        start = self._since_start(rejected.start_ns)
         return {"start": start, "code": rejected.code, "reason": rejected.reason}
 
     def _posterior(self) -> Json:

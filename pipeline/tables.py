@@ -38,22 +38,21 @@ def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table
 def posterior_table(posterior: Json) -> Table:
     """Median and 90 % interval of each spring, absolute and over nominal."""
     table = _table("Foundation posterior")
-    for title in ("", "median", "90 % interval", "unit", "÷ nominal", "90 % interval", "truth"):
+    for title in ("", "÷ nominal", "90 % interval", "truth", "median", "unit"):
         table.add_column(title, justify="right", no_wrap=True)
     for name in ("k11", "k22", "k12"):
         spring = posterior[name]
         truth = spring["truth_ratio"]
         table.add_row(
             name,
-            f"{spring['median']:.3e}",
-            f"{spring['p05']:.3e}, {spring['p95']:.3e}",
-            spring["unit"],
             f"{spring['ratio_median']:.4f}",
-            f"{spring['ratio_p05']:.4f}, {spring['ratio_p95']:.4f}",
+            f"{spring['ratio_p05']:.4f} to {spring['ratio_p95']:.4f}",
             "unknown" if truth is None else f"{truth:.4f}",
+            f"{spring['median']:.4g}",
+            spring["unit"],
         )
     sigma = posterior["sigma"]
-    table.add_row("σ", f"{sigma['median']:.1e}", f"below {sigma['p95']:.1e} (95 %)", "-")
+    table.add_row("σ", "", f"below {sigma['p95']:.1e} (95 %)", "", f"{sigma['median']:.1e}", "-")
     table.caption = (
         f"{_counted(posterior['windows'], 'window')}, {posterior['sampler']}: "
         f"{posterior['ess']:.0f} effective draws, R-hat {posterior['rhat']:.3f}; "

@@ -41,7 +41,7 @@ def test_a_table_becomes_settings() -> None:
         ({"duration": 1.0, "seed": 1.5}, "seed is 1.5"),
         ({"duration": 1.0, "kind": "dx"}, "kind is 'dx'; it can be 'dc', 'ac'"),
         ({"duration": 1.0, "levels": 3}, "levels is 3; a list"),
-        ({"duration": 1.0, "inner": {"dept": 1}}, "inner: unknown key 'dept'"),
+        ({"duration": 1.0, "inner": {"dept": 1}}, r"\[outer.inner\]: unknown key 'dept'"),
     ],
 )
 def test_an_error_names_section_key_and_value(table: dict[str, object], complaint: str) -> None:

@@ -1,0 +1,198 @@
+"""The commands as a person meets them: in a process of their own, from another folder."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+Command = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def pilewatch(tmp_path: Path) -> Command:
+    """Run `pilewatch ARGUMENTS…` in an empty folder."""
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "pipeline", *arguments],
+            cwd=tmp_path,
+            env=os.environ | {"COLUMNS": "100"},
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+
+    return run
+
+
+def one_line(finished: subprocess.CompletedProcess[str]) -> str:
+    """The complaint of a command that was given something wrong."""
+    assert finished.returncode == 2, finished.stderr
+    assert "Traceback" not in finished.stderr
+    lines = [line for line in finished.stderr.splitlines() if line.strip()]
+    assert len(lines) == 1, finished.stderr
+    return lines[0]
+
+
+def two_masses_csv(folder: Path, *, rate: float = 50.0) -> Path:
+    """Two modes under white noise, 1.9 and 5.0 Hz at 1 % damping, as a text file with units."""
+    generator = np.random.default_rng(5)
+    t = np.arange(0, 300, 1 / rate)
+    channels = np.zeros((len(t), 2))
+    for frequency, shape in ((1.9, (0.6, 1.0)), (5.0, (1.0, -0.6))):
+        pole = np.exp(2 * np.pi * frequency / rate * (-0.01 + 1j))
+        recursion = [1.0, -2 * pole.real, abs(pole) ** 2]
+        channels += np.outer(lfilter([1.0], recursion, generator.standard_normal(len(t))), shape)
+    channels += 0.02 * channels.std() * generator.standard_normal(channels.shape)
+    path = folder / "two_masses.csv"
+    header = "time [s],low [g],high [g]"
+    np.savetxt(path, np.column_stack([t, channels]), delimiter=",", header=header, comments="")
+    return path
+
+
+def test_identify_prints_the_modes_of_a_text_file(pilewatch: Command, tmp_path: Path) -> None:
+    found = pilewatch("identify", str(two_masses_csv(tmp_path)), "--json")
+    assert found.returncode == 0, found.stderr
+    figures = json.loads(found.stdout)
+    frequencies = [mode["frequency_hz"] for mode in figures["modes"]]
+    np.testing.assert_allclose(frequencies, [1.9, 5.0], rtol=0.01)
+    assert figures["windows"] == {"identified": 1, "rejected": []}
+    assert figures["sampling_rate_hz"] == pytest.approx(50.0)
+
+
+def test_identify_in_windows_counts_them(pilewatch: Command, tmp_path: Path) -> None:
+    path = two_masses_csv(tmp_path)
+    figures = json.loads(pilewatch("identify", str(path), "--window", "100", "--json").stdout)
+    assert figures["windows"]["identified"] == 3
+    assert {mode["seen_in_windows"] for mode in figures["modes"]} == {3}
+
+
+def test_modes_lists_table_1_first(pilewatch: Command) -> None:
+    figures = json.loads(pilewatch("modes", "--json").stdout)["modes"]
+    assert [mode["name"] for mode in figures[:11]] == [str(i) for i in range(1, 12)]
+    assert [mode["direction"] for mode in figures[:5]] == ["SS", "FA", "FA", "SS", "FA"]
+    for mode in figures[:11]:
+        assert mode["frequency_hz"] == pytest.approx(mode["table1_hz"], rel=0.025)
+    for mode in figures[:2]:
+        assert mode["frequency_hz"] == pytest.approx(mode["table1_hz"], rel=0.002)
+    assert all(mode["table1_hz"] is None for mode in figures[11:])
+    assert all(len(mode["shape"]) == 8 for mode in figures)
+
+
+def test_info_tells_what_a_recording_holds(pilewatch: Command, short_recording: Path) -> None:
+    told = pilewatch("info", str(short_recording))
+    assert told.returncode == 0
+    for word in ("AccelerationBlock", "240", "none", "truth.k11 = 9800000000.0"):
+        assert word in told.stdout
+
+
+def test_help_teaches_every_command(pilewatch: Command) -> None:
+    overview = pilewatch("--help").stdout
+    for command in ("run", "simulate", "identify", "modes", "node", "info"):
+        assert command in overview
+        assert pilewatch(command, "--help").returncode == 0
+
+
+def test_run_without_a_recording_says_how_to_make_one(pilewatch: Command) -> None:
+    complaint = one_line(pilewatch("run"))
+    assert "recordings/parked.mcap" in complaint
+    assert "pilewatch simulate parked -o recordings/parked.mcap" in complaint
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("run", "--source", "replay:gone.mcap"), "gone.mcap"),
+        (("run", "--source", "radio"), "'radio' is none of replay:FILE"),
+        (("run", "--scenario", "storm", "--source", "simulate:"), "'storm' is neither a file"),
+        (("run", "--speed", "fast", "--source", "live"), "--speed fast"),
+        (("run", "--view", "hologram", "--source", "live"), "hologram"),
+        (("run", "--processes", "--lock-step"), "exclude each other"),
+        (("modes", "--theta", "1,1"), "three numbers are needed"),
+        (("modes", "--theta", "1,0.25,4"), "k11·k22 must exceed k12²"),
+        (("modes", "--sign", "up"), "published or embedded-pile"),
+        (("modes", "--turbine", "gone.toml"), "gone.toml"),
+        (("identify", "gone.csv"), "gone.csv"),
+        (("node", "cook", "--connect", "tcp/127.0.0.1:1"), "there is no node 'cook'"),
+    ],
+)
+def test_a_mistake_gives_one_line(
+    pilewatch: Command, arguments: tuple[str, ...], complaint: str
+) -> None:
+    assert complaint in one_line(pilewatch(*arguments))
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "complaint"),
+    [
+        ("a,b\n1,oops\n2,3\n", (), "'oops' in line 2"),
+        ("a,b\nnan,nan\nnan,nan\n", (), "only NaN"),
+        ("a,b\n1,2\n", ("--sampling-rate", "10"), "1 sample(s)"),
+        ("a,b\n1,2\n3,4\n", (), "give --sampling-rate HZ"),
+        ("a,b\n1,2\n3,4\n", ("--sampling-rate", "-5"), "-5 Hz; it must be positive"),
+        ("t,a\n0,2\n1,4\n", ("--window", "60"), "--window 60 s does not fit"),
+    ],
+)
+def test_a_broken_text_file_gives_one_line(
+    pilewatch: Command, tmp_path: Path, text: str, arguments: tuple[str, ...], complaint: str
+) -> None:
+    (tmp_path / "broken.csv").write_text(text)
+    assert complaint in one_line(pilewatch("identify", "broken.csv", *arguments))
+
+
+def test_a_cut_recording_gives_one_line(
+    pilewatch: Command, tmp_path: Path, short_recording: Path
+) -> None:
+    whole = short_recording.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    assert "cut off before its end" in one_line(pilewatch("run", "--source", "replay:cut.mcap"))
+    assert "cut off before its end" in one_line(pilewatch("info", "cut.mcap"))
+
+
+def test_an_unknown_scenario_key_is_named_with_its_section(
+    pilewatch: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.toml").write_text("[oma]\nwindow_duratoin = 600\n")
+    complaint = one_line(pilewatch("simulate", "mine.toml", "-o", "mine.mcap"))
+    assert "mine.toml [oma]: unknown key 'window_duratoin'" in complaint
+    assert "did you mean 'window_duration'" in complaint
+
+
+def test_a_negative_thickness_is_named(pilewatch: Command, tmp_path: Path) -> None:
+    from sensors.turbine.description import shipped_text
+
+    text = shipped_text("iea15mw_monopile")
+    thickness = next(line for line in text.splitlines() if "thickness" in line)
+    broken = text.replace(thickness, thickness.replace("thickness = ", "thickness = -"), 1)
+    assert broken != text
+    (tmp_path / "thin.toml").write_text(broken)
+    complaint = one_line(pilewatch("modes", "--turbine", "thin.toml"))
+    assert "thin.toml" in complaint
+    assert "thickness" in complaint
+
+
+def test_a_port_in_use_gives_one_line(pilewatch: Command, short_recording: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        source = f"replay:{short_recording}"
+        complaint = one_line(pilewatch("run", "--source", source, "--listen", endpoint))
+    assert f"cannot listen on {endpoint}: the port is in use" in complaint
+
+
+def test_a_recording_is_never_overwritten(pilewatch: Command, short_recording: Path) -> None:
+    before = short_recording.read_bytes()
+    complaint = one_line(
+        pilewatch("simulate", "parked", "-o", str(short_recording), "--duration", "10")
+    )
+    assert "exists already" in complaint
+    assert short_recording.read_bytes() == before

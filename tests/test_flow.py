@@ -1,0 +1,96 @@
+"""One recording, three ways of running the graph, one posterior.
+
+lock-step    block ─► identification ─► updating             one thread, no transport
+threads      source ═► identification ═► updating            ═► is Zenoh over loopback
+processes    source ═► │identification│ ═► │updating│        each in a process of its own
+"""
+
+import json
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from pipeline.messages import FoundationPosterior, ModalEstimate
+from pipeline.recording.reader import read_messages
+from pipeline.session import SessionOptions, Way, run_session
+from pipeline.sources import replayed
+from sensors.blocks import AccelerationBlock
+
+
+@pytest.fixture(scope="module")
+def sessions(short_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The recording run in each way; the folder of each session."""
+    folders = {}
+    for way in get_args(Way):
+        folders[way] = tmp_path_factory.mktemp(way)
+        options = SessionOptions(out=folders[way], way=way, rrd=way == "threads")
+        run_session(replayed(short_recording), options)
+    return folders
+
+
+def posteriors(folder: Path) -> list[FoundationPosterior]:
+    return list(read_messages(folder / "session.mcap", (FoundationPosterior,)))
+
+
+def figures(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "summary.json").read_text())
+
+
+def test_every_way_gives_bit_identical_posteriors(sessions: dict[str, Path]) -> None:
+    reference = posteriors(sessions["lock-step"])
+    assert len(reference) == 2
+    for way in ("threads", "processes"):
+        for ours, theirs in zip(posteriors(sessions[way]), reference, strict=True):
+            np.testing.assert_array_equal(ours.draws, theirs.draws)
+            assert ours.parameters == theirs.parameters
+            assert ours.pairs == theirs.pairs
+
+
+def test_every_way_records_every_block_as_it_was_published(
+    sessions: dict[str, Path], short_recording: Path
+) -> None:
+    published = list(read_messages(short_recording, (AccelerationBlock,)))
+    for folder in sessions.values():
+        recorded = list(read_messages(folder / "session.mcap", (AccelerationBlock,)))
+        assert [block.sequence for block in recorded] == [block.sequence for block in published]
+        for ours, theirs in zip(recorded, published, strict=True):
+            np.testing.assert_array_equal(ours.samples, theirs.samples)
+
+
+def test_a_session_loses_nothing_and_says_so(sessions: dict[str, Path]) -> None:
+    for folder in sessions.values():
+        assert figures(folder)["stream"] == {
+            "published": 240,
+            "recorded": 240,
+            "lost": 0,
+            "late": 0,
+        }
+
+
+def test_the_recorded_session_can_be_replayed_to_the_same_posterior(
+    sessions: dict[str, Path], tmp_path: Path
+) -> None:
+    session = replayed(sessions["threads"] / "session.mcap")
+    run_session(session, SessionOptions(out=tmp_path, way="lock-step", rrd=False))
+    again, first = posteriors(tmp_path), posteriors(sessions["lock-step"])
+    np.testing.assert_array_equal(again[-1].draws, first[-1].draws)
+
+
+def test_a_short_chain_is_reported_and_the_truth_is_named(sessions: dict[str, Path]) -> None:
+    summary = figures(sessions["threads"])
+    assert "chain-short" in {warning["code"] for warning in summary["warnings"]}
+    assert summary["posterior"]["k11"]["truth_ratio"] == 1.0
+    assert summary["windows"]["identified"] == 2
+    assert summary["duration_s"] == 240.0
+
+
+def test_pictures_are_written_only_where_they_were_wanted(sessions: dict[str, Path]) -> None:
+    assert (sessions["threads"] / "session.rrd").stat().st_size > 100_000
+    assert not (sessions["lock-step"] / "session.rrd").exists()
+
+
+def test_estimates_carry_the_names_of_their_channels(sessions: dict[str, Path]) -> None:
+    (estimate, _) = read_messages(sessions["threads"] / "session.mcap", (ModalEstimate,))
+    assert estimate.channels[:2] == ("z41-fa", "z80-fa")
