@@ -21,9 +21,17 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from pipeline.viewer import colours
+
 WINDOW_SIZE = "1600x1000"  # [pixels]
 PATIENCE = 60.0  # for a viewer to come up on a slow machine [s]
 SETTLING = 4.0  # from a change of tab to a finished picture; the viewer does not say when [s]
+EXPECTED = {  # colours that data, not decoration, fill in each tab
+    "Overview": (colours.POSTERIOR, colours.MODEL),
+    "Signals": (colours.LEVELS[2], colours.LEVELS[3]),
+    "Modes": (colours.MEASURED, colours.MODEL),
+    "Foundation": (colours.POSTERIOR,),
+}
 _log = logging.getLogger("screenshots")
 
 
@@ -92,14 +100,23 @@ def take(rrd: Path, folder: Path) -> dict[str, Path]:
             time.sleep(SETTLING)
             pictures[tab] = folder.resolve() / f"{tab.lower()}.png"
             viewer.save_screenshot(str(pictures[tab]))
+            _require_content(tab, pictures[tab])
             _shrink(pictures[tab])
     return pictures
 
 
+def _require_content(tab: str, png: Path) -> None:
+    """ValueError for a picture that lacks the colours of what its tab shows."""
+    present = filled_colours(png)
+    lacking = [colour for colour in EXPECTED.get(tab, ()) if colour not in present]
+    if lacking:
+        raise ValueError(f"{png}: tab {tab} shows nothing in {lacking}; is its data missing?")
+
+
 def _shrink(png: Path) -> None:
-    """Half the bytes: a palette of 256 colours is enough for flat surfaces and lines."""
+    """A fifth of the bytes: a palette of 64 colours is enough for flat surfaces and lines."""
     with Image.open(png) as picture:
-        small = picture.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+        small = picture.convert("RGB").quantize(64, dither=Image.Dither.NONE)
     small.save(png, optimize=True)
 
 

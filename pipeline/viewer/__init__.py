@@ -14,29 +14,3 @@
 
 Rerun is imported when a viewer is opened, not before: everything else runs without it.
 """
-
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-from pipeline.viewer.outputs import ViewerOutput, require_rerun
-from sensors.turbine.description import TurbineDescription
-
-if TYPE_CHECKING:
-    from pipeline.viewer.sink import Viewer
-
-
-def open_viewer(
-    outputs: Sequence[ViewerOutput],
-    description: TurbineDescription,
-    *,
-    session: str,
-    strict: bool = False,
-) -> "Viewer":
-    """The sink node that shows a session; ViewerError where rerun is missing or an output fails.
-
-    See `pipeline.viewer.sink.Viewer` for the arguments.
-    """
-    require_rerun(tuple(outputs))
-    from pipeline.viewer.sink import Viewer
-
-    return Viewer(outputs, description, session=session, strict=strict)

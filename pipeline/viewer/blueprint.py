@@ -74,7 +74,7 @@ def turbine_tabs(panel: TurbinePanel, *, tab: str = TABS[0]) -> rrb.Tabs:
 def _overview(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     return rrb.Horizontal(
         _tower(root, panel),
-        rrb.Vertical(*_stiffness_bands(root), _shapes(root, panel), row_shares=[3, 3, 3, 5]),
+        rrb.Vertical(*_stiffness_bands(root), _shapes(root, panel), row_shares=[7, 7, 7, 10]),
         rrb.Vertical(_status(root), _events(root), row_shares=[3, 2]),
         column_shares=[5, 8, 6],
         name="Overview",
@@ -138,7 +138,7 @@ def _shapes(root: str, panel: TurbinePanel) -> rrb.Spatial3DView:
     middle = (len(panel.modes) - 1) / 2 * SPACING / 2**0.5
     return rrb.Spatial3DView(
         origin=f"{root}/shapes",
-        name="Mode shapes: dots identified, line model; below: direction, Hz, MAC",
+        name="Mode shapes: line model, dots identified (–: not found); direction, Hz, MAC",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
             position=[-middle + 208.0, middle + 208.0, panel.mid_height],

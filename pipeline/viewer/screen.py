@@ -270,7 +270,7 @@ class TurbineScreen:
             identified = deflection(layout, channels, scaled_onto(mode.shape, model_shape[columns]))
         tower_views.log_identified_shape(self._recording, self._root, label, identified)
         words = [model.direction]
-        words += [f"{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["not found"]
+        words += [f"{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["–"]
         foot = self._outline.mudline - 8.0
         tower_views.log_shape_caption(self._recording, self._root, label, words, foot=foot)
 

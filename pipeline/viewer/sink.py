@@ -11,8 +11,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.viewer.outputs import RrdFile, ViewerOutput
-from pipeline.viewer.show import Show
+from pipeline.viewer.outputs import RrdFile, ViewerOutput, require_rerun
 from pipeline.viewer.stages import DirectStage, ThreadedStage
 from sensors.blocks import AccelerationBlock
 from sensors.layout import SensorLayout
@@ -29,7 +28,7 @@ class Viewer:
     strict        True (tests): an exception while drawing to a file goes to the caller; else it
                   is logged once and that output stays as it is
 
-    Raises ViewerError, one line, where an output cannot be had.
+    Raises ViewerError, one line, where rerun is missing or an output cannot be had.
     """
 
     name = "viewer"
@@ -52,6 +51,9 @@ class Viewer:
         session: str,
         strict: bool = False,
     ) -> None:
+        require_rerun(tuple(outputs))
+        from pipeline.viewer.show import Show  # here, so that all but pictures runs without rerun
+
         shows = [(output, Show(output, description, session=session)) for output in outputs]
         self._stages: tuple[DirectStage | ThreadedStage, ...] = tuple(
             DirectStage(show, strict=strict) if isinstance(output, RrdFile) else ThreadedStage(show)

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import rerun as rr
 
-from pipeline.viewer import open_viewer
 from pipeline.viewer.outputs import RrdFile
+from pipeline.viewer.sink import Viewer
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import DESCRIPTION, Episode, session
 
@@ -19,7 +19,7 @@ def _strict_rerun() -> None:
 
 def record(path: Path, episode: Episode) -> Recorded:
     """The session as the viewer writes it, read back."""
-    viewer = open_viewer([RrdFile(path)], DESCRIPTION, session="made-up", strict=True)
+    viewer = Viewer([RrdFile(path)], DESCRIPTION, session="made-up", strict=True)
     for message in session(episode):
         viewer.handle(message)
     viewer.close()

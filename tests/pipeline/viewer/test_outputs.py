@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.viewer import open_viewer
 from pipeline.viewer.outputs import (
     ConnectedViewer,
     RrdFile,
@@ -13,6 +12,7 @@ from pipeline.viewer.outputs import (
     ViewerError,
     parse_view,
 )
+from pipeline.viewer.sink import Viewer
 from tests.pipeline.viewer.session import DESCRIPTION
 
 
@@ -38,7 +38,7 @@ def test_missing_rerun_is_one_line_that_names_the_option(
     monkeypatch.setattr("pipeline.viewer.outputs.find_spec", lambda name: None)
     outputs = [RrdFile(Path("out/session.rrd"))]
     with pytest.raises(ViewerError) as error:
-        open_viewer(outputs, DESCRIPTION, session="s")
+        Viewer(outputs, DESCRIPTION, session="s")
     assert str(error.value) == (
         "rerun-sdk is not installed (needed for --rrd out/session.rrd): "
         "pip install rerun-sdk, or run with --no-rrd"
@@ -47,5 +47,14 @@ def test_missing_rerun_is_one_line_that_names_the_option(
 
 def test_opening_nothing_needs_no_rerun_at_import():
     source = Path(importlib.util.find_spec("pipeline.viewer").origin).parent  # type: ignore[union-attr, arg-type]
-    for name in ("__init__", "outputs", "display_signals", "scene", "corner", "status", "stages"):
+    for name in (
+        "__init__",
+        "outputs",
+        "display_signals",
+        "scene",
+        "corner",
+        "status",
+        "stages",
+        "sink",
+    ):
         assert "import rerun" not in (source / f"{name}.py").read_text("utf-8")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pipeline.messages import FoundationTruth
-from pipeline.viewer import open_viewer
 from pipeline.viewer.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.outputs import ConnectedViewer, RrdFile, ViewerError
+from pipeline.viewer.sink import Viewer
 from sensors.blocks import NANOSECONDS
 from tests.pipeline.viewer.conftest import record
 from tests.pipeline.viewer.content import Recorded
@@ -172,7 +172,7 @@ def test_an_untrusted_posterior_is_an_error_in_the_events(tmp_path: Path):
 
 
 def test_a_dead_channel_turns_its_sensor_into_the_colour_of_trouble(tmp_path: Path):
-    viewer = open_viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
     viewer.handle(LAYOUT)
     rng = np.random.default_rng(8)
     block = acceleration_block(1, 10, rng)
@@ -193,7 +193,7 @@ def test_a_day_of_eight_channels_takes_less_than_150_megabytes(tmp_path: Path):
 
 
 def test_two_turbines_share_a_recording_side_by_side(tmp_path: Path):
-    viewer = open_viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
     for turbine in ("north", "south"):
         viewer.handle(FoundationTruth(turbine, START_NS, *map(float, DESCRIPTION.nominal)))
     viewer.close()
@@ -204,7 +204,7 @@ def test_two_turbines_share_a_recording_side_by_side(tmp_path: Path):
 def test_a_broken_picture_is_logged_once_and_ends_no_session(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ):
-    viewer = open_viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s")
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s")
     viewer.handle(LAYOUT)
     narrow = acceleration_block(0, 10, np.random.default_rng(8))
     one_channel_too_few = type(narrow)(
@@ -221,10 +221,10 @@ def test_a_broken_picture_is_logged_once_and_ends_no_session(
 
 def test_a_viewer_that_is_not_there_is_one_clear_line():
     with pytest.raises(ViewerError, match=r"no viewer listens there.*rerun --bind 127\.0\.0\.1"):
-        open_viewer([ConnectedViewer("rerun+http://127.0.0.1:1/proxy")], DESCRIPTION, session="s")
+        Viewer([ConnectedViewer("rerun+http://127.0.0.1:1/proxy")], DESCRIPTION, session="s")
 
 
 def test_a_file_that_cannot_be_written_is_one_clear_line(tmp_path: Path):
     (tmp_path / "folder.rrd").mkdir()
     with pytest.raises(ViewerError, match=r"--rrd .*folder\.rrd: cannot be written"):
-        open_viewer([RrdFile(tmp_path / "folder.rrd")], DESCRIPTION, session="s")
+        Viewer([RrdFile(tmp_path / "folder.rrd")], DESCRIPTION, session="s")
