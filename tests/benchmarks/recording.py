@@ -1,0 +1,80 @@
+"""How fast recordings are written and read, and how large an hour is.
+
+python -m tests.benchmarks recording [--minutes N]
+
+One tower, eight channels at 40 Hz, noise in steps of 2⁻¹⁴ m/s²; a block a second.
+"""
+
+import argparse
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.recording.info import recording_info
+from pipeline.recording.reader import read_messages
+from pipeline.recording.salvage import salvage
+from pipeline.recording.writer import Recorder, RecorderSettings
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+
+ADC_STEP = 2.0**-14  # [m/s²]
+START_NS = 1_700_000_000 * NANOSECONDS
+
+
+def main(arguments: list[str]) -> None:
+    """Print one row for each age at which a chunk is closed."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks recording")
+    parser.add_argument("--minutes", type=int, default=60)
+    options = parser.parse_args(arguments)
+    blocks = made_up_blocks(60 * options.minutes)
+    print("chunk [s]   MB an hour   written   read   info   salvaged   [blocks a CPU second]")
+    with tempfile.TemporaryDirectory() as folder:
+        for chunk_duration in (1.0, 10.0, 60.0, 600.0):
+            path = Path(folder) / f"{chunk_duration:g}.mcap"
+            written = speed(blocks, lambda p=path, c=chunk_duration: record(blocks, p, c))
+            read = speed(blocks, lambda p=path: list(read_messages(p)))
+            info = speed(blocks, lambda p=path: recording_info(p))
+            whole = path.read_bytes()
+            path.write_bytes(whole[:-100])
+            salvaged = speed(blocks, lambda p=path: salvage(p, p.with_suffix(".salvaged")))
+            size = len(whole) * 60 / options.minutes * 1e-6
+            print(
+                f"{chunk_duration:9g}   {size:10.2f}   {written:7.0f}  {read:6.0f} "
+                f"{info:6.0f} {salvaged:8.0f}"
+            )
+
+
+def made_up_blocks(count: int) -> list[AccelerationBlock]:
+    """Noise of 70 mm/s² rms, quantised."""
+    generator = np.random.default_rng(1)
+    return [
+        AccelerationBlock(
+            *("t1", "tower", "session", "layout"),
+            sequence=sequence,
+            first_sample=40 * sequence,
+            start_ns=START_NS + sequence * NANOSECONDS,
+            sampling_rate=40.0,
+            samples=(
+                np.round(generator.normal(scale=0.07, size=(40, 8)) / ADC_STEP) * ADC_STEP
+            ).astype(np.float32),
+        )
+        for sequence in range(count)
+    ]
+
+
+def record(blocks: list[AccelerationBlock], path: Path, chunk_duration: float) -> None:
+    """Write the blocks to a file whose chunks are closed at this age [s]."""
+    settings = RecorderSettings(chunk_duration=chunk_duration, chunk_bytes=2**24)
+    recorder = Recorder(path, metadata={}, clock=None, settings=settings)
+    for block in blocks:
+        recorder.handle(block)
+    recorder.close()
+
+
+def speed(blocks: list[AccelerationBlock], work: Callable[[], object]) -> float:
+    """Blocks that are dealt with in a CPU second."""
+    started = time.process_time()
+    work()
+    return len(blocks) / (time.process_time() - started)
