@@ -1,0 +1,189 @@
+"""Windows combined, mode by mode, before any model is asked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.messages import ModalEstimate
+from pipeline.updating.evidence import EstimateRefused, ModalEvidence, sightings
+from tests.pipeline.updating.small_tower import LAYOUT, drawn_estimate, drawn_mode
+
+TRUTH = np.array([1.1, 0.9, 0.95])
+LABELS = ("3", "4", "5")  # apart enough to be followed without doubt
+
+
+def empty(joint_covariance=False):
+    return ModalEvidence(channels=LAYOUT.channel_names, joint_covariance=joint_covariance)
+
+
+def windows(n, *, seed, **options):
+    generator = np.random.default_rng(seed)
+    options = {"labels": LABELS, **options}
+    return [drawn_estimate(TRUTH, generator, window=number, **options) for number in range(n)]
+
+
+def combined(estimates, **options):
+    evidence = empty(**options)
+    for estimate in estimates:
+        evidence = evidence.with_estimate(estimate)
+    return evidence
+
+
+def test_two_equal_windows_halve_the_variance_and_keep_the_mean():
+    one, two = combined(windows(1, seed=1)), combined(windows(1, seed=1) * 2)
+    assert two.modes[0].frequency == pytest.approx(one.modes[0].frequency, rel=1e-12)
+    ratio = two.modes[0].covariance[0, 0] / one.modes[0].covariance[0, 0]
+    assert ratio == pytest.approx(0.5, rel=1e-12)
+
+
+def test_combined_frequencies_are_the_precision_weighted_means():
+    first, second = (
+        windows(1, seed=2, frequency_std=0.001),
+        windows(1, seed=3, frequency_std=0.0005),
+    )
+    both = combined(first + second)
+    for number, mode in enumerate(both.modes):
+        a, b = first[0].modes[number], second[0].modes[number]
+        wa, wb = a.frequency_std**-2, b.frequency_std**-2
+        assert mode.frequency == pytest.approx((wa * a.frequency + wb * b.frequency) / (wa + wb))
+
+
+def test_a_window_that_overlaps_by_nine_tenths_counts_a_tenth():
+    whole = combined(windows(1, seed=4))
+    tenth = combined(windows(1, seed=4, weight=0.1))
+    assert np.allclose(tenth.modes[0].information, 0.1 * whole.modes[0].information)
+
+
+def test_the_unit_component_carries_no_information():
+    for mode in combined(windows(3, seed=5)).modes:
+        assert mode.information[1 + mode.unit_component].any() == np.False_
+        assert mode.shape[mode.unit_component] == 1.0
+
+
+def test_the_unit_component_stays_where_the_first_window_put_it():
+    """A shape whose two largest components are nearly equal is normalised to either of them."""
+    shape = np.array([1.0, -0.98, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    generator = np.random.default_rng(6)
+    estimate = windows(1, seed=6)[0]
+    estimates = [
+        replace(estimate, modes=(drawn_mode(2.0, shape, generator, 0.001, 0.03),))
+        for _ in range(60)
+    ]
+    assert {each.modes[0].unit_component for each in estimates} == {0, 1}
+    (mode,) = combined(estimates).modes
+    expected = shape / shape[mode.unit_component]
+    assert mode.shape == pytest.approx(expected, abs=4 * 0.03 * np.sqrt(2) / np.sqrt(60))
+
+
+def test_the_state_does_not_grow_with_the_number_of_windows():
+    few, many = combined(windows(2, seed=7)), combined(windows(20, seed=7))
+    assert len(few.modes) == len(many.modes) == len(LABELS)
+    assert many.n_windows == 20
+    assert all(mode.n_windows == 20 for mode in many.modes)
+
+
+def test_windows_combine_to_the_same_whatever_their_order():
+    estimates = windows(5, seed=8)
+    forwards, backwards = combined(estimates), combined(estimates[::-1])
+    for one, other in zip(forwards.modes, backwards.modes, strict=True):
+        known = one.known & other.known
+        assert np.allclose(one.mean[0], other.mean[0], rtol=1e-9)
+        assert known[0]
+
+
+def test_channels_are_mapped_by_name_whatever_their_order_and_number():
+    estimate = windows(1, seed=9)[0]
+    kept = [5, 0, 2, 7, 3, 1]
+    partial = reordered(estimate, kept)
+    names = [LAYOUT.channel_names[index] for index in kept]
+    assert list(partial.channels) == names
+    for whole, part in zip(
+        sightings(estimate, LAYOUT.channel_names),
+        sightings(partial, LAYOUT.channel_names),
+        strict=True,
+    ):
+        assert np.isnan(part.shape[[4, 6]]).all()
+        assert np.array_equal(part.shape[kept], whole.shape[kept])
+
+
+def reordered(estimate, kept) -> ModalEstimate:
+    """The same estimate with some channels only, in another order."""
+    modes = tuple(
+        replace(
+            mode,
+            shape=mode.shape[kept],
+            covariance_factor=mode.covariance_factor[[0, 1, *(2 + index for index in kept)]],
+        )
+        for mode in estimate.modes
+        if mode.unit_component in kept
+    )
+    channels = tuple(estimate.channels[index] for index in kept)
+    return replace(estimate, channels=channels, modes=modes)
+
+
+def test_a_window_without_the_unit_channel_still_tells_the_frequency():
+    first, second = windows(2, seed=10)
+    unit = first.modes[0].unit_component
+    kept = [index for index in range(len(first.channels)) if index != unit]
+    modes = tuple(
+        replace(
+            mode,
+            shape=mode.shape[kept] / np.abs(mode.shape[kept]).max(),
+            covariance_factor=mode.covariance_factor[[0, 1, *(2 + index for index in kept)]]
+            + 1e-12,
+        )
+        for mode in second.modes[:1]
+    )
+    channels = tuple(first.channels[index] for index in kept)
+    before = combined([first])
+    after = before.with_estimate(replace(second, channels=channels, modes=modes))
+    assert after.modes[0].information[0, 0] > before.modes[0].information[0, 0]
+    assert np.array_equal(after.modes[0].information[1:, 1:], before.modes[0].information[1:, 1:])
+
+
+def test_a_close_pair_says_its_mean_frequency_and_nothing_of_shapes():
+    estimate = windows(1, seed=11)[0]
+    a, b = (replace(mode, pair_id="p") for mode in estimate.modes[:2])
+    pair = combined([replace(estimate, modes=(a, b, estimate.modes[2]))]).modes[0]
+    assert pair.close_pair
+    assert pair.frequency == pytest.approx((a.frequency + b.frequency) / 2)
+    assert pair.known.tolist() == [True] + [False] * len(LAYOUT.channels)
+
+
+def test_a_mode_that_jumps_opens_a_new_one_instead_of_spoiling_the_old():
+    estimate = windows(1, seed=12)[0]
+    moved = tuple(replace(mode, frequency=mode.frequency * 1.02) for mode in estimate.modes)
+    evidence = combined([estimate, replace(estimate, modes=moved)])
+    assert len(evidence.modes) == 2 * len(LABELS)
+
+
+def test_intervals_from_few_time_blocks_are_widened_for_it():
+    estimate = windows(1, seed=13)[0]
+    known = combined([estimate])
+    estimated = combined(
+        [replace(estimate, modes=tuple(_of_blocks(m, 20) for m in estimate.modes))]
+    )
+    ratio = estimated.modes[0].information[0, 0] / known.modes[0].information[0, 0]
+    assert ratio == pytest.approx(17 / 19)
+
+
+def _of_blocks(mode, n_blocks):
+    factor = np.hstack([mode.covariance_factor, np.zeros((len(mode.covariance_factor), n_blocks))])
+    return replace(mode, covariance_factor=factor, n_block_columns=n_blocks)
+
+
+@pytest.mark.parametrize(("value", "words"), [(np.nan, "not finite"), (0.0, "not positive")])
+def test_a_covariance_that_cannot_be_is_refused_with_the_mode_it_belongs_to(value, words):
+    estimate = windows(1, seed=14)[0]
+    broken = replace(
+        estimate.modes[0], covariance_factor=estimate.modes[0].covariance_factor * value
+    )
+    with pytest.raises(EstimateRefused, match=words):
+        empty().with_estimate(replace(estimate, modes=(broken,)))
+
+
+def test_a_channel_that_the_layout_does_not_have_is_refused_by_name():
+    estimate = replace(windows(1, seed=15)[0], channels=("z999-fa", *LAYOUT.channel_names[1:]))
+    with pytest.raises(EstimateRefused, match="z999-fa"):
+        empty().with_estimate(estimate)
