@@ -13,13 +13,18 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pipeline.oma.settings import OmaSettings
-from pipeline.settings import ScenarioError, settings_from_table
 from pipeline.updating.updater import UpdatingSettings
+from sensors.errors import InputError
 from sensors.layout import Coupling, SensorLayout, biaxial_layout
+from sensors.settings import settings_from_table
 from sensors.simulated import SimulationSettings
 from sensors.turbine.description import TurbineDescription, load_turbine
 
 DEFAULT_SCENARIO = "parked"
+
+
+class ScenarioError(InputError):
+    """A scenario that cannot be run; the message names file, section and key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +139,7 @@ def scenario_from_text(text: str, origin: str) -> Scenario:
         if key in table:
             raise ScenarioError(f"{origin}: unknown key {key!r}")
     table.setdefault("name", Path(origin).stem)
-    return settings_from_table(Scenario, table | {"text": text}, origin)
+    return settings_from_table(Scenario, table | {"text": text}, origin, ScenarioError)
 
 
 def with_overrides(

@@ -4,26 +4,23 @@ Axes: x downwind in the parked position (fore-aft), y to the side (side-side), z
 water level. Positions of the rotor-nacelle assembly are relative to the tower's top.
 """
 
-import difflib
-import math
 import tomllib
-import types
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.settings import settings_from_table
 from sensors.turbine.foundation import FoundationSprings, SpringSign, TurbineError
 
 FloatArray = NDArray[np.float64]
 Direction = Literal["FA", "SS"]
 Vector = tuple[float, float, float]
-T = TypeVar("T")
 
 SHIPPED = ("iea15mw_monopile",)
 STANDARD_GRAVITY = 9.80665  # [m/s²]
@@ -288,7 +285,7 @@ def parse_turbine(text: str, *, source: str) -> TurbineDescription:
     materials = document.pop("materials", {})
     if "tubes" in document:
         document["tubes"] = _with_materials(document["tubes"], materials, source)
-    return _from_table(TurbineDescription, document, where=source)
+    return settings_from_table(TurbineDescription, document, source, TurbineError)
 
 
 def _with_materials(tubes: Any, materials: Any, source: str) -> Any:
@@ -309,64 +306,6 @@ def _with_materials(tubes: Any, materials: Any, source: str) -> Any:
             tube = {**materials[material], **own}
         completed.append(tube)
     return completed
-
-
-def _from_table(cls: type[T], table: Mapping[str, Any], *, where: str) -> T:
-    """A frozen dataclass from a TOML table; nested tables and lists of tables likewise."""
-    hints = get_type_hints(cls)
-    known = {item.name: item for item in fields(cls)}  # type: ignore[arg-type]
-    for key in table:
-        if key not in known:
-            close = difflib.get_close_matches(key, known, n=1)
-            advice = f"did you mean {close[0]!r}?" if close else f"it takes {', '.join(known)}"
-            raise TurbineError(f"{where}: unknown key {key!r}; {advice}")
-    for name, item in known.items():
-        optional = item.default is not MISSING or item.default_factory is not MISSING
-        if name not in table and not optional:
-            raise TurbineError(f"{where}: the key {name!r} is missing")
-    values = {name: _converted(value, hints[name], where, name) for name, value in table.items()}
-    try:
-        return cls(**values)
-    except TurbineError as error:
-        raise TurbineError(f"{where}: {error}") from error
-
-
-def _converted(value: Any, hint: Any, where: str, key: str) -> Any:
-    """The TOML value as the annotated type; lists become tuples, integers floats."""
-    origin, arguments = get_origin(hint), get_args(hint)
-    if origin is types.UnionType:  # X | None: TOML has no null, so the key holds an X
-        return _converted(value, arguments[0], where, key)
-    if origin is Literal:
-        if value not in arguments:
-            words = " or ".join(repr(word) for word in arguments)
-            raise TurbineError(f"{where}: {key} is {value!r}; it can be {words}")
-        return value
-    if origin is tuple:
-        return _tuple(value, arguments, where, key)
-    if is_dataclass(hint) and isinstance(hint, type):
-        if not isinstance(value, Mapping):
-            raise TurbineError(f"{where}: {key} is {value!r}; a table of keys is needed")
-        return _from_table(hint, value, where=f"{where} [{key}]")
-    return _scalar(value, hint, where, key)
-
-
-def _tuple(value: Any, hints: tuple[Any, ...], where: str, key: str) -> tuple[Any, ...]:
-    if not isinstance(value, list):
-        raise TurbineError(f"{where}: {key} is {value!r}; a list is needed")
-    if hints[-1] is not Ellipsis and len(value) != len(hints):
-        raise TurbineError(f"{where}: {key} has {len(value)} values; {len(hints)} are needed")
-    return tuple(_converted(item, hints[0], where, f"{key}[{i}]") for i, item in enumerate(value))
-
-
-def _scalar(value: Any, hint: type, where: str, key: str) -> Any:
-    if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    if not isinstance(value, hint) or isinstance(value, bool):
-        kind = {float: "a number", int: "a whole number", str: "a text"}[hint]
-        raise TurbineError(f"{where}: {key} is {value!r}; {kind} is needed")
-    if isinstance(value, float) and not math.isfinite(value):
-        raise TurbineError(f"{where}: {key} is {value}; a finite number is needed")
-    return value
 
 
 def _cut(tube: Tube, times: int) -> Iterator[Tube]:

@@ -1,0 +1,111 @@
+"""A TOML table → a frozen settings dataclass, with an error that a person can act on.
+
+Scenarios and turbine descriptions are both read by it, so their mistakes read alike.
+"""
+
+import difflib
+import math
+import types
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from sensors.errors import InputError
+
+T = TypeVar("T")
+
+_KINDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
+
+
+def settings_from_table(
+    cls: type[T], table: Mapping[str, Any], where: str, error: type[InputError]
+) -> T:
+    """The dataclass that a table describes; nested dataclasses are sub-tables.
+
+    cls     frozen dataclass; its field types say what each key takes
+    table   as the TOML file has it
+    where   file and section, for the error: "parked.toml" or "parked.toml [oma]"
+    error   what to raise
+
+    Raises `error`, one line, for an unknown or missing key, a value of the wrong type, and
+    whatever InputError the dataclass' own checks raise, with `where` in front.
+    """
+    return _Reader(error).read(cls, table, where)
+
+
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    error: type[InputError]
+
+    def read(self, cls: type[T], table: Mapping[str, Any], where: str) -> T:
+        known = {field.name: field for field in fields(cls) if field.init}  # type: ignore[arg-type]
+        self._check_keys(table, known, where)
+        hints = get_type_hints(cls)
+        values = {
+            key: self._converted(value, hints[key], where, key) for key, value in table.items()
+        }
+        try:
+            return cls(**values)
+        except InputError as error:
+            raise self.error(f"{where}: {error}") from error
+
+    def _check_keys(
+        self, table: Mapping[str, Any], known: Mapping[str, Field[Any]], where: str
+    ) -> None:
+        for key in table:
+            if key not in known:
+                close = difflib.get_close_matches(key, known, n=1)
+                advice = f"did you mean {close[0]!r}?" if close else f"it takes {', '.join(known)}"
+                raise self.error(f"{where}: unknown key {key!r}; {advice}")
+        for name, field in known.items():
+            optional = field.default is not MISSING or field.default_factory is not MISSING
+            if name not in table and not optional:
+                raise self.error(f"{where}: the key {name!r} is missing")
+
+    def _converted(self, value: Any, hint: Any, where: str, key: str) -> Any:
+        """The TOML value as the annotated type; lists become tuples, integers floats."""
+        origin, arguments = get_origin(hint), get_args(hint)
+        if origin in (Union, types.UnionType):  # X | None: TOML has no null, the key holds an X
+            (inner,) = (each for each in arguments if each is not type(None))
+            return self._converted(value, inner, where, key)
+        if origin is Literal:
+            return self._one_of(value, arguments, where, key)
+        if origin is tuple:
+            return self._tuple(value, arguments, where, key)
+        if is_dataclass(hint) and isinstance(hint, type):
+            if not isinstance(value, Mapping):
+                raise self.error(f"{where}: {key} is {value!r}; a table of keys is needed")
+            return self.read(hint, value, _section(where, key))
+        return self._scalar(value, hint, where, key)
+
+    def _one_of(self, value: Any, choices: tuple[Any, ...], where: str, key: str) -> Any:
+        if value not in choices:
+            words = " or ".join(repr(choice) for choice in choices)
+            raise self.error(f"{where}: {key} is {value!r}; it can be {words}")
+        return value
+
+    def _tuple(self, value: Any, hints: tuple[Any, ...], where: str, key: str) -> tuple[Any, ...]:
+        if not isinstance(value, list):
+            raise self.error(f"{where}: {key} is {value!r}; a list is needed")
+        if hints[-1] is Ellipsis:
+            hints = (hints[0],) * len(value)
+        if len(value) != len(hints):
+            raise self.error(f"{where}: {key} has {len(value)} values; {len(hints)} are needed")
+        return tuple(
+            self._converted(item, hint, where, f"{key}[{i}]")
+            for i, (item, hint) in enumerate(zip(value, hints, strict=True))
+        )
+
+    def _scalar(self, value: Any, hint: type, where: str, key: str) -> Any:
+        if hint is float and isinstance(value, int) and not isinstance(value, bool):
+            value = float(value)
+        if not isinstance(value, hint) or isinstance(value, bool) != (hint is bool):
+            raise self.error(f"{where}: {key} is {value!r}; {_KINDS[hint]} is needed")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise self.error(f"{where}: {key} is {value}; a finite number is needed")
+        return value
+
+
+def _section(where: str, key: str) -> str:
+    """ "parked.toml" and "oma" give "parked.toml [oma]", one level down "parked.toml [oma.x]"."""
+    return f"{where[:-1]}.{key}]" if where.endswith("]") else f"{where} [{key}]"
