@@ -115,7 +115,7 @@ def _run(
         if source.is_live:
             raise InputError("--lock-step cannot run a live source: it waits for nobody")
         nodes = [*(plan.make() for plan in graph), summary]
-        messages = source.messages(options.speed)
+        messages = source.messages(options.speed, stopping)
         runner.run_lock_step(messages, nodes, turbine=turbine, report=report)
         return
     endpoint = options.zenoh.listen[0] if options.zenoh.listen else free_endpoint()
@@ -135,7 +135,7 @@ def _run(
     follows = options.speed == float("inf")
     with runner.open_session(lambda: ZenohBus(hub)) as bus:
         runner.run_workers(
-            None if source.is_live else source.messages(options.speed),
+            None if source.is_live else source.messages(options.speed, stopping),
             workers,
             bus,
             turbine=turbine,

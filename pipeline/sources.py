@@ -1,5 +1,6 @@
 """What a session listens to: a recording, a simulation, or instruments that publish."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -63,12 +64,15 @@ class Source:
             "scenario": scenario_metadata(self.scenario),
         } | ({"truth": truth} if truth else {})
 
-    def messages(self, speed: float = float("inf")) -> Iterator[Message]:
+    def messages(
+        self, speed: float = float("inf"), stopping: threading.Event | None = None
+    ) -> Iterator[Message]:
         """Layout, truth where known, then the blocks, each when it is due.
 
-        speed   1 is real time; infinity never waits
+        speed      1 is real time; infinity never waits
+        stopping   ends the waiting when set
         """
-        pace = Pace(speed, MonotonicClock())
+        pace = Pace(speed, MonotonicClock(stopping or threading.Event()))
         if self.truth is not None:
             yield self.truth
         yield from paced(self._sensor_messages(), pace=pace, time_of=due_time)
@@ -93,15 +97,18 @@ def sensor_messages(path: Path) -> Iterator[AccelerationBlock | SensorLayout]:
 
 
 class MonotonicClock:
-    """The machine's own clock, for pacing."""
+    """The machine's own clock, for pacing; a wait ends early when the session is to end."""
+
+    def __init__(self, stopping: threading.Event) -> None:
+        self._stopping = stopping
 
     def now(self) -> float:
         """[s]"""
         return time.monotonic()
 
     def wait(self, seconds: float) -> None:
-        """Sleep."""
-        time.sleep(seconds)
+        """Return after that time, or when the session is to end."""
+        self._stopping.wait(seconds)
 
 
 def open_source(text: str | None, scenario: str | None = None) -> Source:
