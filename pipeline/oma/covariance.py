@@ -1,5 +1,11 @@
-"""Lag covariances of the outputs by time blocks, and the block Hankel matrix made of them."""
+"""Lag covariances of the outputs by time blocks, and the block Hankel matrix made of them.
 
+A block's covariances need its own samples and those that follow it, nothing else: they are
+computed once, when the block is complete, and belong to every window that holds the block. So a
+window that slides by one block costs one block's work, whatever its length (`streaming.py`).
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,14 +16,39 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class BlockCovariances:
+    """What one time block adds to the lag covariances, whatever the window's mean will be.
+
+    Over the block's m samples t: means of y_{t+τ} y_tᵀ, of y_{t+τ} and of y_t.
+    """
+
+    products: FloatArray  # (n_lags + 1, n_channels, n_references), lags τ = 0..n_lags
+    ahead: FloatArray  # mean of y_{t+τ}, (n_lags + 1, n_channels)
+    here: FloatArray  # mean of y_t of the references, (n_references,)
+
+    def about(self, offset: FloatArray, references: FloatArray) -> FloatArray:
+        """The products as if the offsets had been taken off the samples.
+
+        Σ (y_{t+τ} − μ)(y_t − μ_r)ᵀ/m = P_τ − a_τ μ_rᵀ − μ hᵀ + μ μ_rᵀ
+        """
+        return np.asarray(
+            self.products
+            - self.ahead[:, :, None] * references
+            - offset[:, None] * (self.here - references)
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LagCovariances:
     """Lag covariances of a window, and what each of its time blocks says.
 
-    `blocks` R_τ^(b), (n_blocks, n_lags, n_channels, n_references), lags τ = 1..n_lags. Blocks are
-    equally long, so their mean is the window's covariance.
+    `blocks` R_τ^(b), (n_blocks, n_lags, n_channels, n_references), lags τ = 1..n_lags, of samples
+    divided by `scales`, (n_channels,). Blocks are equally long, so their mean is the window's
+    covariance.
     """
 
     blocks: FloatArray
+    scales: FloatArray
 
     @property
     def mean(self) -> FloatArray:
@@ -38,56 +69,70 @@ class LagCovariances:
 
 
 def lag_covariances(
-    samples: FloatArray, *, n_lags: int, n_blocks: int, references: slice = slice(None)
+    samples: FloatArray,
+    *,
+    n_lags: int,
+    block_length: int,
+    references: slice = slice(None),
+    offset: FloatArray | None = None,
 ) -> LagCovariances:
-    """Lag covariances of a record in n_blocks consecutive time blocks.
+    """Lag covariances of a record in consecutive time blocks, channels scaled to unit rms.
 
-    samples      y, (n, n_channels)
-    n_lags       L: lags 1..L [samples]
-    references   channels that y_t runs over; all by default
+    samples        y, (n, n_channels)
+    n_lags         L: lags 1..L [samples]
+    block_length   m [samples]; the record holds (n − L) // m blocks, what is left over is unused
+    references     channels that y_t runs over; all by default
+    offset         taken off every sample, (n_channels,); none by default
 
-        R_τ^(b) = 1/m Σ_{t in block b} y_{t+τ} y_tᵀ,   b = 1..n_b,  m = (n − L) // n_b
+        R_τ^(b) = 1/m Σ_{t in block b} y_{t+τ} y_tᵀ
 
     y_{t+τ} may lie in a later block, so that no lag is cut short and the blocks' mean is the
-    covariance of the whole record. The first (n − L) mod n_b samples are only read as nothing;
-    ValueError when a block would be empty.
+    covariance of the whole record. Raises ValueError for a record shorter than two blocks.
     """
-    block_length = (len(samples) - n_lags) // n_blocks
-    if block_length < 1:
-        raise ValueError(
-            f"{len(samples)} samples are too few for {n_blocks} blocks and {n_lags} lags"
+    n_blocks = (len(samples) - n_lags) // block_length
+    blocks = [
+        block_covariances(
+            samples[start : start + block_length + n_lags], n_lags=n_lags, references=references
         )
-    first = len(samples) - n_lags - block_length * n_blocks
-    starts = first + block_length * np.arange(n_blocks)
-    return LagCovariances(
-        np.stack(
-            [
-                block_covariances(
-                    samples[start : start + block_length + n_lags],
-                    n_lags=n_lags,
-                    references=references,
-                )
-                for start in starts
-            ]
-        )
-    )
+        for start in range(0, n_blocks * block_length, block_length)
+    ]
+    no_offset = np.zeros(samples.shape[1])
+    return joined(blocks, offset=no_offset if offset is None else offset, references=references)
 
 
 def block_covariances(
     samples: FloatArray, *, n_lags: int, references: slice = slice(None)
-) -> FloatArray:
-    """R_τ of one time block, τ = 1..n_lags: (n_lags, n_channels, n_references).
-
-    samples   (m + n_lags, n_channels): the block's m samples and the n_lags that follow it
+) -> BlockCovariances:
+    """What one time block adds: its m samples and the n_lags that follow, (m + n_lags, n_channels).
 
     By FFT: the cost is that of the samples, not of samples × lags.
     """
     length = len(samples) - n_lags
-    n_fft = fft.next_fast_len(len(samples) + 1, real=True)
+    n_fft = fft.next_fast_len(len(samples), real=True)
     ahead = fft.rfft(samples, n_fft, axis=0)
     here = fft.rfft(samples[:length, references], n_fft, axis=0)
     cross_spectra = ahead[:, :, None] * here.conj()[:, None, :]
-    return np.asarray(fft.irfft(cross_spectra, n_fft, axis=0)[1 : n_lags + 1]) / length
+    products = fft.irfft(cross_spectra, n_fft, axis=0, overwrite_x=True)[: n_lags + 1] / length
+    sums = np.concatenate([np.zeros((1, samples.shape[1])), np.cumsum(samples, axis=0)])
+    return BlockCovariances(
+        products=products,
+        ahead=(sums[length : length + n_lags + 1] - sums[: n_lags + 1]) / length,
+        here=samples[:length, references].mean(axis=0),
+    )
+
+
+def joined(
+    blocks: Sequence[BlockCovariances], *, offset: FloatArray, references: slice = slice(None)
+) -> LagCovariances:
+    """The covariances of a window from those of its blocks, without offset, scaled to unit rms."""
+    if len(blocks) < 2:
+        raise ValueError(f"{len(blocks)} time blocks are too few for a covariance; 2 are needed")
+    products = np.stack([block.about(offset, offset[references]) for block in blocks])
+    zero_lag = products[:, 0].mean(axis=0)
+    scales = np.ones(len(offset))
+    scales[references] = np.sqrt(np.diagonal(zero_lag[references]))
+    scales = np.where(scales > 0, scales, 1.0)
+    return LagCovariances(products[:, 1:] / np.outer(scales, scales[references]), scales)
 
 
 def block_hankel(covariances: FloatArray, block_rows: int) -> FloatArray:

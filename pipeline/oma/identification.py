@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from pipeline.messages import Mode, Warning  # noqa: A004  # the field's word
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.oma.bands import Band, plan_bands
+from pipeline.oma.close_pairs import with_close_pairs
 from pipeline.oma.covariance import LagCovariances, block_hankel, lag_covariances
 from pipeline.oma.input_checks import Finding, check_samples, check_timestamps
 from pipeline.oma.mode_shapes import normalised_with_deviations
-from pipeline.oma.preprocessing import channel_rms, decimated, without_trend
+from pipeline.oma.preprocessing import decimated, without_offset
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
 from pipeline.oma.stabilization import PoleCloud, PoleCluster, clusters, pole_cloud, recurring
@@ -72,9 +73,10 @@ def identify(
     )
     if not bands:
         return Identification((), (), _too_short(len(samples), sampling_rate).warning)
-    steady = without_trend(np.asarray(samples, dtype=np.float64))
+    steady = without_offset(np.asarray(samples, dtype=np.float64))
     by_band = [identify_band(steady, band, settings) for band in bands]
-    return Identification(merged(by_band), tuple(finding.warning for finding in findings))
+    modes = with_close_pairs(merged(by_band), steady, sampling_rate)
+    return Identification(modes, tuple(finding.warning for finding in findings))
 
 
 def _too_short(n_samples: int, sampling_rate: float) -> Finding:
@@ -87,32 +89,45 @@ def _too_short(n_samples: int, sampling_rate: float) -> Finding:
 
 def identify_band(samples: FloatArray, band: Band, settings: OmaSettings) -> list[Mode]:
     """Modes of one band. samples: (n, n_channels) at the full rate, free of offset."""
-    slow = decimated(samples, band.decimation)
-    rms = channel_rms(slow)
     covariances = lag_covariances(
-        slow / rms, n_lags=2 * band.block_rows, n_blocks=settings.n_blocks
+        decimated(samples, band.decimation),
+        n_lags=2 * band.block_rows,
+        block_length=block_length(len(samples), band, settings),
     )
-    return modes_of_covariances(covariances, rms, band, settings)
+    return modes_of_covariances(covariances, band, settings)[0]
+
+
+def block_length(n_samples: int, band: Band, settings: OmaSettings) -> int:
+    """Length of a time block of a window of n_samples at the full rate [samples of the band].
+
+    The window holds n_blocks of them; the last few lack their lags and are not used.
+    """
+    return max(1, n_samples // (settings.n_blocks * band.decimation))
 
 
 def modes_of_covariances(
-    covariances: LagCovariances, channel_scales: FloatArray, band: Band, settings: OmaSettings
-) -> list[Mode]:
-    """Modes of one band from its lag covariances.
+    covariances: LagCovariances,
+    band: Band,
+    settings: OmaSettings,
+    start: SignalSubspace | None = None,
+) -> tuple[list[Mode], SignalSubspace]:
+    """Modes of one band from its lag covariances, and the subspace they come from.
 
-    channel_scales   (n_channels,), what the channels were divided by: shapes are scaled back
+    start   the subspace of an earlier, overlapping window: saves work, changes nothing
     """
     subspace = signal_subspace(
         block_hankel(covariances.mean, band.block_rows),
-        n_channels=len(channel_scales),
+        n_channels=len(covariances.scales),
         highest_order=max(band.orders),
+        start=start,
     )
     dt = 1 / band.sampling_rate
     deviations = BlockDeviations(covariances.deviations)
     systems = list(system_modes(subspace, orders=band.orders, sampling_interval=dt))
     cloud = _sharp_cloud(systems, subspace, deviations, band, settings)
     found = clusters(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
-    return _represented(found, cloud, systems, subspace, deviations, channel_scales, dt)
+    modes = _represented(found, cloud, systems, subspace, deviations, covariances.scales, dt)
+    return modes, subspace
 
 
 def _sharp_cloud(
@@ -214,7 +229,7 @@ def mode_from_factor(
     )
 
 
-MUCH_SHARPER = 2.0  # a faster band's frequency std must be this many times smaller to be taken
+MUCH_SHARPER = 1.5  # a faster band's frequency std must be this many times smaller to be taken
 
 
 def merged(by_band: Sequence[Sequence[Mode]]) -> tuple[Mode, ...]:

@@ -1,4 +1,4 @@
-"""From raw samples to a band's samples: offset and drift removed, decimated, scaled."""
+"""From raw samples to a band's samples: offset or drift taken off, decimated."""
 
 from functools import lru_cache
 
@@ -47,15 +47,11 @@ def decimated(samples: FloatArray, decimation: int) -> FloatArray:
     return np.asarray(filtered[first : last + 1])
 
 
-def without_trend(samples: FloatArray) -> FloatArray:
-    """The samples less each channel's least-squares straight line (offset and drift).
+def without_offset(samples: FloatArray) -> FloatArray:
+    """The samples less each channel's mean. samples: (n, n_channels)."""
+    return samples - samples.mean(axis=0)
 
-    samples   (n, n_channels)
-    """
+
+def without_drift(samples: FloatArray) -> FloatArray:
+    """The samples less each channel's least-squares straight line. samples: (n, n_channels)."""
     return np.asarray(signal.detrend(samples, axis=0, type="linear"))
-
-
-def channel_rms(samples: FloatArray) -> FloatArray:
-    """Root mean square of each channel, (n_channels,); 1 for a channel that is zero."""
-    rms = np.sqrt(np.mean(samples**2, axis=0))
-    return np.where(rms > 0, rms, 1.0)

@@ -24,7 +24,7 @@ class OmaSettings:
     highest_frequency: float | None = None  # [Hz]; None: 0.45 × the sampling rate
     n_blocks: int = 40  # time blocks for the uncertainty; std scatters by 1/sqrt(2(n_blocks − 1))
     maximum_damping: float = 0.1  # ζ of a structural mode [-]
-    minimum_presence: float = 0.5  # share of the orders in which a mode must be stable [-]
+    minimum_presence: float = 0.7  # share of the orders in which a mode must be stable [-]
     minimum_collinearity: float = 0.6  # modal phase collinearity of a structural mode [-]
     maximum_frequency_std: float = 0.03  # relative to the frequency [-]
 

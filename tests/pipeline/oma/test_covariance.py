@@ -12,26 +12,35 @@ def samples(n: int = 500, n_channels: int = 3, seed: int = 4) -> np.ndarray:
 
 def test_lag_covariances_are_the_sums_of_their_definition() -> None:
     y = samples()
-    covariances = lag_covariances(y, n_lags=20, n_blocks=12).mean
-    start = len(y) - 20 - 12 * ((len(y) - 20) // 12)
-    here = y[start : len(y) - 20]
+    covariances = lag_covariances(y, n_lags=20, block_length=40)
+    here = y[:480]
+    scales = np.sqrt(np.mean(here**2, axis=0))
+    np.testing.assert_allclose(covariances.scales, scales)
     for lag in (1, 7, 20):
-        ahead = y[start + lag : len(y) - 20 + lag]
-        np.testing.assert_allclose(covariances[lag - 1], ahead.T @ here / len(here), atol=1e-13)
+        expected = y[lag : 480 + lag].T @ here / 480 / np.outer(scales, scales)
+        np.testing.assert_allclose(covariances.mean[lag - 1], expected, atol=1e-13)
+
+
+def test_an_offset_is_taken_off_after_the_fact() -> None:
+    y = samples()
+    offset = np.array([3.0, -50.0, 0.2])
+    clean = lag_covariances(y, n_lags=20, block_length=40)
+    mended = lag_covariances(y + offset, n_lags=20, block_length=40, offset=offset)
+    np.testing.assert_allclose(mended.blocks, clean.blocks, atol=1e-10)
 
 
 def test_block_mean_is_the_covariance_of_one_long_block() -> None:
     y = samples(n=20 + 12 * 40)
-    by_block = lag_covariances(y, n_lags=20, n_blocks=12).mean
-    at_once = lag_covariances(y, n_lags=20, n_blocks=1).mean
+    by_block = lag_covariances(y, n_lags=20, block_length=40).mean
+    at_once = lag_covariances(y, n_lags=20, block_length=240).mean
     np.testing.assert_allclose(by_block, at_once, atol=1e-13)
 
 
 def test_reference_channels_are_columns_of_the_full_covariances() -> None:
     y = samples()
-    full = lag_covariances(y, n_lags=20, n_blocks=12).mean
-    reduced = lag_covariances(y, n_lags=20, n_blocks=12, references=slice(1, 3)).mean
-    np.testing.assert_allclose(reduced, full[:, :, 1:3], atol=1e-13)
+    full = lag_covariances(y, n_lags=20, block_length=40)
+    reduced = lag_covariances(y, n_lags=20, block_length=40, references=slice(1, 3))
+    np.testing.assert_allclose(reduced.mean[:, 1:], full.mean[:, 1:, 1:3], atol=1e-13)
 
 
 def test_hankel_block_i_j_is_the_covariance_of_lag_i_plus_j_plus_one() -> None:
@@ -46,11 +55,11 @@ def test_deviations_give_the_variance_of_the_mean() -> None:
     variances = []
     for seed in range(40):
         y = samples(n=1 + 40 * 25, n_channels=2, seed=seed)
-        deviations = lag_covariances(y, n_lags=1, n_blocks=40).deviations
+        deviations = lag_covariances(y, n_lags=1, block_length=25).deviations
         variances.append(np.sum(deviations[:, 0, 0, 1] ** 2))
     assert np.mean(variances) == pytest.approx(1 / 1000, rel=0.15)
 
 
 def test_a_record_shorter_than_its_blocks_is_refused() -> None:
     with pytest.raises(ValueError, match="too few"):
-        lag_covariances(samples(n=30), n_lags=20, n_blocks=12)
+        lag_covariances(samples(n=30), n_lags=20, block_length=12)

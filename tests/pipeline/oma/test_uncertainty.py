@@ -26,13 +26,13 @@ def covariances(two_mass_system: KnownStructure) -> LagCovariances:
     1/(s_n² − s_{n+1}²), which a finite step cannot show and the estimate leaves out.
     """
     y = two_mass_system.ambient_response(sampling_rate=1 / DT, duration=200.0, seed=11)
-    scatter = lag_covariances(y, n_lags=2 * ROWS, n_blocks=10)
+    scatter = lag_covariances(y, n_lags=2 * ROWS, block_length=397)
     lags = DT * np.arange(1, 2 * ROWS + 1)
     omega = 2 * np.pi * two_mass_system.frequencies
     decay = np.exp(-lags[:, None] * two_mass_system.damping_ratios * omega)
     wave = decay * np.cos(lags[:, None] * omega * np.sqrt(1 - two_mass_system.damping_ratios**2))
     theory = np.einsum("tm,mi,mj->tij", wave, two_mass_system.shapes, two_mass_system.shapes)
-    return LagCovariances(theory + (scatter.blocks - scatter.mean))
+    return LagCovariances(theory + (scatter.blocks - scatter.mean), scatter.scales)
 
 
 def identified(mean: np.ndarray) -> tuple[SignalSubspace, SystemModes]:
