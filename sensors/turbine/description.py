@@ -112,7 +112,7 @@ class RigidBody:
     inertia: Vector = (0.0, 0.0, 0.0)  # about its centre, round x, y, z [kg·m²]
 
     def __post_init__(self) -> None:
-        where = f"rotor_nacelle: body {self.name!r}"
+        where = f"body {self.name!r}"
         _require_not_negative(where, "mass", self.mass)
         for axis, value in zip("xyz", self.inertia, strict=True):
             _require_not_negative(where, f"inertia round {axis}", value)

@@ -46,6 +46,11 @@ class FoundationSprings:
             raise TurbineError(
                 f"foundation: sign {self.sign!r} is neither 'published' nor 'embedded-pile'"
             )
+        if self.k12 < 0:
+            raise TurbineError(
+                f"foundation: k12 is {self.k12:g} N/rad; its magnitude is needed, the sign "
+                "convention says how it enters"
+            )
         if not bool(positive_definite(self.stiffness)):
             raise TurbineError(
                 f"foundation: k11 = {self.k11:g} N/m, k22 = {self.k22:g} N·m/rad, "
@@ -65,8 +70,10 @@ def positive_definite(theta: ArrayLike) -> NDArray[np.bool_]:
     theta     θ = (k11, k22, k12), (..., 3) [N/m, N·m/rad, N/rad]
     returns   (...,); False where θ is not finite
     """
-    k11, k22, k12 = np.moveaxis(np.asarray(theta, dtype=np.float64), -1, 0)
-    return (k11 > 0) & (k22 > 0) & (k11 * k22 > k12**2)
+    theta = np.asarray(theta, dtype=np.float64)
+    k11, k22, k12 = np.moveaxis(theta, -1, 0)
+    finite = np.isfinite(theta).all(axis=-1)
+    return finite & (k11 > 0) & (k22 > 0) & (k11 * k22 > k12**2)
 
 
 def spring_matrix(theta: ArrayLike, sign: SpringSign) -> FloatArray:

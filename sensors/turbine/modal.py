@@ -97,14 +97,15 @@ def _reduced_group(
     outputs = np.flatnonzero(overlap.max(axis=1) > 0.5)  # 1, or 0 for modes of other groups
     if not len(outputs):
         return None
-    highest = squares[overlap[outputs].argmax(axis=1)].max()
-    kept = squares <= _BASIS_MARGIN**2 * highest
+    highest = int(overlap[outputs].argmax(axis=1).max())
+    kept = squares <= _BASIS_MARGIN**2 * squares[highest]
     loads = basis[model.spring_dofs.ravel()]  # (4, n_group)
     residual = _residual_vectors(vectors[:, ~kept], squares[~kept], loads)
     complete = basis @ np.concatenate([vectors[:, kept], residual], axis=1)
     complete, reduced = _diagonalised(model, complete)
     springs = spring_matrix(model.theta, model.description.foundation.sign)
-    solver = spring_modes_solver(reduced, complete[model.spring_dofs], springs)
+    mudline = complete[model.spring_dofs]
+    solver = spring_modes_solver(reduced, mudline, springs, n_modes=highest + 1)
     complete = complete @ solver.basis
     channels = np.flatnonzero(np.abs(observation.displacement @ complete).max(axis=1) > 0)
     return _ReducedGroup(

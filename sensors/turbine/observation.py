@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.layout import SensorLayout
+from sensors.layout import LayoutError, SensorLayout
 from sensors.turbine.assembly import StructuralModel
 
 FloatArray = NDArray[np.float64]
@@ -26,6 +26,17 @@ class Observation:
 
     @classmethod
     def of(cls, model: StructuralModel, layout: SensorLayout) -> "Observation":
+        """What a layout reads of a model's degrees of freedom.
+
+        Raises LayoutError for a channel that is not on the tower.
+        """
+        turbine = model.description
+        for channel in layout.channels:
+            if not turbine.mudline <= channel.elevation <= turbine.tower_top:
+                raise LayoutError(
+                    f"channel {channel.name}: elevation {channel.elevation:g} m is not on the "
+                    f"tower of {turbine.name}, {turbine.mudline:g} to {turbine.tower_top:g} m"
+                )
         places = [(channel.elevation, channel.direction) for channel in layout.channels]
         displacement = np.array([model.tower_displacement(*place) for place in places])
         slope = np.array([model.tower_slope(*place) for place in places])

@@ -129,7 +129,7 @@ def multi_blade_coordinates(model: StructuralModel) -> FloatArray:
     for k in range(1, (number - 1) // 2 + 1):
         harmonics += [np.cos(k * azimuths), np.sin(k * azimuths)]
     if number % 2 == 0:
-        harmonics.append((-1.0) ** np.arange(number))
+        harmonics.append(np.where(np.arange(number) % 2 == 0, 1.0, -1.0))
     unit = np.array([row / np.linalg.norm(row) for row in harmonics])  # (harmonic, blade)
     for same in model.blade_coordinates.T:  # one coordinate, all blades
         transformation[np.ix_(same, same)] = unit.T
