@@ -10,8 +10,9 @@ from pipeline.messages import (
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
-from pipeline.oma.identification import identify
+from pipeline.oma.identification import Identification
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ModeTracker
 from pipeline.oma.windowing import BlockOrder, MissingSamples, Window, WindowCutter
 from sensors.blocks import AccelerationBlock, BlockStatus
@@ -80,6 +81,8 @@ class _Session:
         self.order = BlockOrder(settings.lateness)
         self._cutter = WindowCutter(settings.window_duration, settings.hop)
         self._tracker = ModeTracker()
+        self._stretch: StreamingIdentifier | None = None  # since the last gap
+        self._origin = 0  # the stretch's first sample, where a window begins
         self._settings = settings
         self._layouts = layouts
 
@@ -94,9 +97,28 @@ class _Session:
     def _cut(self, pieces: Iterable[AccelerationBlock | MissingSamples]) -> Iterator[Message]:
         for piece in pieces:
             if isinstance(piece, MissingSamples):
+                self._stretch = None
                 yield self._gap(piece)
+            else:
+                self._feed(piece)
             for window in self._cutter.push(piece):
                 yield self._answer(window)
+
+    def _feed(self, block: AccelerationBlock) -> None:
+        """Into the running stretch, which after a gap begins with the next window's start."""
+        if self._stretch is None:
+            self._stretch = StreamingIdentifier(
+                block.sampling_rate, block.samples.shape[1], self._settings
+            )
+            hop = self._stretch.hop_samples
+            self._origin = -(-block.first_sample // hop) * hop
+        before = max(0, self._origin - block.first_sample)
+        self._stretch.push(block.samples[before:])
+
+    def _identified(self, window: Window, names: tuple[str, ...]) -> Identification:
+        assert self._stretch is not None  # a window without a gap lies in the running stretch
+        hops = window.index - self._origin // self._stretch.hop_samples
+        return self._stretch.identify(hops, window.samples, channel_names=names)
 
     def _gap(self, missing: MissingSamples) -> StreamGap:
         return StreamGap(
@@ -119,7 +141,7 @@ class _Session:
             if layout is not None and len(layout.channels) == window.samples.shape[1]
             else tuple(f"channel {i + 1}" for i in range(window.samples.shape[1]))
         )
-        result = identify(window.samples, window.sampling_rate, self._settings, channel_names=names)
+        result = self._identified(window, names)
         if result.rejection is not None:
             return self._rejected(window, result.rejection)
         return ModalEstimate(

@@ -58,13 +58,9 @@ def identify(
     Raises OmaSettingsError when the sampling rate is too low for the frequencies asked for.
     """
     settings = settings or OmaSettings()
-    names = channel_names or [f"channel {i + 1}" for i in range(samples.shape[1])]
-    findings = check_samples(samples, sampling_rate, names)
-    if times is not None:
-        findings += check_timestamps(times, sampling_rate)
-    for finding in findings:
-        if finding.action == "reject":
-            return Identification((), (), finding.warning)
+    findings = check_window(samples, sampling_rate, channel_names=channel_names, times=times)
+    if rejection_in(findings) is not None:
+        return Identification((), (), rejection_in(findings))
     bands = plan_bands(
         n_samples=len(samples),
         n_channels=samples.shape[1],
@@ -74,9 +70,30 @@ def identify(
     if not bands:
         return Identification((), (), _too_short(len(samples), sampling_rate).warning)
     steady = without_offset(np.asarray(samples, dtype=np.float64))
-    by_band = [identify_band(steady, band, settings) for band in bands]
+    by_band = [
+        modes_of_covariances(band_covariances(steady, band, settings), band, settings)[0]
+        for band in bands
+    ]
     modes = with_close_pairs(merged(by_band), steady, sampling_rate)
     return Identification(modes, tuple(finding.warning for finding in findings))
+
+
+def check_window(
+    samples: NDArray[np.floating],
+    sampling_rate: float,
+    *,
+    channel_names: Sequence[str] | None = None,
+    times: FloatArray | None = None,
+) -> tuple[Finding, ...]:
+    """Everything that is doubtful about a window's samples and time stamps."""
+    names = channel_names or [f"channel {i + 1}" for i in range(samples.shape[1])]
+    findings = check_samples(samples, sampling_rate, names)
+    return findings if times is None else findings + check_timestamps(times, sampling_rate)
+
+
+def rejection_in(findings: Sequence[Finding]) -> Warning | None:
+    """Why a window is not identified; None when it may be."""
+    return next((f.warning for f in findings if f.action == "reject"), None)
 
 
 def _too_short(n_samples: int, sampling_rate: float) -> Finding:
@@ -89,12 +106,16 @@ def _too_short(n_samples: int, sampling_rate: float) -> Finding:
 
 def identify_band(samples: FloatArray, band: Band, settings: OmaSettings) -> list[Mode]:
     """Modes of one band. samples: (n, n_channels) at the full rate, free of offset."""
-    covariances = lag_covariances(
+    return modes_of_covariances(band_covariances(samples, band, settings), band, settings)[0]
+
+
+def band_covariances(samples: FloatArray, band: Band, settings: OmaSettings) -> LagCovariances:
+    """Lag covariances of a window in a band. samples: (n, n_channels) at the full rate."""
+    return lag_covariances(
         decimated(samples, band.decimation),
         n_lags=2 * band.block_rows,
         block_length=block_length(len(samples), band, settings),
     )
-    return modes_of_covariances(covariances, band, settings)[0]
 
 
 def block_length(n_samples: int, band: Band, settings: OmaSettings) -> int:

@@ -34,17 +34,23 @@ def decimated(samples: FloatArray, decimation: int) -> FloatArray:
     """Every q-th sample after the anti-alias filter, where the filter is wholly filled.
 
     samples   (n, n_channels)
-    returns   ((n − 1) // q − ⌈(n_taps − 1) / q⌉ + 1, n_channels), empty for a short record
+    returns   (n_decimated(n, q), n_channels), empty for a short record
     """
     if decimation == 1:
         return samples
-    taps = anti_alias_taps(decimation)
-    if len(samples) < len(taps):
+    if n_decimated(len(samples), decimation) <= 0:
         return samples[:0]
+    taps = anti_alias_taps(decimation)
     filtered = signal.upfirdn(taps, samples, down=decimation, axis=0)
     first = -(-(len(taps) - 1) // decimation)
     last = (len(samples) - 1) // decimation
     return np.asarray(filtered[first : last + 1])
+
+
+def n_decimated(n_samples: int, decimation: int) -> int:
+    """How many outputs n samples give: (n − 1) // q − ⌈(n_taps − 1) / q⌉ + 1; 0 for too few."""
+    first = -(-(len(anti_alias_taps(decimation)) - 1) // decimation)
+    return max(0, (n_samples - 1) // decimation - first + 1)
 
 
 def without_offset(samples: FloatArray) -> FloatArray:

@@ -15,9 +15,21 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.oma.bands import Band
+from pipeline.oma.bands import Band, plan_bands
+from pipeline.oma.close_pairs import with_close_pairs
 from pipeline.oma.covariance import BlockCovariances, LagCovariances, block_covariances, joined
-from pipeline.oma.preprocessing import decimated
+from pipeline.oma.identification import (
+    Identification,
+    block_length,
+    check_window,
+    identify,
+    merged,
+    modes_of_covariances,
+    rejection_in,
+)
+from pipeline.oma.preprocessing import decimated, n_decimated, without_offset
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi_cov import SignalSubspace
 
 FloatArray = NDArray[np.float64]
 
@@ -75,3 +87,81 @@ class CovarianceRing:
             self._blocks[index - oldest] for index in range(first_block, first_block + n_blocks)
         ]
         return joined(chosen, offset=offset)
+
+
+class StreamingIdentifier:
+    """Identifies windows of one gapless stretch of a stream, block by block.
+
+    Where the hop is no whole number of time blocks, nothing can be shared between windows and
+    each is identified from its samples.
+    """
+
+    def __init__(self, sampling_rate: float, n_channels: int, settings: OmaSettings):
+        self._settings = settings
+        self._rate = sampling_rate
+        self._window = round(settings.window_duration * sampling_rate)
+        self._hop = round(settings.hop * sampling_rate)
+        bands = plan_bands(
+            n_samples=self._window,
+            n_channels=n_channels,
+            sampling_rate=sampling_rate,
+            settings=settings,
+        )
+        whole = abs(settings.hop * sampling_rate - self._hop) < 1e-6
+        shared = whole and all(self._hop % self._block(band) == 0 for band in bands)
+        self._rings = [self._ring(band) for band in bands] if shared else []
+        self._subspaces: list[SignalSubspace | None] = [None] * len(self._rings)
+
+    def _block(self, band: Band) -> int:
+        """A time block of the band, in samples at the full rate."""
+        return band.decimation * block_length(self._window, band, self._settings)
+
+    def _blocks_in_window(self, band: Band) -> int:
+        usable = n_decimated(self._window, band.decimation) - 2 * band.block_rows
+        return usable * band.decimation // self._block(band)
+
+    def _ring(self, band: Band) -> CovarianceRing:
+        return CovarianceRing(
+            band,
+            block_length=self._block(band) // band.decimation,
+            n_blocks=self._blocks_in_window(band) + self._hop // self._block(band) + 1,
+        )
+
+    @property
+    def hop_samples(self) -> int:
+        """From one window's first sample to the next one's."""
+        return self._hop
+
+    def push(self, samples: NDArray[np.floating]) -> None:
+        """Take the next samples of the stretch, (n, n_channels)."""
+        for ring in self._rings:
+            ring.push(np.asarray(samples, dtype=np.float64))
+
+    def identify(
+        self,
+        hops: int,
+        samples: NDArray[np.floating],
+        *,
+        channel_names: Sequence[str] | None = None,
+    ) -> Identification:
+        """The window that begins `hops` hops after the stretch did; `samples` are its own."""
+        if not self._rings:
+            return identify(samples, self._rate, self._settings, channel_names=channel_names)
+        findings = check_window(samples, self._rate, channel_names=channel_names)
+        if rejection_in(findings) is not None:
+            return Identification((), (), rejection_in(findings))
+        steady = np.asarray(samples, dtype=np.float64)
+        offset = steady.mean(axis=0)
+        by_band = []
+        for place, ring in enumerate(self._rings):
+            covariances = ring.covariances(
+                hops * self._hop // self._block(ring.band),
+                self._blocks_in_window(ring.band),
+                offset,
+            )
+            band_modes, self._subspaces[place] = modes_of_covariances(
+                covariances, ring.band, self._settings, self._subspaces[place]
+            )
+            by_band.append(band_modes)
+        modes = with_close_pairs(merged(by_band), without_offset(steady), self._rate)
+        return Identification(modes, tuple(finding.warning for finding in findings))

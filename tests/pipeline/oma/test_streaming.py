@@ -1,0 +1,62 @@
+"""The incremental estimate is the batch estimate."""
+
+import numpy as np
+import pytest
+
+from pipeline.messages import Mode
+from pipeline.oma.identification import identify
+from pipeline.oma.preprocessing import decimated
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.streaming import StreamingDecimator, StreamingIdentifier
+from tests.pipeline.oma.conftest import KnownStructure
+
+RATE = 40.0  # [Hz]
+
+
+@pytest.fixture(scope="module")
+def record(cantilever: KnownStructure) -> np.ndarray:
+    """Ten minutes with an offset, as a tilted accelerometer has."""
+    y = cantilever.ambient_response(sampling_rate=RATE, duration=600.0, seed=21)
+    return y + np.array([0.0, 5.0, -9.81, 0.1, 2.0])
+
+
+@pytest.mark.parametrize("decimation", [1, 4, 8])
+def test_decimation_by_pieces_is_decimation_at_once(decimation: int) -> None:
+    y = np.random.default_rng(1).standard_normal((5000, 2))
+    decimator = StreamingDecimator(decimation)
+    pieces = [decimator.push(piece) for piece in np.array_split(y, [7, 40, 41, 500, 1311, 4000])]
+    np.testing.assert_allclose(np.concatenate(pieces), decimated(y, decimation), atol=1e-13)
+
+
+def assert_equal(ours: Mode, theirs: Mode, tolerance: float) -> None:
+    assert ours.frequency == pytest.approx(theirs.frequency, rel=tolerance)
+    assert ours.damping_ratio == pytest.approx(theirs.damping_ratio, rel=tolerance)
+    np.testing.assert_allclose(ours.shape, theirs.shape, atol=tolerance)
+
+
+@pytest.mark.parametrize("hop", [30.0, 300.0])
+def test_a_sliding_window_gives_what_its_own_samples_give(record: np.ndarray, hop: float) -> None:
+    settings = OmaSettings(window_duration=300.0, hop=hop)
+    streaming = StreamingIdentifier(RATE, 5, settings)
+    window, step = round(300 * RATE), round(hop * RATE)
+    streaming.push(record[:window])
+    for k in range(3 if hop < 300 else 2):
+        own = record[k * step : k * step + window]
+        if k:
+            streaming.push(record[window + (k - 1) * step : window + k * step])
+        ours, theirs = streaming.identify(k, own).modes, identify(own, RATE, settings).modes
+        assert len(ours) == len(theirs) >= 3
+        for mode, other in zip(ours, theirs, strict=True):
+            assert_equal(mode, other, 1e-8)
+            assert mode.frequency_std == pytest.approx(other.frequency_std, rel=1e-4)
+
+
+def test_a_hop_of_no_whole_number_of_blocks_is_identified_from_its_samples(
+    record: np.ndarray,
+) -> None:
+    settings = OmaSettings(window_duration=300.0, hop=299.0)
+    streaming = StreamingIdentifier(RATE, 5, settings)
+    streaming.push(record[:12000])
+    ours = streaming.identify(0, record[:12000]).modes
+    theirs = identify(record[:12000], RATE, settings).modes
+    assert [m.frequency for m in ours] == [m.frequency for m in theirs]
