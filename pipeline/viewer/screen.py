@@ -69,7 +69,7 @@ class _Unit:
 
 
 class TurbineScreen:
-    """Draws one turbine's messages. Remembers the last estimate, the truth, and what waits."""
+    """Draws one turbine's messages. Remembers estimates until their posterior, and the truth."""
 
     def __init__(
         self,
@@ -88,7 +88,7 @@ class TurbineScreen:
         self._layouts: dict[str, SensorLayout] = {}
         self._units: dict[str, _Unit] = {}
         self._modes = tuple(mode.name for mode in description.reference_modes)
-        self._estimate: ModalEstimate | None = None
+        self._estimates: dict[int, ModalEstimate] = {}  # by window, those without a posterior yet
         self._truth: FoundationTruth | None = None
         self._styled: set[str] = set()
         self._swings: dict[str, int] = {}  # shown shape → time until which its frames are out
@@ -130,7 +130,7 @@ class TurbineScreen:
 
     def show_estimate(self, estimate: ModalEstimate) -> None:
         """Identified frequencies; shapes and tracks follow with the posterior that pairs them."""
-        self._estimate = estimate
+        self._estimates[estimate.window] = estimate
         layout = self._layouts.get(estimate.layout_id)
         self._at(estimate.end_ns)
         track_views.log_estimate(self._recording, self._root, estimate, layout, styled=self._styled)
@@ -176,8 +176,12 @@ class TurbineScreen:
         self._show_status()
 
     def show_node(self, node: NodeStatus) -> None:
-        """A node's state; shown at the latest sensor time, since its own clock is the machine's."""
-        if self._status.take_node(node):
+        """A node's state; shown at the latest sensor time, since its own clock is the machine's.
+
+        Nodes say that they are ready before the sensors say what time it is: that much is kept for
+        the status text, and makes no event of its own (at 0 it would stretch every plot to 1970).
+        """
+        if self._status.take_node(node) and self._now_ns:
             self._at(self._now_ns)
             self._event(f"node {node.node}: {node.state}, {node.lost} lost, {node.late} late")
             self._show_status()
@@ -228,55 +232,69 @@ class TurbineScreen:
             tower_views.log_shape_place(self._recording, self._root, label, slot, self._outline)
 
     def _show_modes(self, posterior: FoundationPosterior) -> None:
-        layout = self._layout_of(posterior)
+        estimate = self._estimate_of(posterior)
+        layout = self._layout_of(posterior, estimate)
         pairs = {pair.model: pair for pair in posterior.pairs}
         for row, label in enumerate(posterior.model_labels):
             if label in self._modes:
                 frequency = float(posterior.model_frequencies[row])
                 track_views.log_model_frequency(self._recording, self._root, label, frequency)
-                mode = self._identified(pairs.get(label), posterior)
+                mode = _identified(pairs.get(label), estimate)
                 if mode is not None:
                     track_views.log_identified(self._recording, self._root, label, mode)
                 if layout is not None:
                     shape = posterior.model_shapes[row]
-                    self._show_shapes(label, shape, mode, pairs.get(label), layout)
+                    self._show_model_shape(label, shape, layout)
+                    self._show_identified_shape(label, shape, mode, estimate, layout)
+                    self._caption(label, shape, pairs.get(label), layout)
                     self._swings.setdefault(label, posterior.time_ns)
         if self._full_swing_ns is None:
             self._full_swing_ns = posterior.time_ns
         self._swing_on(self._pace.swing_chunk)
 
-    def _identified(self, pair: ModePair | None, posterior: FoundationPosterior) -> Mode | None:
-        """The pair's mode as this posterior's own window has it; None where it lacks it."""
-        estimate = self._estimate
-        if pair is None or estimate is None or estimate.window != posterior.window:
-            return None
-        return next((mode for mode in estimate.modes if mode.name == pair.identified), None)
+    def _estimate_of(self, posterior: FoundationPosterior) -> ModalEstimate | None:
+        """The estimate of the posterior's own window; it and earlier ones are then forgotten.
 
-    def _show_shapes(
+        In a fast replay the identification runs windows ahead of the updating.
+        """
+        estimate = self._estimates.get(posterior.window)
+        for window in [each for each in self._estimates if each <= posterior.window]:
+            del self._estimates[window]
+        return estimate
+
+    def _show_model_shape(self, label: str, shape: FloatArray, layout: SensorLayout) -> None:
+        model = deflection(layout, layout.channel_names, shape)
+        tower_views.log_model_shape(self._recording, self._root, label, model)
+
+    def _show_identified_shape(
         self,
         label: str,
         model_shape: FloatArray,
         mode: Mode | None,
-        pair: ModePair | None,
+        estimate: ModalEstimate | None,
         layout: SensorLayout,
     ) -> None:
-        """The model's shape, the identified one laid on it, and what they are."""
-        model = deflection(layout, layout.channel_names, model_shape)
-        tower_views.log_model_shape(self._recording, self._root, label, model)
+        """The identified shape laid on the model's; none where the window lacks the mode."""
         identified = None
-        if mode is not None and self._estimate is not None:
-            channels = self._estimate.channels
-            columns = [layout.channel_names.index(name) for name in channels]
-            identified = deflection(layout, channels, scaled_onto(mode.shape, model_shape[columns]))
+        if mode is not None and estimate is not None:
+            columns = [layout.channel_names.index(name) for name in estimate.channels]
+            scaled = scaled_onto(mode.shape, model_shape[columns])
+            identified = deflection(layout, estimate.channels, scaled)
         tower_views.log_identified_shape(self._recording, self._root, label, identified)
-        words = [model.direction]
+
+    def _caption(
+        self, label: str, shape: FloatArray, pair: ModePair | None, layout: SensorLayout
+    ) -> None:
+        words = [deflection(layout, layout.channel_names, shape).direction]
         words += [f"{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["–"]
         foot = self._outline.mudline - 8.0
         tower_views.log_shape_caption(self._recording, self._root, label, words, foot=foot)
 
-    def _layout_of(self, posterior: FoundationPosterior) -> SensorLayout | None:
-        """The layout whose channels the model's shapes have: the last estimate's, else any."""
-        wanted = [self._estimate.layout_id] if self._estimate else list(self._layouts)
+    def _layout_of(
+        self, posterior: FoundationPosterior, estimate: ModalEstimate | None
+    ) -> SensorLayout | None:
+        """The layout whose channels the model's shapes have: the estimate's, else any."""
+        wanted = [estimate.layout_id] if estimate else list(self._layouts)
         layouts = [self._layouts[one] for one in wanted if one in self._layouts]
         n_channels = posterior.model_shapes.shape[1]
         return next((one for one in layouts if len(one.channels) == n_channels), None)
@@ -304,3 +322,10 @@ def faulty_channels(block: AccelerationBlock, layout: SensorLayout) -> frozenset
         return frozenset(layout.channel_names)
     broken = np.flatnonzero(~np.isfinite(block.samples).all(axis=0))
     return frozenset(layout.channel_names[channel] for channel in broken)
+
+
+def _identified(pair: ModePair | None, estimate: ModalEstimate | None) -> Mode | None:
+    """The pair's mode as this window has it; None where it lacks it."""
+    if pair is None or estimate is None:
+        return None
+    return next((mode for mode in estimate.modes if mode.name == pair.identified), None)

@@ -58,6 +58,7 @@ class Show:
                 screen.show_gap(message)
             case NodeStatus():
                 screen.show_node(message)
+                return  # nodes speak before the sensors do: not yet a reason to lay out anything
         self._lay_out()
 
     def finish(self) -> None:

@@ -64,17 +64,20 @@ class Episode:
     truth: bool = True
     trusted: bool = True
     block: int = 10  # length of a block [s]
+    ahead: bool = False  # identification is done with every window before updating with the first
 
 
 def session(episode: Episode = Episode()) -> Iterator[Message]:
     """All messages in the order in which a replay gives them."""
     rng = np.random.default_rng(8)
+    yield node_status("ready", -1)
     yield LAYOUT
     if episode.truth:
         true = TRUE_RATIOS * DESCRIPTION.nominal
         yield FoundationTruth(TURBINE, START_NS, *map(float, true))
     yield node_status("running", 0)
     n_accepted = 0
+    waiting: list[FoundationPosterior] = []
     for window in range(episode.n_windows):
         gap = window in episode.rejected
         yield from window_blocks(window, episode, rng, gap=gap)
@@ -84,7 +87,10 @@ def session(episode: Episode = Episode()) -> Iterator[Message]:
         n_accepted += 1
         estimate = modal_estimate(window, rng)
         yield estimate
-        yield foundation_posterior(estimate, n_accepted, rng, trusted=episode.trusted)
+        waiting.append(foundation_posterior(estimate, n_accepted, rng, trusted=episode.trusted))
+        if not episode.ahead:
+            yield waiting.pop()
+    yield from waiting
     yield node_status("stopped", episode.n_windows * WINDOW // episode.block - 1)
 
 

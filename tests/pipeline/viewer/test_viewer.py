@@ -105,6 +105,12 @@ def test_every_reference_mode_has_a_track_of_identified_over_model(recorded: Rec
             assert np.all((low < middle) & (np.abs(middle / frequency - 1) < 0.03))
 
 
+def test_tracks_are_whole_when_the_identification_runs_ahead_of_the_updating(tmp_path: Path):
+    recorded = record(tmp_path / "ahead.rrd", Episode(ahead=True))
+    times = recorded.times_ns(f"{ROOT}/modes/5/identified")
+    assert len(np.unique(times)) == 3
+
+
 def test_damping_is_shown_in_percent(recorded: Recorded):
     band = recorded.scalars(f"{ROOT}/modes/5/damping")
     assert band[:, 1] == pytest.approx(0.8, abs=0.4)
