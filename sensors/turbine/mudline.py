@@ -16,6 +16,7 @@ Mechanics and Applied Mathematics 24 (1971) 263, for the count.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ IntArray = NDArray[np.intp]
 # Grid in each half of an interval between two poles: distances to the nearer pole in units of the
 # interval. At first geometric, because a mode that hardly moves the mudline hugs its pole.
 _DISTANCES = np.concatenate(
-    [np.geomspace(1e-12, 1e-3, 19), np.geomspace(2e-3, 0.1, 18), np.linspace(0.12, 0.5, 27)]
+    [np.geomspace(1e-12, 1e-3, 19), np.geomspace(2e-3, 0.1, 18), np.linspace(0.12, 0.5, 26)]
 )
 _NEWTON_STEPS = 40  # never needed so far: 3 or 4 are
 _CONVERGED = 3e-4  # relative step in the distance to the pole; the error is its square [-]
@@ -112,7 +113,6 @@ class MudlineCondensation:
         self._stiffness = _entries(static.T @ free @ static)  # K_s
         self._mass = _entries(static.T @ static)  # M_s
         self._differences = self.poles - self.poles[:, None]  # p_j − p_near, (near, j)
-        self._grid = self._tabulated()
 
     @property
     def n_modes(self) -> int:
@@ -135,18 +135,20 @@ class MudlineCondensation:
         shape = (len(springs), self.n_modes)
         return SpringModes(squares.reshape(shape), coordinates.reshape(*shape, -1))
 
-    def _tabulated(self) -> _Grid:
-        """The same number of points in every interval between poles, the first from 0 up."""
+    @cached_property
+    def _grid(self) -> _Grid:
+        """As many points in every interval between poles, the first from 0 up, and one beyond."""
         edges = np.r_[0.0, self.poles]
         gaps = np.diff(edges)[:, None]
         from_left = np.broadcast_to(_DISTANCES * gaps, (len(gaps), len(_DISTANCES))).copy()
         from_left[0] -= self.poles[0]  # nothing happens at λ = 0: both halves count from pole 0
         from_right = -_DISTANCES[::-1] * gaps
         number = np.arange(len(gaps))[:, None]
-        offset = np.concatenate([from_left, from_right], axis=1).ravel()
         nearer = np.concatenate([np.maximum(number - 1, 0), number], axis=1)
-        near = np.repeat(nearer.ravel(), len(_DISTANCES))
-        below = np.repeat(number.ravel(), 2 * len(_DISTANCES))
+        offset = np.concatenate([from_left, from_right], axis=1).ravel()
+        offset = np.append(offset, _DISTANCES[0] * gaps[-1])
+        near = np.append(np.repeat(nearer.ravel(), len(_DISTANCES)), len(gaps) - 1)
+        below = np.append(np.repeat(number.ravel(), 2 * len(_DISTANCES)), len(gaps))
         g, _, _ = self._condensed(np.zeros((3, len(near))), near, offset)
         return _Grid(near=near, offset=offset, poles_below=below, g=g)
 
@@ -167,14 +169,14 @@ class MudlineCondensation:
     def _enclosed(self, springs: FloatArray) -> _Roots:
         """Every root between two neighbouring points of the grid, by bisection of the count.
 
-        springs   (3, n). The k-th mode lies between the poles k − 2 and k.
+        springs   (3, n). The k-th mode lies between the poles k − 2 and k, or at one of them.
         """
         grid, per_interval = self._grid, 2 * len(_DISTANCES)
         number = np.tile(np.arange(self.n_modes), springs.shape[1])
         springs = np.repeat(springs, self.n_modes, axis=1)
-        lower = np.maximum(number - 1, 0) * per_interval
-        upper = (number + 1) * per_interval - 1
-        for _ in range(int(np.ceil(np.log2(2 * per_interval)))):
+        lower = np.maximum((number - 1) * per_interval - 1, 0)
+        upper = (number + 1) * per_interval
+        for _ in range(int(np.ceil(np.log2(2 * per_interval + 1)))):
             middle = (lower + upper) // 2
             g11, g22, g12 = springs + grid.g.take(middle, axis=1)
             negative = np.where(g11 * g22 < g12 * g12, 1, 2 * (g11 + g22 < 0))

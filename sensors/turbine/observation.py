@@ -76,6 +76,7 @@ class Observation:
 
 
 def _normalised(readings: NDArray[np.float64] | NDArray[np.complex128]) -> FloatArray:
-    """Real shapes whose largest component is 1 ([foundation-updating] Eq. 11)."""
-    largest = np.argmax(np.abs(readings), axis=-1)[..., None]
-    return np.real(readings / np.take_along_axis(readings, largest, axis=-1))
+    """Real shapes whose largest component is 1 ([foundation-updating] Eq. 11); unseen ones 0."""
+    places = np.argmax(np.abs(readings), axis=-1)[..., None]
+    largest = np.take_along_axis(readings, places, axis=-1)
+    return np.real(np.divide(readings, largest, out=np.zeros_like(readings), where=largest != 0))

@@ -53,9 +53,10 @@ def visible_modes(
     modes = solved_modes(model, observation, highest_frequency=highest_frequency)
     largest = modes.sensor_motion.max(initial=0.0)
     visible = np.flatnonzero(modes.sensor_motion >= VISIBLE_SHARE * largest).tolist()
-    listed = _published_modes(model.description.reference_modes, modes)
+    published = _published_modes(model.description.reference_modes, modes)
+    listed = {name: mode for name, mode in published.items() if mode in visible}
     others = [mode for mode in visible if mode not in listed.values()]
-    labels = [*listed, *_further_labels(set(listed), len(others))]
+    labels = [*listed, *_further_labels(set(published), len(others))]
     indices = [*listed.values(), *others]
     return ReferenceModes(
         theta=model.theta,

@@ -272,7 +272,7 @@ def test_a_blades_row_reads_a_rigid_motion_in_tower_axes() -> None:
 
 
 def test_a_place_off_the_tower_is_refused() -> None:
-    with pytest.raises(TurbineError, match="elevation 150 m is outside .* -30 to 145 m"):
+    with pytest.raises(TurbineError, match=r"elevation 150 m is outside .* -30 to 145 m"):
         assemble(parked_turbine()).tower_displacement(150.0, (1, 0, 0))
 
 

@@ -54,7 +54,7 @@ def test_an_impossible_foundation_is_told_what_would_be_possible() -> None:
 
 
 def test_a_coupling_given_with_its_sign_is_refused() -> None:
-    with pytest.raises(TurbineError, match="k12 is -6.78e.10 N/rad; its magnitude is needed"):
+    with pytest.raises(TurbineError, match=r"k12 is -6.78e\+10 N/rad; its magnitude is needed"):
         FoundationSprings(k11=0.098e11, k22=8.238e11, k12=-0.678e11)
 
 
