@@ -27,6 +27,7 @@ from pipeline.modal_shapes import (
 from pipeline.updating.forward_model import FloatArray
 
 FOLLOWING_FREQUENCY_STD = 0.003  # relative scatter of one mode's f between windows [-]
+WIDEST_FREQUENCY_STD = 0.01  # however uncertain both are [-]
 FOLLOWING_MAC_SCALE = 0.15  # of 1 − MAC between windows [-]
 FOLLOWING_REJECTION = 9.0  # three standard deviations: beyond, it is another mode
 
@@ -279,6 +280,8 @@ class ModalEvidence:
 
     def with_estimate(self, estimate: ModalEstimate) -> "ModalEvidence":
         """The evidence after one more window. Raises EstimateRefused; self never changes."""
+        if not estimate.modes:
+            raise EstimateRefused("no-modes", "no mode was identified")
         seen = sightings(estimate, self.channels)
         modes = list(self.modes)
         for number, sighting in zip(_followed(self.modes, seen), seen, strict=True):
@@ -304,15 +307,15 @@ class ModalEvidence:
 def _followed(modes: Sequence[ModeEvidence], seen: Sequence[Sighting]) -> list[int]:
     """For each sighting the mode it continues, or −1 where it opens a new one.
 
-    Assignment on ((Δ ln f)² / s²) + ((1 − MAC) / .15)² with s = .3 %, beyond 9 a new mode. Names
-    given by the identification are not asked: two independent opinions may disagree, and a
+    Assignment on (Δ ln f / s)² + ((1 − MAC) / .15)², beyond 9 a new mode; s is .3 % and both
+    standard deviations together, at most 1 %. Names given by the identification are not asked: a
     swap of names would mix two modes for good.
     """
     if not modes or not seen:
         return [-1] * len(seen)
     log_known = np.log([mode.frequency for mode in modes])
     log_seen = np.log([sighting.frequency for sighting in seen])
-    cost = ((log_seen[:, None] - log_known) / FOLLOWING_FREQUENCY_STD) ** 2
+    cost = (log_seen[:, None] - log_known) ** 2 / _following_variance(seen, modes)
     cost += ((1 - _macs(seen, modes)) / FOLLOWING_MAC_SCALE) ** 2
     same_kind = np.equal.outer(
         [sighting.close_pair for sighting in seen], [mode.close_pair for mode in modes]
@@ -323,6 +326,14 @@ def _followed(modes: Sequence[ModeEvidence], seen: Sequence[Sighting]) -> list[i
         if cost[row, column] < FOLLOWING_REJECTION:
             followed[row] = int(column)
     return followed
+
+
+def _following_variance(seen: Sequence[Sighting], modes: Sequence[ModeEvidence]) -> FloatArray:
+    """(n_seen, n_modes) variance of ln f between two windows of one mode."""
+    own = [np.linalg.norm(sighting.factor[0]) / sighting.frequency for sighting in seen]
+    known = [mode.frequency_std / mode.frequency for mode in modes]
+    variance = np.add.outer(np.square(own), np.square(known)) + FOLLOWING_FREQUENCY_STD**2
+    return np.minimum(variance, WIDEST_FREQUENCY_STD**2)
 
 
 def _macs(seen: Sequence[Sighting], modes: Sequence[ModeEvidence]) -> FloatArray:

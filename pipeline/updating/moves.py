@@ -41,4 +41,4 @@ def _log_student(points: FloatArray, mean: FloatArray, factor: FloatArray) -> Fl
 def fitting_moves() -> list[tuple[Any, float]]:
     """Moves with their shares: the Student-t mostly; the kernel density where the density is
     bent; differences of two walkers for one that both proposals have left behind."""
-    return [(FittedStudentMove(), 0.6), (emcee.moves.KDEMove(), 0.25), (emcee.moves.DEMove(), 0.15)]
+    return [(FittedStudentMove(), 0.7), (emcee.moves.KDEMove(), 0.25), (emcee.moves.DEMove(), 0.05)]

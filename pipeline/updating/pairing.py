@@ -26,15 +26,18 @@ class PairingSettings:
     """Weights and extent of the search."""
 
     search_draws: int = 500  # of the prior box
-    refined: int = 4  # best draws that are refined
+    tried: int = 12  # best draws that are followed at the widest tolerance
+    refined: int = 4  # best of these that are followed to the narrowest
     tolerances: tuple[float, ...] = (0.03, 0.015, 0.008, 0.004)  # s_f of ln f, in turn [-]
     steps: int = 3  # Gauss-Newton steps at each tolerance
     mac_scale: float = 0.15  # of 1 − MAC [-]
     rejection: float = 9.0  # cost at which an identified mode is better left alone [-]
 
     def __post_init__(self) -> None:
-        if self.search_draws < 1 or self.refined < 1 or not self.tolerances:
-            raise UpdatingError("pairing needs search_draws, refined and tolerances of at least 1")
+        if min(self.search_draws, self.tried, self.refined, len(self.tolerances)) < 1:
+            raise UpdatingError(
+                "pairing needs search_draws, tried, refined and tolerances of at least 1"
+            )
         if not min(*self.tolerances, self.mac_scale, self.rejection) > 0:
             raise UpdatingError("pairing tolerances, mac_scale and rejection must be positive")
 
@@ -153,7 +156,7 @@ class PairingSearch:
         self._forward = forward
         self._prior = prior
         self._settings = settings
-        draws = prior.draws(settings.search_draws, generator)
+        draws = prior.spread(settings.search_draws, generator)
         modes = forward.modal(prior.stiffness(draws))
         self._draws = draws
         self._modes = modes
@@ -164,11 +167,17 @@ class PairingSearch:
         start   (3,) ratios to refine as well, e.g. the last posterior's median. It is one start
                 among others: a wrong one cannot win against a cheaper one.
         """
-        starts = [self._draws[number] for number in self._cheapest_draws(targets)]
+        widest, *narrower = self._settings.tolerances
+        tried = [
+            self._followed(targets, self._draws[number], (widest,))
+            for number in self._cheapest_draws(targets)
+        ]
+        tried.sort(key=lambda pairing: pairing.total_cost)
+        starts = [pairing.ratios for pairing in tried[: self._settings.refined]]
         if start is not None:
             starts.append(start)
-        refined = [self.refined(targets, ratios) for ratios in starts]
-        return min(refined, key=lambda pairing: pairing.total_cost)
+        ends = [self._followed(targets, ratios, narrower or (widest,)) for ratios in starts]
+        return min(ends, key=lambda pairing: pairing.total_cost)
 
     def _cheapest_draws(self, targets: PairingTargets) -> list[int]:
         settings = self._settings
@@ -177,12 +186,18 @@ class PairingSearch:
             assigned(each, targets, ratios, settings.rejection).total_cost
             for each, ratios in zip(costs, self._draws, strict=True)
         ]
-        return [int(number) for number in np.argsort(totals, kind="stable")[: settings.refined]]
+        return [int(number) for number in np.argsort(totals, kind="stable")[: settings.tried]]
 
     def refined(self, targets: PairingTargets, ratios: FloatArray) -> Pairing:
-        """The pairing after following it downhill while the tolerance shrinks."""
-        pairing = self._pairings(targets, ratios[None], self._settings.tolerances[0])[0]
-        for tolerance in self._settings.tolerances:
+        """The pairing found by following the cost downhill from ratios, (3,), while the tolerance
+        shrinks."""
+        return self._followed(targets, ratios, self._settings.tolerances)
+
+    def _followed(
+        self, targets: PairingTargets, ratios: FloatArray, tolerances: Sequence[float]
+    ) -> Pairing:
+        pairing = self._pairings(targets, ratios[None], tolerances[0])[0]
+        for tolerance in tolerances:
             pairing = self._pairings(targets, pairing.ratios[None], tolerance)[0]
             for _ in range(self._settings.steps):
                 better = self._step(targets, pairing, tolerance)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
 from sensors.errors import InputError
 
+SOFTEST_SEARCHED = 0.01  # 1 − k12² / (k11 k22), of the softest springs that a search looks at [-]
 PARAMETER_NAMES = ("k11", "k22", "k12")
 PARAMETER_UNITS = ("N/m", "N·m/rad", "N/rad")
 
@@ -81,6 +82,26 @@ class Prior:
             f"fewer than {n} of {400 * n} draws between {low} and {high} times nominal "
             f"{self.nominal.tolist()} have positive definite springs; k11·k22 > k12² is needed"
         )
+
+    def spread(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """(n, 3) supported ratios for a search: half of them uniform, half thick near the edge.
+
+        Towards the edge of positive definiteness the springs' softer direction, of stiffness about
+        k22 (1 − c²) with c = k12 / √(k11 k22), goes to zero and takes the lowest modes along; few
+        uniform draws fall there. The other half has 1 − c² even in its logarithm.
+        """
+        low, high = self.settings.lowest_ratio, self.settings.highest_ratio
+        uniform = self.draws(n - n // 2, generator)
+        edge = np.empty((0, 3))
+        for _ in range(200):
+            if len(edge) >= n // 2:
+                break
+            k11, k22 = generator.uniform(low, high, size=(2, 2 * n))
+            softness = np.exp(generator.uniform(np.log(SOFTEST_SEARCHED), 0.0, 2 * n))  # 1 − c²
+            k12 = np.sqrt((1 - softness) * k11 * k22 / self._coupling)
+            candidates = np.column_stack([k11, k22, k12])
+            edge = np.vstack([edge, candidates[self.supports(candidates)]])
+        return np.vstack([uniform, edge[: n // 2], self.draws(n // 2, generator)])[:n]
 
 
 def modal_where_supported(

@@ -138,8 +138,6 @@ class FoundationUpdater:
     def _matched(self, state: UpdatingState, estimate: ModalEstimate) -> "_Match":
         """Pairing, likelihood and its peak; the pairing is made once more at the peak."""
         evidence = state.evidence
-        if not evidence.modes:
-            raise EstimateRefused("no-modes", "no mode was identified")
         targets = PairingTargets.of(evidence.modes, evidence.n_windows, reach=self._reach)
         pairing = self._search.best(targets, state.median)
         match = self._match(evidence, pairing)

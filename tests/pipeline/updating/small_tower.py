@@ -190,3 +190,39 @@ def drawn_mode(
         covariance_factor=factor,
         n_block_columns=0,
     )
+
+
+@dataclass(frozen=True)
+class LinearTower:
+    """Frequencies and shapes that are linear in the ratios: a forward model of no cost."""
+
+    layout: SensorLayout = LAYOUT
+    n_modes: int = 6
+    chosen: tuple[int, ...] = ()
+
+    @property
+    def nominal(self) -> FloatArray:
+        return NOMINAL
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        names = tuple(str(number + 1) for number in range(self.n_modes))
+        return tuple(names[index] for index in self.chosen) if self.chosen else names
+
+    def subset(self, labels: Sequence[str]) -> "LinearTower":
+        return replace(self, chosen=tuple(self.labels.index(label) for label in labels))
+
+    def following(self, theta_reference: FloatArray) -> "LinearTower":
+        return self
+
+    def modal(self, theta: FloatArray) -> SmallModes:
+        fixed = np.random.default_rng(20261121)  # the structure, the same in every test
+        n_channels = len(self.layout.channels)
+        change = theta / NOMINAL - 1
+        sensitivity = 0.05 + 0.2 * fixed.random((3, self.n_modes))
+        shapes = fixed.uniform(-1, 1, (self.n_modes, n_channels))
+        turning = 0.05 * fixed.uniform(-1, 1, (3, self.n_modes, n_channels))
+        frequencies = 1.7 ** np.arange(1, self.n_modes + 1) * (1 + change @ sensitivity)
+        moved = shapes + np.tensordot(change, turning, axes=1)
+        index = list(self.chosen or range(self.n_modes))
+        return SmallModes(frequencies[:, index], moved[:, index], np.ones(len(theta), dtype=bool))

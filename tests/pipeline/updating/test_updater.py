@@ -1,0 +1,209 @@
+"""Modal estimates in, a posterior out that holds the truth as often as it says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from pipeline.messages import FoundationPosterior, WindowRejected
+from pipeline.updating.likelihood import LikelihoodSettings
+from pipeline.updating.pairing import PairingSettings
+from pipeline.updating.prior import Prior
+from pipeline.updating.sampler import SamplerSettings, walked
+from pipeline.updating.updater import FoundationUpdater, UpdatingSettings
+from tests.pipeline.updating.small_tower import (
+    LAYOUT,
+    NOMINAL,
+    LinearTower,
+    SmallTower,
+    drawn_estimate,
+    drawn_mode,
+)
+from tests.pipeline.updating.test_likelihood import evidence_of, likelihood_of
+
+TRUTH = np.array([1.1, 0.9, 0.95])
+NAMES = ("k11", "k22", "k12")
+QUICK = UpdatingSettings(
+    pairing=PairingSettings(search_draws=60, refined=2),
+    likelihood=LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0),
+    sampler=SamplerSettings(walkers=20, burn_in=15, block=20, effective_draws=400,
+                            chain_in_autocorrelation_times=25),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def updater():
+    return FoundationUpdater(SmallTower(), LAYOUT, QUICK, seed=1)
+
+
+def after(updater, estimates, state=None):
+    """State and answers after some windows."""
+    state, answers = state or updater.initial_state(), []
+    for estimate in estimates:
+        state, answer = updater.updated(state, estimate)
+        answers.append(answer)
+    return state, answers
+
+
+def windows(n, *, seed, first=0, **options):
+    generator = np.random.default_rng(seed)
+    return [drawn_estimate(TRUTH, generator, window=first + i, **options) for i in range(n)]
+
+
+@pytest.fixture(scope="module")
+def three_windows(updater):
+    return after(updater, windows(3, seed=1))
+
+
+def test_posterior_covers_the_true_stiffness_at_the_stated_rate():
+    """40 seeds, truths all over .8 to 1.25, four windows that share a .3 % model discrepancy."""
+    updater = FoundationUpdater(LinearTower(), LAYOUT, QUICK, seed=2)
+    covered = []
+    for seed in range(40):
+        generator = np.random.default_rng([3, seed])
+        truth = generator.uniform(0.8, 1.25, 3)
+        bias = 0.003 * generator.standard_normal(6)
+        state = updater.initial_state()
+        for number in range(4):
+            estimate = drawn_estimate(
+                truth, generator, window=number, tower=LinearTower(), bias=bias
+            )
+            last = state
+            state = replace(state, evidence=state.evidence.with_estimate(estimate))
+        _, posterior = updater.updated(last, estimate)
+        assert isinstance(posterior, FoundationPosterior)
+        summaries = [posterior.parameter(name) for name in NAMES]
+        ratios = truth * NOMINAL
+        covered.append([s.p05 <= k <= s.p95 for s, k in zip(summaries, ratios, strict=True)])
+    # binomial: 90 % of 40 is 36; below 31 once in 200
+    assert np.sum(covered, axis=0).min() >= 31
+
+
+def test_every_window_narrows_the_interval(three_windows):
+    _, posteriors = three_windows
+    for name in NAMES:
+        widths = [p.parameter(name).p95 - p.parameter(name).p05 for p in posteriors]
+        assert widths[2] < 0.8 * widths[0]
+
+
+def test_the_truth_lies_within_the_posterior(three_windows):
+    _, posteriors = three_windows
+    parameters = [posteriors[-1].parameter(name) for name in NAMES]
+    for parameter, truth in zip(parameters, TRUTH * NOMINAL, strict=True):
+        std = (parameter.p95 - parameter.p05) / 3.29
+        assert abs(parameter.median - truth) < 4 * std
+
+
+def test_every_field_of_the_message_is_filled(three_windows):
+    _, posteriors = three_windows
+    posterior = posteriors[-1]
+    assert posterior.n_windows == 3
+    assert posterior.window == 2
+    assert posterior.time_ns == 1_800_000_000_000
+    assert [each.name for each in posterior.parameters] == [*NAMES, "sigma"]
+    assert posterior.draws.shape == (1000, 4)
+    assert posterior.correlation == pytest.approx(posterior.correlation.T)
+    assert len(posterior.model_labels) == len(posterior.model_frequencies) == 12
+    assert np.abs(posterior.model_shapes).max(axis=1) == pytest.approx(1.0)
+    assert len(posterior.pairs) == 12
+    assert min(pair.mac for pair in posterior.pairs if pair.shape_used) > 0.98
+    assert posterior.trusted
+    assert posterior.rhat < 1.05
+    assert posterior.ess > 400
+    assert 0.2 < posterior.reduced_chi_square < 3
+
+
+def test_the_thinned_draws_have_the_medians_of_the_chains(three_windows):
+    _, posteriors = three_windows
+    posterior = posteriors[-1]
+    for column, parameter in enumerate(posterior.parameters):
+        width = parameter.p95 - parameter.p05
+        median = np.median(posterior.draws[:, column])
+        assert abs(median - parameter.median) < 0.1 * width
+
+
+def test_the_same_windows_give_the_same_posterior_to_the_last_bit(updater, three_windows):
+    _, again = after(updater, windows(3, seed=1))
+    for one, other in zip(three_windows[1], again, strict=True):
+        assert np.array_equal(one.draws, other.draws)
+        assert one.parameters == other.parameters
+
+
+def test_yesterdays_posterior_is_never_todays_prior(updater, three_windows):
+    """Without the last ensemble and median the same evidence gives the same posterior."""
+    state, _ = after(updater, windows(2, seed=1))
+    cold = replace(state, ensemble=None, median=None)
+    estimate = windows(3, seed=1)[2]
+    warm_posterior, cold_posterior = (updater.updated(each, estimate)[1] for each in (state, cold))
+    for name in NAMES:
+        warm, fresh = warm_posterior.parameter(name), cold_posterior.parameter(name)
+        width = fresh.p95 - fresh.p05
+        assert abs(warm.median - fresh.median) < 0.08 * width
+        assert warm.p95 - warm.p05 == pytest.approx(width, rel=0.15)
+
+
+def test_an_estimate_without_a_partner_in_the_model_is_rejected_and_leaves_no_trace(
+    updater, three_windows
+):
+    state, _ = three_windows
+    generator = np.random.default_rng(5)
+    noise = drawn_mode(0.8, generator.standard_normal(8), generator, 0.001, 0.01)
+    estimate = replace(windows(1, seed=6, first=3)[0], modes=(noise,))
+    unchanged, answer = updater.updated(state, estimate)
+    assert isinstance(answer, WindowRejected)
+    assert answer.code == "no-paired-mode"
+    assert unchanged is state
+
+
+def test_an_empty_estimate_is_rejected_before_anything_was_seen(updater):
+    estimate = replace(windows(1, seed=7)[0], modes=())
+    state, answer = updater.updated(updater.initial_state(), estimate)
+    assert isinstance(answer, WindowRejected)
+    assert answer.code == "no-modes"
+    assert not state.evidence.modes
+
+
+def test_a_structure_that_is_not_the_modelled_one_is_not_trusted(updater):
+    _, (answer,) = after(updater, windows(1, seed=8, tower=SmallTower(stiffening=1.04)))
+    assert isinstance(answer, FoundationPosterior)
+    assert not answer.trusted
+    assert {each.code for each in answer.warnings} & {"misfit", "few-pairs", "pairing-cost"}
+
+
+def test_a_structure_of_which_no_mode_is_known_is_refused(updater):
+    _, (answer,) = after(updater, windows(1, seed=8, tower=SmallTower(stiffening=1.4)))
+    assert isinstance(answer, WindowRejected)
+
+
+def test_one_mode_does_not_identify_three_springs_and_the_posterior_says_so(updater):
+    _, answers = after(updater, windows(1, seed=9, labels=("5",), frequency_std=0.01))
+    posterior = answers[0]
+    assert isinstance(posterior, FoundationPosterior)
+    assert any(
+        each.code == "not-identified" and "interval" in each.text for each in posterior.warnings
+    )
+
+
+def test_chains_agree_with_a_grid_on_a_slice_of_two_stiffnesses():
+    evidence, _ = evidence_of(1, seed=10, frequency_std=0.003, shape_std=0.03)
+    likelihood, prior = likelihood_of(evidence), Prior(NOMINAL)
+    generator = np.random.default_rng(11)
+
+    def density(pairs):
+        ratios = np.column_stack([pairs, np.full(len(pairs), 1.02)])
+        values, sigma = likelihood.marginal(LinearTower().modal(ratios * NOMINAL), generator)
+        return np.where(prior.supports(ratios), values, -np.inf), sigma
+
+    axes = [np.linspace(0.85, 1.25, 121), np.linspace(0.8, 1.15, 121)]
+    mesh = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    values = np.concatenate([density(part)[0] for part in np.array_split(mesh, 30)])
+    weights = np.exp(values - logsumexp(values))
+    mean = weights @ mesh
+    std = np.sqrt(weights @ (mesh - mean) ** 2)
+    assert weights.reshape(121, 121)[[0, -1]].sum() < 1e-6, "the grid must hold the posterior"
+    start = mean + 2 * std * generator.standard_normal((40, 2))
+    chains = walked(density, start, SamplerSettings(effective_draws=3000), generator)
+    drawn = chains.flat[:, :2]
+    assert (drawn.mean(axis=0) - mean) / std == pytest.approx(0, abs=0.08)
+    assert drawn.std(axis=0) / std == pytest.approx(1, abs=0.06)
