@@ -144,6 +144,8 @@ class _Session:
         result = self._identified(window, names)
         if result.rejection is not None:
             return self._rejected(window, result.rejection)
+        modes = self._tracker.named(result.modes)
+        events = tuple(Warning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
         return ModalEstimate(
             turbine=self.turbine,
             window=window.index,
@@ -151,9 +153,9 @@ class _Session:
             end_ns=window.end_ns,
             layout_id=window.layout_id,
             channels=names,
-            modes=self._tracker.named(result.modes),
+            modes=modes,
             weight=self._settings.hop / self._settings.window_duration,
-            warnings=result.warnings + _status_warnings(window.status),
+            warnings=result.warnings + _status_warnings(window.status) + events,
         )
 
     def _refusal(self, window: Window) -> Warning | None:
@@ -177,6 +179,7 @@ class _Session:
         return None
 
     def _rejected(self, window: Window, why: Warning) -> WindowRejected:
+        self._tracker.missed()
         return WindowRejected(
             turbine=self.turbine,
             window=window.index,

@@ -11,7 +11,15 @@ from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.oma.bands import Band, plan_bands
 from pipeline.oma.close_pairs import with_close_pairs
 from pipeline.oma.covariance import LagCovariances, block_hankel, lag_covariances
-from pipeline.oma.input_checks import Finding, check_samples, check_timestamps
+from pipeline.oma.input_checks import (
+    HARMONIC_DAMPING,
+    Finding,
+    check_samples,
+    check_timestamps,
+    evenly_sampled,
+    is_harmonic,
+    mended,
+)
 from pipeline.oma.mode_shapes import normalised_with_deviations
 from pipeline.oma.preprocessing import decimated, without_offset
 from pipeline.oma.settings import OmaSettings
@@ -61,21 +69,51 @@ def identify(
     findings = check_window(samples, sampling_rate, channel_names=channel_names, times=times)
     if rejection_in(findings) is not None:
         return Identification((), (), rejection_in(findings))
+    clean = mended(np.asarray(samples, dtype=np.float64), findings)
+    if times is not None and any(f.code in ("uneven-clock", "sampling-rate") for f in findings):
+        clean = evenly_sampled(clean, times)
+        sampling_rate = (len(times) - 1) / float(times[-1] - times[0])
     bands = plan_bands(
         n_samples=len(samples),
         n_channels=samples.shape[1],
         sampling_rate=sampling_rate,
         settings=settings,
     )
-    if not bands:
-        return Identification((), (), _too_short(len(samples), sampling_rate).warning)
-    steady = without_offset(np.asarray(samples, dtype=np.float64))
+    steady = without_offset(clean)
     by_band = [
         modes_of_covariances(band_covariances(steady, band, settings), band, settings)[0]
         for band in bands
     ]
-    modes = with_close_pairs(merged(by_band), steady, sampling_rate)
-    return Identification(modes, tuple(finding.warning for finding in findings))
+    return concluded(by_band, steady, sampling_rate, findings)
+
+
+def concluded(
+    by_band: Sequence[Sequence[Mode]],
+    steady: FloatArray,
+    sampling_rate: float,
+    findings: Sequence[Finding],
+) -> Identification:
+    """All bands' modes as one list: each once, close pairs joined, harmonics left out.
+
+    steady   the window's samples, free of offset, (n, n_channels)
+    """
+    modes, harmonics = [], []
+    for mode in merged(by_band):
+        doubtful = mode.damping_ratio < HARMONIC_DAMPING
+        if doubtful and is_harmonic(steady, sampling_rate, mode.frequency):
+            harmonics.append(mode)
+        else:
+            modes.append(mode)
+    warnings = [finding.warning for finding in findings]
+    warnings += [
+        Warning(
+            "harmonic",
+            f"what shakes at {mode.frequency:.4g} Hz keeps its amplitude: a machine's harmonic, "
+            "not taken for a mode",
+        )
+        for mode in harmonics
+    ]
+    return Identification(with_close_pairs(modes, steady, sampling_rate), tuple(warnings))
 
 
 def check_window(
@@ -94,14 +132,6 @@ def check_window(
 def rejection_in(findings: Sequence[Finding]) -> Warning | None:
     """Why a window is not identified; None when it may be."""
     return next((f.warning for f in findings if f.action == "reject"), None)
-
-
-def _too_short(n_samples: int, sampling_rate: float) -> Finding:
-    return Finding(
-        "short",
-        f"{n_samples} samples ({n_samples / sampling_rate:.3g} s) are too few to identify a mode",
-        "reject",
-    )
 
 
 def identify_band(samples: FloatArray, band: Band, settings: OmaSettings) -> list[Mode]:

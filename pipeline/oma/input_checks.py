@@ -11,16 +11,31 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.interpolate import CubicSpline
 
 from pipeline.messages import Warning  # noqa: A004  # the field's word
+from pipeline.oma.preprocessing import without_drift
 
 FloatArray = NDArray[np.float64]
 Action = Literal["warn", "mend", "reject"]
 
+FEWEST_SAMPLES = 100  # below, nothing can be identified
 DUPLICATE_CORRELATION = 1 - 1e-9  # two real sensors never agree to nine digits
-CLIPPED_RUN = 3  # so many equal samples in a row at a channel's extreme are a converter's limit
-UNEVEN_STEP = 0.01  # a step this far from the nominal one, relative to it, is uneven
-GAP_STEPS = 1.5  # a step longer than this many nominal ones is a gap
+CLIPPED_COUNT = 5  # so many samples at a channel's extreme value,
+CLIPPED_EXCESS = 3  # and so many times more than at the value next to it, are a converter's limit
+UNEVEN_STEP = 0.01  # a step this far from the mean one, relative to it, is uneven
+GAP_STEPS = 3.0  # a step longer than this many nominal ones is a gap; shorter are interpolated
+RATE_TOLERANCE = 1e-3  # stated rate against the stamps': beyond, frequencies would be wrong
+DRIFT_SHARE = 1.0  # a straight line's rise over the window, relative to the rms about it
+SPIKE_SIZE = 20.0  # of a lone sample over its neighbours, in robust std of that difference
+SPIKE_ALONE = 4.0  # and over the same difference of any sample around it
+SPIKE_SURROUNDINGS = 10  # samples to either side that are around it
+MOST_SPIKES = 1e-3  # share of a channel's samples that is mended; more is no accident
+QUIET_TO_LOUD = 3.0  # rms of the loudest over the median tenth of a window that is stationary
+STEADY_ENVELOPE = 0.15  # std/mean of a harmonic's amplitude; 0.52 for a mode under random load
+HARMONIC_DAMPING = 0.003  # an identified mode of less may be a harmonic [-]
+ENVELOPE_LINES = 6  # half-width of the band the envelope is taken in, in lines 1/T
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +54,29 @@ class Finding:
 def check_samples(
     samples: NDArray[np.floating], sampling_rate: float, channel_names: Sequence[str]
 ) -> tuple[Finding, ...]:
-    """What the samples alone reveal: NaN, dead, doubled and clipped channels.
+    """What the samples alone reveal, the gravest first.
 
     samples   (n, n_channels)
     """
+    if len(samples) < FEWEST_SAMPLES:
+        text = (
+            f"{len(samples)} samples ({len(samples) / sampling_rate:.3g} s) are too few to "
+            f"identify a mode; {FEWEST_SAMPLES} are the least"
+        )
+        return (Finding("short", text, "reject"),)
     not_a_number = check_finite(samples, sampling_rate, channel_names)
     if not_a_number:
         return not_a_number
     constant = check_constant(samples, channel_names)
     if constant:
         return constant
-    return check_duplicates(samples, channel_names) + check_clipping(samples, channel_names)
+    return (
+        check_duplicates(samples, channel_names)
+        + check_clipping(samples, channel_names)
+        + check_spikes(samples, sampling_rate, channel_names)
+        + check_drift(samples, channel_names)
+        + check_stationarity(samples, sampling_rate)
+    )
 
 
 def check_finite(
@@ -102,25 +129,139 @@ def check_duplicates(
 def check_clipping(
     samples: NDArray[np.floating], channel_names: Sequence[str]
 ) -> tuple[Finding, ...]:
-    """Channels that stay at their extreme value for several samples: the converter's limit."""
+    """Channels that pile up at their extreme value: the converter's or the sensor's limit.
+
+    The tails of a healthy signal thin out, so that its extreme value is rarer than the next one.
+    """
     findings = []
     for name, channel in zip(channel_names, samples.T, strict=True):
-        at_limit = (channel == channel.max()) | (channel == channel.min())
-        in_runs = _samples_in_runs(at_limit, CLIPPED_RUN)
-        if in_runs:
-            text = (
-                f"{name} stays at its largest or smallest value for {in_runs} samples in runs of "
-                f"{CLIPPED_RUN} or more: clipped"
-            )
+        _, counts = np.unique(channel, return_counts=True)
+        at_limits = sum(
+            int(last)
+            for last, next_to_last in (counts[:2], counts[:-3:-1])
+            if last >= CLIPPED_COUNT and last > CLIPPED_EXCESS * next_to_last
+        )
+        if at_limits:
+            text = f"{name} is at its largest or smallest value {at_limits} times: clipped"
             findings.append(Finding("clipped", text, "warn"))
     return tuple(findings)
 
 
-def _samples_in_runs(flags: NDArray[np.bool_], shortest: int) -> int:
-    """How many flagged samples stand in unbroken runs of at least `shortest`."""
-    edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
-    lengths = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
-    return int(lengths[lengths >= shortest].sum())
+def lone_spikes(samples: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Samples that stand alone far off their two neighbours, (n, n_channels).
+
+    A structure's response, even to an impact, lasts; a bit error or a loose contact does not.
+    """
+    y = np.asarray(samples, dtype=np.float64)
+    off = np.zeros_like(y)
+    off[1:-1] = y[1:-1] - 0.5 * (y[:-2] + y[2:])
+    size = np.abs(off)
+    robust_std = 1.4826 * np.median(size, axis=0)
+    far_off = size > SPIKE_SIZE * np.where(robust_std > 0, robust_std, np.inf)
+    # it throws its neighbours off by half its own size; what lies further is undisturbed
+    around = np.ones((2 * SPIKE_SURROUNDINGS + 1, 1), dtype=bool)
+    around[SPIKE_SURROUNDINGS - 1 : SPIKE_SURROUNDINGS + 2] = False
+    alone = size > SPIKE_ALONE * ndimage.maximum_filter(size, footprint=around)
+    return np.asarray(far_off & alone)
+
+
+def check_spikes(
+    samples: NDArray[np.floating], sampling_rate: float, channel_names: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Lone samples far off their neighbours: interpolated while they are few."""
+    findings = []
+    spikes = lone_spikes(samples)
+    for name, channel in zip(channel_names, spikes.T, strict=True):
+        count = int(channel.sum())
+        if not count:
+            continue
+        few = count <= max(3, MOST_SPIKES * len(channel))
+        text = f"{name} has {count} spikes of one sample, the first at " + (
+            f"{np.argmax(channel) / sampling_rate:.3f} s"
+            f"{'; interpolated' if few else ': too many to mend'}"
+        )
+        findings.append(Finding("spikes", text, "mend" if few else "warn"))
+    return tuple(findings)
+
+
+def check_drift(samples: NDArray[np.floating], channel_names: Sequence[str]) -> tuple[Finding, ...]:
+    """Channels that drift by more than they shake: a straight line is taken off them."""
+    y = np.asarray(samples, dtype=np.float64)
+    time = np.linspace(-1.0, 1.0, len(y))
+    rise = 2 * (time @ y) / (time @ time)  # of the least-squares line over the window
+    rms = np.sqrt(np.mean((y - y.mean(axis=0) - 0.5 * np.outer(time, rise)) ** 2, axis=0))
+    return tuple(
+        Finding(
+            "drift",
+            f"{name} drifts by {abs(by):.3g} over the window (rms {own:.3g}); a line is taken off",
+            "mend",
+        )
+        for name, by, own in zip(channel_names, rise, rms, strict=True)
+        if abs(by) > DRIFT_SHARE * 2 * own
+    )
+
+
+def check_stationarity(samples: NDArray[np.floating], sampling_rate: float) -> tuple[Finding, ...]:
+    """Windows whose loudness changes: a rotor stop, a passing ship, a change of load.
+
+    On the samples' differences: a slow, lightly damped mode swells and fades by itself, while
+    fast motion follows the load.
+    """
+    unspiked = _without_spikes(np.asarray(samples, dtype=np.float64))
+    tenths = np.array_split(np.diff(unspiked, axis=0), 10)
+    rms = np.array([np.sqrt(np.mean(part**2, axis=0)) for part in tenths])
+    typical = np.median(rms, axis=0)
+    loudness = np.mean(rms / np.where(typical > 0, typical, 1.0), axis=1)  # over the channels
+    loudest = int(np.argmax(loudness))
+    if loudness[loudest] < QUIET_TO_LOUD * np.median(loudness):
+        return ()
+    begin = loudest * len(samples) / 10 / sampling_rate
+    text = (
+        f"the tenth of the window from {begin:.3g} s on is {loudness[loudest]:.2g} times as loud "
+        "as the median one: a transient, in which estimates of damping mean little"
+    )
+    return (Finding("non-stationary", text, "warn"),)
+
+
+def is_harmonic(samples: FloatArray, sampling_rate: float, frequency: float) -> bool:
+    """Whether what shakes at a frequency is a machine's harmonic and no mode.
+
+    samples   (n, n_channels), free of offset
+
+    A harmonic keeps its amplitude; a mode under random load swells and fades (its envelope has
+    a Rayleigh distribution, std/mean 0.52). Judged on the channel with the most power there.
+    """
+    lines = np.fft.rfft(samples * np.hanning(len(samples))[:, None], axis=0)
+    centre = round(frequency * len(samples) / sampling_rate)
+    low, high = max(0, centre - ENVELOPE_LINES), centre + ENVELOPE_LINES + 1
+    band = lines[low:high]
+    strongest = int(np.argmax((np.abs(band) ** 2).sum(axis=0)))
+    narrow = np.zeros(64, dtype=complex)
+    narrow[: len(band)] = band[:, strongest]
+    taper = np.hanning(64)
+    inner = slice(12, 52)  # where the taper can be divided out again
+    envelope = np.abs(np.fft.ifft(narrow))[inner] / taper[inner]
+    return bool(np.std(envelope) < STEADY_ENVELOPE * np.mean(envelope))
+
+
+def mended(samples: FloatArray, findings: Sequence[Finding]) -> FloatArray:
+    """The samples without lone spikes and drift, where the findings say they were mended.
+
+    samples   (n, n_channels); returned as they are where nothing was to mend
+    """
+    codes = {finding.code for finding in findings if finding.action == "mend"}
+    if "spikes" in codes:
+        samples = _without_spikes(samples)
+    return without_drift(samples) if "drift" in codes else samples
+
+
+def _without_spikes(samples: FloatArray) -> FloatArray:
+    """Every lone spike replaced by the mean of its neighbours."""
+    spikes = lone_spikes(samples)
+    clean = samples.copy()
+    rows, columns = np.nonzero(spikes)
+    clean[rows, columns] = 0.5 * (samples[rows - 1, columns] + samples[rows + 1, columns])
+    return clean
 
 
 def check_timestamps(times: FloatArray, sampling_rate: float) -> tuple[Finding, ...]:
@@ -130,22 +271,46 @@ def check_timestamps(times: FloatArray, sampling_rate: float) -> tuple[Finding, 
         at = int(np.argmax(~(steps > 0)))
         text = f"the time stamps do not increase after sample {at} ({times[at]:.6g} s)"
         return (Finding("uneven-clock", text, "reject"),)
-    if (steps > GAP_STEPS).any():
-        at = int(np.argmax(steps > GAP_STEPS))
+    typical = float(np.median(steps))
+    if (steps > GAP_STEPS * typical).any():
+        at = int(np.argmax(steps > GAP_STEPS * typical))
         text = (
             f"gap of {steps[at] / sampling_rate:.3g} s at {times[at] - times[0]:.3f} s "
-            f"({int((steps > GAP_STEPS).sum())} in all)"
+            f"({int((steps > GAP_STEPS * typical).sum())} in all)"
         )
         return (Finding("gap", text, "reject"),)
-    return _check_evenness(steps, sampling_rate)
+    return _check_rate(steps, sampling_rate) + _check_evenness(steps, sampling_rate)
+
+
+def _check_rate(steps: FloatArray, sampling_rate: float) -> tuple[Finding, ...]:
+    actual = sampling_rate / float(np.mean(steps))
+    if abs(actual / sampling_rate - 1) <= RATE_TOLERANCE:
+        return ()
+    text = (
+        f"the time stamps run at {actual:.6g} Hz, not at the {sampling_rate:.6g} Hz stated; "
+        "the stamps are followed"
+    )
+    return (Finding("sampling-rate", text, "mend"),)
 
 
 def _check_evenness(steps: FloatArray, sampling_rate: float) -> tuple[Finding, ...]:
-    largest = float(np.abs(steps - np.mean(steps)).max())
+    mean = float(np.mean(steps))
+    largest = float(np.abs(steps / mean - 1).max())
     if largest <= UNEVEN_STEP:
         return ()
     text = (
-        f"the time stamps' steps differ by up to {100 * largest:.2g} % of the nominal "
-        f"{1 / sampling_rate:.6g} s: the clock is uneven"
+        f"the time stamps' steps differ by up to {100 * largest:.2g} % from their mean of "
+        f"{mean / sampling_rate:.6g} s: resampled to an even clock"
     )
-    return (Finding("uneven-clock", text, "warn"),)
+    return (Finding("uneven-clock", text, "mend"),)
+
+
+def evenly_sampled(samples: FloatArray, times: FloatArray) -> FloatArray:
+    """The record on an even clock with as many samples from the first stamp to the last.
+
+    samples   (n, n_channels);  times   (n,), rising [s]
+
+    By cubic splines, whose error stays below the noise up to a quarter of the sampling rate.
+    """
+    even = np.linspace(times[0], times[-1], len(times))
+    return np.asarray(CubicSpline(times, samples, axis=0)(even))

@@ -16,18 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.oma.bands import Band, plan_bands
-from pipeline.oma.close_pairs import with_close_pairs
 from pipeline.oma.covariance import BlockCovariances, LagCovariances, block_covariances, joined
 from pipeline.oma.identification import (
     Identification,
     block_length,
     check_window,
+    concluded,
     identify,
-    merged,
     modes_of_covariances,
     rejection_in,
 )
-from pipeline.oma.preprocessing import decimated, n_decimated, without_offset
+from pipeline.oma.preprocessing import decimated, n_decimated
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SignalSubspace
 
@@ -150,6 +149,8 @@ class StreamingIdentifier:
         findings = check_window(samples, self._rate, channel_names=channel_names)
         if rejection_in(findings) is not None:
             return Identification((), (), rejection_in(findings))
+        if any(finding.action == "mend" for finding in findings):
+            return identify(samples, self._rate, self._settings, channel_names=channel_names)
         steady = np.asarray(samples, dtype=np.float64)
         offset = steady.mean(axis=0)
         by_band = []
@@ -163,5 +164,4 @@ class StreamingIdentifier:
                 covariances, ring.band, self._settings, self._subspaces[place]
             )
             by_band.append(band_modes)
-        modes = with_close_pairs(merged(by_band), without_offset(steady), self._rate)
-        return Identification(modes, tuple(finding.warning for finding in findings))
+        return concluded(by_band, steady - offset, self._rate, findings)

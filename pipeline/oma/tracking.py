@@ -1,30 +1,76 @@
 """Modes keep their names from window to window.
 
-A mode of a new window belongs to the track whose last state explains it best: by the distance of
-the frequencies in units of what they may differ by, and by the MAC. All modes are assigned at
-once, so two tracks that come near each other cannot both take the same mode.
+A mode of a new window belongs to the track that expects it: by the distance of the frequencies in
+units of what they may differ by (Mahalanobis), and by the MAC with the track's mean shape. All
+modes are assigned at once, at the least total cost, so that two tracks that come near each other
+cannot both take the same mode, and a mode that no track expects begins one of its own.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.messages import Mode
 from pipeline.modal_shapes import modal_assurance_criterion
 
-DRIFT_PER_WINDOW = 0.002  # std of a frequency's own change from window to window, relative
-SHAPE_SCATTER = 0.15  # scale of 1 − MAC between two estimates of one mode [-]
-REJECTION_COST = 12.0  # about χ² of two degrees of freedom at 99.75 %
-FORGOTTEN_AFTER = 24  # windows without the mode
+FloatArray = NDArray[np.float64]
+
+DRIFT_PER_WINDOW = 0.001  # std of a frequency's own random walk, relative, a window
+SHAPE_SCATTER = 0.15  # scale of 1 − MAC between an estimate and its track [-]
+REJECTION_COST = 16.0  # four standard deviations
+SHAPE_MEMORY = 0.2  # weight of a new shape in the track's mean
+ESTABLISHED = 5  # windows in which a track was seen before its loss or drift is worth a word
+DIES_AFTER = 24  # windows without the mode
+NOTABLE_DRIFT = 0.01  # of a frequency since the track's birth, relative
+
+
+@dataclass(frozen=True, slots=True)
+class TrackEvent:
+    """Something worth a word about a track."""
+
+    kind: Literal["birth", "death", "drift"]
+    name: str
+    frequency: float  # of the track now [Hz]
+    text: str
 
 
 @dataclass(slots=True)
 class _Track:
+    """What is expected of a mode: a random walk in frequency, a mean shape."""
+
     name: str
-    mode: Mode  # as last seen
+    frequency: float  # filtered [Hz]
+    variance: float  # of it [Hz²]
+    shape: FloatArray  # mean of its estimates, (n_channels,)
+    reference: float  # frequency that drift is counted from [Hz]
+    seen: int = 1  # windows with the mode
     unseen: int = 0  # windows since
+
+    def predict(self) -> None:
+        """One window later: the frequency may have walked."""
+        self.unseen += 1
+        self.variance += (DRIFT_PER_WINDOW * self.frequency) ** 2
+
+    def cost(self, mode: Mode) -> float:
+        """(Δf)² / var(Δf) + (1 − MAC)² / scatter²"""
+        variance = self.variance + mode.frequency_std**2
+        mac = modal_assurance_criterion(self.shape[None], mode.shape[None])[0, 0]
+        distance = (mode.frequency - self.frequency) ** 2 / variance
+        return float(distance + (1 - mac) ** 2 / SHAPE_SCATTER**2)
+
+    def update(self, mode: Mode) -> None:
+        """Kalman filter of the frequency; the shape's mean with the sign that fits."""
+        gain = self.variance / (self.variance + mode.frequency_std**2)
+        self.frequency += gain * (mode.frequency - self.frequency)
+        self.variance *= 1 - gain
+        sign = 1.0 if float(self.shape @ mode.shape) >= 0 else -1.0
+        self.shape = (1 - SHAPE_MEMORY) * self.shape + SHAPE_MEMORY * sign * mode.shape
+        self.seen += 1
+        self.unseen = 0
 
 
 class ModeTracker:
@@ -33,31 +79,41 @@ class ModeTracker:
     def __init__(self) -> None:
         self._tracks: list[_Track] = []
         self._born = 0
+        self._windows = 0
+        self.events: tuple[TrackEvent, ...] = ()  # of the last window
 
     def named(self, modes: Sequence[Mode]) -> tuple[Mode, ...]:
         """The modes of the next window, each under its track's name; new ones start a track."""
-        assigned = self._assign(modes)
         for track in self._tracks:
-            track.unseen += 1
+            track.predict()
+        assigned = self._assigned(modes)
+        events: list[TrackEvent] = []
         named = []
         for index, mode in enumerate(modes):
-            track = assigned.get(index) or self._birth(mode)
-            track.mode, track.unseen = mode, 0
+            known = assigned.get(index)
+            if known is not None:
+                known.update(mode)
+                events += _drift_event(known)
+            track = known or self._birth(mode)
+            if known is None:
+                events += self._birth_event(track)
             named.append(replace(mode, name=track.name))
-        self._tracks = [track for track in self._tracks if track.unseen <= FORGOTTEN_AFTER]
+        events += self._bury()
+        self.events = tuple(events)
+        self._windows += 1
         return tuple(named)
 
-    def _birth(self, mode: Mode) -> _Track:
-        self._born += 1
-        track = _Track(f"m{self._born}", mode)
-        self._tracks.append(track)
-        return track
+    def missed(self) -> None:
+        """A window without an estimate: what may have changed since has grown."""
+        for track in self._tracks:
+            track.predict()
+        self.events = tuple(self._bury())
 
-    def _assign(self, modes: Sequence[Mode]) -> dict[int, _Track]:
+    def _assigned(self, modes: Sequence[Mode]) -> dict[int, _Track]:
         """Index of a mode → its track, by least total cost."""
         if not modes or not self._tracks:
             return {}
-        cost = np.array([[_cost(track, mode) for track in self._tracks] for mode in modes])
+        cost = np.array([[track.cost(mode) for track in self._tracks] for mode in modes])
         rows, columns = linear_sum_assignment(np.minimum(cost, REJECTION_COST))
         return {
             int(row): self._tracks[column]
@@ -65,13 +121,50 @@ class ModeTracker:
             if cost[row, column] < REJECTION_COST
         }
 
+    def _birth(self, mode: Mode) -> _Track:
+        self._born += 1
+        track = _Track(
+            name=f"m{self._born}",
+            frequency=mode.frequency,
+            variance=mode.frequency_std**2,
+            shape=mode.shape.copy(),
+            reference=mode.frequency,
+        )
+        self._tracks.append(track)
+        return track
 
-def _cost(track: _Track, mode: Mode) -> float:
-    """(Δf)² / var(Δf) + (1 − MAC)² / scatter²."""
-    known = track.mode
-    drift = DRIFT_PER_WINDOW * known.frequency * np.sqrt(1 + track.unseen)
-    variance = known.frequency_std**2 + mode.frequency_std**2 + drift**2
-    mac = modal_assurance_criterion(known.shape[None], mode.shape[None])[0, 0]
-    return float(
-        (mode.frequency - known.frequency) ** 2 / variance + (1 - mac) ** 2 / SHAPE_SCATTER**2
-    )
+    def _birth_event(self, track: _Track) -> list[TrackEvent]:
+        """While the first windows gather the modes, a birth is no news."""
+        if self._windows < ESTABLISHED:
+            return []
+        text = f"a mode that was not seen before at {track.frequency:.4g} Hz: {track.name}"
+        return [TrackEvent("birth", track.name, track.frequency, text)]
+
+    def _bury(self) -> list[TrackEvent]:
+        """Forgets tracks not seen for long; says so of those that were established."""
+        dead = [track for track in self._tracks if track.unseen > DIES_AFTER]
+        self._tracks = [track for track in self._tracks if track.unseen <= DIES_AFTER]
+        return [
+            TrackEvent(
+                "death",
+                track.name,
+                track.frequency,
+                f"{track.name} ({track.frequency:.4g} Hz) has not been seen for "
+                f"{DIES_AFTER} windows",
+            )
+            for track in dead
+            if track.seen >= ESTABLISHED
+        ]
+
+
+def _drift_event(track: _Track) -> list[TrackEvent]:
+    """A frequency that has left its reference by a notable and a significant amount."""
+    change = track.frequency / track.reference - 1
+    std = np.sqrt(track.variance) / track.reference
+    if track.seen == ESTABLISHED:
+        track.reference = track.frequency  # the first estimate alone is a poor one
+    if track.seen <= ESTABLISHED or abs(change) < max(NOTABLE_DRIFT, 4 * std):
+        return []
+    track.reference = track.frequency
+    text = f"{track.name} has drifted by {100 * change:+.2g} % to {track.frequency:.4g} Hz"
+    return [TrackEvent("drift", track.name, track.frequency, text)]
