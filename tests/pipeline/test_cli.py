@@ -1,39 +1,52 @@
-"""The commands as a person meets them: in a process of their own, from another folder."""
+"""The commands as a person meets them, in a folder of their own."""
 
 import json
-import os
 import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-Command = Callable[..., subprocess.CompletedProcess[str]]
+from pipeline.cli import main
+from sensors.turbine.description import shipped_text
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a command left behind."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+Command = Callable[..., Finished]
 
 
 @pytest.fixture
-def pilewatch(tmp_path: Path) -> Command:
-    """Run `pilewatch ARGUMENTS…` in an empty folder."""
+def pilewatch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Command:
+    """Run `pilewatch ARGUMENTS…` in an empty folder; in this process, for a start takes seconds."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
 
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "pipeline", *arguments],
-            cwd=tmp_path,
-            env=os.environ | {"COLUMNS": "100"},
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
+    def run(*arguments: str) -> Finished:
+        monkeypatch.setattr(sys, "argv", ["pilewatch", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return Finished(int(ended.value.code or 0), printed.out, printed.err)
 
     return run
 
 
-def one_line(finished: subprocess.CompletedProcess[str]) -> str:
+def one_line(finished: Finished) -> str:
     """The complaint of a command that was given something wrong."""
     assert finished.returncode == 2, finished.stderr
     assert "Traceback" not in finished.stderr
@@ -92,6 +105,16 @@ def test_info_tells_what_a_recording_holds(pilewatch: Command, short_recording: 
     assert told.returncode == 0
     for word in ("AccelerationBlock", "240", "none", "truth.k11 = 9800000000.0"):
         assert word in told.stdout
+
+
+def test_a_mistake_ends_the_process_with_code_2_and_no_traceback(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "pipeline", "run"]
+    finished = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert finished.returncode == 2
+    assert finished.stderr.startswith("pilewatch: there is no recordings/parked.mcap")
+    assert "Traceback" not in finished.stderr
 
 
 def test_help_teaches_every_command(pilewatch: Command) -> None:
@@ -167,8 +190,6 @@ def test_an_unknown_scenario_key_is_named_with_its_section(
 
 
 def test_a_negative_thickness_is_named(pilewatch: Command, tmp_path: Path) -> None:
-    from sensors.turbine.description import shipped_text
-
     text = shipped_text("iea15mw_monopile")
     thickness = next(line for line in text.splitlines() if "thickness" in line)
     broken = text.replace(thickness, thickness.replace("thickness = ", "thickness = -"), 1)
