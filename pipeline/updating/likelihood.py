@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, cholesky, solve_triangular
-from scipy.special import logsumexp
 
 from pipeline.updating.evidence import ModalEvidence, ModeEvidence
 from pipeline.updating.forward_model import FloatArray, ModesOfStiffness
@@ -93,7 +92,7 @@ def observations(
 
 
 def sigma_grid(highest: float, n_points: int) -> tuple[FloatArray, FloatArray]:
-    """Nodes of σ in [0, highest] and the logarithm of their trapezoid weights, (n_points,) each.
+    """Nodes of σ in [0, highest] and their trapezoid weights, (n_points,) each.
 
     Even steps near zero, geometric ones above, so that a narrow posterior of σ is resolved
     wherever it lies. The weights carry the uniform prior 1 / highest.
@@ -105,7 +104,7 @@ def sigma_grid(highest: float, n_points: int) -> tuple[FloatArray, FloatArray]:
     weights = np.zeros(n_points)
     weights[:-1] += widths / 2
     weights[1:] += widths / 2
-    return sigma, np.log(weights / highest)
+    return sigma, weights / highest
 
 
 class ModalLikelihood:
@@ -149,7 +148,7 @@ class ModalLikelihood:
         self._whitening, self._ratios = _simultaneous_diagonal(
             self.measurement_covariance, self.reference
         )
-        self.sigma, self._log_weights = sigma_grid(highest_sigma, settings.sigma_points)
+        self.sigma, self._weights = sigma_grid(highest_sigma, settings.sigma_points)
         growth = self.sigma[:, None] ** 2 * self._ratios
         self._precisions = 1 / (1 + growth)  # (n_sigma, p)
         self._log_determinants = np.log1p(growth).sum(axis=1)
@@ -186,18 +185,20 @@ class ModalLikelihood:
     ) -> tuple[FloatArray, FloatArray]:
         """log ∫ p(d̄ | θ, σ) p(σ) dσ, (n,), and for each θ one σ drawn from p(σ | θ, d̄), (n,)."""
         values = self.log_likelihood(modes)
-        marginal = logsumexp(values + self._log_weights, axis=1)
-        return marginal, self._drawn(values, generator)
+        highest = values.max(axis=1)
+        highest[~np.isfinite(highest)] = 0.0
+        density = np.exp(values - highest[:, None])
+        with np.errstate(divide="ignore"):  # log(0) = −inf is meant
+            marginal = highest + np.log(density @ self._weights)
+        return marginal, self._drawn(density, generator)
 
     def weights(self, log_likelihood: FloatArray) -> FloatArray:
         """(p,) 1 / (1 + σ² λ) of the whitened errors at the likeliest σ; (n_sigma,) → (p,)."""
         return self._precisions[int(np.argmax(log_likelihood))]
 
-    def _drawn(self, log_density: FloatArray, generator: np.random.Generator) -> FloatArray:
-        """One σ a row by inversion of the distribution, linear between the grid's nodes."""
-        uniform = generator.random(len(log_density))
-        highest = log_density.max(axis=1, keepdims=True)
-        density = np.exp(log_density - np.where(np.isfinite(highest), highest, 0.0))
+    def _drawn(self, density: FloatArray, generator: np.random.Generator) -> FloatArray:
+        """One σ a row of (n, n_sigma) by inversion of the distribution, linear between nodes."""
+        uniform = generator.random(len(density))
         masses = (density[:, 1:] + density[:, :-1]) / 2 * np.diff(self.sigma)
         cumulated = np.cumsum(masses, axis=1)
         wanted = uniform * cumulated[:, -1]

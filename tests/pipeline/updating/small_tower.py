@@ -5,6 +5,7 @@ Five Euler-Bernoulli elements on the springs, a mass at the top whose rotary ine
 fore-aft and side-side. No gravity, no blades.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -216,13 +217,20 @@ class LinearTower:
         return self
 
     def modal(self, theta: FloatArray) -> SmallModes:
-        fixed = np.random.default_rng(20261121)  # the structure, the same in every test
-        n_channels = len(self.layout.channels)
         change = theta / NOMINAL - 1
-        sensitivity = 0.05 + 0.2 * fixed.random((3, self.n_modes))
-        shapes = fixed.uniform(-1, 1, (self.n_modes, n_channels))
-        turning = 0.05 * fixed.uniform(-1, 1, (3, self.n_modes, n_channels))
+        sensitivity, shapes, turning = linear_structure(self.n_modes, len(self.layout.channels))
         frequencies = 1.7 ** np.arange(1, self.n_modes + 1) * (1 + change @ sensitivity)
         moved = shapes + np.tensordot(change, turning, axes=1)
         index = list(self.chosen or range(self.n_modes))
         return SmallModes(frequencies[:, index], moved[:, index], np.ones(len(theta), dtype=bool))
+
+
+@functools.cache
+def linear_structure(n_modes: int, n_channels: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sensitivities of ln f (3, n_modes), shapes at nominal, and their change a unit ratio."""
+    fixed = np.random.default_rng(20261121)  # the structure, the same in every test
+    return (
+        0.05 + 0.2 * fixed.random((3, n_modes)),
+        fixed.uniform(-1, 1, (n_modes, n_channels)),
+        0.05 * fixed.uniform(-1, 1, (3, n_modes, n_channels)),
+    )

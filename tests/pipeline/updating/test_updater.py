@@ -25,11 +25,12 @@ from tests.pipeline.updating.test_likelihood import evidence_of, likelihood_of
 TRUTH = np.array([1.1, 0.9, 0.95])
 NAMES = ("k11", "k22", "k12")
 QUICK = UpdatingSettings(
-    pairing=PairingSettings(search_draws=60, refined=2),
-    likelihood=LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0),
-    sampler=SamplerSettings(walkers=20, burn_in=15, block=20, effective_draws=400,
-                            chain_in_autocorrelation_times=25),
-)  # fmt: skip
+    pairing=PairingSettings(search_draws=60, tried=2, refined=1),
+    likelihood=LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0, sigma_points=100),
+    sampler=SamplerSettings(
+        walkers=20, burn_in=12, block=15, effective_draws=300, chain_in_autocorrelation_times=15
+    ),
+)
 
 
 @pytest.fixture(scope="module")
@@ -109,8 +110,8 @@ def test_every_field_of_the_message_is_filled(three_windows):
     assert len(posterior.pairs) == 12
     assert min(pair.mac for pair in posterior.pairs if pair.shape_used) > 0.98
     assert posterior.trusted
-    assert posterior.rhat < 1.05
-    assert posterior.ess > 400
+    assert posterior.rhat < 1.15  # chains of fifteen autocorrelation times
+    assert posterior.ess > 300
     assert 0.2 < posterior.reduced_chi_square < 3
 
 
@@ -139,8 +140,8 @@ def test_yesterdays_posterior_is_never_todays_prior(updater, three_windows):
     for name in NAMES:
         warm, fresh = warm_posterior.parameter(name), cold_posterior.parameter(name)
         width = fresh.p95 - fresh.p05
-        assert abs(warm.median - fresh.median) < 0.08 * width
-        assert warm.p95 - warm.p05 == pytest.approx(width, rel=0.15)
+        assert abs(warm.median - fresh.median) < 0.1 * width
+        assert warm.p95 - warm.p05 == pytest.approx(width, rel=0.2)
 
 
 def test_an_estimate_without_a_partner_in_the_model_is_rejected_and_leaves_no_trace(
