@@ -10,7 +10,7 @@ from pipeline.messages import Mode, Warning  # noqa: A004  # the field's word
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.oma.bands import Band, plan_bands
 from pipeline.oma.close_pairs import with_close_pairs
-from pipeline.oma.covariance import LagCovariances, block_hankel, lag_covariances
+from pipeline.oma.covariance import LagCovariances, lag_covariances
 from pipeline.oma.input_checks import (
     HARMONIC_DAMPING,
     Finding,
@@ -167,8 +167,8 @@ def modes_of_covariances(
     start   the subspace of an earlier, overlapping window: saves work, changes nothing
     """
     subspace = signal_subspace(
-        block_hankel(covariances.mean, band.block_rows),
-        n_channels=len(covariances.scales),
+        covariances.mean,
+        block_rows=band.block_rows,
         highest_order=max(band.orders),
         start=start,
     )

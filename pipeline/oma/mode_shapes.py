@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pipeline.modal_shapes import complex_normalised
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+ComplexArray = NDArray[np.complexfloating]
 
 
 def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:

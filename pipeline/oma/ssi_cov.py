@@ -15,10 +15,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
+from scipy import fft, linalg
+
+from pipeline.oma.covariance import block_hankel
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+ComplexArray = NDArray[np.complexfloating]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,50 +56,94 @@ class SystemModes:
     order: int
     poles: ComplexArray  # λ_d of A_d, (n_modes,), discrete time [-]
     right: ComplexArray  # Ψ, (order, n_modes): A Ψ = Ψ diag(λ_d)
-    left: ComplexArray  # X, (order, n_modes): Xᵀ A = diag(λ_d) Xᵀ, Xᵀ Ψ = I
+    kept: NDArray[np.int64]  # their places among all eigenvectors, (n_modes,)
     all_poles: ComplexArray  # (order,), real and conjugate ones too
     all_right: ComplexArray  # (order, order)
-    all_left: ComplexArray  # (order, order)
     shapes: ComplexArray  # φ = C Ψ, (n_channels, n_modes) [-]
     frequencies: FloatArray  # f, undamped [Hz]
     damping_ratios: FloatArray  # ζ [-]
 
+    def left_eigenvectors(self) -> ComplexArray:
+        """X, (order, order): Xᵀ A = diag(λ_d) Xᵀ, Xᵀ Ψ = I; only the uncertainty needs them."""
+        return np.linalg.inv(self.all_right).T
+
 
 RESIDUAL = 1e-9  # ‖H Hᵀ u − s² u‖ / s² of every singular vector that is used
 _SMALL = 5  # a Hankel matrix less than this many times the order is decomposed in full
+_LARGEST_BASIS = 4  # times the order: a Krylov space beyond costs more than the whole
+
+
+class HankelOperator:
+    """The block Hankel matrix of lag covariances, applied without being formed.
+
+    (H x)_i = Σ_j R_{i+j+1} x_j is a convolution with x reversed: by FFT along the lags.
+    """
+
+    def __init__(self, covariances: FloatArray, block_rows: int):
+        """covariances: R_τ, (n_lags = 2p, n_channels, n_references); block_rows: p"""
+        self.covariances, self.block_rows = covariances, block_rows
+        self._n_lags, n_channels, n_references = covariances.shape
+        self.shape = ((block_rows + 1) * n_channels, block_rows * n_references)
+        self._spectrum = fft.rfft(covariances, axis=0)
+        self._transposed = np.ascontiguousarray(self._spectrum.transpose(0, 2, 1))
+
+    def __matmul__(self, columns: FloatArray) -> FloatArray:
+        """H x, x (p·n_references, n)"""
+        return self._product(self._spectrum, columns)
+
+    def transposed_times(self, columns: FloatArray) -> FloatArray:
+        """Hᵀ x, x ((p + 1)·n_channels, n)"""
+        return self._product(self._transposed, columns)
+
+    def _product(self, spectrum: ComplexArray, columns: FloatArray) -> FloatArray:
+        width = spectrum.shape[2]
+        rows = len(columns) // width
+        reversed_rows = columns.reshape(rows, width, -1)[::-1]
+        product = spectrum @ fft.rfft(reversed_rows, self._n_lags, axis=0)
+        valid = fft.irfft(product, self._n_lags, axis=0, overwrite_x=True)[rows - 1 :]
+        return np.asarray(valid.reshape(-1, columns.shape[1]))
 
 
 def signal_subspace(
-    hankel: FloatArray,
+    covariances: FloatArray,
     *,
-    n_channels: int,
+    block_rows: int,
     highest_order: int,
     start: SignalSubspace | None = None,
 ) -> SignalSubspace:
     """Truncated singular value decomposition H ≈ U diag(s) Vᵀ to the highest order asked for.
 
-    start   of an earlier, overlapping window: the iteration begins there
+    covariances   R_τ, (n_lags = 2p, n_channels, n_references), τ = 1..n_lags
+    block_rows    p
+    start         of an earlier, overlapping window: the iteration begins there
 
     The leading part is iterated to a residual of 1e-9; a small matrix, or one whose singular
     values fall so slowly that the iteration does not get there, is decomposed in full.
     """
+    operator = HankelOperator(covariances, block_rows)
     truncated = None
-    if min(hankel.shape) >= _SMALL * highest_order:
+    if min(operator.shape) >= _SMALL * highest_order:
         truncated = leading_singular_triplets(
-            hankel, highest_order, start=None if start is None else start.left
+            operator, highest_order, start=None if start is None else start.left
         )
-    left, singular_values, right = truncated or _all_singular_triplets(hankel)
+    left, singular_values, right = truncated or _all_singular_triplets(operator)
     n = min(highest_order, int(np.sum(singular_values > 1e-12 * singular_values[0])))
-    return SignalSubspace(left[:, :n], singular_values[:n], right[:, :n], n_channels)
+    return SignalSubspace(left[:, :n], singular_values[:n], right[:, :n], covariances.shape[1])
 
 
-def _all_singular_triplets(hankel: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    left, singular_values, right = linalg.svd(hankel, full_matrices=False, check_finite=False)
+def _all_singular_triplets(
+    operator: HankelOperator,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    left, singular_values, right = linalg.svd(
+        block_hankel(operator.covariances, operator.block_rows),
+        full_matrices=False,
+        check_finite=False,
+    )
     return left, singular_values, right.T
 
 
 def leading_singular_triplets(
-    matrix: FloatArray, count: int, *, start: FloatArray | None = None, seed: int = 0
+    matrix: HankelOperator, count: int, *, start: FloatArray | None = None, seed: int = 0
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """The largest singular values and their vectors (U, s, V) by a block Krylov iteration.
 
@@ -112,19 +158,18 @@ def leading_singular_triplets(
     Source: Golub and Van Loan, Matrix Computations, 4th ed., §10.4; Musco and Musco (2015),
     Randomized block Krylov methods, for the random start.
     """
-    block_size = max(8, count // 3)
+    generator = np.random.default_rng(seed)
     if start is None:
-        start = matrix @ np.random.default_rng(seed).standard_normal((matrix.shape[1], block_size))
+        start = matrix @ generator.standard_normal((matrix.shape[1], max(8, count // 3)))
+    elif start.shape[1] > count // 3:  # narrow blocks get further in a basis of the same size
+        start = start @ generator.standard_normal((start.shape[1], max(8, count // 3)))
     basis = np.linalg.qr(start)[0]
-    images = matrix.T @ basis  # C
+    images = matrix.transposed_times(basis)  # C
     newest = slice(0, basis.shape[1])
-    while basis.shape[1] < 4 * count:
-        following = matrix @ images[:, newest]
-        for _ in range(2):  # twice is enough (Kahan, Parlett) for orthogonality to rounding
-            following -= basis @ (basis.T @ following)
-        following, leaving = np.linalg.qr(following)
-        if basis.shape[1] >= count:
-            squares, x = linalg.eigh(images.T @ images, check_finite=False)
+    while basis.shape[1] < _LARGEST_BASIS * count:
+        following, leaving = _orthonormal_to(basis, matrix @ images[:, newest])
+        if basis.shape[1] >= 2 * count:  # before, it is never enough
+            squares, x = linalg.eigh(images.T @ images, check_finite=False, driver="evd")
             squares, x = squares[: -count - 1 : -1], x[:, : -count - 1 : -1]
             residual = np.linalg.norm(leaving @ x[newest], axis=0)
             if (residual <= RESIDUAL * squares).all():
@@ -132,8 +177,16 @@ def leading_singular_triplets(
                 return basis @ x, singular_values, (images @ x) / singular_values
         newest = slice(basis.shape[1], basis.shape[1] + following.shape[1])
         basis = np.hstack([basis, following])
-        images = np.hstack([images, matrix.T @ following])
+        images = np.hstack([images, matrix.transposed_times(following)])
     return None
+
+
+def _orthonormal_to(basis: FloatArray, block: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Q R of what of a block lies outside a basis."""
+    for _ in range(2):  # twice is enough (Kahan, Parlett) for orthogonality to rounding
+        block = block - basis @ (basis.T @ block)
+    q, r = np.linalg.qr(block)
+    return q, r
 
 
 def system_modes(
@@ -164,17 +217,15 @@ def _modes_of(A: FloatArray, C: FloatArray, dt: float) -> SystemModes:
     poles_d: Any
     poles_d, psi = np.linalg.eig(A)
     poles_d, psi = poles_d.astype(complex), psi.astype(complex)
-    chi = np.linalg.inv(psi).T
     kept = np.flatnonzero(poles_d.imag > 0)
     poles = np.log(poles_d[kept]) / dt  # λ [rad/s]
     return SystemModes(
         order=len(A),
         poles=poles_d[kept],
         right=psi[:, kept],
-        left=chi[:, kept],
+        kept=kept,
         all_poles=poles_d,
         all_right=psi,
-        all_left=chi,
         shapes=C @ psi[:, kept],
         frequencies=np.abs(poles) / (2 * np.pi),
         damping_ratios=-poles.real / np.abs(poles),

@@ -17,7 +17,7 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SystemModes
 
 FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+ComplexArray = NDArray[np.complexfloating]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 

@@ -58,7 +58,7 @@ def pole_sensitivity(
     poles, right = modes.poles[chosen], modes.right[:, chosen]
     last = subspace.left[-l:, :n]
     gram = np.eye(n) - last.T @ last  # O_upᵀ O_up, since UᵀU = I
-    dual = np.linalg.solve(gram, modes.left[:, chosen])
+    dual = np.linalg.solve(gram, modes.left_eigenvectors()[:, modes.kept[chosen]])
     a, up_right = _times(upper, dual), _times(upper, right)
     b = np.zeros((len(U), len(poles)), dtype=complex)
     b[l:] = a
@@ -161,7 +161,7 @@ def shape_deviations(
     """
     n, l = modes.order, subspace.n_channels  # noqa: E741
     U, upper = subspace.left[:, :n], subspace.upper[:, :n]
-    gram = upper.T @ upper
+    gram, all_left = upper.T @ upper, modes.left_eigenvectors()
     moved_all = deviations.hankel_products(sensitivity.w)
     turned_all = deviations.transposed_hankel_products(sensitivity.b_residual)
     changes = []
@@ -175,7 +175,7 @@ def shape_deviations(
         )
         distance = pole - modes.all_poles
         distance[np.argmin(np.abs(distance))] = np.inf  # ψ itself keeps its scale
-        vector_change = modes.all_right @ ((modes.all_left.T @ state_change) / distance[:, None])
+        vector_change = modes.all_right @ ((all_left.T @ state_change) / distance[:, None])
         changes.append(moved[:l] + subspace.left[:l, :n] @ vector_change)
     return np.array(changes)
 

@@ -36,7 +36,7 @@ def covariances(two_mass_system: KnownStructure) -> LagCovariances:
 
 
 def identified(mean: np.ndarray) -> tuple[SignalSubspace, SystemModes]:
-    subspace = signal_subspace(block_hankel(mean, ROWS), n_channels=2, highest_order=ORDER)
+    subspace = signal_subspace(mean, block_rows=ROWS, highest_order=ORDER)
     return subspace, next(system_modes(subspace, orders=[ORDER], sampling_interval=DT))
 
 

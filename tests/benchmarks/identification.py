@@ -1,0 +1,287 @@
+"""Identification: speed against public implementations, and what it finds blind.
+
+    python -m tests.benchmarks identification [speed] [blind SEEDS]
+
+`speed` measures CPU time on one thread, 8 channels, 600 s; peers (pyOMA-2, koma-python) are
+measured in the same run where they are installed. `blind` simulates the parked turbine at its
+nominal foundation, an hour a seed, and identifies its six windows with the default settings.
+"""
+
+import importlib.util
+import logging
+import time
+import tracemalloc
+import warnings
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.messages import Mode
+from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.oma.bands import Band
+from pipeline.oma.covariance import lag_covariances
+from pipeline.oma.identification import identify, modes_of_covariances
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi_cov import signal_subspace, system_modes
+from pipeline.oma.streaming import CovarianceRing
+from pipeline.oma.uncertainty import (
+    BlockDeviations,
+    frequency_damping_deviations,
+    pole_deviations,
+    pole_sensitivity,
+    shape_deviations,
+)
+from sensors.layout import biaxial_layout
+from sensors.simulated import SimulatedTower, SimulationSettings
+from sensors.turbine.description import load_turbine
+from sensors.turbine.modal import FullModes, full_modes
+
+FloatArray = NDArray[np.float64]
+
+LAYOUT = biaxial_layout(
+    "benchmark", turbine="iea15mw", unit="tower", elevations=(41.0, 80.0, 106.0, 145.0)
+)
+TABLE_1 = {  # label: direction and frequency at the nominal foundation [Hz]
+    "1": ("SS", 0.1573),
+    "2": ("FA", 0.1586),
+    "3": ("FA", 0.6298),
+    "4": ("SS", 1.0764),
+    "5": ("FA", 1.0997),
+    "6": ("FA", 1.8163),
+    "7": ("FA", 2.5983),
+    "8": ("FA", 3.8002),
+    "9": ("FA", 5.8584),
+    "10": ("FA", 10.468),
+    "11": ("FA", 12.117),
+}
+HIGHEST_JUDGED = 12.5  # [Hz]
+FIRST_SEED = 1000
+
+
+def main(arguments: list[str]) -> None:
+    """Print the tables asked for; both by default, `blind` with 4 seeds."""
+    if not arguments or "speed" in arguments:
+        speed()
+    if not arguments or "blind" in arguments:
+        after = arguments[arguments.index("blind") + 1 :] if arguments else []
+        blind(int(after[0]) if after else 4)
+
+
+def parked_record(seed: int, duration: float) -> FloatArray:
+    settings = SimulationSettings(seed=seed, duration=duration)
+    tower = SimulatedTower(load_turbine("iea15mw_monopile"), LAYOUT, settings)
+    return np.concatenate(list(tower.samples())).astype(np.float64)
+
+
+# --- speed ---------------------------------------------------------------------------------------
+
+
+def cpu(function: Callable[[], object], repetitions: int = 5) -> float:
+    """Median CPU time of a call [s]."""
+    times = []
+    for _ in range(repetitions):
+        begin = time.process_time()
+        function()
+        times.append(time.process_time() - begin)
+    return float(np.median(times))
+
+
+def speed() -> None:
+    record = parked_record(FIRST_SEED, 600.0)
+    thirty = record[: 600 * 30] - record[: 600 * 30].mean(axis=0)  # taken as sampled at 30 Hz
+    thirty /= thirty.std(axis=0)
+    ours = cpu(lambda: every_order(thirty, rows=100, orders=range(2, 62, 2)))
+    print("SSI-cov, 8 channels, 18 000 samples, all channels references, CPU s on one thread")
+    print(f"  without uncertainty, 100 block rows, orders 2..60 step 2: pilewatch {ours:.3f}")
+    for name, function in peers(thirty, rows=100, highest=60).items():
+        theirs = cpu(function, 3)
+        print(f"    {name} {theirs:.3f}: {theirs / ours:.1f} times as long")
+    with_unc = cpu(lambda: every_uncertainty(thirty, rows=30, orders=range(2, 31)), 3)
+    print(f"  with uncertainty of every pole, 30 block rows, orders 2..30: {with_unc:.3f}")
+    if importlib.util.find_spec("pyoma2"):
+        theirs = cpu(lambda: run_pyoma(thirty, rows=30, highest=30, step=1, uncertain=True), 1)
+        print(f"    pyOMA-2 {theirs:.1f}: {theirs / with_unc:.0f} times as long")
+    memory = peak_memory(lambda: every_uncertainty(thirty, rows=60, orders=range(2, 31)))
+    print(f"  peak memory with uncertainty, 60 block rows: {memory:.0f} MB")
+    scratch, sliding = sliding_update(record)
+    print(f"  window from scratch, 100 block rows, 30 orders, with uncertainty: {scratch:.3f}")
+    print(f"  slid by a tenth: {sliding:.3f}, {scratch / sliding:.1f} times faster")
+    whole = cpu(lambda: identify(record, 40.0), 3)
+    print(f"  three bands, 10 min at 40 Hz, samples to modes: {whole:.3f}")
+
+
+def every_order(samples: FloatArray, *, rows: int, orders: Sequence[int]) -> None:
+    covariances = lag_covariances(
+        samples, n_lags=2 * rows, block_length=(len(samples) - 2 * rows) // 4
+    )
+    subspace = signal_subspace(covariances.mean, block_rows=rows, highest_order=max(orders))
+    for _ in system_modes(subspace, orders=orders, sampling_interval=1 / 30):
+        pass
+
+
+def every_uncertainty(samples: FloatArray, *, rows: int, orders: Sequence[int]) -> None:
+    """f, ζ and φ of every pole of every order, as pyOMA-2 computes them."""
+    length = (len(samples) - 2 * rows) // 50
+    covariances = lag_covariances(samples, n_lags=2 * rows, block_length=length)
+    subspace = signal_subspace(covariances.mean, block_rows=rows, highest_order=max(orders))
+    deviations = BlockDeviations(covariances.deviations)
+    for system in system_modes(subspace, orders=orders, sampling_interval=1 / 30):
+        chosen = np.arange(len(system.poles))
+        if not len(chosen):
+            continue
+        sensitivity = pole_sensitivity(subspace, system, chosen)
+        moved = pole_deviations(sensitivity, deviations)
+        frequency_damping_deviations(system.poles, moved, 1 / 30)
+        shape_deviations(subspace, system, sensitivity, deviations, chosen)
+
+
+def sliding_update(record: FloatArray) -> tuple[float, float]:
+    """CPU time of a window of 540 s from scratch, and of the same window slid there by 54 s."""
+    band = Band(1, 40.0, 0.5, 18.0, 100, tuple(range(2, 62, 2)))
+    settings = OmaSettings()
+    n_window, block = 540 * 40, 540
+    n_blocks = (n_window - 200) // block
+    ring = CovarianceRing(band, block_length=block, n_blocks=n_blocks + 5)
+    ring.push(record[:n_window])
+    offset = record.mean(axis=0)
+    _, subspace = modes_of_covariances(ring.covariances(0, n_blocks, offset), band, settings)
+    begin = time.process_time()
+    ring.push(record[n_window : n_window + 4 * block])
+    modes_of_covariances(ring.covariances(4, n_blocks, offset), band, settings, subspace)
+    sliding = time.process_time() - begin
+    own = record[4 * block : 4 * block + n_window]
+
+    def from_scratch() -> None:
+        covariances = lag_covariances(own, n_lags=200, block_length=block, offset=offset)
+        modes_of_covariances(covariances, band, settings)
+
+    return cpu(from_scratch, 3), sliding
+
+
+def peak_memory(function: Callable[[], object]) -> float:
+    """Above the level before the call [MB]."""
+    tracemalloc.start()
+    before, _ = tracemalloc.get_traced_memory()
+    function()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return (peak - before) / 1e6
+
+
+def peers(samples: FloatArray, *, rows: int, highest: int) -> dict[str, Callable[[], object]]:
+    """What is installed of the public implementations."""
+    found: dict[str, Callable[[], object]] = {}
+    if importlib.util.find_spec("koma"):
+        found["koma-python"] = lambda: run_koma(samples, rows=rows, highest=highest)
+    if importlib.util.find_spec("pyoma2"):
+        found["pyOMA-2"] = lambda: run_pyoma(samples, rows=rows, highest=highest, step=2)
+    return found
+
+
+def run_koma(samples: FloatArray, *, rows: int, highest: int) -> None:
+    from koma.oma import covssi
+
+    covssi(samples, 30.0, rows, np.arange(2, highest + 2, 2), showinfo=False)
+
+
+def run_pyoma(
+    samples: FloatArray, *, rows: int, highest: int, step: int, uncertain: bool = False
+) -> None:
+    from pyoma2.algorithms import SSI
+    from pyoma2.setup.single import SingleSetup
+
+    logging.disable(logging.CRITICAL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        setup = SingleSetup(samples.copy(), fs=30.0)
+        setup.add_algorithms(
+            SSI(name="ssi", br=rows, ordmin=2, ordmax=highest, step=step, calc_unc=uncertain)
+        )
+        setup.run_by_name("ssi")
+    logging.disable(logging.NOTSET)
+
+
+# --- blind ---------------------------------------------------------------------------------------
+
+
+def blind(n_seeds: int) -> None:
+    truth = full_modes(load_turbine("iea15mw_monopile"), LAYOUT, tube_refinement=2)
+    windows: list[Sequence[Mode]] = []
+    begin = time.process_time()
+    spent = 0.0
+    for seed in range(FIRST_SEED, FIRST_SEED + n_seeds):
+        record = parked_record(seed, 3600.0)
+        begin = time.process_time()
+        windows += [identify(part, 40.0).modes for part in np.split(record, 6)]
+        spent += time.process_time() - begin
+    print(f"{len(windows)} windows of 10 min, {spent / len(windows):.2f} s CPU each")
+    print(" mode    true Hz  found  rms f %  mean MAC  cover95  std ratio")
+    everything = [judged_mode(label, truth, windows) for label in TABLE_1]
+    covered = np.concatenate([np.abs(z) < 1.96 for z in everything])
+    print(f"95 % intervals of f, pooled: {covered.mean():.3f}")
+    print_false_modes(truth, windows)
+
+
+def judged_mode(label: str, truth: FullModes, windows: Sequence[Sequence[Mode]]) -> FloatArray:
+    """Prints one line; returns the frequencies' errors in their own std, (n_found,)."""
+    index = true_index(label, truth)
+    f, shape = truth.frequencies[index], truth.shapes[index]
+    found = [mode for modes in windows if (mode := match(modes, float(f), shape)) is not None]
+    error = np.array([mode.frequency - f for mode in found])
+    z = error / np.array([mode.frequency_std for mode in found])
+    macs = [mac(mode.shape, shape) for mode in found]
+    if found:
+        print(
+            f"{label:>5} {f:10.4f} {len(found) / len(windows):6.2f} "
+            f"{100 * np.sqrt(np.mean(error**2)) / f:8.3f} {np.mean(macs):9.4f} "
+            f"{np.mean(np.abs(z) < 1.96):8.2f} {np.std(z):10.2f}"
+        )
+    else:
+        print(f"{label:>5} {f:10.4f}   0.00")
+    return z
+
+
+def true_index(label: str, truth: FullModes) -> int:
+    direction, frequency = TABLE_1[label]
+    distance = np.abs(truth.frequencies / frequency - 1)
+    distance[[d != direction for d in truth.directions]] = np.inf
+    return int(np.argmin(distance))
+
+
+def mac(shape_1: FloatArray, shape_2: FloatArray) -> float:
+    return float(modal_assurance_criterion(shape_1[None], shape_2[None])[0, 0])
+
+
+def match(modes: Sequence[Mode], f: float, shape: FloatArray) -> Mode | None:
+    """The nearest mode within three std or half a percent that has the shape."""
+    near = [
+        mode
+        for mode in modes
+        if abs(mode.frequency - f) <= max(3 * mode.frequency_std, 0.005 * f)
+        and mac(mode.shape, shape) >= 0.9
+    ]
+    return min(near, key=lambda mode: abs(mode.frequency - f), default=None)
+
+
+def print_false_modes(truth: FullModes, windows: Sequence[Sequence[Mode]]) -> None:
+    """Modes that are no true one, and true ones found twice, a window."""
+    spurious = duplicates = count = 0
+    for modes in windows:
+        taken: list[int] = []
+        for mode in (m for m in modes if m.frequency <= HIGHEST_JUDGED):
+            count += 1
+            gap = np.abs(truth.frequencies - mode.frequency)
+            near = gap <= max(3 * mode.frequency_std, 0.005 * mode.frequency)
+            alike = modal_assurance_criterion(mode.shape[None], truth.shapes)[0] >= 0.8
+            if not (near & alike).any():
+                spurious += 1
+                continue
+            nearest = int(np.argmin(np.where(near & alike, gap, np.inf)))
+            duplicates += nearest in taken
+            taken.append(nearest)
+    n = len(windows)
+    print(
+        f"a window: {count / n:.1f} modes below {HIGHEST_JUDGED} Hz, {spurious / n:.2f} spurious, "
+        f"{duplicates / n:.2f} duplicates"
+    )
