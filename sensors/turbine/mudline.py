@@ -26,9 +26,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 # Grid in each half of an interval between two poles: distances to the nearer pole in units of the
-# interval. At first geometric, because a mode that hardly moves the mudline hugs its pole.
+# interval. At first geometric, because a mode that hardly moves the mudline hugs its pole; a
+# mode nearer than the first distance counts as at its pole (nearer, G is lost in rounding).
 _DISTANCES = np.concatenate(
-    [np.geomspace(1e-12, 1e-3, 19), np.geomspace(2e-3, 0.1, 18), np.linspace(0.12, 0.5, 26)]
+    [np.geomspace(1e-10, 1e-3, 19), np.geomspace(2e-3, 0.1, 18), np.linspace(0.12, 0.5, 26)]
 )
 _NEWTON_STEPS = 40  # never needed so far: 3 or 4 are
 _CONVERGED = 3e-4  # relative step in the distance to the pole; the error is its square [-]
@@ -69,7 +70,7 @@ class _Roots:
 
     @property
     def at_pole(self) -> NDArray[np.bool_]:
-        """Modes that do not move the mudline, to within 1e-12: they stay at their pole."""
+        """Modes so near a pole that they do not move the mudline: they stay there."""
         return (self.lower < 0) & (self.upper > 0)
 
     def take(self, which: IntArray) -> "_Roots":
@@ -220,7 +221,8 @@ class MudlineCondensation:
             above = value > 0  # eigenvalues of G fall: the root lies further up
             lower = np.where(above, part.offset, part.lower)
             upper = np.where(above, part.upper, part.offset)
-            offset = part.offset / (1 + value / (slope * part.offset))
+            with np.errstate(divide="ignore", invalid="ignore"):  # rounding; caught by the guard
+                offset = part.offset / (1 + value / (slope * part.offset))
             guarded = ~((offset >= lower) & (offset <= upper))
             offset[guarded] = np.sign(upper[guarded]) * np.sqrt(lower[guarded] * upper[guarded])
             roots.lower[active], roots.upper[active], roots.offset[active] = lower, upper, offset
