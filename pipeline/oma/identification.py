@@ -44,6 +44,16 @@ class Identification:
     modes: tuple[Mode, ...]  # lowest frequency first
     warnings: tuple[Warning, ...] = ()
     rejection: Warning | None = None  # the window cannot be identified; `modes` is empty then
+    diagrams: tuple[PoleCloud, ...] = ()  # stabilisation diagram of each band, slowest first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BandIdentification:
+    """What one band of a window says."""
+
+    modes: tuple[Mode, ...]
+    poles: PoleCloud  # that came back over the orders: the band's stabilisation diagram
+    subspace: SignalSubspace  # for the next window to begin with
 
 
 def identify(
@@ -81,14 +91,14 @@ def identify(
     )
     steady = without_offset(clean)
     by_band = [
-        modes_of_covariances(band_covariances(steady, band, settings), band, settings)[0]
+        modes_of_covariances(band_covariances(steady, band, settings), band, settings)
         for band in bands
     ]
     return concluded(by_band, steady, sampling_rate, findings)
 
 
 def concluded(
-    by_band: Sequence[Sequence[Mode]],
+    by_band: Sequence[BandIdentification],
     steady: FloatArray,
     sampling_rate: float,
     findings: Sequence[Finding],
@@ -98,7 +108,7 @@ def concluded(
     steady   the window's samples, free of offset, (n, n_channels)
     """
     modes, harmonics = [], []
-    for mode in merged(by_band):
+    for mode in merged([band.modes for band in by_band]):
         doubtful = mode.damping_ratio < HARMONIC_DAMPING
         if doubtful and is_harmonic(steady, sampling_rate, mode.frequency):
             harmonics.append(mode)
@@ -113,7 +123,11 @@ def concluded(
         )
         for mode in harmonics
     ]
-    return Identification(with_close_pairs(modes, steady, sampling_rate), tuple(warnings))
+    return Identification(
+        with_close_pairs(modes, steady, sampling_rate),
+        tuple(warnings),
+        diagrams=tuple(band.poles for band in by_band),
+    )
 
 
 def check_window(
@@ -132,11 +146,6 @@ def check_window(
 def rejection_in(findings: Sequence[Finding]) -> Warning | None:
     """Why a window is not identified; None when it may be."""
     return next((f.warning for f in findings if f.action == "reject"), None)
-
-
-def identify_band(samples: FloatArray, band: Band, settings: OmaSettings) -> list[Mode]:
-    """Modes of one band. samples: (n, n_channels) at the full rate, free of offset."""
-    return modes_of_covariances(band_covariances(samples, band, settings), band, settings)[0]
 
 
 def band_covariances(samples: FloatArray, band: Band, settings: OmaSettings) -> LagCovariances:
@@ -161,8 +170,8 @@ def modes_of_covariances(
     band: Band,
     settings: OmaSettings,
     start: SignalSubspace | None = None,
-) -> tuple[list[Mode], SignalSubspace]:
-    """Modes of one band from its lag covariances, and the subspace they come from.
+) -> BandIdentification:
+    """Modes of one band from its lag covariances.
 
     start   the subspace of an earlier, overlapping window: saves work, changes nothing
     """
@@ -178,7 +187,7 @@ def modes_of_covariances(
     cloud = _sharp_cloud(systems, subspace, deviations, band, settings)
     found = clusters(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
     modes = _represented(found, cloud, systems, subspace, deviations, covariances.scales, dt)
-    return modes, subspace
+    return BandIdentification(tuple(modes), cloud, subspace)
 
 
 def _sharp_cloud(

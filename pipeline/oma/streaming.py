@@ -160,8 +160,9 @@ class StreamingIdentifier:
                 self._blocks_in_window(ring.band),
                 offset,
             )
-            band_modes, self._subspaces[place] = modes_of_covariances(
+            result = modes_of_covariances(
                 covariances, ring.band, self._settings, self._subspaces[place]
             )
-            by_band.append(band_modes)
+            self._subspaces[place] = result.subspace
+            by_band.append(result)
         return concluded(by_band, steady - offset, self._rate, findings)

@@ -145,10 +145,10 @@ def sliding_update(record: FloatArray) -> tuple[float, float]:
     ring = CovarianceRing(band, block_length=block, n_blocks=n_blocks + 5)
     ring.push(record[:n_window])
     offset = record.mean(axis=0)
-    _, subspace = modes_of_covariances(ring.covariances(0, n_blocks, offset), band, settings)
+    earlier = modes_of_covariances(ring.covariances(0, n_blocks, offset), band, settings)
     begin = time.process_time()
     ring.push(record[n_window : n_window + 4 * block])
-    modes_of_covariances(ring.covariances(4, n_blocks, offset), band, settings, subspace)
+    modes_of_covariances(ring.covariances(4, n_blocks, offset), band, settings, earlier.subspace)
     sliding = time.process_time() - begin
     own = record[4 * block : 4 * block + n_window]
 

@@ -1,0 +1,92 @@
+"""The stabilisation diagram of an identified window over its spectrum, as a PNG.
+
+matplotlib is an optional dependency (extra `plot`) and imported only here, when a figure is drawn.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from pipeline.oma.identification import Identification
+from sensors.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+LINES_PER_WINDOW = 8  # segments of the Welch spectrum in the window, halves overlapping
+DOTS_PER_INCH = 120
+
+
+def draw_stabilisation(
+    identification: Identification, samples: FloatArray, sampling_rate: float, path: Path
+) -> None:
+    """Write the figure: above, every pole that came back over the orders, with its frequency's
+    std as a bar, a line for each mode; below, the singular values of the spectral matrix.
+
+    samples         (n, n_channels) that were identified
+    sampling_rate   [Hz]
+    Raises InputError when matplotlib is not installed or the file cannot be written.
+    """
+    figure = _figure(path)
+    poles_axes, spectrum_axes = figure.subplots(2, 1, sharex=True)
+    _draw_poles(poles_axes, identification)
+    _draw_spectrum(spectrum_axes, samples, sampling_rate)
+    if identification.modes:
+        lowest = 0.6 * identification.modes[0].frequency
+        spectrum_axes.set_xlim(lowest, 0.5 * sampling_rate)
+    spectrum_axes.set_xscale("log")
+    try:
+        figure.savefig(path, dpi=DOTS_PER_INCH)
+    except OSError as error:
+        raise InputError(f"cannot write the figure {path}: {error.strerror or error}") from error
+
+
+def _figure(path: Path) -> Any:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise InputError(
+            f"cannot draw {path}: matplotlib is not installed; pip install 'pilewatch[plot]'"
+        ) from error
+    return Figure(figsize=(11, 8), layout="constrained")
+
+
+def _draw_poles(axes: Any, identification: Identification) -> None:
+    for band, poles in enumerate(identification.diagrams):
+        axes.errorbar(
+            poles.frequencies,
+            poles.orders,
+            xerr=poles.frequency_stds,
+            fmt="o",
+            markersize=2.5,
+            elinewidth=0.6,
+            label=f"band {band + 1}",
+        )
+    for mode in identification.modes:
+        axes.axvline(mode.frequency, color="black", linewidth=0.6, alpha=0.5)
+    axes.set_ylabel("model order")
+    axes.legend(loc="upper left", fontsize="small")
+    axes.set_title(f"{len(identification.modes)} modes; bars are one standard deviation")
+
+
+def _draw_spectrum(axes: Any, samples: FloatArray, sampling_rate: float) -> None:
+    frequencies, singular_values = spectral_singular_values(samples, sampling_rate)
+    axes.semilogy(frequencies[1:], singular_values[1:], linewidth=0.8)
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel("singular values of the spectrum [unit²/Hz]")
+
+
+def spectral_singular_values(
+    samples: FloatArray, sampling_rate: float
+) -> tuple[FloatArray, FloatArray]:
+    """Frequencies, (n_frequencies,) [Hz], and the singular values of the Welch spectral matrix
+    there, (n_frequencies, n_channels) [unit²/Hz], largest first. samples: (n, n_channels)."""
+    length = max(16, 2 * len(samples) // (LINES_PER_WINDOW + 1))
+    y = samples - samples.mean(axis=0)
+    frequencies, density = signal.csd(
+        y.T[:, None], y.T[None, :], sampling_rate, nperseg=min(length, len(y)), axis=-1
+    )
+    matrices = np.moveaxis(density, -1, 0)
+    return frequencies, np.linalg.svd(matrices, compute_uv=False)

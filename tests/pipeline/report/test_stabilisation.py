@@ -1,0 +1,43 @@
+"""The stabilisation diagram is drawn from what was identified."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.oma.identification import identify
+from pipeline.report.stabilisation import draw_stabilisation, spectral_singular_values
+from sensors.errors import InputError
+
+RATE = 20.0  # [Hz]
+
+
+@pytest.fixture(scope="module")
+def record() -> np.ndarray:
+    """Noise through a resonance at 2 Hz, seen alike by two channels."""
+    noise = np.random.default_rng(8).standard_normal(6000)
+    y = np.zeros(6000)
+    pole = np.exp((-0.02 + 1j) * 2 * np.pi * 2.0 / RATE)
+    for k in range(2, len(y)):
+        y[k] = 2 * pole.real * y[k - 1] - abs(pole) ** 2 * y[k - 2] + noise[k]
+    scatter = np.random.default_rng(9).standard_normal((6000, 2))
+    return np.outer(y, [1.0, 0.5]) + 0.1 * scatter
+
+
+def test_the_largest_singular_value_peaks_at_the_resonance(record: np.ndarray) -> None:
+    frequencies, singular_values = spectral_singular_values(record, RATE)
+    assert frequencies[np.argmax(singular_values[:, 0])] == pytest.approx(2.0, abs=0.1)
+    assert (singular_values[:, 0] >= singular_values[:, 1]).all()
+
+
+def test_a_figure_is_written(record: np.ndarray, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    path = tmp_path / "diagram.png"
+    draw_stabilisation(identify(record, RATE), record, RATE, path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_folder_that_is_not_there_is_one_clear_line(record: np.ndarray, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    with pytest.raises(InputError, match=r"cannot write the figure .*No such file"):
+        draw_stabilisation(identify(record, RATE), record, RATE, tmp_path / "none" / "a.png")
