@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.logging import RichHandler
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from pipeline.errors import NodeFailed
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,6 +54,10 @@ def main() -> None:
     except InputError as error:
         people.print(f"[bold red]pilewatch:[/] {_escaped(str(error))}", soft_wrap=True)
         sys.exit(2)
+    except NodeFailed as failure:
+        logging.getLogger(__name__).debug("a node failed", exc_info=True)
+        people.print(f"[bold red]pilewatch:[/] {_escaped(str(failure))}", soft_wrap=True)
+        sys.exit(1)
     except KeyboardInterrupt:
         sys.exit(130)
 

@@ -23,6 +23,7 @@ from typing import Protocol
 
 from threadpoolctl import threadpool_limits
 
+from pipeline.errors import NodeFailed
 from pipeline.flow import Credit, is_drained
 from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.nodes.account import NodeAccount, message_counts
@@ -40,10 +41,6 @@ START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports f
 SOURCE = "source"
 
 Report = Callable[[AccelerationBlock], None]
-
-
-class NodeFailed(RuntimeError):  # noqa: N818  # it says what happened
-    """A node stopped with an exception; the session cannot give what it promised."""
 
 
 def run_lock_step(
@@ -288,14 +285,13 @@ class SourceFeed:
         credit = Credit(takers, unacknowledged_blocks) if unacknowledged_blocks else None
         published: Counter[str] = Counter()
         for message in with_end(source):
-            if isinstance(message, AccelerationBlock):
-                if credit:
-                    self.wait(partial(self._may_send, credit, message.sequence))
-                if report:
-                    report(message)
+            if credit and isinstance(message, AccelerationBlock):
+                self.wait(partial(self._may_send, credit, message.sequence))
             self._raise_if_ended()
             self._bus.publish(message)
             published[type(message).__name__] += 1
+            if report and isinstance(message, AccelerationBlock):
+                report(message)
         finished = source_status(turbine, published)
         self._bus.publish(finished)
         consumers = {worker.name: worker.inputs for worker in self._workers}
