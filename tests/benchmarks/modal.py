@@ -31,7 +31,7 @@ def main(arguments: list[str]) -> None:
     every = ModalModel(description, layout)
     eleven = every.subset([mode.name for mode in description.reference_modes])
     theta = admissible_draws(every, options.draws, seed=1)
-    dense = _dense_microseconds(description, theta[:20])
+    dense = _dense_microseconds(description, theta[:8])
     print(f"dense eigen-solution of the whole model   {dense:8.0f} µs per θ")
     for name, model in (("the reference modes", eleven), ("every visible mode", every)):
         cost = _microseconds(lambda model=model: model.modal(theta), len(theta))
@@ -90,7 +90,7 @@ def _dense_microseconds(description: TurbineDescription, theta: np.ndarray) -> f
     return _microseconds(solve, len(theta))
 
 
-def _microseconds(work: Callable[[], object], count: int, repeats: int = 3) -> float:
+def _microseconds(work: Callable[[], object], count: int, repeats: int = 15) -> float:
     """Smallest CPU time of a few repeats, per item [µs]; the first, cold run is left out."""
     work()
     times = []
