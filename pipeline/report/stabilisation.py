@@ -15,7 +15,7 @@ from sensors.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
-LINES_PER_WINDOW = 8  # segments of the Welch spectrum in the window, halves overlapping
+LINES_PER_WINDOW = 20  # segments of the Welch spectrum in the window, halves overlapping
 DOTS_PER_INCH = 120
 
 
