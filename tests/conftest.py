@@ -1,12 +1,16 @@
-"""What every test shares: repeatable examples, and a short recording simulated once."""
+"""What every test shares: one thread, repeatable examples, a short recording simulated once."""
 
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from pipeline.scenario import Scenario, scenario_from_text
 from pipeline.sources import record_simulation, simulated
+
+# As every way of running the graph does: small matrices are faster on one thread.
+threadpool_limits(limits=1)
 
 # The same examples every time and on every machine, however slow.
 settings.register_profile("repeatable", derandomize=True, deadline=None)

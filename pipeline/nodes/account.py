@@ -27,8 +27,8 @@ class NodeAccount:
 
     @property
     def handled(self) -> int:
-        """Messages that the node has taken."""
-        return self._received.total()
+        """Messages that the node has taken; statuses, which would beget statuses, do not count."""
+        return self._received.total() - self._received[NodeStatus.__name__]
 
     def handle(self, message: Message) -> list[Message]:
         """The node's answers to one message, in order."""

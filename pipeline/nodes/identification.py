@@ -33,6 +33,7 @@ class IdentificationNode:
         self._settings = settings or OmaSettings()
         self._layouts: dict[str, SensorLayout] = {}
         self._sessions: dict[tuple[str, str], _Session] = {}  # by turbine and unit
+        self._ends: dict[tuple[str, str, str], StreamEnd] = {}  # announced, blocks still missing
 
     def handle(self, message: Message) -> Iterable[Message]:
         match message:
@@ -41,9 +42,8 @@ class IdentificationNode:
             case AccelerationBlock():
                 yield from self._take(message)
             case StreamEnd():
-                ended = self._sessions.pop((message.turbine, message.unit), None)
-                if ended is not None:
-                    yield from ended.finish()
+                self._ends[message.turbine, message.unit, message.session] = message
+                yield from self._finish_if_complete(message.turbine, message.unit)
 
     def close(self) -> None:
         """Nothing is held."""
@@ -56,6 +56,18 @@ class IdentificationNode:
                 yield from session.finish()
             session = self._sessions[key] = _Session(block, self._settings, self._layouts)
         yield from session.push(block)
+        yield from self._finish_if_complete(block.turbine, block.unit)
+
+    def _finish_if_complete(self, turbine: str, unit: str) -> Iterator[Message]:
+        """Finish a session whose end and last block are both here, whichever came first: they
+        travel on different keys, so an end may overtake blocks that had to be fetched again."""
+        session = self._sessions.get((turbine, unit))
+        if session is None:
+            return
+        end = self._ends.get((turbine, unit, session.session))
+        if end is not None and session.newest_ns >= end.time_ns:
+            del self._ends[turbine, unit, session.session], self._sessions[turbine, unit]
+            yield from session.finish()
 
     @property
     def late(self) -> int:
@@ -79,6 +91,7 @@ class _Session:
     ):
         self.turbine, self.unit, self.session = first.turbine, first.unit, first.session
         self.order = BlockOrder(settings.lateness)
+        self.newest_ns = 0  # end of the newest block [ns]
         self._cutter = WindowCutter(settings.window_duration, settings.hop)
         self._tracker = ModeTracker()
         self._stretch: StreamingIdentifier | None = None  # since the last gap
@@ -87,6 +100,7 @@ class _Session:
         self._layouts = layouts
 
     def push(self, block: AccelerationBlock) -> Iterator[Message]:
+        self.newest_ns = max(self.newest_ns, block.end_ns)
         yield from self._cut(self.order.push(block))
 
     def finish(self) -> Iterator[Message]:

@@ -141,6 +141,16 @@ def test_a_session_that_ends_early_says_so(blocks: list[AccelerationBlock]) -> N
     assert said[1].code == "short"
 
 
+def test_an_end_that_overtakes_the_last_blocks_waits_for_them(
+    blocks: list[AccelerationBlock],
+) -> None:
+    node = IdentificationNode(SETTINGS)
+    end = StreamEnd("t1", "tower", "s1", blocks[-1].end_ns, len(blocks))
+    order = [LAYOUT, *blocks[:-8], end, *blocks[-8:]]
+    said = [answer for message in order for answer in node.handle(message)]
+    assert outline(said) == outline(answers(blocks))
+
+
 def test_a_new_session_begins_with_window_zero(blocks: list[AccelerationBlock]) -> None:
     restarted = [replace(block, session="s2") for block in blocks[:60]]
     said = answers(blocks[:60] + restarted)
