@@ -28,9 +28,10 @@ logger = logging.getLogger(__name__)
 
 BATCHES = 4  # of independent draws, compared with each other for R̂
 ENSEMBLE = 400  # draws remembered for the next posterior
-WIDE, WIDE_SHARE = 3.0, 0.05  # a component for what the fit does not see: its width, its share
+WIDE, WIDE_SHARE = 3.0, 0.1  # a component for what the fit does not see: its width, its share
 GOOD_EFFICIENCY = 0.6  # beyond this a further pilot round costs more than it saves
-PILOT_GROWTH = 1.3  # of a round to the next: what is hard to fit needs more points
+EARLY_EFFICIENCY = 0.1  # below this a pilot round is still on its way to the posterior
+ATTEMPTS = 3  # at the draws that are kept
 FIT_SIZE = 30.0  # effective points from which a mixture can be fitted
 
 
@@ -164,54 +165,58 @@ def first_proposal(target: Target, generator: np.random.Generator) -> StudentMix
     return mixed(*parts)
 
 
-def adapted_proposal(
-    density: CountedDensity,
-    proposal: StudentMixture,
-    settings: ImportanceSettings,
-    generator: np.random.Generator,
-) -> tuple[StudentMixture, float]:
-    """The proposal after pilot rounds, and the efficiency to expect of it.
+class Adaptation:
+    """A proposal that learns from every draw so far.
 
-    Each round draws from the mixture fitted to all rounds before it, all draws weighted by the
-    mixture of their proposals (the balance heuristic). While few draws count, weights are
-    flattened to w^γ until FIT_SIZE of them do, and the mixture walks towards the posterior.
+    All rounds' draws are weighted by the mixture of their proposals (the balance heuristic), and
+    the next proposal is fitted to them. While few of them count, weights are flattened to w^γ
+    until FIT_SIZE do, and the mixture walks towards the posterior.
     Source: Cornuet et al. (2012), Scandinavian Journal of Statistics 39 (adaptive multiple
     importance sampling); γ as in Koblents and Míguez (2015), Statistics and Computing 25.
     """
-    proposals, rounds = [proposal], []
-    expected = 0.0
-    for number in range(settings.most_pilots):
-        size = int(settings.pilot * PILOT_GROWTH**number)
-        rounds.append(weighted_draws(density, proposals[-1], size, generator))
-        fit = _fitted(rounds, proposals, settings, generator)
-        if fit is None:
-            return proposal, 0.0
-        proposals.append(fit)
-        last, expected = expected, rounds[-1].efficiency
-        settled = number > 1 and expected < 1.1 * last and expected > settings.least_efficiency
-        if expected > GOOD_EFFICIENCY or settled:
-            break
-    return proposals[-1], expected
 
+    def __init__(
+        self,
+        density: CountedDensity,
+        proposal: StudentMixture,
+        generator: np.random.Generator,
+        *,
+        components: int,
+    ) -> None:
+        """components: at most, of a fitted mixture."""
+        self._density = density
+        self._generator = generator
+        self._components = components
+        self._rounds: list[WeightedDraws] = []
+        self._proposals: list[StudentMixture] = []
+        self.proposal = proposal
+        self.efficiency = 0.0  # of the last round
 
-def _fitted(
-    rounds: Sequence[WeightedDraws],
-    proposals: Sequence[StudentMixture],
-    settings: ImportanceSettings,
-    generator: np.random.Generator,
-) -> StudentMixture | None:
-    """Mixture of all rounds' draws; None where none has a density."""
-    points = np.concatenate([each.points for each in rounds])
-    target = np.concatenate([each.log_target for each in rounds])
-    logs = [each.log_density(points) for each in proposals[: len(rounds)]]
-    flattened = _flattened(target - logsumexp(logs, axis=0))
-    if flattened is None:
-        return None
-    return with_wide_part(
-        fitted_mixture(points, flattened, generator, most_components=settings.components),
-        points,
-        flattened,
-    )
+    def pilots(self, size: int, most: int) -> None:
+        """Rounds of `size` draws, twice as many once a share of them counts, until the proposal
+        fits well or stops improving."""
+        for number in range(most):
+            last = self.efficiency
+            n = size if last < EARLY_EFFICIENCY else 2 * size
+            self.learn(weighted_draws(self._density, self.proposal, n, self._generator))
+            settled = number > 1 and EARLY_EFFICIENCY < self.efficiency < 1.1 * last
+            if self.efficiency > GOOD_EFFICIENCY or settled:
+                return
+
+    def learn(self, drawn: WeightedDraws) -> None:
+        """Fit the proposal to all draws, these included. drawn: from the present proposal."""
+        self._rounds.append(drawn)
+        self._proposals.append(self.proposal)
+        self.efficiency = drawn.efficiency
+        points = np.concatenate([each.points for each in self._rounds])
+        target = np.concatenate([each.log_target for each in self._rounds])
+        sizes = np.log([len(each.points) for each in self._rounds])
+        logs = np.column_stack([each.log_density(points) for each in self._proposals])
+        weights = _flattened(target - logsumexp(logs + sizes, axis=1))
+        if weights is None:
+            return
+        fit = fitted_mixture(points, weights, self._generator, most_components=self._components)
+        self.proposal = with_wide_part(fit, points, weights)
 
 
 def with_wide_part(
@@ -242,47 +247,63 @@ def _flattened(log_weights: FloatArray) -> FloatArray | None:
 def drawn_until(
     density: CountedDensity,
     proposal: StudentMixture,
-    expected: float,
     settings: ImportanceSettings,
     generator: np.random.Generator,
+    *,
+    expected: float,
+    least: float,
 ) -> WeightedDraws:
-    """Draws of one proposal until enough count, or until it is clear that too few ever will.
+    """Draws of one proposal until enough of them count, or a smaller share than `least` does.
 
-    expected   efficiency that the pilot rounds promise [-]
+    expected   efficiency that sizes the first batch [-]
     """
-    most = int(np.ceil(settings.effective_draws / settings.least_efficiency))
-    promised = np.clip(expected, settings.least_efficiency, 1.0)
-    n = int(np.ceil(settings.effective_draws / promised))
-    drawn = weighted_draws(density, proposal, max(n, BATCHES), generator)
-    while settings.effective_draws > drawn.ess and len(drawn.points) < most:
-        if drawn.efficiency < settings.least_efficiency:
-            break
-        missing = (settings.effective_draws - drawn.ess) / max(drawn.efficiency, 1e-3)
-        n = min(max(int(1.1 * missing), settings.pilot // 2), most - len(drawn.points))
+    n = int(np.ceil(settings.effective_draws / np.clip(expected, least, 1.0)))
+    drawn = weighted_draws(density, proposal, n, generator)
+    while drawn.ess < settings.effective_draws and drawn.efficiency >= least:
+        missing = (settings.effective_draws - drawn.ess) / drawn.efficiency
+        n = max(int(1.1 * missing), settings.pilot // 2)
         drawn = WeightedDraws.joined([drawn, weighted_draws(density, proposal, n, generator)])
     return drawn
 
 
 @dataclass(frozen=True, slots=True)
 class ImportanceSampler:
-    """The streaming sampler: warm importance sampling, with chains where its efficiency is poor."""
+    """The streaming sampler: warm importance sampling, with chains where its efficiency is poor.
+
+    It finds what lies around the peak and the last posterior. Whether there is another peak
+    elsewhere is for a search of the prior to say, as the pairing's does before every refresh.
+    """
 
     settings: ImportanceSettings
     chains: PosteriorSampler  # takes over
 
     def __call__(self, target: Target, generator: np.random.Generator) -> PosteriorDraws:
         """Draws of the posterior; `doubts` says when the chains took over and why."""
+        settings = self.settings
         density = CountedDensity(target.log_density)
-        proposal = first_proposal(target, generator)
-        proposal, expected = adapted_proposal(density, proposal, self.settings, generator)
-        if expected >= self.settings.least_efficiency / 2:
-            drawn = drawn_until(density, proposal, expected, self.settings, generator)
-            if drawn.efficiency >= self.settings.least_efficiency:
+        start = first_proposal(target, generator)
+        adaptation = Adaptation(density, start, generator, components=settings.components)
+        for attempt in range(ATTEMPTS):
+            adaptation.pilots(settings.pilot, settings.most_pilots)
+            expected, least = adaptation.efficiency, settings.least_efficiency
+            if expected < least:
+                break
+            # a disappointing attempt is worth more as a pilot round, except for the last one
+            patience = least if attempt == ATTEMPTS - 1 else max(least, expected / 2)
+            drawn = drawn_until(
+                density,
+                adaptation.proposal,
+                settings,
+                generator,
+                expected=expected,
+                least=patience,
+            )
+            if drawn.ess >= settings.effective_draws:
                 return posterior_draws(
-                    drawn, target, density, self.settings.draws, "importance", generator
+                    drawn, target, density, settings.draws, "importance", generator
                 )
-            expected = drawn.efficiency
-        return self._by_chains(target, density, expected, generator)
+            adaptation.learn(drawn)
+        return self._by_chains(target, density, adaptation.efficiency, generator)
 
     def _by_chains(
         self,

@@ -7,7 +7,7 @@ from scipy.special import gammaln, logsumexp
 
 from pipeline.updating.forward_model import FloatArray
 
-DEGREES_OF_FREEDOM = 7.0  # ν: heavier tails than any Gaussian at 8 % of the draws lost to them
+DEGREES_OF_FREEDOM = 5.0  # ν: heavier tails than a posterior of σ integrated out has
 EM_STEPS = 60
 EM_TOLERANCE = 1e-4  # of the mean log density between two steps, where fitting stops
 SMALLEST_SCALE = 1e-12  # of a direction without spread, relative to the largest one
@@ -52,8 +52,9 @@ class StudentMixture:
         n_dim, nu = self.means.shape[1], self.degrees
         constant = gammaln((nu + n_dim) / 2) - gammaln(nu / 2) - n_dim / 2 * np.log(nu * np.pi)
         squares = np.empty((len(points), len(self.shares)))
-        for number, (mean, factor) in enumerate(zip(self.means, self.factors, strict=True)):
-            squares[:, number] = (np.linalg.solve(factor, (points - mean).T) ** 2).sum(axis=0)
+        whitening = np.swapaxes(np.linalg.inv(self.factors), 1, 2)
+        for number, mean in enumerate(self.means):
+            squares[:, number] = (((points - mean) @ whitening[number]) ** 2).sum(axis=1)
         log_determinants = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
         logs = constant - log_determinants - (nu + n_dim) / 2 * np.log1p(squares / nu)
         return logs + np.log(self.shares), squares
@@ -95,12 +96,13 @@ def fitted_mixture(
     most_components: int = 8,
     degrees: float = DEGREES_OF_FREEDOM,
 ) -> StudentMixture:
-    """The mixture of 1, 2, 4, … components that explains weighted points best by BIC.
+    """The mixture of 1, 2, 4, … components that explains weighted points best by AIC.
 
     points    (n, n_dim)
     weights   (n,), of any sum
 
-    The sample size in BIC is Kish's, since a point of great weight is still one point.
+    The sample size is Kish's, since a point of great weight is still one point. AIC, not BIC: a
+    proposal with a component too many costs nothing, one too few loses a bent posterior's arms.
     """
     weights = weights / weights.sum()
     size = kish_size(weights)
@@ -109,10 +111,10 @@ def fitted_mixture(
     while number <= most_components and number * (n_dim + 2) <= max(size, n_dim + 2):
         fit, mean_log = _expectation_maximisation(points, weights, number, degrees, generator)
         n_free = len(fit.shares) * (1 + n_dim + n_dim * (n_dim + 1) / 2) - 1
-        bic = -2 * size * mean_log + n_free * np.log(max(size, 2.0))
-        if bic >= least:
+        aic = -2 * size * mean_log + 2 * n_free
+        if aic >= least:
             break
-        best, least, number = fit, bic, 2 * number
+        best, least, number = fit, aic, 2 * number
     if best is None:
         raise ValueError("weights must be finite and not all zero")
     return best

@@ -17,8 +17,7 @@ from pipeline.messages import Warning as Doubt
 from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.importance import (
     ENSEMBLE,
-    ImportanceSettings,
-    adapted_proposal,
+    Adaptation,
     normalised,
     posterior_draws,
     systematic_choice,
@@ -313,17 +312,10 @@ class MendedTmcmc:
         fit = fitted_mixture(
             population.points, equal, generator, most_components=settings.components
         )
-        proposal, _ = adapted_proposal(
-            density,
-            with_wide_part(fit, population.points, equal),
-            ImportanceSettings(
-                pilot=settings.pilot,
-                most_pilots=settings.most_pilots,
-                components=settings.components,
-            ),
-            generator,
-        )
-        drawn = weighted_draws(density, proposal, settings.samples, generator)
+        start = with_wide_part(fit, population.points, equal)
+        adaptation = Adaptation(density, start, generator, components=settings.components)
+        adaptation.pilots(settings.pilot, settings.most_pilots)
+        drawn = weighted_draws(density, adaptation.proposal, settings.samples, generator)
         draws = posterior_draws(drawn, target, density, settings.samples, "tmcmc", generator)
         return replace(draws, doubts=(*self._doubts(draws), *_unfinished(population)))
 
