@@ -225,15 +225,29 @@ def identify(
     window: Annotated[
         float | None, typer.Option(help="[s]; without it the whole file is one window.")
     ] = None,
+    lowest_frequency: Annotated[
+        float | None, typer.Option(help="Lowest mode sought [Hz]; without it from the record.")
+    ] = None,
+    highest_frequency: Annotated[
+        float | None, typer.Option(help="Highest mode sought [Hz]; without it from the rate.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the modes of the structure in a file; needs no turbine."""
     from pipeline.offline import identify_file
+    from pipeline.oma.settings import OmaSettings
     from pipeline.summary import combined_modes
     from pipeline.tables import identified_modes_table
 
     with people.status(f"identifying {file}"):
-        found = identify_file(file, sampling_rate=sampling_rate, window=window)
+        found = identify_file(
+            file,
+            sampling_rate=sampling_rate,
+            window=window,
+            settings=OmaSettings(
+                lowest_frequency=lowest_frequency, highest_frequency=highest_frequency
+            ),
+        )
     modes = combined_modes(found.estimates)
     for warning in found.warnings:
         people.print(f"[yellow]{warning.code}[/]: {_escaped(warning.text)}", soft_wrap=True)

@@ -171,6 +171,15 @@ def test_a_broken_text_file_gives_one_line(
     assert complaint in one_line(pilewatch("identify", "broken.csv", *arguments))
 
 
+def test_a_sampling_rate_too_low_for_the_modes_sought_gives_one_line(
+    pilewatch: Command, tmp_path: Path
+) -> None:
+    path = str(two_masses_csv(tmp_path, rate=20.0))
+    complaint = one_line(pilewatch("identify", path, "--highest-frequency", "12"))
+    assert "12 Hz" in complaint
+    assert "20 Hz" in complaint
+
+
 def test_a_cut_recording_gives_one_line(
     pilewatch: Command, tmp_path: Path, short_recording: Path
 ) -> None:
