@@ -1,0 +1,69 @@
+"""One TOML file is the whole experiment."""
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.scenario import (
+    ScenarioError,
+    load_scenario,
+    scenario_from_metadata,
+    scenario_from_text,
+    scenario_metadata,
+    shipped_scenarios,
+    with_overrides,
+)
+
+
+def test_every_shipped_scenario_can_be_read() -> None:
+    assert "parked" in shipped_scenarios()
+    for name in shipped_scenarios():
+        scenario = load_scenario(name)
+        assert scenario.name == name
+        assert scenario.title
+        assert scenario.layout.channels
+
+
+def test_the_parked_scenario_has_four_biaxial_sensors_fore_aft_first() -> None:
+    layout = load_scenario("parked").layout
+    assert layout.channel_names == tuple(
+        f"z{elevation}-{axis}" for axis in ("fa", "ss") for elevation in (41, 80, 106, 145)
+    )
+    assert {channel.coupling for channel in layout.channels} == {"dc"}
+
+
+def test_a_scenario_comes_back_from_a_recordings_metadata() -> None:
+    scenario = with_overrides(load_scenario("parked"), duration=30.0, seed=7)
+    again = scenario_from_metadata(scenario_metadata(scenario), "recording")
+    assert again.simulation == scenario.simulation
+    assert again.seed == 7
+    assert (again.name, again.oma, again.updating) == ("parked", scenario.oma, scenario.updating)
+
+
+def test_the_sign_of_k12_is_the_scenarios_where_it_says_one() -> None:
+    text = '[turbine]\nsprings_sign = "embedded-pile"\n'
+    assert scenario_from_text(text, "pile.toml").structure.foundation.sign == "embedded-pile"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("[oma\n", "not valid TOML"),
+        ("colour = 1\n", "unknown key 'colour'"),
+        ("text = 'x'\n", "unknown key 'text'"),
+        ("[turbine]\nid = 'a/b'\n", r"\[turbine\]: id is 'a/b'"),
+        ("[oma]\nhop = 900\n", r"\[oma\].*hop is 900 s, longer than window_duration"),
+        ("[simulation]\nduration = -1\n", r"\[simulation\]: duration is -1; it must be positive"),
+        ("[updating.sampler]\nwalkers = 3\n", r"\[updating.sampler\]: walkers is 3"),
+    ],
+)
+def test_a_mistake_is_named_with_its_section(text: str, complaint: str) -> None:
+    with pytest.raises(ScenarioError, match=complaint) as error:
+        scenario_from_text(text, "mine.toml")
+    assert str(error.value).startswith("mine.toml")
+    assert "\n" not in str(error.value)
+
+
+def test_a_folder_is_no_scenario(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        load_scenario(str(tmp_path))

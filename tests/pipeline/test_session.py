@@ -1,0 +1,99 @@
+"""Files of a session: where they go, and that none is ever overwritten."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pipeline.session import SessionOptions, node_command, prepare_folder
+from pipeline.sources import Source, SourceError, open_source, replayed, simulated
+from pipeline.viewer.outputs import ConnectedViewer
+from sensors.blocks import AccelerationBlock
+from sensors.errors import InputError
+
+
+def test_an_earlier_session_is_set_aside_under_its_date(
+    tmp_path: Path, short_recording: Path
+) -> None:
+    (tmp_path / "session.mcap").write_bytes(b"first")
+    (tmp_path / "summary.json").write_text("{}")
+    prepare_folder(replayed(short_recording), tmp_path)
+    (tmp_path / "session.mcap").write_bytes(b"second")
+    prepare_folder(replayed(short_recording), tmp_path)
+    kept = sorted(tmp_path.glob("session-*.mcap"))
+    assert {path.read_bytes() for path in kept} == {b"first", b"second"}
+    assert not (tmp_path / "session.mcap").exists()
+    assert len(list(tmp_path.glob("summary-*.json"))) == 1
+
+
+def test_what_a_crash_left_is_set_aside_too(tmp_path: Path, short_recording: Path) -> None:
+    (tmp_path / "session.mcap.active").write_bytes(b"cut")
+    prepare_folder(replayed(short_recording), tmp_path)
+    (kept,) = tmp_path.glob("session-*.mcap.active")
+    assert kept.read_bytes() == b"cut"
+
+
+def test_a_session_that_is_replayed_into_its_own_folder_is_found_again(
+    tmp_path: Path, short_recording: Path
+) -> None:
+    own = tmp_path / "session.mcap"
+    own.write_bytes(short_recording.read_bytes())
+    source = prepare_folder(replayed(own), tmp_path)
+    assert source.recording is not None
+    assert source.recording.exists()
+    assert source.recording != own
+
+
+def test_a_file_in_place_of_the_folder_is_one_line(tmp_path: Path, short_recording: Path) -> None:
+    (tmp_path / "out").write_text("")
+    with pytest.raises(InputError, match="a folder is needed"):
+        prepare_folder(replayed(short_recording), tmp_path / "out")
+
+
+def test_a_recording_brings_scenario_layout_and_truth(short_recording: Path) -> None:
+    source = open_source(f"replay:{short_recording}")
+    assert source.scenario.seed == 3
+    assert source.scenario.oma.window_duration == 120.0
+    assert source.layout.channel_names[0] == "z41-fa"
+    assert source.truth is not None
+    assert source.truth.k11 == 9.8e9
+    assert source.duration == pytest.approx(240.0)
+
+
+def test_the_same_scenario_simulates_what_was_recorded(short_recording: Path) -> None:
+    again = replayed(short_recording)
+    first = first_block(simulated(again.scenario))
+    recorded = first_block(again)
+    assert (first.samples == recorded.samples).all()
+    assert first.start_ns == recorded.start_ns
+
+
+def first_block(source: Source) -> AccelerationBlock:
+    return next(each for each in source.messages() if isinstance(each, AccelerationBlock))
+
+
+@pytest.mark.parametrize("text", ["replay:", "tape", "live:x", ""])
+def test_a_source_that_is_none_is_named(text: str) -> None:
+    with pytest.raises(SourceError, match="none of replay:FILE, simulate:SCENARIO and live"):
+        open_source(text)
+
+
+def test_a_node_in_another_process_is_told_the_same(short_recording: Path) -> None:
+    source = replayed(short_recording)
+    options = SessionOptions(out=Path("o"), rrd=False, view=ConnectedViewer("rerun+http://h/proxy"))
+    command = node_command("updating", source, options, "tcp/127.0.0.1:1", None)
+    assert command[3:] == [
+        "node",
+        "updating",
+        "--connect",
+        "tcp/127.0.0.1:1",
+        "--out",
+        "o",
+        "--recording",
+        str(short_recording),
+        "--view",
+        "connect=rerun+http://h/proxy",
+        "--no-rrd",
+    ]
+    live = replace(source, recording=None)
+    assert "--scenario" in node_command("updating", live, options, "tcp/127.0.0.1:1", None)

@@ -1,0 +1,120 @@
+"""What is left of a session in the end: `summary.json`."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.messages import (
+    FoundationTruth,
+    ModalEstimate,
+    Mode,
+    ModePair,
+    Warning,  # noqa: A004  # the field's word
+    WindowRejected,
+)
+from pipeline.summary import SessionSummary, combined_modes
+from sensors.blocks import NANOSECONDS
+from tests.pipeline.example_messages import block, status
+
+WINDOW = 600 * NANOSECONDS
+
+
+def mode(name: str, frequency: float, std: float, *, pair_id: str = "") -> Mode:
+    """A mode of two channels of which only the frequency and its std matter."""
+    factor = np.zeros((4, 1))
+    factor[0, 0] = std
+    shape = np.array([1.0, frequency])
+    return Mode(name, frequency, std, 0.01, 0.001, shape, factor, 1, pair_id=pair_id)
+
+
+def estimate(window: int, *modes: Mode, **changes: object) -> ModalEstimate:
+    whole = ModalEstimate(
+        "t1", window, window * WINDOW, (window + 1) * WINDOW, "layout", ("a", "b"), modes
+    )
+    return replace(whole, **changes)
+
+
+def test_a_track_is_one_mode_weighted_by_its_precision() -> None:
+    windows = [estimate(0, mode("m1", 1.0, 0.1)), estimate(1, mode("m1", 1.3, 0.2))]
+    (combined,) = combined_modes(windows)
+    assert combined.frequency == pytest.approx((1.0 / 0.01 + 1.3 / 0.04) / (1 / 0.01 + 1 / 0.04))
+    assert combined.frequency_std == pytest.approx((1 / 0.01 + 1 / 0.04) ** -0.5)
+    assert combined.seen_in_windows == 2
+    assert combined.shape == (1.0, 1.0)  # of the window that saw it sharpest
+
+
+def test_windows_that_overlap_count_their_samples_once() -> None:
+    same = [estimate(k, mode("m1", 1.0, 0.1), weight=0.1) for k in range(10)]
+    (combined,) = combined_modes(same)
+    assert combined.frequency_std == pytest.approx(0.1)
+
+
+def test_a_paired_mode_goes_by_the_models_name() -> None:
+    pair = ModePair("m2", "5", 1.1, 0.001, 1.0997, 0.999, shape_used=True)
+    window = estimate(0, mode("m1", 0.5, 0.1), mode("m2", 1.1, 0.1))
+    named = [each.as_json() for each in combined_modes([window], [pair])]
+    assert [each["name"] for each in named] == ["m1", "5"]
+    assert [each["model_frequency_hz"] for each in named] == [None, 1.0997]
+    assert [each["mac_to_model"] for each in named] == [None, 0.999]
+
+
+def test_two_modes_that_cannot_be_separated_are_two_entries_of_one_pair() -> None:
+    window = estimate(
+        0, mode("m1", 0.157, 0.001, pair_id="p"), mode("m2", 0.158, 0.001, pair_id="p")
+    )
+    assert [each.as_json()["pair_id"] for each in combined_modes([window])] == ["p", "p"]
+
+
+def test_an_empty_session_is_valid_json_with_unknowns_as_null() -> None:
+    figures = SessionSummary("live", "t1").as_json(wall=1.0)
+    assert json.loads(json.dumps(figures, allow_nan=False)) == figures
+    assert figures["posterior"]["k11"]["median"] is None
+    assert figures["posterior"]["correlation"] is None
+    assert figures["stream"] == {"published": 0, "recorded": None, "lost": 0, "late": 0}
+    assert figures["timing"]["identify_s_per_window"] is None
+
+
+def test_an_unknown_std_is_null_and_not_nan() -> None:
+    (combined,) = combined_modes([estimate(0, mode("m1", 1.0, float("nan")))])
+    assert combined.as_json()["frequency_std_hz"] is None
+
+
+def test_rejections_are_timed_from_the_first_sample() -> None:
+    summary = SessionSummary("replay:x", "t1")
+    first = block(0)
+    summary.count(first)
+    start = first.start_ns + WINDOW
+    summary.handle(WindowRejected("t1", 1, start, start + WINDOW, "gap", "gap of 2 s"))
+    (rejected,) = summary.as_json(wall=1.0)["windows"]["rejected"]
+    assert rejected == {"start": 600.0, "code": "gap", "reason": "gap of 2 s"}
+
+
+def test_accounts_come_from_the_nodes_themselves() -> None:
+    summary = SessionSummary("replay:x", "t1")
+    for sequence in range(3):
+        summary.count(block(sequence))
+    summary.handle(status("recorder", received={"AccelerationBlock": 2}, lost=1))
+    assert summary.as_json(wall=1.0)["stream"] == {
+        "published": 3,
+        "recorded": 2,
+        "lost": 1,
+        "late": 0,
+    }
+
+
+def test_every_doubt_is_told_once() -> None:
+    doubt = Warning("clipped", "channel a is clipped")
+    summary = SessionSummary("replay:x", "t1")
+    for window in range(3):
+        summary.handle(estimate(window, mode("m1", 1.0, 0.1), warnings=(doubt,)))
+    assert summary.as_json(wall=1.0)["warnings"] == [
+        {"code": "clipped", "text": "channel a is clipped"}
+    ]
+
+
+def test_the_truth_is_kept_for_the_summary() -> None:
+    summary = SessionSummary("replay:x", "t1")
+    summary.handle(FoundationTruth("t1", 0, k11=1.0, k22=2.0, k12=3.0))
+    assert summary.truth is not None
