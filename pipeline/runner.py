@@ -287,7 +287,7 @@ class SourceFeed:
         for message in with_end(source):
             if credit and isinstance(message, AccelerationBlock):
                 self.wait(partial(self._may_send, credit, message.sequence))
-            self._raise_if_ended()
+            self._check()
             self._bus.publish(message)
             published[type(message).__name__] += 1
             if report and isinstance(message, AccelerationBlock):
@@ -304,9 +304,7 @@ class SourceFeed:
         """
         self._take_statuses(timeout=0)
         while not condition():
-            self._raise_if_ended()
-            for worker in self._workers:
-                worker.check()
+            self._check()
             self._take_statuses(timeout=0.1)
 
     def _take_statuses(self, timeout: float) -> None:
@@ -318,9 +316,12 @@ class SourceFeed:
     def _may_send(self, credit: Credit, sequence: int) -> bool:
         return credit.may_send(sequence, self._latest.values())
 
-    def _raise_if_ended(self) -> None:
+    def _check(self) -> None:
+        """Raise RunEnded or NodeFailed where there is no reason to go on."""
         if self._ended.is_set():
             raise RunEnded
+        for worker in self._workers:
+            worker.check()
 
 
 def source_status(turbine: str, published: Counter[str]) -> NodeStatus:
