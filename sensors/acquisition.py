@@ -1,8 +1,14 @@
-"""What a data acquisition unit makes of accelerations: anti-alias decimation and ADC counts."""
+"""What instruments make of accelerations: anti-alias decimation, axes as they were mounted, noise,
+drift, and the counts of a converter."""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve, firwin, kaiserord
+
+from sensors.errors import InputError
+from sensors.layout import FORE_AFT, SIDE_SIDE, SensorLayout
 
 FloatArray = NDArray[np.float64]
 
@@ -67,3 +73,89 @@ def quantised(samples: FloatArray, step: float) -> NDArray[np.float32]:
     if step == 0.0:
         return samples.astype(np.float32)
     return (np.round(samples / step) * step).astype(np.float32)
+
+
+class InstrumentError(InputError):
+    """An instrument that cannot be; the message names the setting and its value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Instruments:
+    """How the accelerometers differ from perfect ones; coupling is the layout's."""
+
+    noise_density: float = 0.0  # white, one-sided, beside any share of the rms [m/s²/√Hz]
+    full_scale: float = 0.0  # end of the converter's range, ± [m/s²]; 0: without end
+    drift_per_hour: float = 0.0  # of the offset, up in even channels, down in odd ones [m/s²]
+    misalignment: tuple[float, ...] = ()  # of each channel, from x towards y [deg]; (): none
+
+    def __post_init__(self) -> None:
+        for name in ("noise_density", "full_scale"):
+            if not getattr(self, name) >= 0:
+                raise InstrumentError(
+                    f"instruments {name} is {getattr(self, name):g}; it must be 0 or more"
+                )
+
+    def noise_deviation(self, sampling_rate: float) -> float:
+        """Of the samples [m/s²]: the density times the root of the band up to half the rate."""
+        return float(self.noise_density * np.sqrt(0.5 * sampling_rate))
+
+    def drift(self, times: FloatArray, n_channels: int) -> FloatArray:
+        """Offset at times since the first sample [s], (n_times, n_channels) [m/s²]."""
+        signs = np.where(np.arange(n_channels) % 2 == 0, 1.0, -1.0)
+        return np.multiply.outer(times / 3600.0 * self.drift_per_hour, signs)
+
+    def limited(self, samples: FloatArray) -> FloatArray:
+        """What the converter's range leaves."""
+        if self.full_scale == 0.0:
+            return samples
+        return np.clip(samples, -self.full_scale, self.full_scale)
+
+
+class MountedAxes:
+    """The accelerometers' axes as they are: fixed to the tower, off by a mounting error, while
+    fore-aft and side-side follow the nacelle.
+
+    layout         as it is believed to be
+    misalignment   of each channel [deg]; empty: none
+    """
+
+    def __init__(self, layout: SensorLayout, misalignment: tuple[float, ...] = ()) -> None:
+        if misalignment and len(misalignment) != len(layout.channels):
+            raise InstrumentError(
+                f"instruments misalignment has {len(misalignment)} values; layout "
+                f"{layout.layout_id} has {len(layout.channels)} channels"
+            )
+        x, y, z = layout.directions.T
+        if np.any(np.abs(z) > 1e-6):
+            raise InstrumentError(
+                f"layout {layout.layout_id} has an axis that is not horizontal; "
+                "it cannot be turned by yaw or misalignment"
+            )
+        self._azimuths = np.arctan2(y, x) + np.radians(misalignment or 0.0)
+        self.in_nacelle = replace(
+            layout,
+            channels=tuple(
+                replace(channel, name=f"{channel.name}{suffix}", direction=direction)
+                for suffix, direction in ((" x", FORE_AFT), (" y", SIDE_SIDE))
+                for channel in layout.channels
+            ),
+        )
+
+    def readings(self, in_nacelle: FloatArray, yaw: FloatArray) -> FloatArray:
+        """What the axes read, (n, n_channels) [m/s²].
+
+        in_nacelle   readings of the layout `in_nacelle`, (n, 2 n_channels) [m/s²]
+        yaw          of the nacelle, (n,) [deg]
+        """
+        along, across = np.split(in_nacelle, 2, axis=1)
+        angle = self._azimuths - np.radians(yaw)[:, None]
+        return np.cos(angle) * along + np.sin(angle) * across
+
+    def variances(self, in_nacelle: FloatArray, yaw: float) -> FloatArray:
+        """Of what the axes read where x and y are independent, (n_channels,) [(m/s²)²].
+
+        in_nacelle   variances of the layout `in_nacelle`, (2 n_channels,);  yaw [deg]
+        """
+        along, across = np.split(in_nacelle, 2)
+        angle = self._azimuths - np.radians(yaw)
+        return np.cos(angle) ** 2 * along + np.sin(angle) ** 2 * across

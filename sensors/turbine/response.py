@@ -9,6 +9,9 @@ The forces are given at the sampling instants and run straight from one to the n
 hold). For such a force the recursion used here has no integration error whatever the time step:
 it is the matrix exponential, not a difference scheme. Series come in chunks of any length and the
 state is carried, so memory does not grow with the duration.
+
+Where dampers couple the modes (air, a turning rotor) or the structure changes with time (scour, a
+tide), the same is done with the complex modes of the damped system: `DampedResponse`.
 """
 
 from dataclasses import dataclass
@@ -279,18 +282,30 @@ class AccelerationResponse:
             )
         return readings.T
 
+    def gains(self, frequencies: FloatArray) -> ComplexArray:
+        """Reading per unit of each harmonic load, (n_frequencies, n_channels, n_loads)."""
+        return self.frequency_response(frequencies) @ self._modes.participation
+
     def frequency_response(self, frequencies: FloatArray) -> ComplexArray:
         """Reading per unit modal force, (n_frequencies, n_channels, n_modes) [m/s² per N/kg^½].
 
         Exact for the sampled series, not only for the continuous structure: what `advance` does.
         """
         response = self._oscillators.frequency_response(self._taps, frequencies)
-        delay = np.exp(-2j * np.pi * frequencies / self._sampling_rate)
-        numerator, denominator = self._coupling[:, 0], self._coupling[:, 1]
-        coupling = (numerator[:, :1] + numerator[:, 1:] * delay) / (
-            denominator[:, :1] + denominator[:, 1:] * delay
-        )  # (n_channels, n_frequencies)
-        return response * coupling.T[:, :, None]
+        return response * _coupling_gain(self._coupling, frequencies / self._sampling_rate)
+
+
+def _coupling_gain(coupling: FloatArray, cycles: FloatArray) -> ComplexArray:
+    """Response of each channel's high-pass, (n_frequencies, n_channels, 1).
+
+    cycles   frequencies over the sampling rate, (n_frequencies,) [-]
+    """
+    delay = np.exp(-2j * np.pi * cycles)
+    numerator, denominator = coupling[:, 0], coupling[:, 1]
+    gain = (numerator[:, :1] + numerator[:, 1:] * delay) / (
+        denominator[:, :1] + denominator[:, 1:] * delay
+    )  # (n_channels, n_frequencies)
+    return gain.T[:, :, None]
 
 
 def _high_pass(corner_frequencies: FloatArray, sampling_rate: float) -> FloatArray:
@@ -303,3 +318,171 @@ def _high_pass(corner_frequencies: FloatArray, sampling_rate: float) -> FloatArr
     numerator = np.stack([np.ones_like(corner), np.where(passing, 0.0, -1.0)], axis=1)
     denominator = np.stack([1.0 + corner, np.where(passing, 0.0, corner - 1.0)], axis=1)
     return np.stack([numerator, denominator], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DampedSystem:
+    """Complex modes of a structure with any viscous damping, and what they are read by.
+
+    With the undamped modes' coordinates q (mass 1, stiffness ω², damping C) each pole λ above the
+    real axis has a shape φ, scaled so that φᵀ (2λ I + C) φ = 1, and
+
+        z' = λ z + φᵀ p(t),   q = 2 Re Σ φ z,   q'' = p + 2 Re Σ λ² φ z
+    """
+
+    poles: ComplexArray  # λ, (n_modes,) [rad/s]
+    vectors: ComplexArray  # φ in the columns, (n_modes, n_modes)
+    damping: FloatArray  # C, (n_modes, n_modes) [1/s]
+    modes: ObservedModes
+    shapes: FloatArray  # undamped modes, (n_dofs, n_modes)
+    mass: FloatArray  # M, (n_dofs, n_dofs)
+
+    @property
+    def frequencies(self) -> FloatArray:
+        """|λ| / 2π, (n_modes,) [Hz]."""
+        return np.abs(self.poles) / (2.0 * np.pi)
+
+    @property
+    def damping_ratios(self) -> FloatArray:
+        """−Re λ / |λ|, (n_modes,) [-]."""
+        return -self.poles.real / np.abs(self.poles)
+
+
+def damped_system(
+    model: StructuralModel,
+    modes: StructureModes,
+    observed: ObservedModes,
+    dampers: FloatArray | None = None,
+) -> DampedSystem:
+    """The modes with their modal damping and with dampers between the degrees of freedom.
+
+    dampers   added to the modal damping, (n_dofs, n_dofs) [N·s/m]; None: none, shapes stay real
+
+    Raises TurbineError where a mode is overdamped.
+    """
+    omega = 2.0 * np.pi * modes.frequencies
+    damping = np.diag(2.0 * modes.damping_ratios * omega)
+    if dampers is None:
+        poles = omega * (-modes.damping_ratios + 1j * np.sqrt(1.0 - modes.damping_ratios**2))
+        vectors = np.eye(len(omega), dtype=np.complex128)
+    else:
+        damping = damping + modes.shapes.T @ dampers @ modes.shapes
+        poles, vectors = _complex_modes(omega, damping)
+    scale = np.einsum("im,ij,jm->m", vectors, damping, vectors, optimize=True)
+    scale += 2.0 * poles * np.einsum("im,im->m", vectors, vectors)
+    return DampedSystem(
+        poles, vectors / np.sqrt(scale), damping, observed, modes.shapes, model.mass
+    )
+
+
+def _complex_modes(omega: FloatArray, damping: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    """Poles above the real axis, lowest first, and their shapes in the undamped coordinates."""
+    n = len(omega)
+    state = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(omega**2), -damping]])
+    poles, vectors = np.linalg.eig(state)
+    upper = np.flatnonzero(poles.imag > 0)
+    if len(upper) < n:
+        raise TurbineError(
+            f"{n - len(upper)} modes are overdamped: dampers are too strong for an oscillation"
+        )
+    upper = upper[np.argsort(np.abs(poles[upper]))]
+    return poles[upper], vectors[:n, upper]
+
+
+class DampedResponse:
+    """From forces to readings like `AccelerationResponse`, for a `DampedSystem` that may change.
+
+    Each pole is one exact complex recursion. When the structure changes, displacement and
+    velocity of every degree of freedom go on; what the new modes cannot hold of them is lost.
+    """
+
+    def __init__(self, system: DampedSystem, sampling_rate: float) -> None:
+        self._rate = sampling_rate
+        self._state = np.zeros(len(system.poles), dtype=np.complex128)  # z at the last step
+        self._force = np.zeros(system.modes.participation.shape[1])  # at the last step [N]
+        self._course = np.zeros((len(system.poles), 0), dtype=np.complex128)  # z of `advance`
+        self._adopt(system)
+        corners = system.modes.corner_frequencies
+        self._coupling = _high_pass(corners, sampling_rate)
+        self._coupling_memory = np.zeros((len(corners), 1))
+
+    @property
+    def n_channels(self) -> int:
+        return len(self._system.modes.corner_frequencies)
+
+    @property
+    def system(self) -> DampedSystem:
+        """The structure as it is now."""
+        return self._system
+
+    def _adopt(self, system: DampedSystem) -> None:
+        """Filter coefficients and outputs of a system."""
+        step = system.poles / self._rate
+        self._system = system
+        self._propagator = np.exp(step)
+        scale = self._rate / system.poles**2
+        self._gamma_0 = (step * self._propagator - self._propagator + 1.0) * scale
+        self._gamma_1 = (self._propagator - 1.0 - step) * scale
+        modes = system.modes
+        self._input = system.vectors.T @ modes.participation  # φᵀ p per unit load
+        self._output = 2.0 * (
+            (modes.displacement @ system.vectors) * system.poles**2
+            - modes.gravity * (modes.rotation @ system.vectors)
+        )
+        self._direct = modes.displacement @ modes.participation
+
+    def change(self, system: DampedSystem) -> None:
+        """Go on with another structure: the same degrees of freedom and loads."""
+        old = self._system
+        q = 2.0 * (old.vectors @ self._state).real
+        velocity = 2.0 * ((old.vectors * old.poles) @ self._state).real
+        carry = system.shapes.T @ system.mass @ old.shapes
+        q, velocity = carry @ q, carry @ velocity
+        # Laplace transform of the free motion: z = φᵀ (λ q + C q + q')
+        self._state = system.vectors.T @ (system.damping @ q + velocity)
+        self._state += system.poles * (system.vectors.T @ q)
+        self._adopt(system)
+
+    def advance(self, forces: FloatArray) -> FloatArray:
+        """Accelerometer readings at the next samples.
+
+        forces    (n_samples, n_loads) [N]
+        returns   (n_samples, n_channels) [m/s²]
+        """
+        driven = self._input @ forces.T
+        before = self._input @ self._force
+        memory = self._gamma_0 * before + self._propagator * self._state
+        for mode, force in enumerate(driven):
+            taps = np.array([self._gamma_1[mode], self._gamma_0[mode]])
+            poles = np.array([1.0, -self._propagator[mode]])
+            driven[mode], _ = lfilter(taps, poles, force, zi=memory[mode : mode + 1])
+        self._course = driven
+        self._state = driven[:, -1].copy()
+        self._force = forces[-1].copy()
+        readings = self._output.real @ driven.real - self._output.imag @ driven.imag
+        readings += self._direct @ forces.T
+        for channel in np.flatnonzero(self._system.modes.corner_frequencies):
+            numerator, denominator = self._coupling[channel]
+            readings[channel], self._coupling_memory[channel] = lfilter(
+                numerator, denominator, readings[channel], zi=self._coupling_memory[channel]
+            )
+        return readings.T
+
+    def displacements(self, rows: FloatArray) -> FloatArray:
+        """Of any points of the structure over the last `advance`, (n_rows, n_samples) [m].
+
+        rows   displacement by degree of freedom, (n_rows, n_dofs)
+        """
+        seen = 2.0 * (rows @ self._system.shapes) @ self._system.vectors
+        return seen.real @ self._course.real - seen.imag @ self._course.imag
+
+    def gains(self, frequencies: FloatArray) -> ComplexArray:
+        """Reading per unit of each harmonic load, (n_frequencies, n_channels, n_loads)."""
+        delay = np.exp(-2j * np.pi * frequencies / self._rate)[:, None]
+        response = self._direct.astype(np.complex128)
+        for conjugate in (False, True):
+            fields = (self._gamma_1, self._gamma_0, self._propagator, self._output, self._input)
+            g1, g0, e, output, driven = (f.conj() if conjugate else f for f in fields)
+            filtered = (g1 + g0 * delay) / (1.0 - e * delay)  # (n_frequencies, n_modes)
+            response = response + 0.5 * (output * filtered[:, None, :]) @ driven
+        return response * _coupling_gain(self._coupling, frequencies / self._rate)

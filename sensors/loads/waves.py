@@ -1,0 +1,324 @@
+"""A sea and what it does to a monopile: JONSWAP, linear waves, Morison's equation.
+
+With the surface at rest the force is linear in the waves but for its drag. Integrated to the
+instantaneous surface it gains harmonics that reach far beyond the sea's own band, and these are
+what shakes the higher modes.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from sensors.loads.load import (
+    LoadError,
+    RandomStream,
+    generator,
+    require_not_negative,
+    require_positive,
+)
+from sensors.loads.spectra import horizontal_motion, jonswap
+from sensors.loads.synthesis import OVERLAP, SegmentedNoise, harmonics, in_chunks
+from sensors.turbine.assembly import StructuralModel
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+N_HEIGHTS = 12  # places over the water's depth where the force is evaluated
+N_PATTERNS = 8  # polynomials over the wetted height that the force is written in
+CREST = 1.5  # highest crest that finds a monopile to push, over Hs [-]
+_X_AND_Y = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Sea:
+    """A sea and how its force on the monopile is reckoned."""
+
+    significant_wave_height: float = 3.5  # Hs [m]
+    peak_period: float = 8.0  # Tp [s]
+    peak_enhancement: float = 3.3  # γ [-]
+    highest_frequency: float = 0.6  # cut of the spectrum; Hs is that of the band below [Hz]
+    direction: float = 0.0  # towards which waves run, from downwind to the side (x to y) [deg]
+    spreading: float | None = None  # s of cos²ˢ(Δ/2); None: long-crested, one direction [-]
+    surface: Literal["mean", "instantaneous"] = "instantaneous"  # up to which the force acts
+    inertia_coefficient: float = 2.0  # C_M [-]
+    drag_coefficient: float = 1.0  # C_D [-], a rough cylinder
+
+    def __post_init__(self) -> None:
+        require_not_negative("sea significant_wave_height", self.significant_wave_height, "m")
+        require_positive("sea peak_period", self.peak_period, "s")
+        require_not_negative("sea inertia_coefficient", self.inertia_coefficient, "")
+        require_not_negative("sea drag_coefficient", self.drag_coefficient, "")
+        if not 1.0 <= self.peak_enhancement <= 7.0:
+            raise LoadError(
+                f"sea peak_enhancement is {self.peak_enhancement:g}; JONSWAP's γ is 1 to 7"
+            )
+        if not 1.0 / self.peak_period < self.highest_frequency <= 1.0:
+            raise LoadError(
+                f"sea highest_frequency is {self.highest_frequency:g} Hz; it lies above the peak "
+                f"at {1.0 / self.peak_period:.3g} Hz and at most at 1 Hz"
+            )
+        if self.spreading is not None and not self.spreading > 0:
+            raise LoadError(f"sea spreading is {self.spreading:g}; s must be positive")
+
+
+@dataclass(frozen=True, slots=True)
+class SeaState:
+    """What changes of a sea in the course of hours."""
+
+    significant_wave_height: float  # [m]
+    peak_period: float  # [s]
+    level: float  # of the water [m]
+    direction: float  # as in `Sea`, seen from the nacelle [deg]
+
+
+def elevation_spectrum(sea: Sea, state: SeaState, frequencies: FloatArray) -> FloatArray:
+    """JONSWAP spectrum of the surface, (n_frequencies,) [m²/Hz]; ∫ S df = Hs²/16 below the cut."""
+
+    def shape(f: FloatArray) -> FloatArray:
+        density = jonswap(
+            f, peak_frequency=1 / state.peak_period, peak_enhancement=sea.peak_enhancement
+        )
+        return np.where(f <= sea.highest_frequency, density, 0.0)
+
+    grid = np.linspace(0.0, sea.highest_frequency, 4001)
+    variance = state.significant_wave_height**2 / 16
+    return variance / np.trapezoid(shape(grid), grid) * shape(np.asarray(frequencies))
+
+
+def directional_covariance(spreading: float | None, direction: float) -> FloatArray:
+    """(3, 3) covariance of (η, η cos θ, η sin θ) over the directions θ of a sea, var η = 1.
+
+    spreading   s of D(θ) ∝ cos²ˢ((θ − θ₀)/2); None: one direction
+    direction   θ₀ [deg]
+
+        <cos Δ> = s/(s+1),  <cos 2Δ> = s(s−1)/((s+1)(s+2))
+    """
+    s = np.inf if spreading is None else spreading
+    first = 1.0 if np.isinf(s) else s / (s + 1)
+    second = 1.0 if np.isinf(s) else s * (s - 1) / ((s + 1) * (s + 2))
+    own = np.array(
+        [[1.0, first, 0.0], [first, (1 + second) / 2, 0.0], [0.0, 0.0, (1 - second) / 2]]
+    )
+    c, si = np.cos(np.radians(direction)), np.sin(np.radians(direction))
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -si], [0.0, si, c]])
+    return turn @ own @ turn.T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaveLoad:
+    """Morison's force on a monopile, as amplitudes of polynomials over the wetted height.
+
+        dF/dz = ρ C_M π D²/4 u' + ½ ρ C_D D |u| u,   −d < z < η (or 0)
+
+    u and u' are those of linear waves; up to the instantaneous surface they are Wheeler's, which
+    stretch the profile with the water column: at a share s of the column's height the water moves
+    as it would at that share of the still depth. The relative motion of the monopile enters
+    through the added mass of the structure; in the drag it is left out.
+
+    Its 2 × N_PATTERNS series are the generalised forces ∫ P_p(x(z)) dF in x, then in y. Legendre
+    polynomials P_p carry them to the structure, so that a force at a moving surface reaches a mode
+    smoothly, without the kinks that passing from node to node would make.
+    """
+
+    sea: Sea
+    state_at: Callable[[float], SeaState]  # by time since the first sample [s]
+    distribution: FloatArray  # (n_dofs, 2 N_PATTERNS) [N]
+    sampling_rate: float  # [Hz]
+    start: float  # time of the first step [s]
+    mudline: float  # [m]
+    top: float  # of the polynomials' span [m]
+    water_density: float  # ρ [kg/m³]
+    diameters: FloatArray  # at the places of evaluation, (N_HEIGHTS,) [m]
+
+    @property
+    def n_series(self) -> int:
+        return self.distribution.shape[1]
+
+    def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
+        """Generalised forces without end, (chunk, n_series) [N]."""
+        return in_chunks(self._pieces(seed), chunk)
+
+    def surface(self, seed: int) -> Iterator[FloatArray]:
+        """The surface's elevation above the still water at the axis, in pieces (n,) [m]."""
+        for piece in self._kinematics(seed):
+            yield piece[0]
+
+    def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
+        """Spectrum of what the linear part (inertia, up to the still water) makes a structure do;
+        see `Load`. Of the sea at time 0."""
+        state = self.state_at(0.0)
+        positive = np.maximum(frequencies, 1e-3)  # S(0) = 0
+        amplitude = self._linear_force(positive, state)
+        x, y = (
+            np.einsum("fop,pf->fo", part, amplitude) for part in np.split(gains, _X_AND_Y, axis=2)
+        )
+        covariance = directional_covariance(self.sea.spreading, state.direction)[1:, 1:]
+        power = covariance[0, 0] * np.abs(x) ** 2 + covariance[1, 1] * np.abs(y) ** 2
+        power += 2 * covariance[0, 1] * (x * y.conj()).real
+        return power * elevation_spectrum(self.sea, state, positive)[:, None]
+
+    def _linear_force(self, frequencies: FloatArray, state: SeaState) -> ComplexArray:
+        """Generalised inertia forces per unit elevation, (N_PATTERNS, n_frequencies) [N/m]."""
+        heights, weights = _column()
+        depth = state.level - self.mudline
+        motion = horizontal_motion(frequencies, heights, depth=depth)
+        force = (self._inertia * weights * depth)[:, None] * motion
+        patterns = legendre.legvander(self._place(heights * depth), N_PATTERNS - 1)
+        return (patterns.T @ force) * (2j * np.pi * frequencies)
+
+    @property
+    def _inertia(self) -> FloatArray:
+        """ρ C_M π D²/4, (N_HEIGHTS,) [kg/m]."""
+        return self.water_density * self.sea.inertia_coefficient * np.pi * self.diameters**2 / 4
+
+    @property
+    def _drag(self) -> FloatArray:
+        """½ ρ C_D D, (N_HEIGHTS,) [kg/m²]."""
+        return 0.5 * self.water_density * self.sea.drag_coefficient * self.diameters
+
+    def _place(self, height: FloatArray) -> FloatArray:
+        """x in [−1, 1] of a height above the mudline."""
+        span = self.top - self.mudline
+        return 2.0 * np.clip(height, 0.0, span) / span - 1.0
+
+    def _kinematics(self, seed: int) -> Iterator[FloatArray]:
+        """η, then u and u' in x at N_HEIGHTS places each, then in y where the sea has any.
+
+        Pieces (1 + 2 or 4 N_HEIGHTS, n) [m, m/s, m/s²].
+        """
+        frequencies = harmonics(self.sea.highest_frequency)
+        return iter(
+            SegmentedNoise(
+                self._colouring(frequencies),
+                n_sources=3,
+                n_harmonics=len(frequencies),
+                sampling_rate=self.sampling_rate,
+                start=self.start,
+                rng=generator(seed, RandomStream.SEA),
+            )
+        )
+
+    def _colouring(self, frequencies: FloatArray) -> Callable[[float, ComplexArray], ComplexArray]:
+        heights, _ = _column()
+        omega = 2 * np.pi * frequencies
+
+        def coloured(time: float, white: ComplexArray) -> ComplexArray:
+            state = self.state_at(time)
+            factor = _root(directional_covariance(self.sea.spreading, state.direction))
+            waves = (factor @ white) * np.sqrt(elevation_spectrum(self.sea, state, frequencies))
+            motion = horizontal_motion(frequencies, heights, depth=state.level - self.mudline)
+            series = [waves[:1]]
+            for along in waves[1:]:
+                velocity = motion * along
+                series += [velocity, 1j * omega * velocity]
+            return np.concatenate(series)
+
+        return coloured
+
+    def _pieces(self, seed: int) -> Iterator[FloatArray]:
+        time = self.start
+        for piece in self._kinematics(seed):
+            begin, end = self.state_at(time).level, self.state_at(time + OVERLAP).level
+            depth = np.linspace(begin, end, piece.shape[1], endpoint=False) - self.mudline
+            yield self._forces(piece[0], piece[1:].reshape(_X_AND_Y, 2, N_HEIGHTS, -1), depth)
+            time += OVERLAP
+
+    def _forces(self, surface: FloatArray, motion: FloatArray, depth: FloatArray) -> FloatArray:
+        """Generalised forces (n, 2 N_PATTERNS) [N].
+
+        surface   η, (n,) [m];  depth   of the still water, (n,) [m]
+        motion    (x and y, u and u', N_HEIGHTS, n)
+        """
+        heights, weights = _column()
+        column = depth + surface if self.sea.surface == "instantaneous" else depth
+        column = np.clip(column, 0.0, self.top - self.mudline)
+        speed = np.hypot(motion[0, 0], motion[1, 0])
+        place = self._place(np.multiply.outer(heights, column))
+        drag = self._drag[:, None] * speed
+        forces = []
+        for velocity, acceleration in motion:
+            per_metre = self._inertia[:, None] * acceleration + drag * velocity
+            forces.append(per_metre * weights[:, None] * column)
+        return _legendre_sums(place, np.array(forces)).reshape(-1, len(surface)).T
+
+
+def wave_load(
+    model: StructuralModel,
+    sea: Sea,
+    state_at: Callable[[float], SeaState],
+    *,
+    highest_level: float,
+    largest_height: float,
+    sampling_rate: float,
+    start: float = 0.0,
+) -> WaveLoad:
+    """The sea's force on a turbine's monopile.
+
+    state_at         the sea's state by time [s]
+    highest_level    that the still water reaches in the simulation [m]
+    largest_height   the largest significant wave height [m]
+    sampling_rate    of the series [Hz];  start   time of their first step [s]
+
+    Raises LoadError for a turbine without water.
+    """
+    description = model.description
+    if description.water is None or not highest_level > description.mudline:
+        raise LoadError(f"{description.name} stands in no water; leave [simulation.sea] out")
+    top = min(highest_level + CREST * max(largest_height, 1.0), description.tower_top)
+    bottom = description.mudline
+    x, weights = legendre.leggauss(64)
+    elevations = bottom + 0.5 * (top - bottom) * (x + 1)
+    norms = (2 * np.arange(N_PATTERNS) + 1) / 2  # of ∫ P_p² dx
+    patterns = legendre.legvander(x, N_PATTERNS - 1) * weights[:, None] * norms
+    columns = []
+    for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)):
+        rows = np.array([model.tower_displacement(float(z), axis) for z in elevations])
+        columns.append(rows.T @ patterns)
+    edges = np.array([tube.top for tube in description.tubes])
+    heights, _ = _column()
+    still = description.water.level
+    tubes = np.searchsorted(edges, bottom + heights * (still - bottom))
+    return WaveLoad(
+        sea=sea,
+        state_at=state_at,
+        distribution=np.concatenate(columns, axis=1),
+        sampling_rate=sampling_rate,
+        start=start,
+        mudline=bottom,
+        top=top,
+        water_density=description.water.density,
+        diameters=np.array([description.tubes[i].diameter for i in tubes]),
+    )
+
+
+def _column() -> tuple[FloatArray, FloatArray]:
+    """Places in a water column of height 1 and their weights: denser towards the surface, where
+    short waves are."""
+    points, weights = legendre.leggauss(N_HEIGHTS)
+    s = 0.5 * (points + 1)
+    return 1 - (1 - s) ** 2, (1 - s) * weights
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """L with L Lᵀ = C, for a C that may be singular (a long-crested sea has rank 1)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def _legendre_sums(x: FloatArray, forces: FloatArray) -> FloatArray:
+    """Σ_j P_p(x_j) F_j for p below N_PATTERNS.
+
+    x         (n_heights, n);  forces   (n_directions, n_heights, n)
+    returns   (n_directions, N_PATTERNS, n)
+    """
+    sums = np.empty((len(forces), N_PATTERNS, x.shape[1]))
+    before, now = np.ones_like(x), x
+    sums[:, 0], sums[:, 1] = forces.sum(axis=1), np.einsum("jt,djt->dt", x, forces)
+    for p in range(1, N_PATTERNS - 1):
+        before, now = now, ((2 * p + 1) * x * now - p * before) / (p + 1)
+        sums[:, p + 1] = np.einsum("jt,djt->dt", now, forces)
+    return sums
