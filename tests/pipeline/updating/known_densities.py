@@ -53,9 +53,7 @@ def gaussian(*, peak=MEAN, covariance=COVARIANCE, ensemble=None):
     return Known(
         target_of(log_likelihood, peak, covariance, ensemble=ensemble),
         volume - 3 * np.log(10.0),
-        tuple(
-            lambda x, m=m, s=s: ndtr((x - m) / s) for m, s in zip(MEAN, deviations, strict=True)
-        ),
+        tuple(lambda x, m=m, s=s: ndtr((x - m) / s) for m, s in zip(MEAN, deviations, strict=True)),
     )
 
 

@@ -1,0 +1,92 @@
+"""The posterior with σ integrated out and with σ as a parameter are one posterior."""
+
+import numpy as np
+import pytest
+
+from pipeline.updating.density import JointDensity, StiffnessDensity
+from pipeline.updating.evidence import ModalEvidence
+from pipeline.updating.laplace import Peak, laplace_peak
+from pipeline.updating.likelihood import LikelihoodSettings, ModalLikelihood, Observation
+from pipeline.updating.prior import Prior
+from pipeline.updating.sampler import SamplerSettings
+from pipeline.updating.samplers import SamplingSettings, sampler_of
+from pipeline.updating.sampling import Target
+from pipeline.updating.tmcmc import TemperingSettings
+from tests.pipeline.updating.small_tower import LinearTower, drawn_estimate
+
+TOWER = LinearTower()
+PRIOR = Prior(TOWER.nominal)
+HIGHEST_SIGMA = PRIOR.settings.highest_sigma
+TRUTH = np.array([1.1, 0.9, 1.05])
+
+
+@pytest.fixture(scope="module")
+def likelihood():
+    """One window of a tower whose six modes were identified and paired as they are."""
+    estimate = drawn_estimate(TRUTH, np.random.default_rng(1), tower=TOWER)
+    evidence = ModalEvidence(channels=TOWER.layout.channel_names).with_estimate(estimate)
+    modes = range(len(evidence.modes))
+    labels = list(TOWER.labels)
+    columns = [labels.index(str(number + 1)) for number in modes]
+    used = [Observation(number, (columns[number],), shape_used=True, gap=0.0) for number in modes]
+    return ModalLikelihood(
+        evidence,
+        used,
+        model_columns=range(len(labels)),
+        settings=LikelihoodSettings(),
+        highest_sigma=HIGHEST_SIGMA,
+    )
+
+
+def stiffness_target(likelihood, seed):
+    density = StiffnessDensity(likelihood, TOWER, PRIOR, np.random.default_rng(seed))
+    peak = laplace_peak(likelihood, TOWER, PRIOR, np.ones(3))
+    return Target(density, density.prior_draws, density.log_prior_volume, peak)
+
+
+def joint_target(likelihood):
+    density = JointDensity(likelihood, TOWER, PRIOR)
+    peak = laplace_peak(likelihood, TOWER, PRIOR, np.ones(3))
+    covariance = np.zeros((4, 4))
+    covariance[:3, :3], covariance[3, 3] = peak.covariance, 0.003**2
+    joint = Peak(np.append(peak.ratios, 0.002), covariance)
+    return Target(density, density.prior_draws, density.log_prior_volume, joint)
+
+
+def test_the_joint_density_averaged_over_sigma_is_the_stiffness_density(likelihood):
+    joint = JointDensity(likelihood, TOWER, PRIOR)
+    sigma = likelihood.sigma
+    for ratios in (TRUTH, np.array([1.0, 1.0, 1.0]), np.array([2.0, 1.5, 0.8])):
+        points = np.column_stack([np.tile(ratios, (len(sigma), 1)), sigma])
+        values = joint(points)[0]
+        averaged = np.trapezoid(np.exp(values - values.max()), sigma) / HIGHEST_SIGMA
+        expected = StiffnessDensity(likelihood, TOWER, PRIOR, np.random.default_rng(2))(
+            ratios[None]
+        )[0][0]
+        assert values.max() + np.log(averaged) == pytest.approx(expected, abs=1e-3)
+
+
+def test_there_is_no_density_outside_the_prior(likelihood):
+    joint = JointDensity(likelihood, TOWER, PRIOR)
+    outside = [[0.1, 1, 1, 0.01], [1, 1, 1, -1e-9], [1, 1, 1, 0.11], [0.5, 0.5, 1.5, 0.01]]
+    assert np.all(np.isneginf(joint(np.array(outside))[0]))
+
+
+def test_importance_tempering_and_chains_agree_with_sigma_integrated_out_or_sampled(likelihood):
+    settings = {"tempering": TemperingSettings(samples=8000, particles=500, pilot=1000)}
+    routes = {}
+    for name in ("tmcmc", "importance", "emcee"):
+        sampler = sampler_of(SamplingSettings(method=name, **settings), SamplerSettings())
+        drawn = sampler(stiffness_target(likelihood, 3), np.random.default_rng(4))
+        routes[name] = drawn.flat, drawn.log_evidence
+    for name in ("tmcmc", "importance"):
+        sampler = sampler_of(SamplingSettings(method=name, **settings), SamplerSettings())
+        drawn = sampler(joint_target(likelihood), np.random.default_rng(5))
+        routes[f"{name}, σ sampled"] = drawn.flat[:, :4], drawn.log_evidence
+    first = np.quantile(routes["tmcmc"][0], [0.25, 0.5, 0.75], axis=0)
+    for name, (flat, _) in routes.items():
+        shift = np.quantile(flat, [0.25, 0.5, 0.75], axis=0) - first
+        assert np.abs(shift / (first[2] - first[0])).max() < 0.12, name
+    assert np.nanmax([z for _, z in routes.values()]) == pytest.approx(
+        np.nanmin([z for _, z in routes.values()]), abs=0.1
+    )
