@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import SensorLayout
+from sensors.scada import ScadaSample
 
 FloatArray = NDArray[np.float64]
 
@@ -77,6 +78,11 @@ class ModalEstimate:
     modes: tuple[Mode, ...]
     weight: float = 1.0  # hop / window duration: how much of the window is new [-]
     warnings: tuple[Warning, ...] = ()
+    operating_state: str = ""  # of the whole window by SCADA, see ScadaSample; "" unknown
+    wind_speed: float = float("nan")  # mean over the window by SCADA [m/s]; NaN unknown
+    rotor_speed: float = float("nan")  # [rpm]
+    yaw: float = float("nan")  # [deg]
+    water_level: float = float("nan")  # [m]
 
     @property
     def duration(self) -> float:
@@ -218,6 +224,7 @@ class NodeStatus:
 Message = (
     AccelerationBlock
     | SensorLayout
+    | ScadaSample
     | ModalEstimate
     | WindowRejected
     | FoundationPosterior

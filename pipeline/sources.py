@@ -2,10 +2,12 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+
+import numpy as np
 
 from pipeline.messages import FoundationTruth, Message
 from pipeline.recording.info import recording_info
@@ -19,14 +21,16 @@ from pipeline.scenario import (
     scenario_from_metadata,
     scenario_metadata,
 )
-from sensors.blocks import AccelerationBlock
+from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 from sensors.layout import SensorLayout
 from sensors.pacing import Pace, paced
 from sensors.replayed import ReplayedTower, due_time
+from sensors.scada import ScadaSample
 from sensors.simulated import SimulatedTower
 
 DEFAULT_RECORDING = Path("recordings/parked.mcap")
+TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is said anew
 COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing is at risk here
 
 
@@ -67,7 +71,7 @@ class Source:
     def messages(
         self, speed: float = float("inf"), stopping: threading.Event | None = None
     ) -> Iterator[Message]:
-        """Layout, truth where known, then the blocks, each when it is due.
+        """Layout, truth where known, then blocks and SCADA samples, each when it is due.
 
         speed      1 is real time; infinity never waits
         stopping   ends the waiting when set
@@ -75,25 +79,86 @@ class Source:
         pace = Pace(speed, MonotonicClock(stopping or threading.Event()))
         if self.truth is not None:
             yield self.truth
-        yield from paced(self._sensor_messages(), pace=pace, time_of=due_time)
+        yield from paced(self._sensor_messages(), pace=pace, time_of=_due_time)
 
     def with_recording(self, path: Path) -> "Source":
         """The same replay from a file that was moved."""
         return replace(self, recording=path)
 
-    def _sensor_messages(self) -> Iterator[AccelerationBlock | SensorLayout]:
+    def _sensor_messages(self) -> Iterator[Message]:
+        measured: Iterable[SensorMessage]
         if self.recording is not None:
-            yield from ReplayedTower(sensor_messages(self.recording))
+            measured = ReplayedTower(sensor_messages(self.recording))
+            later = _later_truths(recorded_truths(self.recording), self.truth)
         else:
             yield self.layout
-            yield from simulated_tower(self.scenario)
+            tower = simulated_tower(self.scenario)
+            measured = tower.messages()
+            later = _later_truths(simulated_truths(tower), self.truth)
+        yield from with_truths(measured, later)
 
 
-def sensor_messages(path: Path) -> Iterator[AccelerationBlock | SensorLayout]:
-    """What the sensors said, in the order of recording."""
-    for message in read_messages(path, (SensorLayout, AccelerationBlock)):
-        if isinstance(message, AccelerationBlock | SensorLayout):
+SensorMessage = AccelerationBlock | SensorLayout | ScadaSample
+
+
+def sensor_messages(path: Path) -> Iterator[SensorMessage]:
+    """What sensors and controller said, in the order of recording."""
+    for message in read_messages(path, (SensorLayout, AccelerationBlock, ScadaSample)):
+        if isinstance(message, AccelerationBlock | SensorLayout | ScadaSample):
             yield message
+
+
+def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
+    """What a recording says of the true stiffness, in order of time."""
+    found = [m for m in read_messages(path, (FoundationTruth,)) if isinstance(m, FoundationTruth)]
+    return iter(sorted(found, key=lambda truth: truth.time_ns))
+
+
+def simulated_truths(tower: SimulatedTower) -> Iterator[FoundationTruth]:
+    """The true stiffness of a simulated turbine: at the beginning, and where it has changed."""
+    before: FoundationTruth | None = None
+    settings = tower.settings
+    for since in np.arange(0.0, settings.duration, TRUTH_PERIOD).tolist():
+        springs = tower.truth_at(since)
+        truth = FoundationTruth(
+            tower.layout.turbine,
+            settings.start_ns + round(since * NANOSECONDS),
+            k11=springs.k11,
+            k22=springs.k22,
+            k12=springs.k12,
+        )
+        if before is None or _springs(truth) != _springs(before):
+            yield truth
+            before = truth
+
+
+def _springs(truth: FoundationTruth) -> tuple[float, float, float]:
+    return truth.k11, truth.k22, truth.k12
+
+
+def _later_truths(
+    truths: Iterator[FoundationTruth], first: FoundationTruth | None
+) -> Iterator[FoundationTruth]:
+    return (truth for truth in truths if first is None or truth.time_ns > first.time_ns)
+
+
+def with_truths(
+    messages: Iterable[SensorMessage], truths: Iterator[FoundationTruth]
+) -> Iterator[Message]:
+    """The truths among the messages, each before the first block that lies behind it."""
+    waiting = next(truths, None)
+    for message in messages:
+        if isinstance(message, AccelerationBlock):
+            while waiting is not None and waiting.time_ns < message.end_ns:
+                yield waiting
+                waiting = next(truths, None)
+        yield message
+
+
+def _due_time(message: Message) -> int | None:
+    if isinstance(message, AccelerationBlock | SensorLayout | ScadaSample):
+        return due_time(message)
+    return None
 
 
 class MonotonicClock:
@@ -180,18 +245,11 @@ def _recorded_truth(metadata: Metadata, turbine: str) -> FoundationTruth | None:
 
 def simulated(scenario: Scenario) -> Source:
     """The scenario's simulated turbine as a source."""
-    springs = simulated_tower(scenario).truth
     return Source(
         text=f"simulate:{scenario.name}",
         scenario=scenario,
         layout=scenario.layout,
-        truth=FoundationTruth(
-            scenario.turbine.id,
-            scenario.simulation.start_ns,
-            k11=springs.k11,
-            k22=springs.k22,
-            k12=springs.k12,
-        ),
+        truth=next(simulated_truths(simulated_tower(scenario))),
         duration=scenario.simulation.duration,
     )
 

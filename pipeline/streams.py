@@ -14,6 +14,7 @@ from pipeline.messages import (
 )
 from sensors.blocks import AccelerationBlock
 from sensors.layout import SensorLayout
+from sensors.scada import ScadaSample
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,7 @@ class Stream:
 STREAMS = (
     Stream(AccelerationBlock, "pilewatch/{turbine}/{unit}/acceleration", period=1.0, cached=600),
     Stream(SensorLayout, "pilewatch/{turbine}/{unit}/layout"),
+    Stream(ScadaSample, "pilewatch/{turbine}/scada", period=10.0, cached=100),
     Stream(StreamGap, "pilewatch/{turbine}/{unit}/gap", cached=100),
     Stream(StreamEnd, "pilewatch/{turbine}/{unit}/end"),
     Stream(FoundationTruth, "pilewatch/{turbine}/truth"),

@@ -1,49 +1,58 @@
-"""ReplayedTower: recorded blocks in time order, gaps kept as gaps."""
+"""ReplayedTower: what was recorded in time order, gaps kept as gaps."""
 
 import heapq
 from collections.abc import Iterable, Iterator
 
 from sensors.blocks import AccelerationBlock
 from sensors.layout import SensorLayout
+from sensors.scada import ScadaSample
 
 LATEST_BLOCKS = 600  # a recorded block may come that many blocks too late: the publisher's cache
 
 
 class ReplayedTower:
-    """What a recording holds of the sensors, as the tower gave it.
+    """What a recording holds of the sensors and the controller, as the tower gave it.
 
-    recorded        layouts and blocks in the order in which they were recorded; a link that was
-                    cut and mended delivers blocks late, so that is not yet the order of time
-    latest_blocks   how many blocks too late a block may have been recorded
+    recorded        layouts, blocks and SCADA samples in the order in which they were recorded; a
+                    link that was cut and mended delivers blocks late, so that is not yet the order
+                    of time
+    latest_blocks   how many messages too late one may have been recorded
 
-    Iterating gives every layout when it is met and every block, unchanged, in the order of the
+    Iterating gives every layout when it is met and everything else, unchanged, in the order of the
     sensor clock. Nothing is filled in: blocks that were not recorded stay missing, and the
     sequence numbers tell how many.
     """
 
     def __init__(
         self,
-        recorded: Iterable[AccelerationBlock | SensorLayout],
+        recorded: Iterable[AccelerationBlock | SensorLayout | ScadaSample],
         *,
         latest_blocks: int = LATEST_BLOCKS,
     ) -> None:
         self._recorded = recorded
         self._latest_blocks = latest_blocks
 
-    def __iter__(self) -> Iterator[AccelerationBlock | SensorLayout]:
-        waiting: list[tuple[int, int, AccelerationBlock]] = []  # start [ns], arrival, block
+    def __iter__(self) -> Iterator[AccelerationBlock | SensorLayout | ScadaSample]:
+        waiting: list[tuple[int, int, AccelerationBlock | ScadaSample]] = []  # time [ns], arrival
         for arrival, message in enumerate(self._recorded):
             if isinstance(message, SensorLayout):
                 yield message
                 continue
-            heapq.heappush(waiting, (message.start_ns, arrival, message))
+            time_ns = message.time_ns if isinstance(message, ScadaSample) else message.start_ns
+            heapq.heappush(waiting, (time_ns, arrival, message))
             if len(waiting) > self._latest_blocks:
                 yield heapq.heappop(waiting)[-1]
         while waiting:
             yield heapq.heappop(waiting)[-1]
 
 
-def due_time(message: AccelerationBlock | SensorLayout) -> int | None:
-    """When a source gives a message [ns]: a block when its last sample is taken; a layout, which
-    always holds, at once (None)."""
-    return message.end_ns if isinstance(message, AccelerationBlock) else None
+def due_time(message: AccelerationBlock | SensorLayout | ScadaSample) -> int | None:
+    """When a source gives a message [ns]: a block when its last sample is taken, a SCADA sample
+    when it was; a layout, which always holds, at once (None)."""
+    match message:
+        case AccelerationBlock():
+            return message.end_ns
+        case ScadaSample():
+            return message.time_ns
+        case _:
+            return None

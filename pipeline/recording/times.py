@@ -11,6 +11,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from sensors.blocks import AccelerationBlock
+from sensors.scada import ScadaSample
 
 
 def time_of(message: Message) -> int | None:
@@ -24,7 +25,7 @@ def time_of(message: Message) -> int | None:
             return message.start_ns
         case ModalEstimate() | WindowRejected():
             return message.end_ns
-        case FoundationPosterior() | FoundationTruth() | StreamEnd() | NodeStatus():
+        case FoundationPosterior() | FoundationTruth() | ScadaSample() | StreamEnd() | NodeStatus():
             return message.time_ns
         case _:
             return None

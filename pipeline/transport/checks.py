@@ -21,6 +21,7 @@ from pipeline.messages import (
 from pipeline.transport.errors import CodecError
 from sensors.blocks import AccelerationBlock
 from sensors.layout import SensorLayout
+from sensors.scada import ScadaSample
 
 LOWEST_SAMPLING_RATE = 1e-3  # [Hz]
 HIGHEST_SAMPLING_RATE = 1e7  # [Hz]
@@ -131,7 +132,7 @@ def _check_rejected(rejected: WindowRejected) -> None:
     _check_span(rejected.start_ns, rejected.end_ns)
 
 
-def _check_timed(message: FoundationTruth | NodeStatus) -> None:
+def _check_timed(message: FoundationTruth | NodeStatus | ScadaSample) -> None:
     _check_time("time_ns", message.time_ns)
 
 
@@ -145,4 +146,5 @@ _CHECKS: dict[type, Callable[[Any], None]] = {
     StreamGap: _check_gap,
     StreamEnd: _check_end,
     NodeStatus: _check_timed,
+    ScadaSample: _check_timed,
 }

@@ -25,6 +25,7 @@ from pipeline.messages import (
 )
 from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.layout import Accelerometer, SensorLayout, biaxial_layout
+from sensors.scada import ScadaSample
 
 START_NS = 1_700_000_000 * NANOSECONDS
 SAMPLING_RATE = 40.0  # [Hz]
@@ -174,6 +175,11 @@ def estimates(draw: st.DrawFn) -> ModalEstimate:
         modes=draw(st.lists(mode, max_size=2).map(tuple)),
         weight=draw(numbers),
         warnings=draw(warnings),
+        operating_state=draw(texts),
+        wind_speed=draw(numbers),
+        rotor_speed=draw(numbers),
+        yaw=draw(numbers),
+        water_level=draw(numbers),
     )
 
 
@@ -232,6 +238,7 @@ messages = st.one_of(
     posteriors(),
     _spanned(),
     st.builds(FoundationTruth, texts, times, numbers, numbers, numbers),
+    st.builds(ScadaSample, texts, times, texts, *[numbers] * 6),
     st.builds(StreamEnd, texts, texts, texts, times, counts),
     st.builds(
         NodeStatus,

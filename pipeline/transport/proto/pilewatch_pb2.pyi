@@ -126,6 +126,28 @@ class FoundationTruth(_message.Message):
     k12: float
     def __init__(self, turbine: _Optional[str] = ..., time_ns: _Optional[int] = ..., k11: _Optional[float] = ..., k22: _Optional[float] = ..., k12: _Optional[float] = ...) -> None: ...
 
+class ScadaSample(_message.Message):
+    __slots__ = ("turbine", "time_ns", "state", "wind_speed", "rotor_speed", "pitch", "yaw", "power", "water_level")
+    TURBINE_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    WIND_SPEED_FIELD_NUMBER: _ClassVar[int]
+    ROTOR_SPEED_FIELD_NUMBER: _ClassVar[int]
+    PITCH_FIELD_NUMBER: _ClassVar[int]
+    YAW_FIELD_NUMBER: _ClassVar[int]
+    POWER_FIELD_NUMBER: _ClassVar[int]
+    WATER_LEVEL_FIELD_NUMBER: _ClassVar[int]
+    turbine: str
+    time_ns: int
+    state: str
+    wind_speed: float
+    rotor_speed: float
+    pitch: float
+    yaw: float
+    power: float
+    water_level: float
+    def __init__(self, turbine: _Optional[str] = ..., time_ns: _Optional[int] = ..., state: _Optional[str] = ..., wind_speed: _Optional[float] = ..., rotor_speed: _Optional[float] = ..., pitch: _Optional[float] = ..., yaw: _Optional[float] = ..., power: _Optional[float] = ..., water_level: _Optional[float] = ...) -> None: ...
+
 class Warning(_message.Message):
     __slots__ = ("code", "text")
     CODE_FIELD_NUMBER: _ClassVar[int]
@@ -163,7 +185,7 @@ class Mode(_message.Message):
     def __init__(self, name: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., damping_ratio: _Optional[float] = ..., damping_ratio_std: _Optional[float] = ..., shape: _Optional[_Iterable[float]] = ..., covariance_factor: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., n_block_columns: _Optional[int] = ..., phase_collinearity: _Optional[float] = ..., presence: _Optional[float] = ..., quality: _Optional[float] = ..., pair_id: _Optional[str] = ...) -> None: ...
 
 class ModalEstimate(_message.Message):
-    __slots__ = ("turbine", "window", "start_ns", "end_ns", "layout_id", "channels", "modes", "weight", "warnings")
+    __slots__ = ("turbine", "window", "start_ns", "end_ns", "layout_id", "channels", "modes", "weight", "warnings", "operating_state", "wind_speed", "rotor_speed", "yaw", "water_level")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     WINDOW_FIELD_NUMBER: _ClassVar[int]
     START_NS_FIELD_NUMBER: _ClassVar[int]
@@ -173,6 +195,11 @@ class ModalEstimate(_message.Message):
     MODES_FIELD_NUMBER: _ClassVar[int]
     WEIGHT_FIELD_NUMBER: _ClassVar[int]
     WARNINGS_FIELD_NUMBER: _ClassVar[int]
+    OPERATING_STATE_FIELD_NUMBER: _ClassVar[int]
+    WIND_SPEED_FIELD_NUMBER: _ClassVar[int]
+    ROTOR_SPEED_FIELD_NUMBER: _ClassVar[int]
+    YAW_FIELD_NUMBER: _ClassVar[int]
+    WATER_LEVEL_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     window: int
     start_ns: int
@@ -182,7 +209,12 @@ class ModalEstimate(_message.Message):
     modes: _containers.RepeatedCompositeFieldContainer[Mode]
     weight: float
     warnings: _containers.RepeatedCompositeFieldContainer[Warning]
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., layout_id: _Optional[str] = ..., channels: _Optional[_Iterable[str]] = ..., modes: _Optional[_Iterable[_Union[Mode, _Mapping]]] = ..., weight: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ...) -> None: ...
+    operating_state: str
+    wind_speed: float
+    rotor_speed: float
+    yaw: float
+    water_level: float
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., layout_id: _Optional[str] = ..., channels: _Optional[_Iterable[str]] = ..., modes: _Optional[_Iterable[_Union[Mode, _Mapping]]] = ..., weight: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., operating_state: _Optional[str] = ..., wind_speed: _Optional[float] = ..., rotor_speed: _Optional[float] = ..., yaw: _Optional[float] = ..., water_level: _Optional[float] = ...) -> None: ...
 
 class WindowRejected(_message.Message):
     __slots__ = ("turbine", "window", "start_ns", "end_ns", "code", "reason")

@@ -18,7 +18,7 @@ from pipeline.transport.codec import LARGEST_PAYLOAD, decode, encode
 from pipeline.transport.errors import CodecError
 from pipeline.transport.proto import pilewatch_pb2
 from pipeline.transport.wire import schema
-from sensors import blocks, layout
+from sensors import blocks, layout, scada
 from sensors.blocks import AccelerationBlock
 from tests.pipeline.example_messages import START_NS, block, messages, same
 
@@ -95,7 +95,7 @@ def test_the_schema_has_the_names_of_the_python_types_and_fields() -> None:
             continue
         python_type = next(
             getattr(module, described.name)
-            for module in (message_types, blocks, layout)
+            for module in (message_types, blocks, layout, scada)
             if hasattr(module, described.name)
         )
         assert [field.name for field in described.field] == [f.name for f in fields(python_type)]
