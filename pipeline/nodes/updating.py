@@ -22,6 +22,10 @@ class FoundationUpdaterNode:
         """What the node remembers, O(1) in the number of windows."""
         return self._state
 
+    def checkpoint(self) -> bytes:
+        """The state as a small file's bytes; `FoundationUpdater.restored` reads them."""
+        return self._updater.saved(self._state)
+
     def handle(self, message: Message) -> Iterable[FoundationPosterior | WindowRejected]:
         """The posterior after a ModalEstimate, or why it could not be used."""
         if isinstance(message, ModalEstimate):

@@ -12,6 +12,11 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.messages import Warning as Doubt
+from pipeline.updating.checkpoint import (
+    CheckpointOwner,
+    decoded_checkpoint,
+    encoded_checkpoint,
+)
 from pipeline.updating.evidence import EstimateRefused, ModalEvidence
 from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
 from pipeline.updating.guards import Fit, GuardSettings, contradictions
@@ -101,6 +106,25 @@ class FoundationUpdater:
                 joint_covariance=self.settings.likelihood.joint_covariance,
             )
         )
+
+    def saved(self, state: UpdatingState) -> bytes:
+        """The state as a small file's bytes."""
+        return encoded_checkpoint(state, self._owner)
+
+    def restored(self, checkpoint: bytes, *, origin: str = "checkpoint") -> UpdatingState:
+        """The state that `saved` wrote: with it the next windows give the same posteriors, bit for
+        bit, that they would have given without the interruption.
+
+        origin   where the bytes came from, for the error
+
+        Raises CheckpointError: no checkpoint, damaged, another version's or another turbine's.
+        """
+        return decoded_checkpoint(checkpoint, UpdatingState, self._owner, origin=origin)
+
+    @property
+    def _owner(self) -> CheckpointOwner:
+        k11, k22, k12 = self._prior.nominal.tolist()
+        return CheckpointOwner(self._layout.turbine, self._layout.channel_names, (k11, k22, k12))
 
     def updated(
         self, state: UpdatingState, estimate: ModalEstimate
