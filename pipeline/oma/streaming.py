@@ -165,4 +165,4 @@ class StreamingIdentifier:
             )
             self._subspaces[place] = result.subspace
             by_band.append(result)
-        return concluded(by_band, steady - offset, self._rate, findings)
+        return concluded(by_band, steady - offset, self._rate, findings, self._settings)

@@ -6,7 +6,7 @@ import pytest
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings, OmaSettingsError
-from tests.pipeline.oma.conftest import KnownStructure
+from tests.pipeline.oma.conftest import KnownStructure, structure
 
 
 def assert_modes_found(known: KnownStructure, result: Identification, *, tolerance: float) -> None:
@@ -78,3 +78,20 @@ def test_a_frequency_beyond_the_sampling_rate_is_refused(two_mass_system: KnownS
 def test_one_sample_is_too_short() -> None:
     rejection = identify(np.array([[1.0, 2.0]]), 40.0).rejection
     assert rejection is not None
+
+
+@pytest.mark.parametrize("n_channels", [1, 2, 4])
+def test_a_neighbours_skirt_holds_no_mode(n_channels: int) -> None:
+    shapes = np.array([[1.0, 0.6, -0.3, 0.8], [-0.6, 1.0, 0.9, 0.4]])[:, :n_channels]
+    known = structure([1.9, 5.0], 0.01, shapes)
+    for seed in (1, 2, 3):
+        y = known.ambient_response(sampling_rate=50.0, duration=300.0, seed=seed)
+        frequencies = [mode.frequency for mode in identify(y, 50.0).modes]
+        np.testing.assert_allclose(frequencies, [1.9, 5.0], rtol=0.01)
+
+
+def test_white_noise_holds_no_mode() -> None:
+    generator = np.random.default_rng(17)
+    for n_channels in (2, 3, 8):
+        y = generator.standard_normal((12_000, n_channels))
+        assert identify(y, 40.0).modes == ()

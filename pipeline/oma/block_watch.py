@@ -1,0 +1,91 @@
+"""What the link and the unit's clock did with the blocks, by the blocks alone."""
+
+from collections import Counter, deque
+
+import numpy as np
+
+from pipeline.messages import Warning  # noqa: A004  # the field's word
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+
+REMEMBERED = 600  # blocks by which a repeated one is recognised
+CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps better than 1
+CLOCK_JITTER = 1e-3  # std of the blocks' stamps about a straight line [s]
+FEWEST_STAMPS = 20  # that a line is fitted to
+
+
+class BlockWatch:
+    """Counts repeated, late and out-of-order blocks of a turbine and follows its clock.
+
+    lateness   how long an out-of-order block is waited for [s]
+    """
+
+    def __init__(self, lateness: float) -> None:
+        self._lateness = lateness
+        self._session = ""
+        self._seen: deque[int] = deque(maxlen=REMEMBERED)
+        self._newest: AccelerationBlock | None = None
+        self._counts: Counter[str] = Counter()
+        self._stamps: deque[tuple[int, float, float]] = deque()  # start [ns], due, off [s]
+        self._origin: AccelerationBlock | None = None
+
+    def note(self, block: AccelerationBlock) -> None:
+        """Take a block as it arrives."""
+        if block.session != self._session:
+            self._session, self._newest, self._origin = block.session, None, block
+            self._seen.clear()
+            self._stamps.clear()
+        if block.sequence in self._seen:
+            self._counts["repeated"] += 1
+            return
+        self._seen.append(block.sequence)
+        if self._newest is None or block.sequence > self._newest.sequence:
+            self._newest = block
+        else:
+            behind = (self._newest.first_sample - block.first_sample) / block.sampling_rate
+            self._counts["late" if behind > self._lateness else "out-of-order"] += 1
+        self._stamp(block)
+
+    def _stamp(self, block: AccelerationBlock) -> None:
+        assert self._origin is not None
+        due = (block.first_sample - self._origin.first_sample) / block.sampling_rate
+        off = (block.start_ns - self._origin.start_ns) / NANOSECONDS - due
+        self._stamps.append((block.start_ns, due, off))
+
+    def warnings_until(self, end_ns: int) -> tuple[Warning, ...]:
+        """What went wrong since the last time this was asked, stamps up to a moment [ns]."""
+        texts = {
+            "repeated": "blocks came twice and were used once",
+            "out-of-order": "blocks came after their successors and were put in order",
+            "late": "blocks came too late to be waited for",
+        }
+        counted = [
+            Warning(code, f"{self._counts[code]} {text}")
+            for code, text in texts.items()
+            if self._counts[code]
+        ]
+        self._counts.clear()
+        return (*counted, *self._clock_warnings(end_ns))
+
+    def _clock_warnings(self, end_ns: int) -> list[Warning]:
+        stamps = []
+        while self._stamps and self._stamps[0][0] < end_ns:
+            stamps.append(self._stamps.popleft())
+        if len(stamps) < FEWEST_STAMPS:
+            return []
+        due, off = np.array([stamp[1:] for stamp in stamps]).T
+        slope, offset = np.polyfit(due - due[0], off, 1)
+        scatter = float(np.std(off - slope * (due - due[0]) - offset))
+        warnings = []
+        if abs(slope) * 1e6 > CLOCK_DRIFT:
+            text = (
+                f"the unit's time stamps run {1e6 * slope:+.0f} ppm against its sampling rate; "
+                "frequencies follow the sampling rate"
+            )
+            warnings.append(Warning("clock-drift", text))
+        if scatter > CLOCK_JITTER:
+            text = (
+                f"the unit's time stamps scatter by {1e3 * scatter:.2g} ms; samples are taken as "
+                "even"
+            )
+            warnings.append(Warning("clock-jitter", text))
+        return warnings

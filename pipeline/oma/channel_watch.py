@@ -1,0 +1,82 @@
+"""Have two channels changed place? A cable plugged in wrongly shows in the shapes alone."""
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.messages import ModalEstimate, Mode
+from pipeline.modal_shapes import modal_assurance_criterion
+
+FloatArray = NDArray[np.float64]
+
+SAME_MODE = 0.01  # relative distance of frequencies of one mode in two windows [-]
+CLEAR_SHAPE = 0.05  # largest std of a component that can show a swap [-]
+FEWEST_MODES = 3
+WORSE, GOOD = 0.1, 0.95  # mean MAC that is lost, and regained by the swap [-]
+
+
+class ChannelWatch:
+    """Remembers the shapes of a turbine's last good window."""
+
+    def __init__(self) -> None:
+        self._reference: ModalEstimate | None = None
+
+    def swap_in(self, estimate: ModalEstimate) -> str | None:
+        """Which two channels have changed place since the last good window, in words, or None.
+
+        A pair is named where exchanging it brings the shapes of the modes found again, at their
+        frequencies, back to what they were.
+        """
+        reference = self._reference
+        if reference is None or reference.channels != estimate.channels:
+            self._reference = estimate
+            return None
+        now, before = _shapes_of_same_modes(estimate, reference)
+        if len(now) < FEWEST_MODES:
+            return None
+        as_it_is = _mean_mac(now, before)
+        best, pair = max(
+            (_mean_mac(_exchanged(now, i, j), before), (i, j))
+            for i, j in combinations(range(now.shape[1]), 2)
+        )
+        if best < GOOD or best - as_it_is < WORSE:
+            self._reference = estimate
+            return None
+        first, second = (estimate.channels[index] for index in pair)
+        return (
+            f"{first} and {second} have changed place: exchanging them raises the mean MAC of "
+            f"{len(now)} modes with the last good window from {as_it_is:.2f} to {best:.2f}"
+        )
+
+
+def _shapes_of_same_modes(
+    estimate: ModalEstimate, reference: ModalEstimate
+) -> tuple[FloatArray, FloatArray]:
+    """Shapes of the modes that both windows see clearly at one frequency, (n, n_channels) each."""
+    pairs = []
+    for mode in filter(_is_clear, estimate.modes):
+        near = [
+            other
+            for other in filter(_is_clear, reference.modes)
+            if abs(mode.frequency / other.frequency - 1.0) < SAME_MODE
+        ]
+        if len(near) == 1:
+            pairs.append((mode.shape, near[0].shape))
+    shapes = np.array(pairs).reshape(len(pairs), 2, len(estimate.channels))
+    return shapes[:, 0], shapes[:, 1]
+
+
+def _is_clear(mode: Mode) -> bool:
+    return not mode.pair_id and float(mode.shape_std.max()) < CLEAR_SHAPE
+
+
+def _exchanged(shapes: FloatArray, i: int, j: int) -> FloatArray:
+    order = np.arange(shapes.shape[1])
+    order[[i, j]] = order[[j, i]]
+    return shapes[:, order]
+
+
+def _mean_mac(ones: FloatArray, others: FloatArray) -> float:
+    mac = modal_assurance_criterion(ones[:, None], others[:, None])
+    return float(mac.mean())
