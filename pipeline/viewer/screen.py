@@ -325,7 +325,9 @@ def faulty_channels(block: AccelerationBlock, layout: SensorLayout) -> frozenset
 
 
 def _identified(pair: ModePair | None, estimate: ModalEstimate | None) -> Mode | None:
-    """The pair's mode as this window has it; None where it lacks it."""
+    """The pair's mode as this window has it; None where it lacks it. Of two modes that cannot be
+    separated, "m1+m2", the first: both have the same frequency."""
     if pair is None or estimate is None:
         return None
-    return next((mode for mode in estimate.modes if mode.name == pair.identified), None)
+    names = pair.identified.split("+")
+    return next((mode for mode in estimate.modes if mode.name in names), None)
