@@ -28,6 +28,7 @@ from sensors.turbine.rotor_nacelle import (
     nacelle_mass,
     rigid_bodies,
     rigid_displacement,
+    twisted_blade_bending,
 )
 
 FloatArray = NDArray[np.float64]
@@ -252,10 +253,14 @@ def wetted_share(tube: Tube, water: Water | None) -> float:
 
 
 def added_mass(tube: Tube, water: Water | None) -> float:
-    """Mass of water that moves with a wetted metre of the tube, C_a ρ π D²/4 [kg/m]."""
+    """Mass of water that moves with a wetted metre of the tube, C_a ρ π D²/4 and what is
+    inside [kg/m]."""
     if water is None:
         return 0.0
-    return water.added_mass_coefficient * water.density * np.pi * tube.diameter**2 / 4
+    mass = water.added_mass_coefficient * water.density * np.pi * tube.diameter**2 / 4
+    if water.inside:
+        mass += water.density * np.pi * (tube.diameter - 2 * tube.thickness) ** 2 / 4
+    return mass
 
 
 def _compression(turbine: TurbineDescription) -> list[tuple[float, float]]:
@@ -313,6 +318,7 @@ def _add_blades(
     blades = turbine.blades
     if blades is None:
         return
+    whole = twisted_blade_bending(blades) if blades.is_twisted else None
     bending = {direction: blade_bending(blades, direction) for direction in BLADE_PLANE}
     for number in range(blades.number):
         axes = blade_axes(turbine.rotor_nacelle, blades, number)
@@ -320,6 +326,20 @@ def _add_blades(
         along_span = axes.span @ rigid_displacement(axes.root)
         axial_mass = _blade_masses(turbine) / blades.number * np.outer(along_span, along_span)
         system.add(tower_dofs[-1], mass=axial_mass)
+        if whole is not None:
+            halves = [
+                _attachment(_root_motion(axes, direction), len(whole.mass) // 2)
+                for direction in BLADE_PLANE
+            ]
+            attach = _side_by_side(*halves)
+            nodes = [blade_dofs[number, :, columns].ravel() for columns in BLADE_PLANE.values()]
+            own_dofs = [np.concatenate(pair) for pair in zip(nodes, inner.values(), strict=True)]
+            system.add(
+                np.concatenate([tower_dofs[-1], *own_dofs]),
+                mass=attach.T @ whole.mass @ attach,
+                stiffness=attach.T @ whole.stiffness @ attach,
+            )
+            continue
         for direction, columns in BLADE_PLANE.items():
             own = bending[direction]
             attach = _attachment(_root_motion(axes, direction), len(own.mass))
@@ -345,3 +365,11 @@ def _attachment(root: FloatArray, size: int) -> FloatArray:
     attach[:2, :6] = root
     attach[2:, 6:] = np.eye(size - 2)
     return attach
+
+
+def _side_by_side(flap: FloatArray, edge: FloatArray) -> FloatArray:
+    """Two attachments to the same tower top as one, (2 size, 6 + 2 (size − 2))."""
+    top = np.concatenate([flap[:, :6], edge[:, :6]])
+    none = np.zeros_like(flap[:, 6:])
+    own = np.block([[flap[:, 6:], none], [none, edge[:, 6:]]])
+    return np.concatenate([top, own], axis=1)

@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 Direction = Literal["FA", "SS"]
 Vector = tuple[float, float, float]
 
-SHIPPED = ("iea15mw_monopile",)
+SHIPPED = ("iea15mw_monopile", "iea15mw_detailed")
 STANDARD_GRAVITY = 9.80665  # [m/s²]
 _TOUCHING = 1e-6  # two elevations closer than this are the same [m]
 
@@ -38,6 +38,7 @@ class Tube:
     youngs_modulus: float  # E [Pa]
     density: float  # ρ, of the wall with paint, bolts and flanges [kg/m³]
     poisson_ratio: float = 0.3  # ν [-]; enters the torsional stiffness only
+    attached_mass: float = 0.0  # of what it carries without stiffness (transition piece) [kg/m]
 
     def __post_init__(self) -> None:
         where = f"tube from {self.bottom:g} to {self.top:g} m"
@@ -45,6 +46,7 @@ class Tube:
             raise TurbineError(f"{where}: top must lie above bottom")
         for key in ("diameter", "thickness", "youngs_modulus", "density"):
             _require_positive(where, key, getattr(self, key))
+        _require_not_negative(where, "attached_mass", self.attached_mass)
         if not self.thickness <= self.diameter / 2:
             raise TurbineError(
                 f"{where}: thickness is {self.thickness:g} m; a tube of {self.diameter:g} m has "
@@ -82,20 +84,21 @@ class Tube:
     @property
     def mass_per_length(self) -> float:
         """[kg/m]"""
-        return self.density * self.area
+        return self.density * self.area + self.attached_mass
 
 
 @dataclass(frozen=True, slots=True)
 class Water:
-    """Sea water outside the tubes, from the mudline up to its level.
+    """Sea water outside the tubes, from the mudline up to its level, and perhaps inside.
 
     It moves with the tube as C_a ρ π D²/4 [kg/m] in the two horizontal directions. Its weight and
-    pressure do not enter.
+    pressure do not enter. Water inside a flooded tube moves with it, ρ π (D − 2t)²/4 [kg/m].
     """
 
     level: float = 0.0  # above mean water level [m]
     density: float = 1025.0  # ρ [kg/m³]
     added_mass_coefficient: float = 1.0  # C_a [-]
+    inside: bool = False  # whether the tubes are flooded to the same level
 
     def __post_init__(self) -> None:
         _require_not_negative("water", "density", self.density)
@@ -145,6 +148,7 @@ class BladeElement:
     mass_per_length: float  # [kg/m]
     flapwise_rigidity: float  # EI for displacement across the chord [N·m²]
     edgewise_rigidity: float  # EI for displacement along the chord [N·m²]
+    twist: float = 0.0  # of the chord against the pitch axis' zero, towards feather [deg]
 
     def __post_init__(self) -> None:
         where = f"blade element from {self.inner:g} to {self.outer:g} m"
@@ -161,7 +165,7 @@ class BladeElement:
 
 @dataclass(frozen=True, slots=True)
 class Blades:
-    """The blades of the locked rotor: equal, straight, without twist, rigid axially."""
+    """The blades of the locked rotor: equal, straight, rigid axially."""
 
     number: int
     elements: tuple[BladeElement, ...]  # from root to tip
@@ -184,6 +188,11 @@ class Blades:
                 f"blades: the first element starts at {self.elements[0].inner:g} m; "
                 "it starts at the root, 0 m"
             )
+
+    @property
+    def is_twisted(self) -> bool:
+        """Whether flapwise and edgewise bending are coupled."""
+        return any(part.twist for part in self.elements)
 
 
 @dataclass(frozen=True, slots=True)

@@ -147,3 +147,36 @@ def blade_bending(blades: Blades, direction: BladeDirection) -> BladeBending:
         stiffness[np.ix_(dofs, dofs)] += element.stiffness
         mass[np.ix_(dofs, dofs)] += element.mass
     return BladeBending(stiffness=stiffness, mass=mass)
+
+
+def twisted_blade_bending(blades: Blades) -> BladeBending:
+    """One blade's bending in both directions, coupled where an element's axes are turned.
+
+    Degrees of freedom: those of `blade_bending` flapwise, then edgewise. An element bends about
+    axes turned by its twist τ, v_p = cos τ v_flap + sin τ v_edge and across it; its own
+    clamped-clamped amplitudes are along those.
+    """
+    n_nodes, n_modes = len(blades.elements) + 1, blades.modes_per_element
+    size = 2 * n_nodes + n_modes * len(blades.elements)
+    stiffness, mass = np.zeros((2 * size, 2 * size)), np.zeros((2 * size, 2 * size))
+    for i, part in enumerate(blades.elements):
+        inner = 2 * n_nodes + n_modes * i
+        dofs = np.r_[2 * i : 2 * i + 4, inner : inner + n_modes]
+        both = np.concatenate([dofs, size + dofs])
+        turn = _element_turn(np.radians(part.twist), n_modes)
+        for number, rigidity in enumerate((part.flapwise_rigidity, part.edgewise_rigidity)):
+            rows = turn[number * len(dofs) : (number + 1) * len(dofs)]
+            element = craig_bampton_element(
+                rigidity, part.mass_per_length, part.length, modes=n_modes
+            )
+            stiffness[np.ix_(both, both)] += rows.T @ element.stiffness @ rows
+            mass[np.ix_(both, both)] += rows.T @ element.mass @ rows
+    return BladeBending(stiffness=stiffness, mass=mass)
+
+
+def _element_turn(twist: float, n_modes: int) -> FloatArray:
+    """(2n, 2n) from flapwise and edgewise coordinates of an element to those of its own axes."""
+    nodal = np.r_[np.ones(4), np.zeros(n_modes)]
+    own = np.diag(np.r_[np.zeros(4), np.ones(n_modes)])
+    along, across = np.cos(twist) * np.diag(nodal), np.sin(twist) * np.diag(nodal)
+    return np.block([[along + own, across], [-across, along + own]])
