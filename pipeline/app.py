@@ -12,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.node import Node
+from pipeline.nodes.operation import IdentificationInContext, UpdatingInContext
 from pipeline.nodes.updating import FoundationUpdaterNode
 from pipeline.recording.writer import Metadata, Recorder
 from pipeline.scenario import Scenario
@@ -53,9 +53,12 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
     """The nodes of a session in the order of the flow."""
 
     def identification() -> Node:
-        return IdentificationNode(scenario.oma)
+        return IdentificationInContext(scenario.oma)
 
     def updating() -> Node:
+        return UpdatingInContext(updating_of_one_turbine, layout, scenario.operation)
+
+    def updating_of_one_turbine() -> Node:
         model = ModalModel(scenario.structure, layout)
         updater = FoundationUpdater(model, layout, scenario.updating, seed=scenario.seed)
         return FoundationUpdaterNode(updater)
@@ -67,7 +70,7 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
         assert outputs.recording is not None
         return Recorder(outputs.recording, metadata=outputs.metadata or {}, clock=time.time_ns)
 
-    graph = [Plan(IdentificationNode, identification), Plan(FoundationUpdaterNode, updating)]
+    graph = [Plan(IdentificationInContext, identification), Plan(UpdatingInContext, updating)]
     if outputs.views:
         graph.append(Plan(Viewer, viewer))
     if outputs.recording:

@@ -192,17 +192,35 @@ def _print_session(session: Any) -> None:
 
 @app.command()
 def simulate(
-    scenario: Annotated[str, typer.Argument(help="A shipped scenario or a TOML file.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="The MCAP file to write.")],
+    scenario: Annotated[
+        str | None, typer.Argument(help="A shipped scenario or a TOML file.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The MCAP file to write.")] = None,
     duration: Annotated[
         float | None, typer.Option(help="Duration [s], instead of the scenario's.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed, instead of the scenario's.")] = None,
+    show_list: Annotated[bool, typer.Option("--list", help="List the shipped scenarios.")] = False,
+    describe: Annotated[
+        str | None, typer.Option(help="Say what a scenario simulates, and simulate nothing.")
+    ] = None,
 ) -> None:
     """Simulate a scenario's turbine and record what its sensors say."""
-    from pipeline.scenario import load_scenario, with_overrides
+    from pipeline.scenario import load_scenario, shipped_scenarios, with_overrides
     from pipeline.sources import record_simulation, simulated
+    from pipeline.tables import scenario_description, scenarios_table
 
+    if show_list:
+        output.print(scenarios_table([load_scenario(name) for name in shipped_scenarios()]))
+        return
+    if describe is not None:
+        output.print(scenario_description(load_scenario(describe)), highlight=False)
+        return
+    if scenario is None or out is None:
+        raise InputError(
+            "simulate needs a scenario and -o FILE.mcap; `pilewatch simulate --list` shows the "
+            "scenarios that come with it"
+        )
     chosen = with_overrides(load_scenario(scenario), duration=duration, seed=seed)
     source = simulated(chosen)
     with _progress(source.text, source.duration) as report:

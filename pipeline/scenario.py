@@ -12,6 +12,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
+from pipeline.nodes.operation import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.updating.updater import UpdatingSettings
 from sensors.errors import InputError
@@ -19,6 +22,7 @@ from sensors.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.settings import settings_from_table
 from sensors.simulated import SimulationSettings
 from sensors.turbine.description import TurbineDescription, load_turbine
+from sensors.turbine.foundation import positive_definite
 
 DEFAULT_SCENARIO = "parked"
 
@@ -62,6 +66,20 @@ class FlowSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class FarmSettings:
+    """Several turbines alike but for their foundations."""
+
+    turbines: int = 1
+    spread: float = 0.0  # of the true springs about the scenario's, uniform, relative [-]
+
+    def __post_init__(self) -> None:
+        if not self.turbines >= 1:
+            raise ScenarioError(f"turbines is {self.turbines}; a farm has at least 1")
+        if not 0.0 <= self.spread < 0.5:
+            raise ScenarioError(f"spread is {self.spread:g}; it is 0 to 0.5")
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """Everything that a session is made of. One section of the file per field."""
 
@@ -74,6 +92,8 @@ class Scenario:
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
     oma: OmaSettings = field(default_factory=OmaSettings)
     updating: UpdatingSettings = field(default_factory=UpdatingSettings)
+    operation: OperationSettings = field(default_factory=OperationSettings)
+    farm: FarmSettings = field(default_factory=FarmSettings)
     flow: FlowSettings = field(default_factory=FlowSettings)
     text: str = ""  # the file as it was read
     origin: str = DEFAULT_SCENARIO  # shipped name or path, as the person gave it
@@ -150,6 +170,38 @@ def with_overrides(
     if duration is not None:
         simulation = replace(simulation, duration=duration)
     return replace(scenario, simulation=simulation, seed=scenario.seed if seed is None else seed)
+
+
+def farm_members(scenario: Scenario) -> tuple[Scenario, ...]:
+    """The scenario of each turbine: an id, a seed and, about the scenario's, a truth of its own.
+
+    A farm of one is the scenario itself. Truths that are not positive definite are drawn again.
+    """
+    farm = scenario.farm
+    if farm.turbines == 1:
+        return (scenario,)
+    nominal = scenario.structure.nominal
+    truths = np.random.default_rng([scenario.seed, farm.turbines])
+    members = []
+    for number in range(1, farm.turbines + 1):
+        ratios = np.zeros(3)
+        while not positive_definite(ratios * nominal):
+            spread = truths.uniform(-farm.spread, farm.spread, 3)
+            ratios = np.array(scenario.simulation.stiffness_ratios) * (1.0 + spread)
+        k11, k22, k12 = ratios.tolist()
+        members.append(
+            replace(
+                scenario,
+                seed=1000 * scenario.seed + number,
+                turbine=replace(scenario.turbine, id=f"{scenario.turbine.id}-{number}"),
+                sensors=replace(
+                    scenario.sensors, layout_id=f"{scenario.sensors.layout_id}-{number}"
+                ),
+                simulation=replace(scenario.simulation, stiffness_ratios=(k11, k22, k12)),
+                farm=FarmSettings(),
+            )
+        )
+    return tuple(members)
 
 
 def scenario_metadata(scenario: Scenario) -> dict[str, str]:

@@ -1,5 +1,6 @@
 """What a session listens to: a recording, a simulation, or instruments that publish."""
 
+import heapq
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -17,6 +18,7 @@ from pipeline.runner import with_end
 from pipeline.scenario import (
     DEFAULT_SCENARIO,
     Scenario,
+    farm_members,
     load_scenario,
     scenario_from_metadata,
     scenario_metadata,
@@ -86,16 +88,18 @@ class Source:
         return replace(self, recording=path)
 
     def _sensor_messages(self) -> Iterator[Message]:
-        measured: Iterable[SensorMessage]
         if self.recording is not None:
             measured = ReplayedTower(sensor_messages(self.recording))
             later = _later_truths(recorded_truths(self.recording), self.truth)
-        else:
-            yield self.layout
-            tower = simulated_tower(self.scenario)
-            measured = tower.messages()
-            later = _later_truths(simulated_truths(tower), self.truth)
-        yield from with_truths(measured, later)
+            yield from with_truths(measured, later)
+            return
+        towers = [simulated_tower(member) for member in farm_members(self.scenario)]
+        yield from (tower.layout for tower in towers)
+        yield from heapq.merge(*(self._simulated(tower) for tower in towers), key=_begin)
+
+    def _simulated(self, tower: SimulatedTower) -> Iterator[Message]:
+        """Everything of one turbine but its layout and the truth that was said already."""
+        return with_truths(tower.messages(), _later_truths(simulated_truths(tower), self.truth))
 
 
 SensorMessage = AccelerationBlock | SensorLayout | ScadaSample
@@ -139,7 +143,7 @@ def _springs(truth: FoundationTruth) -> tuple[float, float, float]:
 def _later_truths(
     truths: Iterator[FoundationTruth], first: FoundationTruth | None
 ) -> Iterator[FoundationTruth]:
-    return (truth for truth in truths if first is None or truth.time_ns > first.time_ns)
+    return (truth for truth in truths if truth != first)
 
 
 def with_truths(
@@ -153,6 +157,17 @@ def with_truths(
                 yield waiting
                 waiting = next(truths, None)
         yield message
+
+
+def _begin(message: Message) -> int:
+    """Where a message stands among those of other turbines [ns]."""
+    match message:
+        case AccelerationBlock():
+            return message.start_ns
+        case FoundationTruth() | ScadaSample():
+            return message.time_ns
+        case _:
+            return 0
 
 
 def _due_time(message: Message) -> int | None:
@@ -245,11 +260,12 @@ def _recorded_truth(metadata: Metadata, turbine: str) -> FoundationTruth | None:
 
 def simulated(scenario: Scenario) -> Source:
     """The scenario's simulated turbine as a source."""
+    first = farm_members(scenario)[0]
     return Source(
         text=f"simulate:{scenario.name}",
         scenario=scenario,
-        layout=scenario.layout,
-        truth=next(simulated_truths(simulated_tower(scenario))),
+        layout=first.layout,
+        truth=next(simulated_truths(simulated_tower(first))),
         duration=scenario.simulation.duration,
     )
 

@@ -144,6 +144,8 @@ class SessionSummary:
     )
 
     def handle(self, message: Message) -> Iterable[Message]:
+        if getattr(message, "turbine", self.turbine) != self.turbine:
+            return ()  # another of the farm
         match message:
             case ModalEstimate():
                 self.estimates.append(message)

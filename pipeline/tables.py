@@ -6,6 +6,7 @@ from rich.table import Table
 
 from pipeline.model_modes import ModelModes
 from pipeline.recording.info import RecordingInfo
+from pipeline.scenario import Scenario
 from pipeline.summary import CombinedMode, Json
 
 
@@ -127,3 +128,21 @@ def _table(title: str) -> Table:
 
 def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" + ("" if count == 1 else "s")
+
+
+def scenarios_table(scenarios: Sequence[Scenario]) -> Table:
+    """The scenarios that come with pilewatch: name, duration, title."""
+    table = _table("Scenarios")
+    table.add_column("name")
+    table.add_column("duration", justify="right")
+    table.add_column("what it is")
+    for scenario in scenarios:
+        minutes = scenario.simulation.duration / 60.0
+        table.add_row(scenario.name, f"{minutes:.0f} min", scenario.title)
+    return table
+
+
+def scenario_description(scenario: Scenario) -> str:
+    """A scenario in words: its title, what it simulates and needs, and its file."""
+    settings = scenario.text.rpartition('"""')[2]
+    return f"{scenario.name}: {scenario.title}\n{scenario.description}\n{settings}"

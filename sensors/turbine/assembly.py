@@ -332,8 +332,10 @@ def _add_blades(
                 for direction in BLADE_PLANE
             ]
             attach = _side_by_side(*halves)
-            nodes = [blade_dofs[number, :, columns].ravel() for columns in BLADE_PLANE.values()]
-            own_dofs = [np.concatenate(pair) for pair in zip(nodes, inner.values(), strict=True)]
+            own_dofs = [
+                np.concatenate([blade_dofs[number, :, columns].ravel(), inner[direction]])
+                for direction, columns in BLADE_PLANE.items()
+            ]
             system.add(
                 np.concatenate([tower_dofs[-1], *own_dofs]),
                 mass=attach.T @ whole.mass @ attach,

@@ -1,0 +1,238 @@
+"""What the turbine was doing during a window, and which windows may speak of the foundation.
+
+    ScadaSample ─┐
+    block ───────┴► [identification] ──► ModalEstimate with its state, yaw and water level
+                                             │
+                       [updating]: state allowed? ── no ──► WindowRejected
+                                             │ yes, its shapes turned to the nacelle's axes
+                                             ▼
+                                       FoundationPosterior
+
+Both are the ordinary nodes in a coat: they keep their names and take what those take.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.messages import (
+    Message,
+    ModalEstimate,
+    Mode,
+    WindowRejected,
+)
+from pipeline.modal_shapes import normalised_to, renormalised_factor
+from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.node import Node
+from pipeline.oma.block_watch import BlockWatch
+from pipeline.oma.channel_watch import ChannelWatch
+from pipeline.oma.settings import OmaSettings
+from sensors.blocks import AccelerationBlock
+from sensors.errors import InputError
+from sensors.layout import SensorLayout
+from sensors.scada import ScadaSample
+
+FloatArray = NDArray[np.float64]
+
+STATES = ("parked", "idling", "start", "operating", "stop")
+CHANGING = "changing"  # state of a window during which the state or the yaw changed
+STEADY_YAW = 2.0  # range of the yaw over a window whose axes are known [deg]
+KEPT = 10_000  # SCADA samples that are remembered: more than a day at 10 s
+
+
+@dataclass(frozen=True, slots=True)
+class OperationSettings:
+    """Which windows may update the foundation."""
+
+    allowed_states: tuple[str, ...] = ("parked", "idling")  # "" (unknown) always may
+
+    def __post_init__(self) -> None:
+        for state in self.allowed_states:
+            if state not in STATES:
+                raise InputError(
+                    f"[operation] allowed_states has {state!r}; states are {', '.join(STATES)}"
+                )
+
+
+class OperationLog:
+    """What the controllers of some turbines have said lately."""
+
+    def __init__(self) -> None:
+        self._samples: dict[str, deque[ScadaSample]] = {}  # by turbine
+
+    def note(self, sample: ScadaSample) -> None:
+        """Remember a sample."""
+        self._samples.setdefault(sample.turbine, deque(maxlen=KEPT)).append(sample)
+
+    def with_conditions(self, estimate: ModalEstimate) -> ModalEstimate:
+        """The estimate with what the controller said of its window; unchanged where it said
+        nothing."""
+        samples = self._during(estimate)
+        if not samples:
+            return estimate
+        states = list(dict.fromkeys(sample.state for sample in samples))
+        yaws = np.array([sample.yaw for sample in samples])
+        steady = len(states) == 1 and np.ptp(yaws) <= STEADY_YAW
+        return replace(
+            estimate,
+            operating_state=states[0] if steady else CHANGING,
+            wind_speed=float(np.mean([sample.wind_speed for sample in samples])),
+            rotor_speed=float(np.mean([sample.rotor_speed for sample in samples])),
+            yaw=float(np.mean(yaws)),
+            water_level=float(np.mean([sample.water_level for sample in samples])),
+        )
+
+    def _during(self, estimate: ModalEstimate) -> list[ScadaSample]:
+        """Samples of the window, and the one that holds when it begins."""
+        known = self._samples.get(estimate.turbine, ())
+        before = [sample for sample in known if sample.time_ns <= estimate.start_ns]
+        inside = [s for s in known if estimate.start_ns < s.time_ns < estimate.end_ns]
+        return before[-1:] + inside
+
+
+class IdentificationInContext:
+    """The identification with what it knows of operation, clock, link and wiring.
+
+    Every estimate carries the state, yaw and water level of its window by SCADA. What the link and
+    the clock did wrong is told with the next estimate; a window in which two channels have changed
+    place is rejected.
+    """
+
+    name = "identification"
+    inputs: tuple[type, ...] = (*IdentificationNode.inputs, ScadaSample)
+
+    def __init__(self, settings: OmaSettings | None = None) -> None:
+        self._settings = settings or OmaSettings()
+        self._inner = IdentificationNode(self._settings)
+        self._log = OperationLog()
+        self._blocks: dict[str, BlockWatch] = {}  # by turbine
+        self._channels: dict[str, ChannelWatch] = {}
+
+    def handle(self, message: Message) -> Iterator[Message]:
+        if isinstance(message, ScadaSample):
+            self._log.note(message)
+            return
+        if isinstance(message, AccelerationBlock):
+            watch = self._blocks.setdefault(message.turbine, BlockWatch(self._settings.lateness))
+            watch.note(message)
+        for answer in self._inner.handle(message):
+            yield self._in_context(answer) if isinstance(answer, ModalEstimate) else answer
+
+    def _in_context(self, estimate: ModalEstimate) -> ModalEstimate | WindowRejected:
+        estimate = self._log.with_conditions(estimate)
+        swapped = self._channels.setdefault(estimate.turbine, ChannelWatch()).swap_in(estimate)
+        if swapped is not None:
+            return _rejected(estimate, "swapped-channels", swapped)
+        doubts = self._blocks[estimate.turbine].warnings_until(estimate.end_ns)
+        return replace(estimate, warnings=estimate.warnings + doubts)
+
+    def close(self) -> None:
+        self._inner.close()
+
+    @property
+    def late(self) -> int:
+        """See `IdentificationNode.late`."""
+        return self._inner.late
+
+    @property
+    def duplicate(self) -> int:
+        """See `IdentificationNode.duplicate`."""
+        return self._inner.duplicate
+
+
+class UpdatingInContext:
+    """The updating, one updater a turbine, fed with windows of the allowed states alone.
+
+    make      → the updating node of one more turbine
+    layout    of the sensors, whose axes the model's shapes are read along
+    settings  which states are allowed
+    """
+
+    name = "updating"
+    inputs: tuple[type, ...] = (ModalEstimate,)
+
+    def __init__(
+        self,
+        make: Callable[[], Node],
+        layout: SensorLayout,
+        settings: OperationSettings | None = None,
+    ) -> None:
+        self._make = make
+        self._layout = layout
+        self._allowed = (settings or OperationSettings()).allowed_states
+        self._spare: Node | None = make()  # made before the first window waits for it
+        self._updaters: dict[str, Node] = {}
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        if not isinstance(message, ModalEstimate):
+            return ()
+        state = message.operating_state
+        if state and state not in self._allowed:
+            reason = (
+                f"the turbine was {state}; only {' and '.join(self._allowed)} windows update the "
+                "foundation"
+            )
+            return (_rejected(message, "operating-state", reason),)
+        if message.turbine not in self._updaters:
+            self._updaters[message.turbine] = self._spare or self._make()
+            self._spare = None
+        return self._updaters[message.turbine].handle(in_nacelle_axes(message, self._layout))
+
+    def close(self) -> None:
+        for updater in self._updaters.values():
+            updater.close()
+
+
+def _rejected(estimate: ModalEstimate, code: str, reason: str) -> WindowRejected:
+    return WindowRejected(
+        turbine=estimate.turbine,
+        window=estimate.window,
+        start_ns=estimate.start_ns,
+        end_ns=estimate.end_ns,
+        code=code,
+        reason=reason,
+    )
+
+
+def in_nacelle_axes(estimate: ModalEstimate, layout: SensorLayout) -> ModalEstimate:
+    """The estimate with its shapes turned from the tower's axes to those of the yawed nacelle.
+
+    Sensors are fixed to the tower while fore-aft follows the nacelle. Two axes at one height span
+    the horizontal motion there, whatever their directions; it is read again along the layout's own
+    directions after a turn by −yaw. Unchanged where the yaw is 0 or unknown.
+    """
+    if not np.isfinite(estimate.yaw) or abs(estimate.yaw) < 1e-9:
+        return estimate
+    turn = turning_matrix(layout, estimate.yaw)
+    return replace(estimate, modes=tuple(_turned(mode, turn) for mode in estimate.modes))
+
+
+def turning_matrix(layout: SensorLayout, yaw: float) -> FloatArray:
+    """(n_channels, n_channels): readings along tower axes → along nacelle axes, yaw [deg].
+
+    Raises InputError for a height with one axis alone, whose motion across is not known.
+    """
+    angle = np.radians(yaw)
+    to_nacelle = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    turn = np.zeros((len(layout.channels), len(layout.channels)))
+    for elevation in np.unique(layout.elevations):
+        own = np.flatnonzero(layout.elevations == elevation)
+        axes = layout.directions[own, :2]
+        if np.linalg.matrix_rank(axes, tol=0.1) < 2:
+            raise InputError(
+                f"layout {layout.layout_id} has one direction only at {elevation:g} m; a nacelle "
+                f"yawed by {yaw:g} deg needs two"
+            )
+        turn[np.ix_(own, own)] = axes @ to_nacelle @ np.linalg.pinv(axes)
+    return turn
+
+
+def _turned(mode: Mode, turn: FloatArray) -> Mode:
+    shape = turn @ mode.shape
+    unit = int(np.argmax(np.abs(shape)))
+    factor = mode.covariance_factor.copy()
+    factor[2:] = renormalised_factor(shape, turn @ mode.covariance_factor[2:], unit)
+    return replace(mode, shape=normalised_to(shape, unit), covariance_factor=factor)
