@@ -7,9 +7,10 @@ import numpy as np
 from scipy.linalg import eigh
 
 from pipeline.updating.forward_model import FloatArray, ForwardModel
+from pipeline.updating.laplace import Peak
 from pipeline.updating.likelihood import ModalLikelihood
 from pipeline.updating.prior import Prior, modal_where_supported
-from pipeline.updating.sampling import log_prior_volume
+from pipeline.updating.sampling import Target, log_prior_volume
 
 
 class StiffnessDensity:
@@ -41,6 +42,10 @@ class StiffnessDensity:
     def prior_draws(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, 3)"""
         return self._prior.draws(n, generator)
+
+    def target(self, peak: Peak, ensemble: FloatArray | None = None) -> Target:
+        """What a sampler is given. ensemble: (n, 3) draws of the posterior before."""
+        return Target(self, self.prior_draws, self.log_prior_volume, peak, ensemble)
 
 
 class JointDensity:
@@ -84,3 +89,11 @@ class JointDensity:
         """(n, 4)"""
         sigma = generator.uniform(0.0, self._prior.settings.highest_sigma, size=n)
         return np.column_stack([self._prior.draws(n, generator), sigma])
+
+    def target(self, peak: Peak) -> Target:
+        """What a sampler is given. peak: of the three ratios; σ starts in its lowest half."""
+        highest = self._prior.settings.highest_sigma
+        covariance = np.zeros((4, 4))
+        covariance[:3, :3], covariance[3, 3] = peak.covariance, (highest / 4) ** 2
+        joint = Peak(np.append(peak.ratios, highest / 4), covariance)
+        return Target(self, self.prior_draws, self.log_prior_volume, joint)

@@ -7,7 +7,7 @@ share that survives the weighting (Kish ESS / N) tells how well the mixture fits
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -189,6 +189,8 @@ class Adaptation:
         self._components = components
         self._rounds: list[WeightedDraws] = []
         self._proposals: list[StudentMixture] = []
+        self._points: FloatArray = proposal.means
+        self._weights: FloatArray | None = None
         self.proposal = proposal
         self.efficiency = 0.0  # of the last round
 
@@ -217,6 +219,14 @@ class Adaptation:
             return
         fit = fitted_mixture(points, weights, self._generator, most_components=self._components)
         self.proposal = with_wide_part(fit, points, weights)
+        self._points, self._weights = points, weights
+
+    def ensemble(self, n: int) -> FloatArray | None:
+        """(n or fewer, n_dim) distinct points spread as the posterior is, as far as is known."""
+        if self._weights is None:
+            return None
+        chosen = systematic_choice(self._weights, n, self._generator)
+        return self._points[np.unique(chosen)]
 
 
 def with_wide_part(
@@ -284,10 +294,11 @@ class ImportanceSampler:
         start = first_proposal(target, generator)
         adaptation = Adaptation(density, start, generator, components=settings.components)
         for attempt in range(ATTEMPTS):
-            adaptation.pilots(settings.pilot, settings.most_pilots)
+            # what a few draws could not fit, four times as many may
+            adaptation.pilots(settings.pilot * 4**attempt, settings.most_pilots)
             expected, least = adaptation.efficiency, settings.least_efficiency
             if expected < least:
-                break
+                continue
             # a disappointing attempt is worth more as a pilot round, except for the last one
             patience = least if attempt == ATTEMPTS - 1 else max(least, expected / 2)
             drawn = drawn_until(
@@ -303,7 +314,9 @@ class ImportanceSampler:
                     drawn, target, density, settings.draws, "importance", generator
                 )
             adaptation.learn(drawn)
-        return self._by_chains(target, density, adaptation.efficiency, generator)
+        ensemble = adaptation.ensemble(ENSEMBLE)
+        warm = target if ensemble is None else replace(target, ensemble=ensemble)
+        return self._by_chains(warm, density, adaptation.efficiency, generator)
 
     def _by_chains(
         self,
@@ -319,14 +332,9 @@ class ImportanceSampler:
         )
         logger.info(doubt.text)
         walked = self.chains(target, generator)
-        return PosteriorDraws(
-            flat=walked.flat,
-            ensemble=walked.ensemble,
-            sampler=walked.sampler,
+        return replace(
+            walked,
             evaluations=walked.evaluations + density.evaluations,
-            ess=walked.ess,
-            rhat=walked.rhat,
-            autocorrelation_time=walked.autocorrelation_time,
             efficiency=efficiency,
             doubts=(doubt, *walked.doubts),
         )

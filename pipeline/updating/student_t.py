@@ -10,6 +10,7 @@ from pipeline.updating.forward_model import FloatArray
 DEGREES_OF_FREEDOM = 5.0  # ν: heavier tails than a posterior of σ integrated out has
 EM_STEPS = 60
 EM_TOLERANCE = 1e-4  # of the mean log density between two steps, where fitting stops
+MOST_FITTED = 3000  # points that a fit looks at
 SMALLEST_SCALE = 1e-12  # of a direction without spread, relative to the largest one
 
 
@@ -104,7 +105,7 @@ def fitted_mixture(
     The sample size is Kish's, since a point of great weight is still one point. AIC, not BIC: a
     proposal with a component too many costs nothing, one too few loses a bent posterior's arms.
     """
-    weights = weights / weights.sum()
+    points, weights = _thinned(points, weights / weights.sum(), generator)
     size = kish_size(weights)
     n_dim = points.shape[1]
     best, least, number = None, np.inf, 1
@@ -118,6 +119,17 @@ def fitted_mixture(
     if best is None:
         raise ValueError("weights must be finite and not all zero")
     return best
+
+
+def _thinned(
+    points: FloatArray, weights: FloatArray, generator: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """At most MOST_FITTED of the points, each with its weight's share of chances to be one."""
+    if len(points) <= MOST_FITTED:
+        return points, weights
+    counts = generator.multinomial(MOST_FITTED, weights)
+    kept = counts > 0
+    return points[kept], counts[kept] / MOST_FITTED
 
 
 def _expectation_maximisation(

@@ -2,6 +2,7 @@
 
     python -m tests.benchmarks samplers [--samples 100000] [--sign published|embedded-pile]
         [--modes eleven|visible] [--seeds 3] [--part reference|refresh|both]
+        [--sampler tmcmc --sampler importance …]
 
 The data are the windows of recordings/parked.mcap. The reference of the first part is a product
 grid over the three ratios, σ integrated on its own grid: three times, with each ratio as the
@@ -44,7 +45,7 @@ ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # [m], of the recording's layout
 GRID_REACH = 7.0  # of the reference, in standard deviations
 GRID_SIDES = (33, 43)  # points a side: the coarser only shows how exact the finer is
 STRETCH_STEPS = 1500  # of 40 walkers: some thirty autocorrelation times
-NAMES = ("k11", "k22", "k12", "sigma")
+SAMPLERS = ("tmcmc", "tmcmc-published", "tmcmc-published, joint", "importance", "emcee")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,16 +61,11 @@ class Problem:
         """Three ratios, σ integrated out."""
         generator = np.random.default_rng([seed, 1])
         density = StiffnessDensity(self.likelihood, self.forward, self.prior, generator)
-        return Target(density, density.prior_draws, density.log_prior_volume, self.peak, ensemble)
+        return density.target(self.peak, ensemble)
 
     def joint_target(self) -> Target:
         """Three ratios and σ, as the paper samples them."""
-        density = JointDensity(self.likelihood, self.forward, self.prior)
-        highest = self.prior.settings.highest_sigma
-        covariance = np.zeros((4, 4))
-        covariance[:3, :3], covariance[3, 3] = self.peak.covariance, (highest / 4) ** 2
-        peak = Peak(np.append(self.peak.ratios, highest / 4), covariance)
-        return Target(density, density.prior_draws, density.log_prior_volume, peak)
+        return JointDensity(self.likelihood, self.forward, self.prior).target(self.peak)
 
 
 def problems(sign: str, modes: str) -> list[Problem]:
@@ -209,8 +205,10 @@ def kolmogorov_distance(draws: FloatArray, distribution: Callable[..., FloatArra
     return float(max(np.abs(values - steps[1:]).max(), np.abs(values - steps[:-1]).max()))
 
 
-def reference_part(problem: Problem, samples: int, seeds: Sequence[int]) -> None:
-    """Every sampler against the grid on one posterior."""
+def reference_part(
+    problem: Problem, samplers: Sequence[str], samples: int, seeds: Sequence[int]
+) -> None:
+    """Samplers against the grid on one posterior."""
     found = sampler_of(SamplingSettings(), SamplerSettings())(
         problem.target(99), np.random.default_rng(99)
     )
@@ -231,7 +229,7 @@ def reference_part(problem: Problem, samples: int, seeds: Sequence[int]) -> None
         published=PublishedSettings(samples=samples),
     )
     chains = SamplerSettings(effective_draws=5000, most_steps=3000)
-    for method in ("tmcmc", "tmcmc-published", "tmcmc-published, joint", "importance", "emcee"):
+    for method in samplers:
         name = method.split(",")[0]
         sampler = sampler_of(replace(sampling, method=name), chains)  # type: ignore[arg-type]
         for seed in seeds:
@@ -310,9 +308,11 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--modes", choices=("eleven", "visible"), default="eleven")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--part", choices=("reference", "refresh", "both"), default="both")
+    parser.add_argument("--sampler", action="append", choices=SAMPLERS)
     options = parser.parse_args(arguments)
     found = problems(options.sign, options.modes)
     if options.part != "refresh":
-        reference_part(found[0], options.samples, range(1, options.seeds + 1))
+        seeds = range(1, options.seeds + 1)
+        reference_part(found[0], options.sampler or SAMPLERS, options.samples, seeds)
     if options.part != "reference":
         refresh_part(found, seed=1)

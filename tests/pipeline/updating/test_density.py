@@ -5,12 +5,11 @@ import pytest
 
 from pipeline.updating.density import JointDensity, StiffnessDensity
 from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.laplace import Peak, laplace_peak
+from pipeline.updating.laplace import laplace_peak
 from pipeline.updating.likelihood import LikelihoodSettings, ModalLikelihood, Observation
 from pipeline.updating.prior import Prior
 from pipeline.updating.sampler import SamplerSettings
 from pipeline.updating.samplers import SamplingSettings, sampler_of
-from pipeline.updating.sampling import Target
 from pipeline.updating.tmcmc import TemperingSettings
 from tests.pipeline.updating.small_tower import LinearTower, drawn_estimate
 
@@ -40,17 +39,12 @@ def likelihood():
 
 def stiffness_target(likelihood, seed):
     density = StiffnessDensity(likelihood, TOWER, PRIOR, np.random.default_rng(seed))
-    peak = laplace_peak(likelihood, TOWER, PRIOR, np.ones(3))
-    return Target(density, density.prior_draws, density.log_prior_volume, peak)
+    return density.target(laplace_peak(likelihood, TOWER, PRIOR, np.ones(3)))
 
 
 def joint_target(likelihood):
-    density = JointDensity(likelihood, TOWER, PRIOR)
     peak = laplace_peak(likelihood, TOWER, PRIOR, np.ones(3))
-    covariance = np.zeros((4, 4))
-    covariance[:3, :3], covariance[3, 3] = peak.covariance, 0.003**2
-    joint = Peak(np.append(peak.ratios, 0.002), covariance)
-    return Target(density, density.prior_draws, density.log_prior_volume, joint)
+    return JointDensity(likelihood, TOWER, PRIOR).target(peak)
 
 
 def test_the_joint_density_averaged_over_sigma_is_the_stiffness_density(likelihood):
