@@ -159,6 +159,7 @@ def _value(tree: Any, hint: Any, arrays: _Arrays) -> Any:
     if origin is np.ndarray:
         return arrays.next(tree["shape"])
     if is_dataclass(hint) and isinstance(hint, type):
-        hints = get_type_hints(hint)
-        return hint(**{f.name: _value(tree[f.name], hints[f.name], arrays) for f in fields(hint)})
+        types_of = get_type_hints(hint)
+        values = {f.name: _value(tree[f.name], types_of[f.name], arrays) for f in fields(hint)}
+        return hint(**values)
     return hint(tree)

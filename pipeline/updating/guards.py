@@ -6,8 +6,14 @@ itself. What tells is how badly the frequencies fit, and how many modes find no 
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from pipeline.messages import Warning as Doubt
+from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.prior import UpdatingError
+
+LARGEST_MISFIT = 3.0  # that one mode counts for [standard deviations]
+N_STIFFNESSES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +39,16 @@ class Fit:
     reduced_chi_square: float
     paired_share: float
     pairing_cost: float
+
+
+def reduced_chi_square(misfits: FloatArray) -> float:
+    """Σ min(z², 9) / (n − 3) of the frequencies' misfits z, (n,), in standard deviations.
+
+    A wrong structure is wrong in most modes; a single mode that the identification got wrong by
+    ten standard deviations says nothing about the others, so it counts as three.
+    """
+    counted = np.minimum(misfits**2, LARGEST_MISFIT**2)
+    return float(counted.sum() / max(len(misfits) - N_STIFFNESSES, 1))
 
 
 def contradictions(fit: Fit, settings: GuardSettings) -> tuple[Doubt, ...]:

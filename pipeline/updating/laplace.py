@@ -40,7 +40,7 @@ def laplace_peak(
         modes = forward.modal(prior.stiffness(points))
         whitened = likelihood.whitened(modes)
         jacobian = (whitened[1:] - whitened[0]).T / DIFFERENCE
-        weights = likelihood.weights(likelihood.log_likelihood(modes)[0])
+        weights = likelihood.weights(whitened[0] ** 2)
         gradient = jacobian.T @ (weights * whitened[0])
         hessian = (jacobian.T * weights) @ jacobian
         if not np.all(np.isfinite(hessian)):

@@ -6,23 +6,27 @@
 Source: [foundation-updating] Eqs. 9, 10. Eq. 9 prints ηᵀ Σ η where the inverse is meant: as
 printed, the posterior of k equals the prior.
 
-Three things differ from the paper, each because the intervals lie without it. The shape's unit
+Four things differ from the paper, each because the intervals lie without it. The shape's unit
 component is left out (its variance is zero). σ's discrepancy is one vector for all windows, so the
 windows are combined before R is added (`evidence`). A systematic floor is added once, after they
 are combined: the identification has a small persistent bias that more windows do not average out.
+Discrepancy and floor are Student-t distributed over the modes: one mode that the identification
+got wrong by 1 % must not drag the stiffness by 20 % (`tails`).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, cholesky, solve_triangular
+from scipy.linalg import block_diag
 
 from pipeline.updating.evidence import ModalEvidence, ModeEvidence
 from pipeline.updating.forward_model import FloatArray, ModesOfStiffness
 from pipeline.updating.pairing import Pairing
 from pipeline.updating.prior import UpdatingError
+from pipeline.updating.tails import ErrorModel, GaussianErrors, StudentErrors
 
 SMALLEST_SIGMA_STEP = 2e-4  # where σ's grid turns from even to geometric steps [-]
 
@@ -31,12 +35,14 @@ SMALLEST_SIGMA_STEP = 2e-4  # where σ's grid turns from even to geometric steps
 class LikelihoodSettings:
     """What is counted as error beside the identification's own standard deviations."""
 
-    frequency_floor: float = 0.001  # systematic, share of f [-]
-    shape_floor: float = 0.01  # systematic, share of the shape's largest component [-]
+    frequency_floor: float = 0.0005  # systematic, share of f [-]
+    shape_floor: float = 0.005  # systematic, share of the shape's largest component [-]
     resolution: float = 1.5  # model modes nearer than this many 1/T cannot be told apart [-]
     shape_mixing: float = 0.012  # model modes nearer than this share of f mix their shapes [-]
     joint_covariance: bool = False  # keep correlations between the components of one mode
-    sigma_points: int = 200  # of the grid over which σ is integrated
+    sigma_points: int = 60  # of the grid over which σ is integrated
+    tails: Literal["gaussian", "student-t"] = "student-t"  # of each mode's discrepancy and floor
+    degrees_of_freedom: float = 4.0  # of Student's t; fewer forgive an outlying mode more
 
     def __post_init__(self) -> None:
         smallest = min(self.frequency_floor, self.shape_floor, self.resolution, self.shape_mixing)
@@ -44,6 +50,15 @@ class LikelihoodSettings:
             raise UpdatingError(f"likelihood settings must not be negative; one is {smallest}")
         if self.sigma_points < 20:
             raise UpdatingError(f"sigma_points is {self.sigma_points}; at least 20 are needed")
+        if not self.degrees_of_freedom >= 1:
+            raise UpdatingError(
+                f"degrees_of_freedom is {self.degrees_of_freedom}; at least 1 is needed"
+            )
+        if self.tails == "student-t" and self.joint_covariance:
+            raise UpdatingError(
+                "tails are 'student-t' and joint_covariance is true; heavy tails are a mode's own "
+                "and need its components apart: joint_covariance = false"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +123,9 @@ def sigma_grid(highest: float, n_points: int) -> tuple[FloatArray, FloatArray]:
 
 
 class ModalLikelihood:
-    """Gaussian likelihood of the paired modes for many θ at once.
+    """Likelihood of the paired modes for many θ at once, σ on a grid.
 
-    σ² R and Σ_D are made diagonal together, once: with Σ_D = L Lᵀ and L⁻¹ R L⁻ᵀ = Q Λ Qᵀ,
-        ηᵀ Σ⁻¹ η = Σ_j η̃_j² / (1 + σ² λ_j),   η̃ = Qᵀ L⁻¹ η,
-    so that a whole grid of σ costs one matrix product, and σ can be integrated out for every θ.
+    A whole grid of σ costs one matrix product (`tails`), so σ can be integrated out for every θ.
     A chain then walks over three nearly Gaussian dimensions instead of a funnel of four.
     """
 
@@ -145,13 +158,27 @@ class ModalLikelihood:
         self.reference: FloatArray = np.concatenate(  # diagonal of R, (p,)
             [_reference(mode, rows) for mode, rows in zip(modes, self._components, strict=True)]
         )
-        self._whitening, self._ratios = _simultaneous_diagonal(
-            self.measurement_covariance, self.reference
-        )
         self.sigma, self._weights = sigma_grid(highest_sigma, settings.sigma_points)
-        growth = self.sigma[:, None] ** 2 * self._ratios
-        self._precisions = 1 / (1 + growth)  # (n_sigma, p)
-        self._log_determinants = np.log1p(growth).sum(axis=1)
+        self._errors = self._error_model(modes, settings)
+
+    def _error_model(
+        self, modes: Sequence[ModeEvidence], settings: LikelihoodSettings
+    ) -> ErrorModel:
+        if settings.tails == "gaussian":
+            return GaussianErrors(self.measurement_covariance, self.reference, self.sigma)
+        lengths = [len(rows) for rows in self._components]
+        combined = [
+            np.diag(mode.covariance)[rows]
+            for mode, rows in zip(modes, self._components, strict=True)
+        ]
+        return StudentErrors(
+            variances=np.concatenate(combined),
+            floors=np.diag(self.measurement_covariance) - np.concatenate(combined),
+            reference=self.reference,
+            sigma=self.sigma,
+            groups=_frequency_and_shape_groups(lengths),
+            degrees=settings.degrees_of_freedom,
+        )
 
     @property
     def frequency_components(self) -> NDArray[np.intp]:
@@ -172,12 +199,11 @@ class ModalLikelihood:
 
     def whitened(self, modes: ModesOfStiffness) -> FloatArray:
         """η̃, (n, p): of unit variance at σ = 0."""
-        return self.errors(modes) @ self._whitening
+        return self._errors.whitened(self.errors(modes))
 
     def log_likelihood(self, modes: ModesOfStiffness) -> FloatArray:
         """(n, n_sigma) log p(d̄ | θ, σ) on the grid of σ, constant dropped; −inf for NaN."""
-        squares = self.whitened(modes) ** 2
-        values = -0.5 * (squares @ self._precisions.T + self._log_determinants)
+        values = self._errors.log_density(self.whitened(modes) ** 2)
         return np.where(np.isfinite(values), values, -np.inf)
 
     def marginal(
@@ -192,9 +218,12 @@ class ModalLikelihood:
             marginal = highest + np.log(density @ self._weights)
         return marginal, self._drawn(density, generator)
 
-    def weights(self, log_likelihood: FloatArray) -> FloatArray:
-        """(p,) 1 / (1 + σ² λ) of the whitened errors at the likeliest σ; (n_sigma,) → (p,)."""
-        return self._precisions[int(np.argmax(log_likelihood))]
+    def weights(self, squares: FloatArray) -> FloatArray:
+        """(p,) precision of each whitened error at the likeliest σ, given their squares, (p,).
+
+        1 at σ = 0; an outlier's is smaller where tails are heavy.
+        """
+        return self._errors.weights(squares)
 
     def _drawn(self, density: FloatArray, generator: np.random.Generator) -> FloatArray:
         """One σ a row of (n, n_sigma) by inversion of the distribution, linear between nodes."""
@@ -244,12 +273,8 @@ def _reference(mode: ModeEvidence, rows: NDArray[np.intp]) -> FloatArray:
     return reference
 
 
-def _simultaneous_diagonal(
-    covariance: FloatArray, reference: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """W, (p, p), and λ, (p,), with Wᵀ Σ_D W = 1 and Wᵀ R W = diag(λ)."""
-    lower = cholesky(covariance, lower=True)
-    root = solve_triangular(lower, np.diag(np.sqrt(reference)), lower=True)
-    ratios, rotation = np.linalg.eigh(root @ root.T)
-    whitening = solve_triangular(lower, rotation, lower=True, trans="T")
-    return whitening, np.maximum(ratios, 0.0)
+def _frequency_and_shape_groups(lengths: Sequence[int]) -> NDArray[np.intp]:
+    """(p,) number of the group that each component belongs to: a mode's frequency, its shape."""
+    first = np.concatenate([np.arange(length) == 0 for length in lengths])
+    second = np.concatenate([np.arange(length) == 1 for length in lengths])
+    return np.cumsum(first | second) - 1

@@ -17,10 +17,11 @@ from pipeline.updating.checkpoint import (
     decoded_checkpoint,
     encoded_checkpoint,
 )
+from pipeline.updating.density import StiffnessDensity
 from pipeline.updating.evidence import EstimateRefused, ModalEvidence
 from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
-from pipeline.updating.guards import Fit, GuardSettings, contradictions
-from pipeline.updating.laplace import Peak, laplace_peak, starting_points
+from pipeline.updating.guards import Fit, GuardSettings, contradictions, reduced_chi_square
+from pipeline.updating.laplace import Peak, laplace_peak
 from pipeline.updating.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
@@ -41,11 +42,12 @@ from pipeline.updating.prior import (
     PriorSettings,
     modal_where_supported,
 )
-from pipeline.updating.sampler import Chains, SamplerSettings, walked
+from pipeline.updating.sampler import SamplerSettings
+from pipeline.updating.samplers import SamplingSettings, sampler_of
+from pipeline.updating.sampling import PosteriorDraws, Target
 from sensors.layout import SensorLayout
 
 MOST_DRAWS = 1000  # in a FoundationPosterior
-WARM_DISTANCE = 5.0  # of the peak from the last ensemble, in its standard deviations
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +57,8 @@ class UpdatingSettings:
     prior: PriorSettings = field(default_factory=PriorSettings)
     pairing: PairingSettings = field(default_factory=PairingSettings)
     likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
-    sampler: SamplerSettings = field(default_factory=SamplerSettings)
+    sampling: SamplingSettings = field(default_factory=SamplingSettings)
+    sampler: SamplerSettings = field(default_factory=SamplerSettings)  # emcee's
     guards: GuardSettings = field(default_factory=GuardSettings)
 
 
@@ -64,7 +67,7 @@ class UpdatingState:
     """All that is remembered between windows; its size doesn't grow with their number."""
 
     evidence: ModalEvidence
-    ensemble: FloatArray | None = None  # (n_walkers, 3) ratios where the last chains ended
+    ensemble: FloatArray | None = None  # (n, 3) ratios drawn from the last posterior
     median: FloatArray | None = None  # (3,) ratios, of the last posterior
 
 
@@ -72,7 +75,7 @@ class FoundationUpdater:
     """Turns modal evidence into a posterior of k11, k22, k12 and σ.
 
     Every posterior starts from the prior with all the evidence. Yesterday's posterior is never
-    today's prior; it only says where the chains may start.
+    today's prior; it only says where the sampler may start.
     """
 
     def __init__(
@@ -93,6 +96,7 @@ class FoundationUpdater:
         self._layout = layout
         self._seed = seed
         self._prior = Prior(forward.nominal, self.settings.prior)
+        self._sampler = sampler_of(self.settings.sampling, self.settings.sampler)
         self._reach = float(np.max(forward.modal(self._prior.nominal[None]).frequencies))
         self._search = PairingSearch(
             forward, self._prior, self.settings.pairing, np.random.default_rng(seed)
@@ -152,12 +156,19 @@ class FoundationUpdater:
     ) -> tuple[UpdatingState, FoundationPosterior]:
         generator = np.random.default_rng([self._seed, estimate.window])
         match = self._matched(state, estimate)
-        density = _Posterior(match, self._prior, generator)
-        start = self._start(state, match.peak, density, generator)
-        chains = walked(density, start, self.settings.sampler, generator)
-        median = self._representative(chains)
-        posterior = self._message(estimate, state.evidence, match, chains, median)
-        return replace(state, ensemble=chains.ensemble, median=median), posterior
+        density = StiffnessDensity(match.likelihood, match.forward, self._prior, generator)
+        target = Target(
+            log_density=density,
+            prior_draws=density.prior_draws,
+            log_prior_volume=density.log_prior_volume,
+            peak=match.peak,
+            ensemble=state.ensemble,
+        )
+        draws = self._sampler(target, generator)
+        median = self._representative(draws)
+        posterior = self._message(estimate, state.evidence, match, draws, median)
+        ensemble = np.ascontiguousarray(draws.ensemble)  # as a checkpoint gives it back: BLAS may
+        return replace(state, ensemble=ensemble, median=median), posterior  # round by layout
 
     def _matched(self, state: UpdatingState, estimate: ModalEstimate) -> "_Match":
         """Pairing, likelihood and its peak; the pairing is made once more at the peak."""
@@ -197,25 +208,10 @@ class FoundationUpdater:
         peak = laplace_peak(likelihood, forward, self._prior, pairing.ratios)
         return _Match(pairing, used, likelihood, local, forward, peak)
 
-    def _start(
-        self,
-        state: UpdatingState,
-        peak: Peak,
-        density: "_Posterior",
-        generator: np.random.Generator,
-    ) -> FloatArray:
-        """Where the last chains ended if the peak still lies among them, else around the peak."""
-        n_walkers = self.settings.sampler.walkers
-        warm = state.ensemble
-        usable = warm is not None and len(warm) == n_walkers and _among(peak.ratios, warm)
-        if warm is not None and usable and np.all(np.isfinite(density.log_density(warm))):
-            return warm
-        return starting_points(peak, density.log_density, self._prior, n_walkers, generator)
-
-    def _representative(self, chains: Chains) -> FloatArray:
+    def _representative(self, draws: PosteriorDraws) -> FloatArray:
         """(3,) the median of each ratio; where these three cannot stand together, the draw
         nearest to them."""
-        flat = chains.flat[:, :3]
+        flat = draws.flat[:, :3]
         median = np.median(flat, axis=0)
         supported, modes = modal_where_supported(self._forward, self._prior, median[None])
         if supported[0] and modes is not None and modes.admissible[0]:
@@ -228,16 +224,17 @@ class FoundationUpdater:
         estimate: ModalEstimate,
         evidence: ModalEvidence,
         match: "_Match",
-        chains: Chains,
+        draws: PosteriorDraws,
         median: FloatArray,
     ) -> FoundationPosterior:
         modes = match.all_modes.modal(self._prior.stiffness(median[None]))
+        misfits = _misfits(match, self._prior.stiffness(median[None]))
         fit = Fit(
-            reduced_chi_square=_reduced_chi_square(match, self._prior.stiffness(median[None])),
+            reduced_chi_square=reduced_chi_square(misfits),
             paired_share=match.pairing.paired_share,
             pairing_cost=match.pairing.cost,
         )
-        parameters = self._summaries(chains)
+        parameters = self._summaries(draws)
         against = contradictions(fit, self.settings.guards)
         return FoundationPosterior(
             turbine=estimate.turbine,
@@ -245,26 +242,26 @@ class FoundationUpdater:
             time_ns=estimate.end_ns,
             n_windows=evidence.n_windows,
             parameters=parameters,
-            correlation=np.asarray(np.corrcoef(chains.flat[:, :3].T)),
-            draws=self._thinned(chains),
+            correlation=np.asarray(np.corrcoef(draws.flat[:, :3].T)),
+            draws=self._thinned(draws),
             pairs=_pairs(evidence, match, modes),
             model_labels=tuple(match.all_modes.labels),
             model_frequencies=modes.frequencies[0],
             model_shapes=_largest_component_one(modes.shapes[0]),
-            sampler="emcee",
-            ess=chains.ess,
-            rhat=chains.rhat,
-            autocorrelation_time=chains.autocorrelation_time,
+            sampler=draws.sampler,
+            ess=draws.ess,
+            rhat=draws.rhat,
+            autocorrelation_time=draws.autocorrelation_time,
             reduced_chi_square=fit.reduced_chi_square,
             paired_share=fit.paired_share,
             pairing_cost=fit.pairing_cost,
             trusted=not against,
-            warnings=(*against, *self._convergence(chains), *self._unidentified(chains)),
+            warnings=(*against, *draws.doubts, *self._unidentified(draws)),
         )
 
-    def _summaries(self, chains: Chains) -> tuple[ParameterSummary, ...]:
-        """Quantiles of every draw of the chains, k in its own unit."""
-        values = chains.flat * np.append(self._prior.nominal, 1.0)
+    def _summaries(self, draws: PosteriorDraws) -> tuple[ParameterSummary, ...]:
+        """Quantiles of every draw, k in its own unit."""
+        values = draws.flat * np.append(self._prior.nominal, 1.0)
         quantiles = np.sort(np.quantile(values, [0.05, 0.5, 0.95], axis=0), axis=0)
         return tuple(
             ParameterSummary(name, unit, float(nominal), float(median), float(low), float(high))
@@ -277,36 +274,15 @@ class FoundationUpdater:
             )
         )
 
-    def _thinned(self, chains: Chains) -> FloatArray:
-        """(n <= 1000, 4) draws spread evenly over the chains, k in their units."""
-        flat = chains.flat
+    def _thinned(self, draws: PosteriorDraws) -> FloatArray:
+        """(n <= 1000, 4) draws spread evenly over all, k in their units."""
+        flat = draws.flat
         chosen = np.linspace(0, len(flat) - 1, min(MOST_DRAWS, len(flat))).round().astype(int)
         return flat[chosen] * np.append(self._prior.nominal, 1.0)
 
-    def _convergence(self, chains: Chains) -> tuple[Doubt, ...]:
-        doubts = []
-        if not chains.long_enough:
-            doubts.append(
-                Doubt(
-                    "chain-short",
-                    f"the chain of {len(chains.points)} steps is "
-                    f"{len(chains.points) / chains.autocorrelation_time:.0f} autocorrelation times "
-                    f"long with {chains.ess:.0f} effective draws; its quantiles are rough",
-                )
-            )
-        if not chains.rhat <= self.settings.guards.rhat:
-            doubts.append(
-                Doubt(
-                    "not-converged",
-                    f"the chains disagree (split R-hat {chains.rhat:.3f}, at most "
-                    f"{self.settings.guards.rhat:g} expected)",
-                )
-            )
-        return tuple(doubts)
-
-    def _unidentified(self, chains: Chains) -> tuple[Doubt, ...]:
+    def _unidentified(self, draws: PosteriorDraws) -> tuple[Doubt, ...]:
         """One sentence for each stiffness about which the sensors say next to nothing."""
-        low, high = np.quantile(chains.flat[:, :3], [0.05, 0.95], axis=0)
+        low, high = np.quantile(draws.flat[:, :3], [0.05, 0.95], axis=0)
         bounds = self.settings.prior
         shares = (high - low) / (0.9 * (bounds.highest_ratio - bounds.lowest_ratio))
         return tuple(
@@ -332,42 +308,12 @@ class _Match:
     peak: Peak
 
 
-class _Posterior:
-    """Log density of the ratios with σ integrated out, and a σ drawn for each point."""
-
-    def __init__(self, match: _Match, prior: Prior, generator: np.random.Generator) -> None:
-        self._match = match
-        self._prior = prior
-        self._generator = generator
-
-    def __call__(self, ratios: FloatArray) -> tuple[FloatArray, FloatArray]:
-        supported, modes = modal_where_supported(self._match.forward, self._prior, ratios)
-        density = np.full(len(ratios), -np.inf)
-        sigma = np.zeros(len(ratios))
-        if modes is not None:
-            density[supported], sigma[supported] = self._match.likelihood.marginal(
-                modes, self._generator
-            )
-        return density, sigma
-
-    def log_density(self, ratios: FloatArray) -> FloatArray:
-        """(n,) without the companion."""
-        return self(ratios)[0]
-
-
-def _among(point: FloatArray, ensemble: FloatArray) -> bool:
-    """Whether the point lies within a few standard deviations of the ensemble."""
-    covariance = np.cov(ensemble.T)
-    offset = point - ensemble.mean(axis=0)
-    return bool(offset @ np.linalg.pinv(covariance) @ offset < WARM_DISTANCE**2)
-
-
-def _reduced_chi_square(match: _Match, theta: FloatArray) -> float:
-    """χ² / (n − 3) of the paired frequencies at σ = 0; floor and neighbours' gaps included."""
+def _misfits(match: _Match, theta: FloatArray) -> FloatArray:
+    """(n_observations,) model minus identified frequency at theta, (1, 3), in standard deviations
+    at σ = 0; floor and neighbours' gaps included."""
     rows = match.likelihood.frequency_components
     errors = match.likelihood.errors(match.forward.modal(theta))[0, rows]
-    variances = np.diag(match.likelihood.measurement_covariance)[rows]
-    return float((errors**2 / variances).sum() / max(len(rows) - 3, 1))
+    return np.asarray(errors / np.sqrt(np.diag(match.likelihood.measurement_covariance)[rows]))
 
 
 def _pairs(evidence: ModalEvidence, match: _Match, modes: ModesOfStiffness) -> tuple[ModePair, ...]:

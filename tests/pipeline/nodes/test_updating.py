@@ -7,13 +7,16 @@ import numpy as np
 from pipeline.messages import FoundationPosterior, StreamEnd, WindowRejected
 from pipeline.nodes.node import Node
 from pipeline.nodes.updating import FoundationUpdaterNode
+from pipeline.updating.importance import ImportanceSettings
 from pipeline.updating.pairing import PairingSettings
 from pipeline.updating.sampler import SamplerSettings
+from pipeline.updating.samplers import SamplingSettings
 from pipeline.updating.updater import FoundationUpdater, UpdatingSettings
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 
 SETTINGS = UpdatingSettings(
     pairing=PairingSettings(search_draws=60, refined=2),
+    sampling=SamplingSettings(importance=ImportanceSettings(effective_draws=100, pilot=100)),
     sampler=SamplerSettings(burn_in=10, block=20, most_steps=60),
 )
 

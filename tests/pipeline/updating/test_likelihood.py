@@ -21,7 +21,9 @@ from tests.pipeline.updating.small_tower import LAYOUT, NOMINAL, LinearTower, dr
 
 TRUTH = np.array([1.05, 0.97, 1.02])
 TOWER = LinearTower()
-NO_FLOOR = LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0)
+NO_FLOOR = LikelihoodSettings(
+    frequency_floor=0.0, shape_floor=0.0, sigma_points=200, tails="gaussian"
+)
 
 
 def evidence_of(n_windows, *, seed, **options):

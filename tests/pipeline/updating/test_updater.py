@@ -7,10 +7,12 @@ import pytest
 from scipy.special import logsumexp
 
 from pipeline.messages import FoundationPosterior, WindowRejected
+from pipeline.updating.importance import ImportanceSettings
 from pipeline.updating.likelihood import LikelihoodSettings
 from pipeline.updating.pairing import PairingSettings
 from pipeline.updating.prior import Prior
 from pipeline.updating.sampler import SamplerSettings, walked
+from pipeline.updating.samplers import SamplingSettings
 from pipeline.updating.updater import FoundationUpdater, UpdatingSettings
 from tests.pipeline.updating.small_tower import (
     LAYOUT,
@@ -26,7 +28,10 @@ TRUTH = np.array([1.1, 0.9, 0.95])
 NAMES = ("k11", "k22", "k12")
 QUICK = UpdatingSettings(
     pairing=PairingSettings(search_draws=60, tried=2, refined=1),
-    likelihood=LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0, sigma_points=100),
+    likelihood=LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0, sigma_points=40),
+    sampling=SamplingSettings(
+        importance=ImportanceSettings(effective_draws=300, pilot=100, draws=2000)
+    ),
     sampler=SamplerSettings(
         walkers=20, burn_in=12, block=15, effective_draws=300, chain_in_autocorrelation_times=15
     ),
