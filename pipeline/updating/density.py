@@ -4,11 +4,10 @@ Both are `LogDensity`s, for any sampler.
 """
 
 import numpy as np
-from scipy.linalg import eigh
 
 from pipeline.updating.forward_model import FloatArray, ForwardModel
 from pipeline.updating.laplace import Peak
-from pipeline.updating.likelihood import ModalLikelihood
+from pipeline.updating.likelihood import SMALLEST_SIGMA_STEP, ModalLikelihood
 from pipeline.updating.prior import Prior, modal_where_supported
 from pipeline.updating.sampling import Target, log_prior_volume
 
@@ -51,9 +50,8 @@ class StiffnessDensity:
 class JointDensity:
     """log p(d | r, σ) of points (r, σ), (n, 4), as [foundation-updating] samples it.
 
-    With W and λ such that Wᵀ Σ_D W = 1 and Wᵀ R W = diag(λ),
-        log p = −½ Σ_j (Wᵀη)_j² / (1 + σ² λ_j) − ½ Σ_j log(1 + σ² λ_j) + constant,
-    the same constant as in StiffnessDensity, whose exponential is the mean of this one's over σ.
+    Read off the likelihood's grid of σ by cubics through four nodes, so that it is the likelihood
+    whatever distribution of errors that has, and its exponential's mean over σ is StiffnessDensity.
     """
 
     def __init__(self, likelihood: ModalLikelihood, forward: ForwardModel, prior: Prior) -> None:
@@ -61,9 +59,6 @@ class JointDensity:
         self._likelihood = likelihood
         self._forward = forward
         self._prior = prior
-        self._ratios, self._whitening = eigh(
-            np.diag(likelihood.reference), likelihood.measurement_covariance
-        )
         self.log_prior_volume = log_prior_volume(prior) + float(
             np.log(prior.settings.highest_sigma)
         )
@@ -76,14 +71,24 @@ class JointDensity:
         supported, modes = modal_where_supported(self._forward, self._prior, ratios[inside])
         if modes is not None:
             rows = inside[supported]
-            density[rows] = self._values(self._likelihood.errors(modes), sigma[rows])
+            density[rows] = self._read_off(self._likelihood.log_likelihood(modes), sigma[rows])
         return density, sigma
 
-    def _values(self, errors: FloatArray, sigma: FloatArray) -> FloatArray:
-        growth = sigma[:, None] ** 2 * np.maximum(self._ratios, 0.0)
-        squares = (errors @ self._whitening) ** 2
-        values = -0.5 * (squares / (1 + growth) + np.log1p(growth)).sum(axis=1)
-        return np.where(np.isfinite(values), values, -np.inf)
+    def _read_off(self, values: FloatArray, sigma: FloatArray) -> FloatArray:
+        """(n,) of values, (n, n_sigma), at sigma, (n,): Lagrange's cubic in the even steps of
+        arcsinh σ that the grid has."""
+        n_nodes = len(self._likelihood.sigma)
+        steps = np.arcsinh(self._likelihood.sigma / SMALLEST_SIGMA_STEP)
+        place = np.arcsinh(sigma / SMALLEST_SIGMA_STEP) / steps[-1] * (n_nodes - 1)
+        first = np.clip(place.astype(int) - 1, 0, n_nodes - 4)
+        t = place - first
+        row = np.arange(len(sigma))
+        found = np.zeros(len(sigma))
+        for node in range(4):
+            others = [other for other in range(4) if other != node]
+            shares = np.prod([(t - other) / (node - other) for other in others], axis=0)
+            found += shares * values[row, first + node]
+        return np.where(np.isfinite(found), found, -np.inf)
 
     def prior_draws(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, 4)"""

@@ -1,7 +1,7 @@
 """Samplers against brute force, and what a streaming refresh costs beside a warm ensemble.
 
-    python -m tests.benchmarks samplers [--samples 100000] [--sign published|embedded-pile]
-        [--modes eleven|visible] [--seeds 3] [--part reference|refresh|both]
+    python -m tests.benchmarks samplers [--samples 100000] [--seeds 3]
+        [--modes eleven|visible] [--part reference|refresh|both]
         [--sampler tmcmc --sampler importance …]
 
 The data are the windows of recordings/parked.mcap. The reference of the first part is a product
@@ -35,7 +35,6 @@ from pipeline.updating.sampling import CountedDensity, PosteriorDraws, Target
 from pipeline.updating.tmcmc import PublishedSettings, TemperingSettings
 from sensors.layout import biaxial_layout
 from sensors.turbine.description import load_turbine
-from sensors.turbine.foundation import SPRING_SIGNS
 from sensors.turbine.modal import ModalModel
 
 FloatArray = NDArray[np.float64]
@@ -68,9 +67,9 @@ class Problem:
         return JointDensity(self.likelihood, self.forward, self.prior).target(self.peak)
 
 
-def problems(sign: str, modes: str) -> list[Problem]:
+def problems(modes: str) -> list[Problem]:
     """The posteriors after one window of the recording, after two, …"""
-    description = load_turbine("iea15mw_monopile").with_sign(sign)  # type: ignore[arg-type]
+    description = load_turbine("iea15mw_monopile")
     layout = biaxial_layout("tower-1", turbine="iea15mw", unit="tower", elevations=ELEVATIONS)
     forward = ModalModel(description, layout)
     prior = Prior(forward.nominal)
@@ -304,13 +303,12 @@ def main(arguments: list[str]) -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks samplers")
     parser.add_argument("--samples", type=int, default=100_000)
-    parser.add_argument("--sign", choices=SPRING_SIGNS, default="published")
     parser.add_argument("--modes", choices=("eleven", "visible"), default="eleven")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--part", choices=("reference", "refresh", "both"), default="both")
     parser.add_argument("--sampler", action="append", choices=SAMPLERS)
     options = parser.parse_args(arguments)
-    found = problems(options.sign, options.modes)
+    found = problems(options.modes)
     if options.part != "refresh":
         seeds = range(1, options.seeds + 1)
         reference_part(found[0], options.sampler or SAMPLERS, options.samples, seeds)

@@ -19,22 +19,23 @@ HIGHEST_SIGMA = PRIOR.settings.highest_sigma
 TRUTH = np.array([1.1, 0.9, 1.05])
 
 
-@pytest.fixture(scope="module")
-def likelihood():
-    """One window of a tower whose six modes were identified and paired as they are."""
+def likelihood_of_one_window(settings):
+    """A tower whose six modes were identified and paired as they are."""
     estimate = drawn_estimate(TRUTH, np.random.default_rng(1), tower=TOWER)
     evidence = ModalEvidence(channels=TOWER.layout.channel_names).with_estimate(estimate)
     modes = range(len(evidence.modes))
-    labels = list(TOWER.labels)
-    columns = [labels.index(str(number + 1)) for number in modes]
-    used = [Observation(number, (columns[number],), shape_used=True, gap=0.0) for number in modes]
     return ModalLikelihood(
         evidence,
-        used,
-        model_columns=range(len(labels)),
-        settings=LikelihoodSettings(),
+        [Observation(number, (number,), shape_used=True, gap=0.0) for number in modes],
+        model_columns=modes,
+        settings=settings,
         highest_sigma=HIGHEST_SIGMA,
     )
+
+
+@pytest.fixture(scope="module")
+def likelihood():
+    return likelihood_of_one_window(LikelihoodSettings())
 
 
 def stiffness_target(likelihood, seed):
@@ -58,6 +59,17 @@ def test_the_joint_density_averaged_over_sigma_is_the_stiffness_density(likeliho
             ratios[None]
         )[0][0]
         assert values.max() + np.log(averaged) == pytest.approx(expected, abs=1e-3)
+
+
+def test_between_the_nodes_of_sigma_the_joint_density_is_that_of_a_finer_grid(likelihood):
+    def built(sigma_points):
+        return likelihood_of_one_window(LikelihoodSettings(sigma_points=sigma_points))
+
+    coarse, fine = built(60), built(600)
+    sigma = fine.sigma[5:-5:7]
+    points = np.column_stack([np.tile(TRUTH, (len(sigma), 1)), sigma])
+    read, known = (JointDensity(each, TOWER, PRIOR)(points)[0] for each in (coarse, fine))
+    assert read == pytest.approx(known, abs=0.01)
 
 
 def test_there_is_no_density_outside_the_prior(likelihood):
