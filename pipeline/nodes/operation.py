@@ -48,6 +48,7 @@ class OperationSettings:
     """Which windows may update the foundation."""
 
     allowed_states: tuple[str, ...] = ("parked", "idling")  # "" (unknown) always may
+    unusable: tuple[str, ...] = ("duplicate-channel", "clipped")  # codes that spoil the shapes
 
     def __post_init__(self) -> None:
         for state in self.allowed_states:
@@ -123,6 +124,11 @@ class IdentificationInContext:
 
     def _in_context(self, estimate: ModalEstimate) -> ModalEstimate | WindowRejected:
         estimate = self._log.with_conditions(estimate)
+        still = self._blocks[estimate.turbine].still_channel(estimate.start_ns, estimate.end_ns)
+        if still is not None:
+            channel, since = still
+            name = estimate.channels[channel]
+            return _rejected(estimate, "constant", f"{name} stands still from {since:.0f} s on")
         swapped = self._channels.setdefault(estimate.turbine, ChannelWatch()).swap_in(estimate)
         if swapped is not None:
             return _rejected(estimate, "swapped-channels", swapped)
@@ -162,24 +168,34 @@ class UpdatingInContext:
     ) -> None:
         self._make = make
         self._layout = layout
-        self._allowed = (settings or OperationSettings()).allowed_states
+        self._settings = settings or OperationSettings()
         self._spare: Node | None = make()  # made before the first window waits for it
         self._updaters: dict[str, Node] = {}
 
     def handle(self, message: Message) -> Iterable[Message]:
         if not isinstance(message, ModalEstimate):
             return ()
-        state = message.operating_state
-        if state and state not in self._allowed:
-            reason = (
-                f"the turbine was {state}; only {' and '.join(self._allowed)} windows update the "
-                "foundation"
-            )
-            return (_rejected(message, "operating-state", reason),)
+        refused = self._refusal(message)
+        if refused is not None:
+            return (refused,)
         if message.turbine not in self._updaters:
             self._updaters[message.turbine] = self._spare or self._make()
             self._spare = None
         return self._updaters[message.turbine].handle(in_nacelle_axes(message, self._layout))
+
+    def _refusal(self, estimate: ModalEstimate) -> WindowRejected | None:
+        """Why an estimate may not speak of the foundation."""
+        state, allowed = estimate.operating_state, self._settings.allowed_states
+        if state and state not in allowed:
+            reason = (
+                f"the turbine was {state}; only {' and '.join(allowed)} windows update the "
+                "foundation"
+            )
+            return _rejected(estimate, "operating-state", reason)
+        for doubt in estimate.warnings:
+            if doubt.code in self._settings.unusable:
+                return _rejected(estimate, doubt.code, f"{doubt.text}; not used")
+        return None
 
     def close(self) -> None:
         for updater in self._updaters.values():

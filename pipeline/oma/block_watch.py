@@ -11,6 +11,8 @@ REMEMBERED = 600  # blocks by which a repeated one is recognised
 CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps better than 1
 CLOCK_JITTER = 1e-3  # std of the blocks' stamps about a straight line [s]
 FEWEST_STAMPS = 20  # that a line is fitted to
+STILL_BLOCKS = 2  # blocks on end in which a channel that is alive never keeps one value
+FEWEST_SAMPLES = 10  # of a block that can tell
 
 
 class BlockWatch:
@@ -27,6 +29,8 @@ class BlockWatch:
         self._counts: Counter[str] = Counter()
         self._stamps: deque[tuple[int, float, float]] = deque()  # start [ns], due, off [s]
         self._origin: AccelerationBlock | None = None
+        self._still: dict[int, int] = {}  # blocks on end that a channel has kept its value
+        self._dead: deque[tuple[int, int]] = deque()  # start of a block [ns], its still channel
 
     def note(self, block: AccelerationBlock) -> None:
         """Take a block as it arrives."""
@@ -44,6 +48,25 @@ class BlockWatch:
             behind = (self._newest.first_sample - block.first_sample) / block.sampling_rate
             self._counts["late" if behind > self._lateness else "out-of-order"] += 1
         self._stamp(block)
+        self._follow_still_channels(block)
+
+    def _follow_still_channels(self, block: AccelerationBlock) -> None:
+        if len(block.samples) < FEWEST_SAMPLES:
+            return
+        for channel, span in enumerate(np.ptp(block.samples, axis=0)):
+            self._still[channel] = self._still.get(channel, 0) + 1 if span == 0 else 0
+            if self._still[channel] >= STILL_BLOCKS:
+                self._dead.append((block.start_ns, channel))
+
+    def still_channel(self, start_ns: int, end_ns: int) -> tuple[int, float] | None:
+        """A channel that kept one value in a part of a window: its index and when it was first
+        seen so, from the window's start [s]; what came before the window is forgotten."""
+        while self._dead and self._dead[0][0] < start_ns:
+            self._dead.popleft()
+        if not self._dead or self._dead[0][0] >= end_ns:
+            return None
+        first_ns, channel = self._dead[0]
+        return channel, (first_ns - start_ns) / NANOSECONDS
 
     def _stamp(self, block: AccelerationBlock) -> None:
         assert self._origin is not None

@@ -12,8 +12,9 @@ FloatArray = NDArray[np.float64]
 
 SAME_MODE = 0.01  # relative distance of frequencies of one mode in two windows [-]
 CLEAR_SHAPE = 0.05  # largest std of a component that can show a swap [-]
-FEWEST_MODES = 3
-WORSE, GOOD = 0.1, 0.95  # mean MAC that is lost, and regained by the swap [-]
+FEWEST_MODES = 3  # whose shapes a swap changes
+CHANGED = 0.05  # of a MAC by the exchange of two channels [-]
+BAD, GOOD = 0.9, 0.95  # mean MAC of those modes below which a swap is sought, and with it [-]
 
 
 class ChannelWatch:
@@ -35,18 +36,23 @@ class ChannelWatch:
         now, before = _shapes_of_same_modes(estimate, reference)
         if len(now) < FEWEST_MODES:
             return None
-        as_it_is = _mean_mac(now, before)
-        best, pair = max(
-            (_mean_mac(_exchanged(now, i, j), before), (i, j))
-            for i, j in combinations(range(now.shape[1]), 2)
-        )
-        if best < GOOD or best - as_it_is < WORSE:
+        as_it_is = _mac(now, before)
+        found = []
+        for i, j in combinations(range(now.shape[1]), 2):
+            exchanged = _mac(_exchanged(now, i, j), before)
+            changed = np.abs(exchanged - as_it_is) > CHANGED
+            if changed.sum() >= FEWEST_MODES:
+                gain = float((exchanged - as_it_is).mean())
+                before_it, with_it = as_it_is[changed].mean(), exchanged[changed].mean()
+                found.append((gain, int(changed.sum()), before_it, with_it, (i, j)))
+        _, count, bad, good, pair = max(found, default=(0.0, 0, 1.0, 0.0, (0, 0)))
+        if bad > BAD or good < GOOD:
             self._reference = estimate
             return None
         first, second = (estimate.channels[index] for index in pair)
         return (
             f"{first} and {second} have changed place: exchanging them raises the mean MAC of "
-            f"{len(now)} modes with the last good window from {as_it_is:.2f} to {best:.2f}"
+            f"{count} modes with the last good window from {bad:.2f} to {good:.2f}"
         )
 
 
@@ -77,6 +83,6 @@ def _exchanged(shapes: FloatArray, i: int, j: int) -> FloatArray:
     return shapes[:, order]
 
 
-def _mean_mac(ones: FloatArray, others: FloatArray) -> float:
-    mac = modal_assurance_criterion(ones[:, None], others[:, None])
-    return float(mac.mean())
+def _mac(ones: FloatArray, others: FloatArray) -> FloatArray:
+    """Of each shape with the one in the same row, (n,)."""
+    return modal_assurance_criterion(ones[:, None], others[:, None])[:, 0, 0]

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft
 
+from sensors.loads.load import LoadError
+
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -46,6 +48,11 @@ class SegmentedNoise:
         start: float,
         rng: np.random.Generator,
     ) -> None:
+        if 2 * n_harmonics > 2 * round(OVERLAP * sampling_rate):
+            raise LoadError(
+                f"a load reaches {n_harmonics / (2 * OVERLAP):g} Hz; at {sampling_rate:g} Hz its "
+                f"series can hold {0.5 * sampling_rate:g} Hz"
+            )
         self._colouring = colouring
         self._size = (n_sources, n_harmonics)
         self._half = round(OVERLAP * sampling_rate)
