@@ -31,6 +31,13 @@ WIDEST_FREQUENCY_STD = 0.01  # however uncertain both are [-]
 FOLLOWING_MAC_SCALE = 0.15  # of 1 − MAC between windows [-]
 FOLLOWING_REJECTION = 9.0  # three standard deviations: beyond, it is another mode
 
+JUMP = 0.05  # largest relative change of f by which a mode may be the same after a jump [-]
+JUMP_MAC = 0.9  # least MAC for that
+ESTABLISHED = 3  # windows from which a mode can be missed
+PATIENCE = 144  # windows without a mode for each window with it, after which it is forgotten
+LONGEST_PATIENCE = 4320  # windows, a month of ten minutes each
+MOST_MODES = 150  # remembered; those seen most rarely are forgotten first
+
 SMALLEST_UNIT_COMPONENT = 0.05  # of a largest component of 1: below, a shape cannot be rescaled
 
 
@@ -163,12 +170,15 @@ class ModeEvidence:
     unit_component: int  # channel index
     information: FloatArray  # Σ w Σ_t⁻¹, (1 + n_channels, 1 + n_channels)
     information_mean: FloatArray  # Σ w Σ_t⁻¹ d_t, (1 + n_channels,)
+    track: int  # stays with the mode, also through a jump of its frequency
     n_windows: int  # windows that saw this mode
-    last_window: int
+    last_window: int  # the accepted window that saw it last, counted from 1
+    last_frequency: float = np.nan  # as that window saw it [Hz]
+    last_frequency_std: float = np.nan  # [Hz]
     close_pair: bool = False
 
     @classmethod
-    def empty(cls, sighting: Sighting) -> "ModeEvidence":
+    def empty(cls, sighting: Sighting, track: int = 0) -> "ModeEvidence":
         """No information yet; identity and unit component of the first sighting."""
         n_rows = len(sighting.values)
         return cls(
@@ -176,8 +186,9 @@ class ModeEvidence:
             unit_component=sighting.unit_component,
             information=np.zeros((n_rows, n_rows)),
             information_mean=np.zeros(n_rows),
+            track=track,
             n_windows=0,
-            last_window=-1,
+            last_window=0,
             close_pair=sighting.close_pair,
         )
 
@@ -199,7 +210,15 @@ class ModeEvidence:
             information_mean=information_mean,
             n_windows=self.n_windows + 1,
             last_window=window,
+            last_frequency=sighting.frequency,
+            last_frequency_std=float(np.linalg.norm(sighting.factor[0])),
         )
+
+    def forgotten(self, n_windows: int) -> bool:
+        """Whether it has not been seen for so long, after n_windows in all, that it was a mistake
+        or has gone for good."""
+        patience = min(PATIENCE * self.n_windows, LONGEST_PATIENCE)
+        return n_windows - self.last_window > patience
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -276,21 +295,34 @@ class ModalEvidence:
     joint_covariance: bool = False
     modes: tuple[ModeEvidence, ...] = ()
     n_windows: int = 0
+    n_tracks: int = 0  # begun so far
     window_duration: float = 0.0  # of the shortest window [s]
 
     def with_estimate(self, estimate: ModalEstimate) -> "ModalEvidence":
         """The evidence after one more window. Raises EstimateRefused; self never changes."""
         if not estimate.modes:
             raise EstimateRefused("no-modes", "no mode was identified")
-        seen = sightings(estimate, self.channels)
-        modes = list(self.modes)
-        for number, sighting in zip(_followed(self.modes, seen), seen, strict=True):
-            known = modes[number] if number >= 0 else ModeEvidence.empty(sighting)
+        return self.with_sightings(
+            sightings(estimate, self.channels), estimate.weight, estimate.duration
+        )
+
+    def with_sightings(
+        self, seen: Sequence[Sighting], weight: float, duration: float
+    ) -> "ModalEvidence":
+        """The same from the sightings of a window of that weight and duration [s]."""
+        window = self.n_windows + 1
+        modes, n_tracks = list(self.modes), self.n_tracks
+        followed = _followed(self.modes, seen)
+        jumped = _jumped(self.modes, seen, followed)
+        for number, jump, sighting in zip(followed, jumped, seen, strict=True):
+            if number >= 0:
+                known = modes[number]
+            elif jump >= 0:
+                known = ModeEvidence.empty(sighting, modes[jump].track)
+            else:
+                known, n_tracks = ModeEvidence.empty(sighting, n_tracks), n_tracks + 1
             updated = known.with_sighting(
-                sighting,
-                window=estimate.window,
-                weight=estimate.weight,
-                joint_covariance=self.joint_covariance,
+                sighting, window=window, weight=weight, joint_covariance=self.joint_covariance
             )
             if number >= 0:
                 modes[number] = updated
@@ -298,10 +330,58 @@ class ModalEvidence:
                 modes.append(updated)
         return replace(
             self,
-            modes=tuple(sorted(modes, key=lambda mode: mode.frequency)),
-            n_windows=self.n_windows + 1,
-            window_duration=min(self.window_duration or np.inf, estimate.duration),
+            modes=_remembered(modes, window),
+            n_windows=window,
+            n_tracks=n_tracks,
+            window_duration=min(self.window_duration or np.inf, duration),
         )
+
+
+def _remembered(modes: Sequence[ModeEvidence], n_windows: int) -> tuple[ModeEvidence, ...]:
+    """Those still remembered, lowest frequency first.
+
+    A spurious mode is seen once or twice; a window brings some three in ten. Forgotten after a day
+    they stay a few dozen, so that years cost what a day does.
+    """
+    kept = [mode for mode in modes if not mode.forgotten(n_windows)]
+    kept.sort(key=lambda mode: (mode.n_windows, mode.last_window), reverse=True)
+    return tuple(sorted(kept[:MOST_MODES], key=lambda mode: mode.frequency))
+
+
+def _jumped(
+    modes: Sequence[ModeEvidence], seen: Sequence[Sighting], followed: Sequence[int]
+) -> list[int]:
+    """For each sighting that continues no mode, the one of which it may be the continuation after
+    a jump of frequency, or −1.
+
+    That is the nearest established mode of like shape that this window did not see. The two stay
+    apart as evidence, since a mean over both would be neither's frequency, but share a track: on
+    it a change is detected.
+    """
+    missed = [
+        number
+        for number, mode in enumerate(modes)
+        if number not in followed and mode.n_windows >= ESTABLISHED
+    ]
+    found = [-1] * len(seen)
+    waiting = [row for row, number in enumerate(followed) if number < 0]
+    if not missed or not waiting:
+        return found
+    macs = _macs([seen[row] for row in waiting], [modes[number] for number in missed])
+    distance = np.abs(
+        np.subtract.outer(
+            np.log([seen[row].frequency for row in waiting]),
+            np.log([modes[number].frequency for number in missed]),
+        )
+    )
+    alike = [
+        [seen[row].close_pair == modes[number].close_pair for number in missed] for row in waiting
+    ]
+    cost = np.where((macs >= JUMP_MAC) & (distance <= JUMP) & alike, distance, 1.0)
+    for row, column in zip(*linear_sum_assignment(cost), strict=True):
+        if cost[row, column] < 1.0:
+            found[waiting[row]] = missed[column]
+    return found
 
 
 def _followed(modes: Sequence[ModeEvidence], seen: Sequence[Sighting]) -> list[int]:

@@ -180,7 +180,7 @@ class FoundationUpdater:
         if again.model_modes != pairing.model_modes and again.total_cost <= pairing.total_cost:
             match = self._match(evidence, again)
         paired = {each.identified for each in match.used}
-        if not any(evidence.modes[number].last_window == estimate.window for number in paired):
+        if not any(evidence.modes[number].last_window == evidence.n_windows for number in paired):
             raise EstimateRefused(
                 "no-paired-mode",
                 f"none of the {len(estimate.modes)} identified modes is a mode of the model",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate
+from pipeline.updating import evidence as evidence_module
 from pipeline.updating.evidence import EstimateRefused, ModalEvidence, sightings
 from tests.pipeline.updating.small_tower import LAYOUT, drawn_estimate, drawn_mode
 
@@ -187,3 +188,53 @@ def test_a_channel_that_the_layout_does_not_have_is_refused_by_name():
     estimate = replace(windows(1, seed=15)[0], channels=("z999-fa", *LAYOUT.channel_names[1:]))
     with pytest.raises(EstimateRefused, match="z999-fa"):
         empty().with_estimate(estimate)
+
+
+def noise_of(window, seed):
+    """A window with the real modes and one that is none of them."""
+    generator = np.random.default_rng([seed, window])
+    (estimate,) = windows(1, seed=[seed, window])
+    shape = generator.standard_normal(len(LAYOUT.channels))
+    spurious = drawn_mode(generator.uniform(0.2, 12), shape, generator, 0.001, 0.01)
+    return replace(estimate, window=window, modes=(*estimate.modes, spurious))
+
+
+def test_spurious_modes_are_forgotten_so_that_years_cost_what_days_do(monkeypatch):
+    monkeypatch.setattr(evidence_module, "PATIENCE", 10)
+    counts, evidence = [], empty()
+    for window in range(200):
+        evidence = evidence.with_estimate(noise_of(window, 13))
+        counts.append(len(evidence.modes))
+    assert max(counts[100:]) <= len(LABELS) + 15
+    established = [mode for mode in evidence.modes if mode.n_windows >= 150]
+    assert len(established) == len(LABELS)
+
+
+def test_a_mode_seen_in_every_twentieth_window_is_never_forgotten():
+    evidence = empty()
+    for window, estimate in enumerate(windows(200, seed=14)):
+        if window % 20:
+            estimate = replace(estimate, modes=estimate.modes[:2])
+        evidence = evidence.with_estimate(estimate)
+    assert evidence.modes[2].n_windows == 10
+
+
+def test_a_mode_whose_frequency_jumps_keeps_its_track_but_not_its_mean():
+    evidence = combined(windows(6, seed=15))
+    (estimate,) = windows(1, seed=16)
+    moved = tuple(replace(mode, frequency=mode.frequency * 0.98) for mode in estimate.modes)
+    after = evidence.with_estimate(replace(estimate, modes=moved))
+    tracks = [mode.track for mode in evidence.modes]
+    assert sorted(mode.track for mode in after.modes) == sorted(tracks * 2)
+    for mode in evidence.modes:
+        same = [each for each in after.modes if each.track == mode.track]
+        assert len(same) == 2
+        assert min(each.frequency for each in same) == pytest.approx(0.98 * mode.frequency, 2e-3)
+
+
+def test_a_close_sister_seen_in_the_same_window_is_no_jump():
+    evidence = combined(windows(6, seed=17))
+    (estimate,) = windows(1, seed=18)
+    sister = replace(estimate.modes[0], frequency=estimate.modes[0].frequency * 1.02)
+    after = evidence.with_estimate(replace(estimate, modes=(*estimate.modes, sister)))
+    assert len({mode.track for mode in after.modes}) == len(LABELS) + 1
