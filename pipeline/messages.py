@@ -161,6 +161,45 @@ class FoundationPosterior:
 
 
 @dataclass(frozen=True, slots=True)
+class StiffnessChange:
+    """By how much one stiffness has changed, as a share of what it was before."""
+
+    name: str  # "k11", "k22" or "k12"
+    median: float  # [-]
+    p05: float  # 5 % quantile [-]
+    p95: float  # 95 % quantile [-]
+    random_walk: float  # the same by a stiffness that walks from window to window [-]
+    random_walk_std: float  # [-]
+
+
+@dataclass(frozen=True, slots=True)
+class FrequencyShift:
+    """By how much one mode's frequency has changed, water level and the like taken out."""
+
+    model: str  # label of the model's mode it is paired with; "" for none
+    frequency: float  # before the change [Hz]
+    change: float  # share of it [-]
+    change_std: float  # [-]
+
+
+@dataclass(frozen=True, slots=True)
+class FoundationEvent:
+    """The structure is no longer what it was: its foundation, or something else in its modes."""
+
+    turbine: str
+    window: int  # in which it was noticed
+    time_ns: int  # end of that window
+    kind: str  # "foundation": the stiffness explains it; "modal-drift": it does not
+    probability: float  # that there was a change at all [-]
+    since_ns: int  # start of the first window after the change, most probably
+    since_earliest_ns: int  # 5 % quantile
+    since_latest_ns: int  # 95 % quantile
+    changes: tuple[StiffnessChange, ...]  # k11, k22, k12; none for a modal drift
+    shifts: tuple[FrequencyShift, ...]  # of every mode seen before and after
+    text: str  # one sentence for people
+
+
+@dataclass(frozen=True, slots=True)
 class FoundationTruth:
     """The true stiffness of a simulated turbine. No node that estimates ever takes it."""
 
@@ -228,6 +267,7 @@ Message = (
     | ModalEstimate
     | WindowRejected
     | FoundationPosterior
+    | FoundationEvent
     | FoundationTruth
     | StreamGap
     | StreamEnd

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
     Message,
@@ -50,6 +51,7 @@ STREAMS = (
     Stream(
         FoundationPosterior, "pilewatch/{turbine}/foundation-posterior", period=600.0, cached=10
     ),
+    Stream(FoundationEvent, "pilewatch/{turbine}/foundation-event", cached=100),
     Stream(NodeStatus, "pilewatch/{turbine}/status/{node}", period=1.0),
 )
 

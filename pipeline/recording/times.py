@@ -1,6 +1,7 @@
 """When a message belongs to, on the sensor clock."""
 
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
     Message,
@@ -25,7 +26,9 @@ def time_of(message: Message) -> int | None:
             return message.start_ns
         case ModalEstimate() | WindowRejected():
             return message.end_ns
-        case FoundationPosterior() | FoundationTruth() | ScadaSample() | StreamEnd() | NodeStatus():
+        case FoundationPosterior() | FoundationEvent() | FoundationTruth():
+            return message.time_ns
+        case ScadaSample() | StreamEnd() | NodeStatus():
             return message.time_ns
         case _:
             return None

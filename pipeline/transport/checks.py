@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
     Message,
@@ -117,6 +118,12 @@ def _check_posterior(posterior: FoundationPosterior) -> None:
     )
 
 
+def _check_event(event: FoundationEvent) -> None:
+    _check_time("time_ns", event.time_ns)
+    _check_span(event.since_earliest_ns, event.since_latest_ns)
+    _check_time("since_ns", event.since_ns)
+
+
 def _check_gap(gap: StreamGap) -> None:
     _check_span(gap.start_ns, gap.end_ns)
     _check_count("first_sequence", gap.first_sequence)
@@ -142,6 +149,7 @@ _CHECKS: dict[type, Callable[[Any], None]] = {
     ModalEstimate: _check_estimate,
     WindowRejected: _check_rejected,
     FoundationPosterior: _check_posterior,
+    FoundationEvent: _check_event,
     FoundationTruth: _check_timed,
     StreamGap: _check_gap,
     StreamEnd: _check_end,

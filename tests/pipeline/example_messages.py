@@ -10,8 +10,10 @@ from hypothesis.extra import numpy as arrays
 
 from pipeline import messages as contract
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
+    FrequencyShift,
     Message,
     MessageCount,
     ModalEstimate,
@@ -19,6 +21,7 @@ from pipeline.messages import (
     ModePair,
     NodeStatus,
     ParameterSummary,
+    StiffnessChange,
     StreamEnd,
     StreamGap,
     WindowRejected,
@@ -218,6 +221,28 @@ _POSTERIOR_NUMBERS = (
 
 
 @st.composite
+def events(draw: st.DrawFn) -> FoundationEvent:
+    earliest, latest = draw(spans)
+    return FoundationEvent(
+        turbine=draw(texts),
+        window=draw(counts),
+        time_ns=draw(times),
+        kind=draw(texts),
+        probability=draw(numbers),
+        since_ns=draw(times),
+        since_earliest_ns=earliest,
+        since_latest_ns=latest,
+        changes=draw(
+            st.lists(st.builds(StiffnessChange, texts, *[numbers] * 5), max_size=3).map(tuple)
+        ),
+        shifts=draw(
+            st.lists(st.builds(FrequencyShift, texts, *[numbers] * 3), max_size=3).map(tuple)
+        ),
+        text=draw(texts),
+    )
+
+
+@st.composite
 def _spanned(draw: st.DrawFn) -> WindowRejected | StreamGap:
     start_ns, end_ns = draw(spans)
     rejected = st.builds(
@@ -236,6 +261,7 @@ messages = st.one_of(
     layouts(),
     estimates(),
     posteriors(),
+    events(),
     _spanned(),
     st.builds(FoundationTruth, texts, times, numbers, numbers, numbers),
     st.builds(ScadaSample, texts, times, texts, *[numbers] * 6),

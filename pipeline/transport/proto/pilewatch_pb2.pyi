@@ -264,7 +264,7 @@ class ModePair(_message.Message):
     model_frequency: float
     mac: float
     shape_used: bool
-    def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: bool = ...) -> None: ...
+    def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: _Optional[bool] = ...) -> None: ...
 
 class FoundationPosterior(_message.Message):
     __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings")
@@ -308,7 +308,61 @@ class FoundationPosterior(_message.Message):
     pairing_cost: float
     trusted: bool
     warnings: _containers.RepeatedCompositeFieldContainer[Warning]
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: bool = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ...) -> None: ...
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: _Optional[bool] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ...) -> None: ...
+
+class StiffnessChange(_message.Message):
+    __slots__ = ("name", "median", "p05", "p95", "random_walk", "random_walk_std")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    MEDIAN_FIELD_NUMBER: _ClassVar[int]
+    P05_FIELD_NUMBER: _ClassVar[int]
+    P95_FIELD_NUMBER: _ClassVar[int]
+    RANDOM_WALK_FIELD_NUMBER: _ClassVar[int]
+    RANDOM_WALK_STD_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    median: float
+    p05: float
+    p95: float
+    random_walk: float
+    random_walk_std: float
+    def __init__(self, name: _Optional[str] = ..., median: _Optional[float] = ..., p05: _Optional[float] = ..., p95: _Optional[float] = ..., random_walk: _Optional[float] = ..., random_walk_std: _Optional[float] = ...) -> None: ...
+
+class FrequencyShift(_message.Message):
+    __slots__ = ("model", "frequency", "change", "change_std")
+    MODEL_FIELD_NUMBER: _ClassVar[int]
+    FREQUENCY_FIELD_NUMBER: _ClassVar[int]
+    CHANGE_FIELD_NUMBER: _ClassVar[int]
+    CHANGE_STD_FIELD_NUMBER: _ClassVar[int]
+    model: str
+    frequency: float
+    change: float
+    change_std: float
+    def __init__(self, model: _Optional[str] = ..., frequency: _Optional[float] = ..., change: _Optional[float] = ..., change_std: _Optional[float] = ...) -> None: ...
+
+class FoundationEvent(_message.Message):
+    __slots__ = ("turbine", "window", "time_ns", "kind", "probability", "since_ns", "since_earliest_ns", "since_latest_ns", "changes", "shifts", "text")
+    TURBINE_FIELD_NUMBER: _ClassVar[int]
+    WINDOW_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    PROBABILITY_FIELD_NUMBER: _ClassVar[int]
+    SINCE_NS_FIELD_NUMBER: _ClassVar[int]
+    SINCE_EARLIEST_NS_FIELD_NUMBER: _ClassVar[int]
+    SINCE_LATEST_NS_FIELD_NUMBER: _ClassVar[int]
+    CHANGES_FIELD_NUMBER: _ClassVar[int]
+    SHIFTS_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    turbine: str
+    window: int
+    time_ns: int
+    kind: str
+    probability: float
+    since_ns: int
+    since_earliest_ns: int
+    since_latest_ns: int
+    changes: _containers.RepeatedCompositeFieldContainer[StiffnessChange]
+    shifts: _containers.RepeatedCompositeFieldContainer[FrequencyShift]
+    text: str
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., kind: _Optional[str] = ..., probability: _Optional[float] = ..., since_ns: _Optional[int] = ..., since_earliest_ns: _Optional[int] = ..., since_latest_ns: _Optional[int] = ..., changes: _Optional[_Iterable[_Union[StiffnessChange, _Mapping]]] = ..., shifts: _Optional[_Iterable[_Union[FrequencyShift, _Mapping]]] = ..., text: _Optional[str] = ...) -> None: ...
 
 class MessageCount(_message.Message):
     __slots__ = ("message", "count")
