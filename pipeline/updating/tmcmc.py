@@ -11,6 +11,7 @@ Source: Ching and Chen (2007), Journal of Engineering Mechanics 133(7), 816–83
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from pipeline.messages import Warning as Doubt
@@ -87,8 +88,8 @@ class Population:
     variance: float = 0.0  # of log_evidence, were the samples independent
     stages: int = 0
 
-    def taken(self, rows: FloatArray) -> "Population":
-        """The samples of these rows, each as often as it is named."""
+    def taken(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Population":
+        """The samples of these rows, a mask or indices: each as often as it is named."""
         return self.at(self.points[rows], self.companions[rows], self.log_likelihood[rows])
 
     def at(
