@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -256,16 +257,20 @@ class SimulatedTower:
         response = self._response()
         decimator = Decimator(self.settings.decimation, response.n_channels)
         chunk = round(CHUNK_DURATION * self._rate)
-        series = [load.series(self.settings.seed, chunk) for load in self._loads]
         time, motion = -self.settings.transient, 0.0
-        while True:
+        for forces in one_ahead(self._forces(chunk)):
             if isinstance(response, DampedResponse):
                 self._structure.update(response, time, motion)
-            forces = np.concatenate([next(one) for one in series], axis=1)
             yield decimator.advance(response.advance(forces))
             time += CHUNK_DURATION
             if isinstance(response, DampedResponse) and self.course.foundation.softening:
                 motion = self._structure.mudline_motion(response)
+
+    def _forces(self, chunk: int) -> Iterator[FloatArray]:
+        """Of all loads without end, (chunk, n_series) each."""
+        series = [load.series(self.settings.seed, chunk) for load in self._loads]
+        while True:
+            yield np.concatenate([next(one) for one in series], axis=1)
 
     def _response(self) -> AccelerationResponse | DampedResponse:
         """A new one, at rest; modes one by one where nothing couples or changes them."""
@@ -441,6 +446,16 @@ def trimmed(pieces: Iterator[FloatArray], *, first: int, count: int) -> Iterator
         wanted -= len(kept)
         if len(kept):
             yield kept
+
+
+def one_ahead(pieces: Iterator[FloatArray]) -> Iterator[FloatArray]:
+    """An endless stream, its next piece made in another thread while this one is worked on."""
+    with ThreadPoolExecutor(1, thread_name_prefix="loads") as pool:
+        following = pool.submit(next, pieces)
+        while True:
+            piece = following.result()
+            following = pool.submit(next, pieces)
+            yield piece
 
 
 def in_blocks(pieces: Iterator[NDArray[np.float32]], size: int) -> Iterator[NDArray[np.float32]]:
