@@ -24,6 +24,7 @@ IntArray = NDArray[np.int64]
 LEAST_TOLERANCE = 0.002  # two poles this close in frequency (relative) may be one mode, whatever
 LARGEST_TOLERANCE = 0.02  # their std says; further apart than this they never are
 LEAST_MAC = 0.9  # between poles of one mode in different orders
+REPRESENTATIVE = 4  # a mode is represented by the pole at this part of its poles, by std
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,10 +36,17 @@ class PoleCloud:
     frequencies: FloatArray  # (n_poles,) [Hz]
     damping_ratios: FloatArray  # (n_poles,) [-]
     shapes: ComplexArray  # (n_poles, n_channels) [-]
-    frequency_stds: FloatArray  # (n_poles,) [Hz]; NaN until computed
+    # first-order deviations by time block, (n_poles, n_blocks); no columns until computed
+    frequency_deviations: FloatArray  # Δf [Hz]
+    damping_deviations: FloatArray  # Δζ [-]
 
     def __len__(self) -> int:
         return len(self.frequencies)
+
+    @property
+    def frequency_stds(self) -> FloatArray:
+        """(n_poles,) [Hz]"""
+        return np.linalg.norm(self.frequency_deviations, axis=1)
 
     @property
     def collinearities(self) -> FloatArray:
@@ -57,8 +65,8 @@ class PoleCluster:
     members: IntArray  # indices into the cloud, at most one of each order
     representative: int  # index into the cloud
     presence: float  # share of the orders [-]
-    frequency_spread: float  # std of the members' frequencies [Hz]
-    damping_spread: float  # std of the members' damping ratios [-]
+    frequency_spread: float  # of the members about the representative, beyond their std [Hz]
+    damping_spread: float  # the same of the damping ratios [-]
 
 
 def plausible(modes: SystemModes, band: Band, settings: OmaSettings) -> BoolArray:
@@ -83,7 +91,8 @@ def pole_cloud(systems: Sequence[SystemModes], band: Band, settings: OmaSettings
         frequencies=frequencies,
         damping_ratios=np.concatenate([s.damping_ratios[index] for s, index in pairs]),
         shapes=np.concatenate([s.shapes.T[index] for s, index in pairs]),
-        frequency_stds=np.full(len(frequencies), np.nan),
+        frequency_deviations=np.empty((len(frequencies), 0)),
+        damping_deviations=np.empty((len(frequencies), 0)),
     )
 
 
@@ -130,8 +139,8 @@ def clusters(cloud: PoleCloud, *, n_orders: int, minimum_presence: float) -> lis
 
 
 def _alikeness(cloud: PoleCloud) -> BoolArray:
-    f = cloud.frequencies
-    joint_std = np.hypot(cloud.frequency_stds[:, None], cloud.frequency_stds[None, :])
+    f, std = cloud.frequencies, cloud.frequency_stds
+    joint_std = np.hypot(std[:, None], std[None, :])
     tolerance = np.clip(3 * joint_std / f[:, None], LEAST_TOLERANCE, LARGEST_TOLERANCE) * f[:, None]
     near = np.abs(f[:, None] - f[None, :]) <= tolerance
     return near & (modal_assurance_criterion(cloud.shapes, cloud.shapes) >= LEAST_MAC)
@@ -148,11 +157,36 @@ def _one_of_each_order(cloud: PoleCloud, candidates: IntArray, centre: int) -> I
 def _cluster(cloud: PoleCloud, members: IntArray, n_orders: int) -> PoleCluster:
     """Why the lower quartile of the std: choosing the smallest is a little lucky (its std is too
     small), the median is spoilt by orders in which a noise pole sits beside the mode."""
-    by_std = members[np.argsort(cloud.frequency_stds[members], kind="stable")]
+    std = cloud.frequency_stds[members]
+    by_std = members[np.argsort(std, kind="stable")]
+    representative = int(by_std[(len(by_std) - 1) // REPRESENTATIVE])
     return PoleCluster(
         members=members,
-        representative=int(by_std[(len(by_std) - 1) // 4]),
+        representative=representative,
         presence=len(members) / n_orders,
-        frequency_spread=float(np.std(cloud.frequencies[members])),
-        damping_spread=float(np.std(cloud.damping_ratios[members])),
+        frequency_spread=unexplained_spread(
+            cloud.frequencies[members] - cloud.frequencies[representative],
+            cloud.frequency_deviations[members] - cloud.frequency_deviations[representative],
+            weights=std**-2,
+        ),
+        damping_spread=unexplained_spread(
+            cloud.damping_ratios[members] - cloud.damping_ratios[representative],
+            cloud.damping_deviations[members] - cloud.damping_deviations[representative],
+            weights=std**-2,
+        ),
     )
+
+
+def unexplained_spread(
+    differences: FloatArray, deviations: FloatArray, *, weights: FloatArray
+) -> float:
+    """Rms difference between estimates of one quantity that their own uncertainty leaves open.
+
+    differences   d of each estimate from the one that is kept, (n,)
+    deviations    Δd by time block, (n, n_blocks): var(d) = Σ_b Δd²
+    weights       (n,)
+
+        spread² = Σ w max(0, d² − var(d)) / Σ w
+    """
+    excess = np.maximum(0.0, differences**2 - np.sum(deviations**2, axis=1))
+    return float(np.sqrt(np.average(excess, weights=weights)))

@@ -13,8 +13,10 @@ order cuts through the nearly equal singular values of the noise.
 Each block's ΔH gives one column; the columns F of a mode satisfy cov = F Fᵀ, and the same columns
 serve all modes, so covariances between modes come for free.
 
-Why it is cheap: Δλ = bᵀ ΔH w + b₂ᵀ ΔH w₂ with four vectors a pole, and bᵀ ΔH w = Σ_τ ⟨g_τ, ΔR_τ⟩
-with g the convolution of b and w. All poles of an order then take one matrix product.
+Why it is cheap: w = V S⁻¹ ψ lies in the span of V S⁻¹ and everything ΔH w is multiplied with in
+that of U and of its shifts, for every pole of every order. So each block's ΔH is projected once, to
+a few matrices no larger than the highest order squared; the models of lower order use their leading
+parts, and neither a pole nor a shape ever meets the Hankel matrix again.
 Source: Reynders, Pintelon, De Roeck (2008), Mech. Syst. Signal Process. 22; Döhler and Mevel
 (2013), Efficient multi-order uncertainty computation for stochastic subspace identification,
 Mech. Syst. Signal Process. 38.
@@ -24,8 +26,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
+from pipeline.oma.covariance import block_hankel
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes
 
 FloatArray = NDArray[np.float64]
@@ -33,85 +35,114 @@ ComplexArray = NDArray[np.complexfloating]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoleSensitivity:
-    """The four vectors by which deviations of the Hankel matrix move each pole of one order.
+class ProjectedDeviations:
+    """The deviations of the block Hankel matrix, projected on the signal subspace.
 
-    Δλ_d = bᵀ ΔH w + b₂ᵀ ΔH w₂; all arrays have the modes along their last axis.
+    With Y^(b) = ΔH^(b) V S⁻¹ for each time block b, n the highest order, and Y_up, Y_down without
+    the last and the first block row:
     """
 
-    b: ComplexArray  # ((p + 1)·n_channels, n_modes)
-    w: ComplexArray  # (p·n_references, n_modes)
-    b_residual: ComplexArray  # b₂, like b: from the least-squares residual of O_up A = O_down
-    w_residual: ComplexArray  # w₂, like w
+    subspace: SignalSubspace
+    first_row: FloatArray  # Y's first block row, (n_blocks, n_channels, n)
+    whole: FloatArray  # Uᵀ Y, (n_blocks, n, n)
+    up_up: FloatArray  # O_upᵀ Y_up, (n_blocks, n, n)
+    up_down: FloatArray  # O_upᵀ Y_down, (n_blocks, n, n)
+    down_up: FloatArray  # O_downᵀ Y_up, (n_blocks, n, n)
+
+    @property
+    def n_blocks(self) -> int:
+        return len(self.whole)
 
 
-def pole_sensitivity(
-    subspace: SignalSubspace, modes: SystemModes, chosen: NDArray[np.bool_] | NDArray[np.int64]
-) -> PoleSensitivity:
-    """Sensitivities of the chosen poles (mask or indices) of one order.
+def projected_deviations(subspace: SignalSubspace, deviations: FloatArray) -> ProjectedDeviations:
+    """Project every block's deviation of the Hankel matrix.
 
-    With a = O_up (O_upᵀ O_up)⁻¹ χ, r = (O_down − O_up A) ψ and P = I − U Uᵀ:
-        b = P ([0; a] − λ [a; 0]),  w = V S⁻¹ ψ,  b₂ = P [r; 0],  w₂ = V S⁻¹ (O_upᵀ O_up)⁻¹ χ
+    deviations   ΔR, (n_blocks, n_lags, n_channels, n_references)
+
+    Why in single precision: it is the costliest step, and a std needs no more than five digits.
     """
-    n, l = modes.order, subspace.n_channels  # noqa: E741  # l: the field's number of outputs
-    U, upper, lower = subspace.left[:, :n], subspace.upper[:, :n], subspace.lower[:, :n]
-    poles, right = modes.poles[chosen], modes.right[:, chosen]
-    last = subspace.left[-l:, :n]
+    l = subspace.n_channels  # noqa: E741  # the field's number of outputs
+    block_rows = deviations.shape[1] // 2
+    right = (subspace.right / subspace.singular_values).astype(np.float32)  # V S⁻¹
+    single = deviations.astype(np.float32)
+    left = subspace.left.astype(np.float32)
+    upper, lower = left[:-l], left[l:]
+    projected: list[list[NDArray[np.floating]]] = []
+    for block in single:
+        y = block_hankel(block, block_rows) @ right
+        projected.append(
+            [y[:l].copy(), left.T @ y, upper.T @ y[:-l], upper.T @ y[l:], lower.T @ y[:-l]]
+        )
+    return ProjectedDeviations(
+        subspace,
+        *(np.stack(matrices).astype(np.float64) for matrices in zip(*projected, strict=True)),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrderDeviations:
+    """How the time blocks move the state matrix of one order; its modes are `modes`.
+
+    With P = I − U Uᵀ of this order, (n_blocks, n, n) each:
+        D₁ = O_upᵀ (P Y)_down,  D₂ = O_upᵀ (P Y)_up,  D₃ = O_downᵀ (P Y)_up
+    and for a pole λ with eigenvector ψ, G = O_upᵀ O_up,
+        G ΔA ψ = (D₁ − λ D₂) ψ + (D₃ − λ D₂)ᵀ ψ
+    whose second part comes from the least-squares residual of O_up A = O_down.
+    """
+
+    modes: SystemModes
+    gram: FloatArray  # G, (n, n)
+    left_vectors: ComplexArray  # X, (n, n): Xᵀ A = diag(λ_d) Xᵀ, Xᵀ Ψ = I
+    d_1: FloatArray
+    d_2: FloatArray
+    d_3: FloatArray
+    first_row: FloatArray  # first block row of P Y, (n_blocks, n_channels, n)
+    output: FloatArray  # C, (n_channels, n)
+
+
+def order_deviations(projected: ProjectedDeviations, modes: SystemModes) -> OrderDeviations:
+    """The leading parts of the projections, for the model of one order."""
+    n, subspace = modes.order, projected.subspace
+    upper, lower = subspace.upper[:, :n], subspace.lower[:, :n]
+    output = subspace.left[: subspace.n_channels, :n]
+    last = subspace.left[-subspace.n_channels :, :n]
     gram = np.eye(n) - last.T @ last  # O_upᵀ O_up, since UᵀU = I
-    dual = np.linalg.solve(gram, modes.left_eigenvectors()[:, modes.kept[chosen]])
-    a, up_right = _times(upper, dual), _times(upper, right)
-    b = np.zeros((len(U), len(poles)), dtype=complex)
-    b[l:] = a
-    b[:-l] -= poles * a
-    b_residual = np.zeros_like(b)
-    b_residual[:-l] = _times(lower, right) - up_right * poles
-    s = subspace.singular_values[:n, None]
-    return PoleSensitivity(
-        b=_outside(U, b),
-        w=_times(subspace.right[:, :n], right / s),
-        b_residual=_outside(U, b_residual),
-        w_residual=_times(subspace.right[:, :n], dual / s),
+    shifted = upper.T @ lower
+    inside = projected.whole[:, :n, :n]  # Uᵀ Y: what P takes off
+    return OrderDeviations(
+        modes=modes,
+        gram=gram,
+        left_vectors=modes.left_eigenvectors(),
+        d_1=projected.up_down[:, :n, :n] - shifted @ inside,
+        d_2=projected.up_up[:, :n, :n] - gram @ inside,
+        d_3=projected.down_up[:, :n, :n] - shifted.T @ inside,
+        first_row=projected.first_row[:, :, :n] - output @ inside,
+        output=output,
     )
 
 
-def _times(real: FloatArray, columns: ComplexArray) -> ComplexArray:
-    """Real matrix times complex columns, without making the matrix complex."""
-    pairs = np.ascontiguousarray(columns).view(np.float64)
-    return np.asarray((real @ pairs).view(np.complex128))
+def pole_deviations(order: OrderDeviations, chosen: NDArray[np.int64]) -> ComplexArray:
+    """Δλ_d of chosen modes of one order by time block, (n_chosen, n_blocks).
 
+    Δλ = χᵀ ΔA ψ = dᵀ (D₁ − λ D₂) ψ + ψᵀ (D₃ − λ D₂) d,   d = G⁻¹ χ
 
-def _outside(U: FloatArray, vectors: ComplexArray) -> ComplexArray:
-    """(I − U Uᵀ) vectors: the part that leaves the column space."""
-    return np.asarray(vectors - _times(U, _times(U.T, vectors)))
-
-
-def pole_deviations(sensitivity: PoleSensitivity, deviations: "BlockDeviations") -> ComplexArray:
-    """Δλ_d of every mode by time block, (n_modes, n_blocks).
-
-        Δλ_d = Σ_τ ⟨g_τ, ΔR_τ⟩,   g_τ = Σ_{i+j+1=τ} b_i w_jᵀ + (the same of b₂, w₂)
-
-    Why single precision: this is the costliest step, and a std needs no more than six digits.
+    As one product of D, (n_blocks, n²), with the outer products of d and ψ.
     """
-    n_lags, n_channels, n_references = deviations.lag_shape
-
-    def convolved(b: ComplexArray, w: ComplexArray) -> NDArray[np.complex64]:
-        left, right = _spectra(b, n_channels, n_lags), _spectra(w, n_references, n_lags)
-        return left[:, :, None] * right[:, None]
-
-    spectrum = convolved(sensitivity.b, sensitivity.w)
-    spectrum += convolved(sensitivity.b_residual, sensitivity.w_residual)
-    gradient = fft.ifft(spectrum, axis=-1, overwrite_x=True)
-    flat = gradient.reshape(len(gradient), n_lags * n_channels * n_references)
-    return np.asarray(
-        (flat.real @ deviations.by_entry + 1j * (flat.imag @ deviations.by_entry)),
-        dtype=np.complex128,
-    )
+    modes = order.modes
+    psi = modes.right[:, chosen]
+    dual = np.linalg.solve(order.gram, order.left_vectors[:, modes.kept[chosen]])
+    forth = dual[:, None, :] * psi[None, :, :]
+    back = forth.transpose(1, 0, 2)
+    moved = _contracted(order.d_1, forth) + _contracted(order.d_3, back)
+    moved -= modes.poles[chosen] * _contracted(order.d_2, forth + back)
+    return np.asarray(moved.T)
 
 
-def _spectra(vectors: ComplexArray, width: int, length: int) -> NDArray[np.complex64]:
-    """Spectra along the block rows, (n_modes, width, length)."""
-    rows = vectors.T.reshape(vectors.shape[1], len(vectors) // width, width)
-    return np.asarray(fft.fft(rows.transpose(0, 2, 1).astype(np.complex64), length, axis=-1))
+def _contracted(real: FloatArray, columns: ComplexArray) -> ComplexArray:
+    """Σ_ij real[b, i, j] columns[i, j, m], (n_blocks, n_modes), in real arithmetic."""
+    n_modes = columns.shape[2]
+    pairs = np.ascontiguousarray(columns).view(np.float64).reshape(-1, 2 * n_modes)
+    return np.asarray((real.reshape(len(real), -1) @ pairs).view(np.complex128))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,73 +176,27 @@ def frequency_damping_deviations(
     )
 
 
-def shape_deviations(
-    subspace: SignalSubspace,
-    modes: SystemModes,
-    sensitivity: PoleSensitivity,
-    deviations: "BlockDeviations",
-    chosen: NDArray[np.int64],
-) -> ComplexArray:
+def shape_deviations(order: OrderDeviations, chosen: NDArray[np.int64]) -> ComplexArray:
     """Δφ of chosen modes of one order by time block, (n_chosen, n_channels, n_blocks), complex.
 
-    sensitivity   of the chosen modes
-    chosen        their indices among the order's modes
-
-        Δφ = ΔC ψ + C Δψ, with ΔO ψ = P ΔH V S⁻¹ ψ and ΔC its first block row
+    Δφ = ΔC ψ + C Δψ, with ΔC the first block row of P Y
     """
-    n, l = modes.order, subspace.n_channels  # noqa: E741
-    U, upper = subspace.left[:, :n], subspace.upper[:, :n]
-    gram, all_left = upper.T @ upper, modes.left_eigenvectors()
-    moved_all = deviations.hankel_products(sensitivity.w)
-    turned_all = deviations.transposed_hankel_products(sensitivity.b_residual)
-    changes = []
-    for place, mode in enumerate(chosen):
-        pole = modes.poles[mode]
-        moved = _outside(U, moved_all[place])  # ΔO ψ
-        through_residual = _times(subspace.right[:, :n].T, turned_all[place])
-        through_residual /= subspace.singular_values[:n, None]
-        state_change = np.linalg.solve(  # ΔA ψ
-            gram, _times(upper.T, moved[l:] - pole * moved[:-l]) + through_residual
-        )
-        distance = pole - modes.all_poles
-        distance[np.argmin(np.abs(distance))] = np.inf  # ψ itself keeps its scale
-        vector_change = modes.all_right @ ((all_left.T @ state_change) / distance[:, None])
-        changes.append(moved[:l] + subspace.left[:l, :n] @ vector_change)
-    return np.array(changes)
+    modes = order.modes
+    psi, poles = modes.right[:, chosen], modes.poles[chosen]
+    # G ΔA ψ, (n_blocks, n, n_chosen)
+    change = _applied(order.d_1, psi) + _applied(order.d_3.transpose(0, 2, 1), psi)
+    change -= poles * _applied(order.d_2 + order.d_2.transpose(0, 2, 1), psi)
+    distance = poles - modes.all_poles[:, None]
+    distance[modes.kept[chosen], np.arange(len(chosen))] = np.inf  # ψ itself keeps its scale
+    left = np.linalg.solve(order.gram, order.left_vectors).T  # Xᵀ G⁻¹
+    shapes = order.output @ modes.all_right  # C Ψ
+    # each mode's map from G ΔA ψ to C Δψ, (n_chosen, n_channels, n)
+    to_shape = (shapes / distance.T[:, None, :]) @ left
+    turned = to_shape @ change.transpose(2, 1, 0)
+    return np.asarray(_applied(order.first_row, psi).transpose(2, 1, 0) + turned)
 
 
-class BlockDeviations:
-    """What the deviations of the time blocks do to poles and vectors.
-
-    The Hankel matrices of the blocks are never formed: (ΔH w)_i = Σ_j ΔR_{i+j+1} w_j is a
-    convolution with w reversed, done by FFT along the lags.
-    """
-
-    def __init__(self, deviations: FloatArray):
-        """deviations: ΔR, (n_blocks, n_lags, n_channels, n_references)"""
-        n_blocks, n_lags, n_channels, n_references = deviations.shape
-        self.lag_shape = (n_lags, n_channels, n_references)
-        entries = deviations.transpose(2, 3, 1, 0).reshape(-1, n_blocks)
-        self.by_entry = entries.astype(np.float32)  # (n_channels·n_references·n_lags, n_blocks)
-        self._n_lags = n_lags
-        self._spectrum = fft.rfft(deviations, axis=1).transpose(1, 0, 2, 3)
-
-    def hankel_products(self, vectors: ComplexArray) -> ComplexArray:
-        """ΔH^(b) w of every block; vectors (p·n_ref, n), (n, (p + 1)·n_ch, n_blocks)."""
-        return self._products(self._spectrum, vectors)
-
-    def transposed_hankel_products(self, vectors: ComplexArray) -> ComplexArray:
-        """ΔH^(b)ᵀ b of every block; vectors ((p + 1)·n_ch, n), (n, p·n_ref, n_blocks)."""
-        return self._products(self._spectrum.transpose(0, 1, 3, 2), vectors)
-
-    def _products(self, spectrum: ComplexArray, vectors: ComplexArray) -> ComplexArray:
-        n_freq, n_blocks, n_out, n_in = spectrum.shape
-        rows, n_vectors = len(vectors) // n_in, vectors.shape[1]
-        pairs = np.ascontiguousarray(vectors).view(np.float64).reshape(rows, n_in, -1)
-        turned = fft.rfft(pairs[::-1], self._n_lags, axis=0)
-        product = np.ascontiguousarray(spectrum).reshape(n_freq, n_blocks * n_out, n_in) @ turned
-        valid = fft.irfft(product, self._n_lags, axis=0, overwrite_x=True)[rows - 1 :]
-        by_block = valid.reshape(len(valid), n_blocks, n_out, 2 * n_vectors).view(np.complex128)
-        return np.asarray(
-            by_block.transpose(3, 0, 2, 1).reshape(n_vectors, len(valid) * n_out, n_blocks)
-        )
+def _applied(real: FloatArray, columns: ComplexArray) -> ComplexArray:
+    """real[b] @ columns for every block, (n_blocks, rows, n_columns), in real arithmetic."""
+    pairs = np.ascontiguousarray(columns).view(np.float64)
+    return np.asarray((real @ pairs).view(np.complex128))

@@ -26,10 +26,10 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import signal_subspace, system_modes
 from pipeline.oma.streaming import CovarianceRing
 from pipeline.oma.uncertainty import (
-    BlockDeviations,
     frequency_damping_deviations,
+    order_deviations,
     pole_deviations,
-    pole_sensitivity,
+    projected_deviations,
     shape_deviations,
 )
 from sensors.layout import biaxial_layout
@@ -125,15 +125,12 @@ def every_uncertainty(samples: FloatArray, *, rows: int, orders: Sequence[int]) 
     length = (len(samples) - 2 * rows) // 50
     covariances = lag_covariances(samples, n_lags=2 * rows, block_length=length)
     subspace = signal_subspace(covariances.mean, block_rows=rows, highest_order=max(orders))
-    deviations = BlockDeviations(covariances.deviations)
+    projected = projected_deviations(subspace, covariances.deviations)
     for system in system_modes(subspace, orders=orders, sampling_interval=1 / 30):
         chosen = np.arange(len(system.poles))
-        if not len(chosen):
-            continue
-        sensitivity = pole_sensitivity(subspace, system, chosen)
-        moved = pole_deviations(sensitivity, deviations)
-        frequency_damping_deviations(system.poles, moved, 1 / 30)
-        shape_deviations(subspace, system, sensitivity, deviations, chosen)
+        order = order_deviations(projected, system)
+        frequency_damping_deviations(system.poles, pole_deviations(order, chosen), 1 / 30)
+        shape_deviations(order, chosen)
 
 
 def sliding_update(record: FloatArray) -> tuple[float, float]:

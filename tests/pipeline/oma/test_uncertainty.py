@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.covariance import LagCovariances, block_hankel, lag_covariances
+from pipeline.oma.covariance import LagCovariances, lag_covariances
 from pipeline.oma.mode_shapes import normalised_with_deviations
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
 from pipeline.oma.uncertainty import (
-    BlockDeviations,
     frequency_damping_deviations,
+    order_deviations,
     pole_deviations,
-    pole_sensitivity,
+    projected_deviations,
     shape_deviations,
 )
 from tests.pipeline.oma.conftest import KnownStructure
@@ -55,9 +55,8 @@ def test_pole_deviations_are_the_derivative_of_the_identification(
 ) -> None:
     subspace, modes = identified(covariances.mean)
     chosen = physical(modes)
-    deviations = pole_deviations(
-        pole_sensitivity(subspace, modes, chosen), BlockDeviations(covariances.deviations)
-    )
+    projected = projected_deviations(subspace, covariances.deviations)
+    deviations = pole_deviations(order_deviations(projected, modes), chosen)
     analytic = frequency_damping_deviations(modes.poles[chosen], deviations, DT)
     step = 1e-4
     for block in (0, 4, 9):
@@ -80,13 +79,8 @@ def test_shape_deviations_are_the_derivative_of_the_normalised_shape(
 ) -> None:
     subspace, modes = identified(covariances.mean)
     chosen = physical(modes)
-    deviations = shape_deviations(
-        subspace,
-        modes,
-        pole_sensitivity(subspace, modes, chosen),
-        BlockDeviations(covariances.deviations),
-        chosen,
-    )
+    projected = projected_deviations(subspace, covariances.deviations)
+    deviations = shape_deviations(order_deviations(projected, modes), chosen)
     step = 1e-4
     for place, mode in enumerate(chosen):
         _, factor = normalised_with_deviations(modes.shapes[:, mode], deviations[place])
@@ -103,16 +97,3 @@ def test_shape_deviations_are_the_derivative_of_the_normalised_shape(
                 rtol=1e-3,
                 atol=1e-5 * np.abs(factor).max(),
             )
-
-
-def test_hankel_products_by_fft_are_the_products(covariances: LagCovariances) -> None:
-    deviations = BlockDeviations(covariances.deviations)
-    generator = np.random.default_rng(3)
-    w = generator.standard_normal((ROWS * 2, 2)) + 1j * generator.standard_normal((ROWS * 2, 2))
-    b = generator.standard_normal(((ROWS + 1) * 2, 1)) + 0j
-    for block in (0, 9):
-        hankel = block_hankel(covariances.deviations[block], ROWS)
-        by_fft = deviations.hankel_products(w)[:, :, block].T
-        np.testing.assert_allclose(by_fft, hankel @ w, atol=1e-12)
-        transposed = deviations.transposed_hankel_products(b)[:, :, block].T
-        np.testing.assert_allclose(transposed, hankel.T @ b, atol=1e-12)
