@@ -1,18 +1,22 @@
 """What simulating costs, beside SciPy's integrator on the same modal model.
 
-python -m tests.benchmarks simulate [--hours H]
+python -m tests.benchmarks simulate [--hours H] [--scenario parked]
+
+The processor's time is that of both threads: one makes the loads, the other integrates.
 """
 
 import argparse
 import resource
 import time
+from dataclasses import replace
 
 import numpy as np
 from scipy.signal import lsim
 
+from pipeline.scenario import load_scenario
 from sensors.layout import SensorLayout, biaxial_layout
 from sensors.loads import BroadbandLoad, WaveBandLoad, random_loads
-from sensors.simulated import LOWEST_INTEGRATION_RATE, SimulatedTower, SimulationSettings
+from sensors.simulated import LOWEST_INTEGRATION_RATE, SimulatedTower
 from sensors.turbine.assembly import assemble
 from sensors.turbine.description import TurbineDescription, load_turbine
 from sensors.turbine.response import (
@@ -34,16 +38,18 @@ def main(arguments: list[str]) -> None:
     parser.add_argument(
         "--hours", type=float, default=1.0, help="simulated time, 8 channels, 40 Hz"
     )
-    hours = parser.parse_args(arguments).hours
+    parser.add_argument("--scenario", default="parked", help="the environment to simulate")
+    options = parser.parse_args(arguments)
+    hours, scenario = options.hours, load_scenario(options.scenario)
     description = load_turbine("iea15mw_monopile")
     layout = biaxial_layout("tower", turbine="iea15mw", unit="tower", elevations=ELEVATIONS)
-    settings = SimulationSettings(duration=3600.0 * hours)
+    settings = replace(scenario.simulation, duration=3600.0 * hours, seed=scenario.seed)
     start, clock = time.process_time(), time.perf_counter()
     blocks = sum(1 for _ in SimulatedTower(description, layout, settings))
     cpu, wall = time.process_time() - start, time.perf_counter() - clock
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(
-        f"{hours:g} h of 8 channels at 40 Hz, {blocks} blocks: {cpu:.1f} s CPU, {wall:.1f} s wall"
+        f"{scenario.name}: {hours:g} h of 8 channels at 40 Hz, {blocks} blocks: {cpu:.1f} s CPU, {wall:.1f} s wall"
     )
     print(f"per simulated hour {cpu / hours:.2f} s CPU; peak memory {memory:.0f} MB")
     _print_integration(_modal_model(description, layout))
