@@ -49,7 +49,8 @@ def main(arguments: list[str]) -> None:
     cpu, wall = time.process_time() - start, time.perf_counter() - clock
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(
-        f"{scenario.name}: {hours:g} h of 8 channels at 40 Hz, {blocks} blocks: {cpu:.1f} s CPU, {wall:.1f} s wall"
+        f"{scenario.name}: {hours:g} h of 8 channels at 40 Hz, {blocks} blocks: "
+        f"{cpu:.1f} s CPU, {wall:.1f} s wall"
     )
     print(f"per simulated hour {cpu / hours:.2f} s CPU; peak memory {memory:.0f} MB")
     _print_integration(_modal_model(description, layout))
