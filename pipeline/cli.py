@@ -88,6 +88,10 @@ def run(
         typer.Option(help="spawn: open the Rerun viewer; connect=URL: stream to one that runs."),
     ] = None,
     rrd: Annotated[bool, typer.Option(help="Write out/session.rrd for the Rerun viewer.")] = True,
+    sampler: Annotated[
+        str | None,
+        typer.Option(help="importance (default), emcee, tmcmc or tmcmc-published."),
+    ] = None,
     processes: Annotated[
         bool, typer.Option("--processes", help="Each node in a process of its own.")
     ] = False,
@@ -119,7 +123,7 @@ def run(
         listen=listen,
         connect=connect,
     )
-    opened = open_source(source, scenario)
+    opened = open_source(source, scenario).with_sampler(sampler)
     with _stopped_by_signals() as stopping, _progress(f"{opened.text}", opened.duration) as report:
         session = run_session(
             opened, options, report=report, scenario_option=scenario, stopping=stopping
@@ -325,6 +329,7 @@ def node(
     out: Annotated[Path, typer.Option(help="Folder for what the node writes.")] = Path("out"),
     view: Annotated[str | None, typer.Option(help="For the viewer: spawn or connect=URL.")] = None,
     rrd: Annotated[bool, typer.Option(help="For the viewer: write session.rrd.")] = True,
+    sampler: Annotated[str | None, typer.Option(help="For updating: as in `run`.")] = None,
 ) -> None:
     """Run one node of the graph by itself until it is told to stop (Ctrl-C or SIGTERM)."""
     from pipeline.session import run_node
@@ -333,7 +338,8 @@ def node(
     options = _session_options(
         out=out, speed="max", way="processes", rrd=rrd, view=view, listen=listen, connect=connect
     )
-    source = open_source("live" if recording is None else f"replay:{recording}", scenario)
+    opened = open_source("live" if recording is None else f"replay:{recording}", scenario)
+    source = opened.with_sampler(sampler)
     with _stopped_by_signals() as stopping:
         run_node(name, source, options, stopping)
 

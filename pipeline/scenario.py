@@ -204,6 +204,12 @@ def farm_members(scenario: Scenario) -> tuple[Scenario, ...]:
     return tuple(members)
 
 
+def with_sampler(scenario: Scenario, method: str) -> Scenario:
+    """The scenario with another sampler of the posterior. Raises UpdatingError."""
+    sampling = replace(scenario.updating.sampling, method=method)  # type: ignore[arg-type]
+    return replace(scenario, updating=replace(scenario.updating, sampling=sampling))
+
+
 def scenario_metadata(scenario: Scenario) -> dict[str, str]:
     """What a recording stores of its scenario: enough to make the same scenario again."""
     return {

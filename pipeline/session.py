@@ -157,6 +157,7 @@ def node_command(
         command += ["--scenario", scenario]
     elif source.recording is None:
         command += ["--scenario", source.scenario.origin]
+    command += ["--sampler", source.scenario.updating.sampling.method]
     if isinstance(options.view, ConnectedViewer):
         command += ["--view", f"connect={options.view.url}"]
     elif options.view is not None:

@@ -22,6 +22,7 @@ from pipeline.scenario import (
     load_scenario,
     scenario_from_metadata,
     scenario_metadata,
+    with_sampler,
 )
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
@@ -82,6 +83,15 @@ class Source:
         if self.truth is not None:
             yield self.truth
         yield from paced(self._sensor_messages(), pace=pace, time_of=_due_time)
+
+    def with_sampler(self, method: str | None) -> "Source":
+        """The same under another sampler of the posterior; None: the scenario's.
+
+        Raises UpdatingError for a sampler that does not exist.
+        """
+        return (
+            self if method is None else replace(self, scenario=with_sampler(self.scenario, method))
+        )
 
     def with_recording(self, path: Path) -> "Source":
         """The same replay from a file that was moved."""

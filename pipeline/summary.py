@@ -4,8 +4,8 @@
 """
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from pipeline.messages import (
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
+from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.updating.summary import empty_summary, posterior_summary
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 
@@ -65,19 +66,49 @@ def known(value: float | None) -> float | None:
 
 
 def combined_modes(
-    estimates: Sequence[ModalEstimate], pairs: Sequence[ModePair] = ()
+    estimates: Sequence[ModalEstimate], posterior: FoundationPosterior | None = None
 ) -> list[CombinedMode]:
-    """The modes of all windows, one entry per track, lowest frequency first."""
+    """The modes of all windows, one entry per track, lowest frequency first; with a posterior
+    also the model modes that they were taken for."""
     sightings: dict[str, list[tuple[Mode, float]]] = {}
     for estimate in estimates:
         for number, mode in enumerate(estimate.modes):
             name = mode.name or f"window {estimate.window} mode {number + 1}"
             sightings.setdefault(name, []).append((mode, estimate.weight))
-    paired = {
-        track: pair for pair in pairs for track in (pair.identified, *pair.identified.split("+"))
-    }
-    combined = [_combined(name, seen, paired.get(name)) for name, seen in sightings.items()]
+    pairs = _pair_of_each_track(sightings, posterior) if posterior else {}
+    combined = [_combined(name, seen, pairs.get(name)) for name, seen in sightings.items()]
     return sorted(combined, key=lambda mode: mode.frequency)
+
+
+def _pair_of_each_track(
+    sightings: Mapping[str, Sequence[tuple[Mode, float]]], posterior: FoundationPosterior
+) -> dict[str, ModePair]:
+    """Track → its pair. Two modes that cannot be separated have one pair, "m1+m2": each of them
+    is then named after the model mode near the pair whose shape it has."""
+    pairs = {pair.identified: pair for pair in posterior.pairs}
+    for together in [name for name in pairs if "+" in name]:
+        pair = pairs.pop(together)
+        for member in together.split("+"):
+            if member in sightings:
+                mode, _ = sightings[member][-1]
+                pairs[member] = _member_pair(mode, pair, posterior)
+    return pairs
+
+
+def _member_pair(mode: Mode, pair: ModePair, posterior: FoundationPosterior) -> ModePair:
+    if posterior.model_shapes.shape[1] != len(mode.shape):
+        return pair
+    near = np.abs(posterior.model_frequencies - pair.frequency) <= max(
+        3 * mode.frequency_std, abs(pair.model_frequency - pair.frequency)
+    )
+    mac = modal_assurance_criterion(posterior.model_shapes, mode.shape[None])[:, 0] * near
+    best = int(np.argmax(mac))
+    return replace(
+        pair,
+        model=posterior.model_labels[best],
+        model_frequency=float(posterior.model_frequencies[best]),
+        mac=float(mac[best]),
+    )
 
 
 def _combined(name: str, seen: Sequence[tuple[Mode, float]], pair: ModePair | None) -> CombinedMode:
@@ -172,7 +203,7 @@ class SessionSummary:
 
     @property
     def modes(self) -> list[CombinedMode]:
-        return combined_modes(self.estimates, self.posterior.pairs if self.posterior else ())
+        return combined_modes(self.estimates, self.posterior)
 
     @property
     def warnings(self) -> list[Warning]:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from pipeline.messages import Warning as Doubt
@@ -139,7 +140,9 @@ def normalised(log_weights: FloatArray) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def systematic_choice(weights: FloatArray, n: int, generator: np.random.Generator) -> FloatArray:
+def systematic_choice(
+    weights: FloatArray, n: int, generator: np.random.Generator
+) -> NDArray[np.int64]:
     """(n,) indices in rising order, each index its weight's share of n times to within one."""
     positions = (np.arange(n) + generator.random()) / n
     edges = np.cumsum(weights)

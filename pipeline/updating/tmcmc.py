@@ -88,7 +88,7 @@ class Population:
     variance: float = 0.0  # of log_evidence, were the samples independent
     stages: int = 0
 
-    def taken(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Population":
+    def taken(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> "Population":
         """The samples of these rows, a mask or indices: each as often as it is named."""
         return self.at(self.points[rows], self.companions[rows], self.log_likelihood[rows])
 

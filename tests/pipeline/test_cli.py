@@ -139,6 +139,7 @@ def test_run_without_a_recording_says_how_to_make_one(pilewatch: Command) -> Non
         (("run", "--speed", "fast", "--source", "live"), "--speed fast"),
         (("run", "--view", "hologram", "--source", "live"), "hologram"),
         (("run", "--processes", "--lock-step"), "exclude each other"),
+        (("run", "--source", "live", "--sampler", "dice"), "'dice' is not one of importance"),
         (("modes", "--theta", "1,1"), "three numbers are needed"),
         (("modes", "--theta", "1,0.25,4"), "k11·k22 must exceed k12²"),
         (("modes", "--sign", "up"), "published or embedded-pile"),

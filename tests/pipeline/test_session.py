@@ -91,6 +91,8 @@ def test_a_node_in_another_process_is_told_the_same(short_recording: Path) -> No
         "o",
         "--recording",
         str(short_recording),
+        "--sampler",
+        "importance",
         "--view",
         "connect=rerun+http://h/proxy",
         "--no-rrd",
