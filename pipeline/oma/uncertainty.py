@@ -27,7 +27,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.oma.covariance import block_hankel
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes
 
 FloatArray = NDArray[np.float64]
@@ -63,13 +62,15 @@ def projected_deviations(subspace: SignalSubspace, deviations: FloatArray) -> Pr
     """
     l = subspace.n_channels  # noqa: E741  # the field's number of outputs
     block_rows = deviations.shape[1] // 2
-    right = (subspace.right / subspace.singular_values).astype(np.float32)  # V S⁻¹
-    single = deviations.astype(np.float32)
+    right = _lags_last(subspace.right / subspace.singular_values, block_rows)  # V S⁻¹
+    # (n_blocks, n_channels, n_references, n_lags): rows of the Hankel matrix are then copied as
+    # runs of lags, several times as fast as one lag at a time
+    single = np.ascontiguousarray(deviations.transpose(0, 2, 3, 1), dtype=np.float32)
     left = subspace.left.astype(np.float32)
     upper, lower = left[:-l], left[l:]
     projected: list[list[NDArray[np.floating]]] = []
     for block in single:
-        y = block_hankel(block, block_rows) @ right
+        y = _hankel_rows(block, block_rows) @ right
         projected.append(
             [y[:l].copy(), left.T @ y, upper.T @ y[:-l], upper.T @ y[l:], lower.T @ y[:-l]]
         )
@@ -79,63 +80,83 @@ def projected_deviations(subspace: SignalSubspace, deviations: FloatArray) -> Pr
     )
 
 
+def _lags_last(rows: FloatArray, block_rows: int) -> NDArray[np.float32]:
+    """Rows (lag, reference) reordered to (reference, lag), (p·n_references, n)."""
+    by_lag = rows.reshape(block_rows, -1, rows.shape[1])
+    return np.ascontiguousarray(by_lag.transpose(1, 0, 2), dtype=np.float32).reshape(rows.shape)
+
+
+def _hankel_rows(block: NDArray[np.float32], block_rows: int) -> NDArray[np.float32]:
+    """The block Hankel matrix of one block's ΔR, (n_channels, n_references, n_lags), with its
+    columns in the order (reference, lag)."""
+    n_channels, n_references, _ = block.shape
+    windows = np.lib.stride_tricks.sliding_window_view(block, block_rows, axis=2)
+    return np.ascontiguousarray(windows.transpose(2, 0, 1, 3)).reshape(
+        (block_rows + 1) * n_channels, n_references * block_rows
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class OrderDeviations:
     """How the time blocks move the state matrix of one order; its modes are `modes`.
 
-    With P = I − U Uᵀ of this order, (n_blocks, n, n) each:
-        D₁ = O_upᵀ (P Y)_down,  D₂ = O_upᵀ (P Y)_up,  D₃ = O_downᵀ (P Y)_up
-    and for a pole λ with eigenvector ψ, G = O_upᵀ O_up,
-        G ΔA ψ = (D₁ − λ D₂) ψ + (D₃ − λ D₂)ᵀ ψ
-    whose second part comes from the least-squares residual of O_up A = O_down.
+    With P = I − U Uᵀ of this order, K = O_upᵀ O_down, G = O_upᵀ O_up and for a pole λ with
+    eigenvector ψ:
+        G ΔA ψ = O_upᵀ ((P Y)_down − λ (P Y)_up) ψ + ((O_down − λ O_up)ᵀ (P Y)_up)ᵀ ψ
+    whose second part comes from the least-squares residual of O_up A = O_down. What P takes off
+    is (K − λ G) Uᵀ Y ψ of the first part and (Uᵀ Y)ᵀ (K − λ G) ψ of the second.
     """
 
     modes: SystemModes
     gram: FloatArray  # G, (n, n)
+    shift: FloatArray  # K, (n, n)
     left_vectors: ComplexArray  # X, (n, n): Xᵀ A = diag(λ_d) Xᵀ, Xᵀ Ψ = I
-    d_1: FloatArray
-    d_2: FloatArray
-    d_3: FloatArray
-    first_row: FloatArray  # first block row of P Y, (n_blocks, n_channels, n)
-    output: FloatArray  # C, (n_channels, n)
+    projected: ProjectedDeviations
+
+    def part(self, name: str) -> FloatArray:
+        """The leading part of a projection that this order uses, (n_blocks, n, n)."""
+        n = self.modes.order
+        return np.asarray(getattr(self.projected, name)[:, :n, :n])
 
 
 def order_deviations(projected: ProjectedDeviations, modes: SystemModes) -> OrderDeviations:
-    """The leading parts of the projections, for the model of one order."""
+    """What the model of one order takes of the projections."""
     n, subspace = modes.order, projected.subspace
-    upper, lower = subspace.upper[:, :n], subspace.lower[:, :n]
-    output = subspace.left[: subspace.n_channels, :n]
     last = subspace.left[-subspace.n_channels :, :n]
-    gram = np.eye(n) - last.T @ last  # O_upᵀ O_up, since UᵀU = I
-    shifted = upper.T @ lower
-    inside = projected.whole[:, :n, :n]  # Uᵀ Y: what P takes off
     return OrderDeviations(
         modes=modes,
-        gram=gram,
+        gram=np.eye(n) - last.T @ last,  # O_upᵀ O_up, since UᵀU = I
+        shift=subspace.upper[:, :n].T @ subspace.lower[:, :n],
         left_vectors=modes.left_eigenvectors(),
-        d_1=projected.up_down[:, :n, :n] - shifted @ inside,
-        d_2=projected.up_up[:, :n, :n] - gram @ inside,
-        d_3=projected.down_up[:, :n, :n] - shifted.T @ inside,
-        first_row=projected.first_row[:, :, :n] - output @ inside,
-        output=output,
+        projected=projected,
     )
 
 
 def pole_deviations(order: OrderDeviations, chosen: NDArray[np.int64]) -> ComplexArray:
     """Δλ_d of chosen modes of one order by time block, (n_chosen, n_blocks).
 
-    Δλ = χᵀ ΔA ψ = dᵀ (D₁ − λ D₂) ψ + ψᵀ (D₃ − λ D₂) d,   d = G⁻¹ χ
-
-    As one product of D, (n_blocks, n²), with the outer products of d and ψ.
+    Δλ = χᵀ ΔA ψ = dᵀ (G ΔA ψ),  d = G⁻¹ χ: products of the projections, (n_blocks, n²), with the
+    outer products of d and ψ.
     """
     modes = order.modes
-    psi = modes.right[:, chosen]
+    psi, poles = modes.right[:, chosen], modes.poles[chosen]
     dual = np.linalg.solve(order.gram, order.left_vectors[:, modes.kept[chosen]])
-    forth = dual[:, None, :] * psi[None, :, :]
+    left = order.shift.T @ dual - poles * (order.gram @ dual)
+    right = order.shift @ psi - poles * (order.gram @ psi)
+    forth = _outer(dual, psi)
     back = forth.transpose(1, 0, 2)
-    moved = _contracted(order.d_1, forth) + _contracted(order.d_3, back)
-    moved -= modes.poles[chosen] * _contracted(order.d_2, forth + back)
+    moved = (
+        _contracted(order.part("up_down"), forth)
+        + _contracted(order.part("down_up"), back)
+        - poles * _contracted(order.part("up_up"), forth + back)
+        - _contracted(order.part("whole"), _outer(left, psi) + _outer(right, dual))
+    )
     return np.asarray(moved.T)
+
+
+def _outer(left: ComplexArray, right: ComplexArray) -> ComplexArray:
+    """left[i, m] right[j, m], (n, n, n_modes)"""
+    return np.asarray(left[:, None, :] * right[None, :, :])
 
 
 def _contracted(real: FloatArray, columns: ComplexArray) -> ComplexArray:
@@ -183,17 +204,26 @@ def shape_deviations(order: OrderDeviations, chosen: NDArray[np.int64]) -> Compl
     """
     modes = order.modes
     psi, poles = modes.right[:, chosen], modes.poles[chosen]
-    # G ΔA ψ, (n_blocks, n, n_chosen)
-    change = _applied(order.d_1, psi) + _applied(order.d_3.transpose(0, 2, 1), psi)
-    change -= poles * _applied(order.d_2 + order.d_2.transpose(0, 2, 1), psi)
+    output = order.projected.subspace.left[: len(modes.shapes), : modes.order]  # C
+    up_up, whole = order.part("up_up"), order.part("whole")
+    inside = _applied(whole, psi)  # Uᵀ Y ψ
+    right = order.shift @ psi - poles * (order.gram @ psi)
+    change = (  # G ΔA ψ, (n_blocks, n, n_chosen)
+        _applied(order.part("up_down"), psi)
+        + _applied(order.part("down_up").transpose(0, 2, 1), psi)
+        - poles * (_applied(up_up, psi) + _applied(up_up.transpose(0, 2, 1), psi))
+        - (order.shift @ inside - poles * (order.gram @ inside))
+        - _applied(whole.transpose(0, 2, 1), right)
+    )
     distance = poles - modes.all_poles[:, None]
     distance[modes.kept[chosen], np.arange(len(chosen))] = np.inf  # ψ itself keeps its scale
     left = np.linalg.solve(order.gram, order.left_vectors).T  # Xᵀ G⁻¹
-    shapes = order.output @ modes.all_right  # C Ψ
+    shapes = output @ modes.all_right  # C Ψ
     # each mode's map from G ΔA ψ to C Δψ, (n_chosen, n_channels, n)
     to_shape = (shapes / distance.T[:, None, :]) @ left
     turned = to_shape @ change.transpose(2, 1, 0)
-    return np.asarray(_applied(order.first_row, psi).transpose(2, 1, 0) + turned)
+    output_change = _applied(order.projected.first_row[:, :, : modes.order], psi) - output @ inside
+    return np.asarray(output_change.transpose(2, 1, 0) + turned)
 
 
 def _applied(real: FloatArray, columns: ComplexArray) -> ComplexArray:

@@ -104,6 +104,9 @@ def speed() -> None:
         print(f"    pyOMA-2 {theirs:.1f}: {theirs / with_unc:.0f} times as long")
     memory = peak_memory(lambda: every_uncertainty(thirty, rows=60, orders=range(2, 31)))
     print(f"  peak memory with uncertainty, 60 block rows: {memory:.0f} MB")
+    if importlib.util.find_spec("pyoma2"):
+        theirs = peak_memory(lambda: run_pyoma(thirty, rows=60, highest=30, step=1, uncertain=True))
+        print(f"    pyOMA-2 {theirs:.0f} MB: {theirs / memory:.0f} times as much")
     scratch, sliding = sliding_update(record)
     print(f"  window from scratch, 100 block rows, 30 orders, with uncertainty: {scratch:.3f}")
     print(f"  slid by a tenth: {sliding:.3f}, {scratch / sliding:.1f} times faster")
