@@ -113,6 +113,8 @@ class ModePair:
     model_frequency: float  # at the posterior's median [Hz]
     mac: float  # modal assurance criterion [-]
     shape_used: bool  # False where only the frequency entered the likelihood
+    misfit: float = float("nan")  # of the frequency to the posterior, in standard deviations [-]
+    information: float = float("nan")  # its share of all modes' on the stiffness [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +127,7 @@ class ParameterSummary:
     median: float  # [unit]
     p05: float  # 5 % quantile [unit]
     p95: float  # 95 % quantile [unit]
+    contraction: float = float("nan")  # 1 − interval / the prior's; 0: nothing was learned [-]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

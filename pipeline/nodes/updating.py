@@ -2,7 +2,13 @@
 
 from collections.abc import Iterable
 
-from pipeline.messages import FoundationPosterior, Message, ModalEstimate, WindowRejected
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    Message,
+    ModalEstimate,
+    WindowRejected,
+)
 from pipeline.updating.updater import FoundationUpdater, UpdatingState
 
 
@@ -26,11 +32,14 @@ class FoundationUpdaterNode:
         """The state as a small file's bytes; `FoundationUpdater.restored` reads them."""
         return self._updater.saved(self._state)
 
-    def handle(self, message: Message) -> Iterable[FoundationPosterior | WindowRejected]:
-        """The posterior after a ModalEstimate, or why it could not be used."""
+    def handle(
+        self, message: Message
+    ) -> Iterable[FoundationEvent | FoundationPosterior | WindowRejected]:
+        """The posterior after a ModalEstimate, before it the event where the structure has
+        changed; or why the estimate could not be used."""
         if isinstance(message, ModalEstimate):
-            self._state, answer = self._updater.updated(self._state, message)
-            return (answer,)
+            self._state, answers = self._updater.watched(self._state, message)
+            return answers
         return ()
 
     def close(self) -> None:

@@ -99,9 +99,11 @@ class Sighting:
 def sightings(estimate: ModalEstimate, channels: Sequence[str]) -> list[Sighting]:
     """Every mode of an estimate on the layout's channels, the members of a close pair as one.
 
-    Raises EstimateRefused for a channel the layout doesn't have, and for a covariance that is not
-    finite or not positive.
+    Raises EstimateRefused for no mode at all, for a channel the layout doesn't have, and for a
+    covariance that is not finite or not positive.
     """
+    if not estimate.modes:
+        raise EstimateRefused("no-modes", "no mode was identified")
     for name in estimate.channels:
         if name not in channels:
             raise EstimateRefused(
@@ -114,6 +116,11 @@ def sightings(estimate: ModalEstimate, channels: Sequence[str]) -> list[Sighting
         _check(mode)
         groups.setdefault(mode.pair_id or f"single {number}", []).append(mode)
     return [_sighting(group, rows, 1 + len(channels)) for group in groups.values()]
+
+
+def diagonal(sighting: Sighting) -> Sighting:
+    """The same with the variances alone of its covariance."""
+    return replace(sighting, factor=np.linalg.norm(sighting.factor, axis=1)[:, None])
 
 
 def _check(mode: Mode) -> None:
@@ -300,8 +307,6 @@ class ModalEvidence:
 
     def with_estimate(self, estimate: ModalEstimate) -> "ModalEvidence":
         """The evidence after one more window. Raises EstimateRefused; self never changes."""
-        if not estimate.modes:
-            raise EstimateRefused("no-modes", "no mode was identified")
         return self.with_sightings(
             sightings(estimate, self.channels), estimate.weight, estimate.duration
         )
@@ -335,6 +340,12 @@ class ModalEvidence:
             n_tracks=n_tracks,
             window_duration=min(self.window_duration or np.inf, duration),
         )
+
+    def with_tracks_of(self, other: "ModalEvidence") -> "ModalEvidence":
+        """The same modes under the tracks that `other`, of the same last window, knows them by."""
+        tracks = {mode.last_frequency: mode.track for mode in other.modes}
+        modes = [replace(m, track=tracks.get(m.last_frequency, m.track)) for m in self.modes]
+        return replace(self, modes=tuple(modes), n_tracks=max(self.n_tracks, other.n_tracks))
 
 
 def _remembered(modes: Sequence[ModeEvidence], n_windows: int) -> tuple[ModeEvidence, ...]:

@@ -24,6 +24,7 @@ class GuardSettings:
     paired_share: float = 0.8  # least share of identified modes with a partner [-]
     pairing_cost: float = 2.5  # per identified mode [-]
     rhat: float = 1.05  # chains that disagree more have not converged [-]
+    mode_misfit: float = 4.0  # of one mode's frequency: beyond, it is named [standard deviations]
     interval_share: float = 0.8  # of the prior's 90 % interval: above, nothing was learned [-]
 
     def __post_init__(self) -> None:

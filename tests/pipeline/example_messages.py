@@ -189,8 +189,8 @@ def estimates(draw: st.DrawFn) -> ModalEstimate:
 @st.composite
 def posteriors(draw: st.DrawFn) -> FoundationPosterior:
     labels = draw(st.lists(texts, max_size=3).map(tuple))
-    summaries = st.builds(ParameterSummary, texts, texts, *[numbers] * 4)
-    pairs = st.builds(ModePair, texts, texts, *[numbers] * 4, st.booleans())
+    summaries = st.builds(ParameterSummary, texts, texts, *[numbers] * 5)
+    pairs = st.builds(ModePair, texts, texts, *[numbers] * 4, st.booleans(), *[numbers] * 2)
     return FoundationPosterior(
         turbine=draw(texts),
         window=draw(counts),

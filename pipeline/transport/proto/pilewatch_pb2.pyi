@@ -233,23 +233,25 @@ class WindowRejected(_message.Message):
     def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., code: _Optional[str] = ..., reason: _Optional[str] = ...) -> None: ...
 
 class ParameterSummary(_message.Message):
-    __slots__ = ("name", "unit", "nominal", "median", "p05", "p95")
+    __slots__ = ("name", "unit", "nominal", "median", "p05", "p95", "contraction")
     NAME_FIELD_NUMBER: _ClassVar[int]
     UNIT_FIELD_NUMBER: _ClassVar[int]
     NOMINAL_FIELD_NUMBER: _ClassVar[int]
     MEDIAN_FIELD_NUMBER: _ClassVar[int]
     P05_FIELD_NUMBER: _ClassVar[int]
     P95_FIELD_NUMBER: _ClassVar[int]
+    CONTRACTION_FIELD_NUMBER: _ClassVar[int]
     name: str
     unit: str
     nominal: float
     median: float
     p05: float
     p95: float
-    def __init__(self, name: _Optional[str] = ..., unit: _Optional[str] = ..., nominal: _Optional[float] = ..., median: _Optional[float] = ..., p05: _Optional[float] = ..., p95: _Optional[float] = ...) -> None: ...
+    contraction: float
+    def __init__(self, name: _Optional[str] = ..., unit: _Optional[str] = ..., nominal: _Optional[float] = ..., median: _Optional[float] = ..., p05: _Optional[float] = ..., p95: _Optional[float] = ..., contraction: _Optional[float] = ...) -> None: ...
 
 class ModePair(_message.Message):
-    __slots__ = ("identified", "model", "frequency", "frequency_std", "model_frequency", "mac", "shape_used")
+    __slots__ = ("identified", "model", "frequency", "frequency_std", "model_frequency", "mac", "shape_used", "misfit", "information")
     IDENTIFIED_FIELD_NUMBER: _ClassVar[int]
     MODEL_FIELD_NUMBER: _ClassVar[int]
     FREQUENCY_FIELD_NUMBER: _ClassVar[int]
@@ -257,6 +259,8 @@ class ModePair(_message.Message):
     MODEL_FREQUENCY_FIELD_NUMBER: _ClassVar[int]
     MAC_FIELD_NUMBER: _ClassVar[int]
     SHAPE_USED_FIELD_NUMBER: _ClassVar[int]
+    MISFIT_FIELD_NUMBER: _ClassVar[int]
+    INFORMATION_FIELD_NUMBER: _ClassVar[int]
     identified: str
     model: str
     frequency: float
@@ -264,7 +268,9 @@ class ModePair(_message.Message):
     model_frequency: float
     mac: float
     shape_used: bool
-    def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: _Optional[bool] = ...) -> None: ...
+    misfit: float
+    information: float
+    def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: _Optional[bool] = ..., misfit: _Optional[float] = ..., information: _Optional[float] = ...) -> None: ...
 
 class FoundationPosterior(_message.Message):
     __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings")
