@@ -47,6 +47,8 @@ FLAT = 1e-6  # information on the intercept of ln f: a standard deviation of 100
 CUT = 3.0  # errors beyond so many standard deviations count as such [-]
 SCATTER_WINDOWS = 10.0  # what the identification's own standard deviation counts for
 SCATTER_RANGE = (0.5, 25.0)  # of s²
+EXPLAINED = 0.5  # of the evidence of all modes, that stiffness must explain to be called its change
+STEPS = 10  # of iterated least squares
 N_REGRESSORS = 2  # intercept, water level
 
 
@@ -247,7 +249,7 @@ class ChangeDetector:
         """Whether there was a change. sensitivities: S, (n_tracks, 3); window_duration [s]."""
         g, h = _steps(state, _of(state.moments))
         shares = np.log(_of(state.shares))
-        by_kind = shares + np.stack([_log_drift(g, h), _log_foundation(g, h, sensitivities)[0]])
+        by_kind = shares + np.stack([_log_drift(g, h), _log_foundation(g, h, sensitivities)])
         totals = np.exp(np.minimum(_log_sum(by_kind.T), 700.0))
         a_year = SECONDS_PER_YEAR / window_duration  # windows
         hazard = self.settings.changes_per_year / a_year
@@ -267,12 +269,14 @@ class ChangeDetector:
         earliest, latest = np.searchsorted(np.cumsum(chances), [0.05, 0.95])
         latest = min(int(latest), len(chances) - 1)
         g, h = (each[[candidate]] for each in _steps(state, _of(state.uncut)))
-        log_foundation, ratios, covariance = _log_foundation(g, h, sensitivities)
-        everywhere = float(_log_every(g, h)[0])
+        ratios, covariance = _stiffness_step(g[0], h[0], sensitivities)
+        g_cut, h_cut = (each[[candidate]] for each in _steps(state, _of(state.moments)))
+        by_stiffness = float(_log_foundation(g_cut, h_cut, sensitivities)[0])
+        by_anything = float(_log_every(g_cut, h_cut)[0])
         baseline, _ = _baseline(state, _of(state.uncut), rows=_before(state, candidate))
         known = np.where(h[0] > 0, h[0], np.nan)
         return Change(
-            kind="foundation" if log_foundation[0] >= everywhere else "modal-drift",
+            kind="foundation" if by_stiffness >= EXPLAINED * by_anything else "modal-drift",
             candidate=candidate,
             restart=max(candidate, latest),
             earliest=min(int(earliest), candidate),
@@ -457,11 +461,8 @@ def _log_drift(g: FloatArray, h: FloatArray) -> FloatArray:
     return np.logaddexp(_log_mean(each.sum(axis=2)), single) - np.log(2)
 
 
-def _log_foundation(
-    g: FloatArray, h: FloatArray, sensitivities: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(K,) log likelihood ratio of a change of stiffness; κ, (3,), and its covariance, (3, 3), of
-    the last candidate under the τ that explains it best."""
+def _log_foundation(g: FloatArray, h: FloatArray, sensitivities: FloatArray) -> FloatArray:
+    """(K,) log likelihood ratio of a change of stiffness."""
     gradient = g @ sensitivities  # G, (K, 3)
     squared = (sensitivities[:, :, None] * sensitivities[:, None, :]).reshape(-1, 9)
     hessian = (h @ squared).reshape(-1, 3, 3)  # H, (K, 3, 3)
@@ -470,10 +471,26 @@ def _log_foundation(
     solved = np.linalg.solve(inner, np.broadcast_to(gradient[:, :, None], (*inner.shape[:3], 1)))
     logs = 0.5 * (gradient * solved[..., 0]).sum(axis=2)
     logs -= 0.5 * np.linalg.slogdet(np.eye(3) + squares * hessian)[1]
-    best = int(np.argmax(logs[:, -1])) if logs.shape[1] else 0
-    if not logs.shape[1]:
-        return np.zeros(0), np.zeros(3), np.eye(3)
-    return _log_mean(logs), solved[best, -1, :, 0], np.linalg.inv(inner[best, -1])
+    return _log_mean(logs)
+
+
+def _stiffness_step(
+    g: FloatArray, h: FloatArray, sensitivities: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """κ, (3,), and its covariance, (3, 3), from one candidate's steps, (J,).
+
+    Iterated least squares with the weights of Student's t: one mode that jumped to its sister
+    must not be read as a stiffness.
+    """
+    weights = np.ones(len(g))
+    prior = np.eye(3) / STIFFNESS_SHIFTS[-1] ** 2
+    for _ in range(STEPS):
+        hessian = (sensitivities.T * (weights * h)) @ sensitivities + prior
+        ratios = np.linalg.solve(hessian, sensitivities.T @ (weights * g))
+        residuals = g - h * (sensitivities @ ratios)
+        squares = np.divide(residuals**2, h, out=np.zeros_like(h), where=h > 0)
+        weights = 5 / (4 + squares)  # ν = 4
+    return ratios, np.linalg.inv(hessian)
 
 
 def _log_sum(logs: FloatArray) -> FloatArray:
