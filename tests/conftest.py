@@ -28,12 +28,6 @@ transient = 120.0
 window_duration = 120.0
 hop = 120.0
 
-[updating.sampler]
-walkers = 16
-burn_in = 10
-block = 10
-most_steps = 20
-
 [updating.pairing]
 search_draws = 100
 refined = 2
@@ -42,7 +36,7 @@ refined = 2
 
 @pytest.fixture(scope="session")
 def short_scenario() -> Scenario:
-    """Four minutes of the parked turbine in two windows, chains too short to be trusted."""
+    """Four minutes of the parked turbine in two windows, with a short search for pairs."""
     return scenario_from_text(SHORT_SCENARIO, "short.toml")
 
 

@@ -78,9 +78,11 @@ def test_the_recorded_session_can_be_replayed_to_the_same_posterior(
     np.testing.assert_array_equal(again[-1].draws, first[-1].draws)
 
 
-def test_a_short_chain_is_reported_and_the_truth_is_named(sessions: dict[str, Path]) -> None:
+def test_the_summary_names_the_truth_and_how_the_posterior_was_sampled(
+    sessions: dict[str, Path],
+) -> None:
     summary = figures(sessions["threads"])
-    assert "chain-short" in {warning["code"] for warning in summary["warnings"]}
+    assert summary["posterior"]["sampler"] == "importance"
     assert summary["posterior"]["k11"]["truth_ratio"] == 1.0
     assert summary["windows"]["identified"] == 2
     assert summary["duration_s"] == 240.0

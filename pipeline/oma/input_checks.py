@@ -28,8 +28,9 @@ UNEVEN_STEP = 0.01  # a step this far from the mean one, relative to it, is unev
 GAP_STEPS = 3.0  # a step longer than this many nominal ones is a gap; shorter are interpolated
 RATE_TOLERANCE = 1e-3  # stated rate against the stamps': beyond, frequencies would be wrong
 DRIFT_SHARE = 1.0  # a straight line's rise over the window, relative to the rms about it
-SPIKE_SIZE = 20.0  # of a lone sample over its neighbours, in robust std of that difference
-SPIKE_ALONE = 4.0  # and over the same difference of any sample around it
+FLAT_CREST = 3  # equal samples in a row at a crest that is cut off
+SPIKE_SIZE = 10.0  # of a lone sample over its neighbours, in robust std of that difference
+SPIKE_ALONE = 3.0  # and over the same difference of any sample around it
 SPIKE_SURROUNDINGS = 10  # samples to either side that are around it
 MOST_SPIKES = 1e-3  # share of a channel's samples that is mended; more is no accident
 QUIET_TO_LOUD = 3.0  # rms of the loudest over the median tenth of a window that is stationary
@@ -129,22 +130,45 @@ def check_duplicates(
 def check_clipping(
     samples: NDArray[np.floating], channel_names: Sequence[str]
 ) -> tuple[Finding, ...]:
-    """Channels that pile up at their extreme value: the converter's or the sensor's limit.
+    """Channels that pile up at the converter's or the sensor's limit, all the time or for a part.
 
-    The tails of a healthy signal thin out, so that its extreme value is rarer than the next one.
+    The tails of a healthy signal thin out, so that its extreme value is rarer than the next one;
+    and its crests are rarely flat, nor all at one height.
     """
     findings = []
     for name, channel in zip(channel_names, samples.T, strict=True):
-        _, counts = np.unique(channel, return_counts=True)
-        at_limits = sum(
-            int(last)
-            for last, next_to_last in (counts[:2], counts[:-3:-1])
-            if last >= CLIPPED_COUNT and last > CLIPPED_EXCESS * next_to_last
-        )
+        at_limits = _samples_at_the_extremes(channel)
+        flat = 0 if at_limits else _flat_crests(channel) + _flat_crests(-channel)
         if at_limits:
             text = f"{name} is at its largest or smallest value {at_limits} times: clipped"
             findings.append(Finding("clipped", text, "warn"))
+        elif flat:
+            text = f"{name} has {flat} crests cut off at one height: clipped for a part"
+            findings.append(Finding("clipped", text, "warn"))
     return tuple(findings)
+
+
+def _samples_at_the_extremes(channel: NDArray[np.floating]) -> int:
+    _, counts = np.unique(channel, return_counts=True)
+    return sum(
+        int(last)
+        for last, next_to_last in (counts[:2], counts[:-3:-1])
+        if last >= CLIPPED_COUNT and last > CLIPPED_EXCESS * next_to_last
+    )
+
+
+def _flat_crests(channel: NDArray[np.floating]) -> int:
+    """Crests of three or more equal samples at the height that has most of them; 0 where other
+    heights have nearly as many, as in a signal of few digits."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(channel)) + 1])
+    ends = np.append(starts[1:], len(channel))
+    inner = (starts > 0) & (ends < len(channel)) & (ends - starts >= FLAT_CREST)
+    starts, ends = starts[inner], ends[inner]
+    height = channel[starts]
+    crests = height[(channel[starts - 1] < height) & (channel[ends] < height)]
+    counts = np.sort(np.unique(crests, return_counts=True)[1])[::-1]
+    most, next_most = [*counts.tolist(), 0, 0][:2]
+    return most if most >= CLIPPED_COUNT and most > CLIPPED_EXCESS * next_most else 0
 
 
 def lone_spikes(samples: NDArray[np.floating]) -> NDArray[np.bool_]:

@@ -39,6 +39,19 @@ def test_a_converter_at_its_limit_is_clipping(record: np.ndarray) -> None:
     assert (finding.code, finding.action) == ("clipped", "warn")
 
 
+def test_a_limit_reached_for_a_part_of_the_window_is_clipping(record: np.ndarray) -> None:
+    limit = 0.5 * np.abs(record).max()
+    record[2000:3000] = np.clip(record[2000:3000], -limit, limit)
+    finding = check_samples(record, RATE, NAMES)[0]
+    assert (finding.code, finding.action) == ("clipped", "warn")
+    assert "crests cut off at one height" in finding.text
+
+
+def test_a_record_of_few_digits_is_not_clipping(record: np.ndarray) -> None:
+    coarse = np.round(record, 0)
+    assert "clipped" not in {each.code for each in check_samples(coarse, RATE, NAMES)}
+
+
 def test_a_bit_error_is_mended_and_does_not_move_the_modes(record: np.ndarray) -> None:
     clean = identify(record, RATE)
     record[3000, 1] += 400.0
