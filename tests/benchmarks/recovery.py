@@ -1,6 +1,6 @@
 """A known foundation is recovered from simulated accelerations: simulate → identify → update.
 
-    python -m tests.benchmarks recovery [--seeds 20] [--windows 6] [--load strong|weak]
+    python -m tests.benchmarks recovery [--seeds 20] [--first-seed 1001] [--windows 6] [--load strong|weak]
         [--sign published|embedded-pile] [--processes 2]
 
 Each seed draws its own true stiffness, uniform in .8 to 1.25 of nominal, and its own loads and
@@ -31,7 +31,8 @@ from sensors.turbine.modal import ModalModel
 
 FloatArray = NDArray[np.float64]
 
-FIRST_SEED = 1001  # of the truths and the loads; chosen before any result was seen
+FIRST_SEED = 1001  # of the truths and the loads. The floors and tails of the likelihood were chosen
+# while looking at seeds 1001 to 1010: other first seeds are the honest test
 LOWEST, HIGHEST = 0.8, 1.25  # true stiffness / nominal [-]
 LOADS = {  # rms forces [N]: broadband on tower and a blade, waves fore-aft and side-side
     "strong": (50e3, 15e3, 300e3, 60e3),
@@ -137,13 +138,14 @@ def main(arguments: list[str]) -> None:
     """Run the seeds and print the table."""
     parser = argparse.ArgumentParser(prog="recovery", description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
     parser.add_argument("--windows", type=int, default=6)
     parser.add_argument("--load", choices=sorted(LOADS), default="strong")
     parser.add_argument("--sign", choices=("published", "embedded-pile"), default="published")
     parser.add_argument("--processes", type=int, default=2)
     chosen = parser.parse_args(arguments)
     cases = [
-        Case(FIRST_SEED + number, chosen.windows, chosen.load, chosen.sign)
+        Case(chosen.first_seed + number, chosen.windows, chosen.load, chosen.sign)
         for number in range(chosen.seeds)
     ]
     results = []
