@@ -1,7 +1,7 @@
 """A known foundation is recovered from simulated accelerations: simulate → identify → update.
 
-    python -m tests.benchmarks recovery [--seeds 20] [--first-seed 1001] [--windows 6] [--load strong|weak]
-        [--sign published|embedded-pile] [--processes 2]
+    python -m tests.benchmarks recovery [--seeds 20] [--first-seed 1001] [--windows 6]
+        [--load strong|weak] [--sign published|embedded-pile] [--processes 2]
 
 Each seed draws its own true stiffness, uniform in .8 to 1.25 of nominal, and its own loads and
 noise. The updater is given nothing but the blocks; it starts from the whole prior. The simulator
