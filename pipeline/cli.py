@@ -179,6 +179,8 @@ def _print_session(session: Any) -> None:
         output.print("[bold]No posterior:[/] no window could be used.")
     else:
         output.print(posterior_table(figures["posterior"]))
+    for event in figures["events"]:
+        output.print(f"[bold]change:[/] {_escaped(event['text'])}")
     for rejected in figures["windows"]["rejected"]:
         output.print(f"window at {rejected['start']:.0f} s not used: {rejected['reason']}")
     for warning in figures["warnings"]:

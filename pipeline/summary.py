@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
     Message,
@@ -157,6 +158,7 @@ class SessionSummary:
     estimates: list[ModalEstimate] = field(default_factory=list)
     rejected: list[WindowRejected] = field(default_factory=list)
     gaps: list[StreamGap] = field(default_factory=list)
+    events: list[FoundationEvent] = field(default_factory=list)
     posterior: FoundationPosterior | None = None
     truth: FoundationTruth | None = None
     statuses: dict[str, NodeStatus] = field(default_factory=dict)
@@ -169,6 +171,7 @@ class SessionSummary:
         ModalEstimate,
         WindowRejected,
         StreamGap,
+        FoundationEvent,
         FoundationPosterior,
         FoundationTruth,
         NodeStatus,
@@ -184,6 +187,8 @@ class SessionSummary:
                 self.rejected.append(message)
             case StreamGap():
                 self.gaps.append(message)
+            case FoundationEvent():
+                self.events.append(message)
             case FoundationPosterior():
                 self.posterior = message
             case FoundationTruth():
@@ -231,6 +236,7 @@ class SessionSummary:
             },
             "modes": [mode.as_json() for mode in self.modes],
             "posterior": self._posterior(),
+            "events": [self._event(each) for each in self.events],
             "warnings": [{"code": each.code, "text": each.text} for each in self.warnings],
             "stream": self._stream(),
             "timing": {
@@ -243,6 +249,15 @@ class SessionSummary:
 
     def _since_start(self, time_ns: int) -> float | None:
         return None if self.first_ns is None else (time_ns - self.first_ns) / NANOSECONDS
+
+    def _event(self, event: FoundationEvent) -> Json:
+        return {
+            "kind": event.kind,
+            "probability": known(event.probability),
+            "noticed": self._since_start(event.time_ns),
+            "since": self._since_start(event.since_ns),
+            "text": event.text,
+        }
 
     def _rejection(self, rejected: WindowRejected) -> Json:
         start = self._since_start(rejected.start_ns)

@@ -8,6 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
     ModalEstimate,
@@ -174,6 +175,11 @@ class TurbineScreen:
         self._event(f"gap: {gap_text(gap)}", level="WARN")
         self._status.take(gap)
         self._show_status()
+
+    def show_event(self, event: FoundationEvent) -> None:
+        """A change of the foundation or of the modes."""
+        self._at(event.time_ns)
+        self._event(event.text, level="WARN")
 
     def show_node(self, node: NodeStatus) -> None:
         """A node's state; shown at the latest sensor time, since its own clock is the machine's.

@@ -1,6 +1,7 @@
 """A show: one recording stream on which every turbine of the session has its screen."""
 
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
     Message,
@@ -56,6 +57,8 @@ class Show:
                 screen.show_truth(message)
             case StreamGap():
                 screen.show_gap(message)
+            case FoundationEvent():
+                screen.show_event(message)
             case NodeStatus():
                 screen.show_node(message)
                 return  # nodes speak before the sensors do: not yet a reason to lay out anything

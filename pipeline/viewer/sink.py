@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
     Message,
@@ -40,6 +41,7 @@ class Viewer:
         FoundationPosterior,
         FoundationTruth,
         StreamGap,
+        FoundationEvent,
         NodeStatus,
     )
 

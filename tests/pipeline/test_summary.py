@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
     ModalEstimate,
@@ -149,3 +150,23 @@ def test_the_truth_is_kept_for_the_summary() -> None:
     summary = SessionSummary("replay:x", "t1")
     summary.handle(FoundationTruth("t1", 0, k11=1.0, k22=2.0, k12=3.0))
     assert summary.truth is not None
+
+
+def test_a_change_is_told_with_its_time_from_the_first_sample() -> None:
+    summary = SessionSummary("replay:x", "t1")
+    first = block(0)
+    summary.count(first)
+    noticed = first.start_ns + 3 * WINDOW
+    since = first.start_ns + 2 * WINDOW
+    told = "k22 fell by 10 %"
+    summary.handle(
+        FoundationEvent("t1", 2, noticed, "foundation", 0.99, since, since, since, (), (), told)
+    )
+    (event,) = summary.as_json(wall=1.0)["events"]
+    assert event == {
+        "kind": "foundation",
+        "probability": 0.99,
+        "noticed": 1800.0,
+        "since": 1200.0,
+        "text": told,
+    }
