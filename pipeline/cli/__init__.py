@@ -1,0 +1,48 @@
+"""The commands: thin, each a few lines around a function that does the work.
+
+Exit codes: 0 done; 2 something the user gave is wrong (one line says what); 1 a bug or a node that
+failed.
+"""
+
+import logging
+import sys
+
+import typer
+from rich.logging import RichHandler
+
+from pipeline.cli.console import escaped, people
+from pipeline.cli.modal import identify, modes
+from pipeline.cli.recordings import info, simulate
+from pipeline.cli.session import node, run
+from pipeline.errors import NodeFailed
+from sensors.errors import InputError
+
+app = typer.Typer(
+    help="Watch an offshore wind turbine's foundation through its tower's accelerations.",
+    epilog="Start with `pilewatch run`: it replays recordings/parked.mcap and writes out/.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+for command in (run, simulate, identify, modes, node, info):
+    app.command()(command)
+
+
+def main() -> None:
+    """Entry point of `pilewatch`: a user's mistake becomes one line and exit code 2."""
+    logging.basicConfig(
+        level=logging.WARNING,
+        format="%(message)s",
+        handlers=[RichHandler(console=people, show_path=False)],
+    )
+    try:
+        app()
+    except InputError as error:
+        people.print(f"[bold red]pilewatch:[/] {escaped(str(error))}", soft_wrap=True)
+        sys.exit(2)
+    except NodeFailed as failure:
+        logging.getLogger(__name__).debug("a node failed", exc_info=True)
+        people.print(f"[bold red]pilewatch:[/] {escaped(str(failure))}", soft_wrap=True)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -1,0 +1,56 @@
+"""What the commands share: where they speak, how they show progress, how they are stopped."""
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+if TYPE_CHECKING:
+    from sensors.blocks import AccelerationBlock
+
+people = Console(stderr=True)  # progress, warnings, errors
+output = Console()  # results
+
+ScenarioOption = Annotated[
+    str | None,
+    typer.Option(help="A shipped scenario (e.g. parked) or a TOML file of your own."),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+
+
+def escaped(text: str) -> str:
+    """Text whose brackets are brackets, not markup."""
+    return text.replace("[", r"\[")
+
+
+@contextmanager
+def stopped_by_signals() -> Iterator[threading.Event]:
+    """An event that Ctrl-C and SIGTERM set, so that files are closed before the end."""
+    stopping = threading.Event()
+    names = (signal.SIGINT, signal.SIGTERM)
+    before = {name: signal.signal(name, lambda *_: stopping.set()) for name in names}
+    try:
+        yield stopping
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
+
+
+@contextmanager
+def progress(title: str, duration: float | None) -> Iterator["Callable[[AccelerationBlock], None]"]:
+    """A bar of measured time on the error stream; gives the function that moves it."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} s measured"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=people, transient=True) as bar:
+        task = bar.add_task(escaped(title), total=duration)
+        yield lambda block: bar.advance(task, block.duration)

@@ -1,0 +1,89 @@
+"""`pilewatch identify` and `pilewatch modes`: modes that were measured, modes of the model."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.console import JsonOption, ScenarioOption, escaped, output, people
+
+
+def identify(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="An MCAP recording, or a CSV of channels: a header row; a time column called "
+            "t, time or timestamp, its unit in brackets; channel units in brackets."
+        ),
+    ],
+    sampling_rate: Annotated[
+        float | None, typer.Option(help="[Hz]; needed where the file has no time column.")
+    ] = None,
+    window: Annotated[
+        float | None, typer.Option(help="[s]; without it the whole file is one window.")
+    ] = None,
+    lowest_frequency: Annotated[
+        float | None, typer.Option(help="Lowest mode sought [Hz]; without it from the record.")
+    ] = None,
+    highest_frequency: Annotated[
+        float | None, typer.Option(help="Highest mode sought [Hz]; without it from the rate.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Find the modes of the structure in a file; needs no turbine."""
+    from pipeline.offline import identify_file
+    from pipeline.oma.settings import OmaSettings
+    from pipeline.summary import combined_modes
+    from pipeline.tables import identified_modes_table
+
+    with people.status(f"identifying {file}"):
+        found = identify_file(
+            file,
+            sampling_rate=sampling_rate,
+            window=window,
+            settings=OmaSettings(
+                lowest_frequency=lowest_frequency, highest_frequency=highest_frequency
+            ),
+        )
+    modes = combined_modes(found.estimates)
+    for warning in found.warnings:
+        people.print(f"[yellow]{warning.code}[/]: {escaped(warning.text)}", soft_wrap=True)
+    if as_json:
+        figures = {
+            "modes": [mode.as_json() for mode in modes],
+            "warnings": [{"code": each.code, "text": each.text} for each in found.warnings],
+            "windows": found.windows_json(),
+            "sampling_rate_hz": found.sampling_rate,
+            "duration_s": found.duration,
+            "channels": list(found.channels),
+        }
+        output.print_json(json.dumps(figures))
+    else:
+        output.print(identified_modes_table(modes, len(found.estimates)))
+
+
+def modes(
+    theta: Annotated[
+        str | None,
+        typer.Option(help="k11,k22,k12 as ratios to nominal, e.g. 1,0.9,1."),
+    ] = None,
+    sign: Annotated[
+        str | None, typer.Option(help="Sign convention of k12: published or embedded-pile.")
+    ] = None,
+    turbine: Annotated[
+        str | None, typer.Option(help="A shipped turbine or a TOML description of your own.")
+    ] = None,
+    scenario: ScenarioOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Print the model's modes: Table 1's eleven first, then the others that sensors can see."""
+    from pipeline.model_modes import model_modes
+    from pipeline.tables import model_modes_table
+
+    with people.status("solving the model"):
+        found = model_modes(theta=theta, sign=sign, turbine=turbine, scenario=scenario)
+    if as_json:
+        output.print_json(json.dumps({"modes": found.as_json()}))
+    else:
+        output.print(model_modes_table(found))

@@ -1,0 +1,63 @@
+"""`pilewatch simulate` and `pilewatch info`: recordings made and looked at."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.console import escaped, output, people, progress
+from sensors.errors import InputError
+
+
+def simulate(
+    scenario: Annotated[
+        str | None, typer.Argument(help="A shipped scenario or a TOML file.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The MCAP file to write.")] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Duration [s], instead of the scenario's.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed, instead of the scenario's.")] = None,
+    show_list: Annotated[bool, typer.Option("--list", help="List the shipped scenarios.")] = False,
+    describe: Annotated[
+        str | None, typer.Option(help="Say what a scenario simulates, and simulate nothing.")
+    ] = None,
+) -> None:
+    """Simulate a scenario's turbine and record what its sensors say."""
+    from pipeline.scenario import load_scenario, shipped_scenarios, with_overrides
+    from pipeline.sources import record_simulation, simulated
+    from pipeline.tables import scenario_description, scenarios_table
+
+    if show_list:
+        output.print(scenarios_table([load_scenario(name) for name in shipped_scenarios()]))
+        return
+    if describe is not None:
+        output.print(scenario_description(load_scenario(describe)), highlight=False)
+        return
+    if scenario is None or out is None:
+        raise InputError(
+            "simulate needs a scenario and -o FILE.mcap; `pilewatch simulate --list` shows the "
+            "scenarios that come with it"
+        )
+    chosen = with_overrides(load_scenario(scenario), duration=duration, seed=seed)
+    source = simulated(chosen)
+    with progress(source.text, source.duration) as report:
+        record_simulation(source, out, report=report)
+    output.print(f"{out}: {out.stat().st_size / 1e6:.2f} MB", soft_wrap=True)
+
+
+def info(
+    file: Annotated[Path, typer.Argument(help="An MCAP recording.")],
+) -> None:
+    """Show what a recording holds: channels, duration, gaps, scenario, truth."""
+    from pipeline.recording.info import recording_info
+    from pipeline.tables import recording_tables
+
+    with people.status(f"reading {file}"):
+        found = recording_info(file)
+    for table in recording_tables(found):
+        output.print(table)
+    for section, texts in found.metadata.items():
+        for key, text in texts.items():
+            if "\n" not in text:
+                output.print(f"{section}.{key} = {escaped(text)}", soft_wrap=True)

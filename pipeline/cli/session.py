@@ -1,0 +1,175 @@
+"""`pilewatch run` and `pilewatch node`: a session, and one node of it."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline.cli.console import (
+    JsonOption,
+    ScenarioOption,
+    escaped,
+    output,
+    progress,
+    stopped_by_signals,
+)
+from sensors.errors import InputError
+
+
+def run(
+    source: Annotated[
+        str | None,
+        typer.Option(
+            help="replay:FILE, simulate:SCENARIO or live. "
+            "Without it, recordings/parked.mcap is replayed."
+        ),
+    ] = None,
+    scenario: ScenarioOption = None,
+    speed: Annotated[
+        str,
+        typer.Option(help="max: as fast as the nodes follow; 1: real time; 10: ten times faster."),
+    ] = "max",
+    out: Annotated[Path, typer.Option(help="Folder for session.mcap, .rrd, summary.json.")] = Path(
+        "out"
+    ),
+    view: Annotated[
+        str | None,
+        typer.Option(help="spawn: open the Rerun viewer; connect=URL: stream to one that runs."),
+    ] = None,
+    rrd: Annotated[bool, typer.Option(help="Write out/session.rrd for the Rerun viewer.")] = True,
+    sampler: Annotated[
+        str | None,
+        typer.Option(help="importance (default), emcee, tmcmc or tmcmc-published."),
+    ] = None,
+    processes: Annotated[
+        bool, typer.Option("--processes", help="Each node in a process of its own.")
+    ] = False,
+    lock_step: Annotated[
+        bool, typer.Option("--lock-step", help="One thread, no transport; for checks.")
+    ] = False,
+    listen: Annotated[
+        str | None,
+        typer.Option(help="Zenoh endpoint to listen on, e.g. tcp/127.0.0.1:7447."),
+    ] = None,
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(help="Zenoh endpoint to connect to, e.g. tcp/10.0.0.5:7447; repeatable."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Turn accelerations into a posterior of the foundation's stiffness."""
+    from pipeline.session import run_session
+    from pipeline.sources import open_source
+
+    if processes and lock_step:
+        raise InputError("--processes and --lock-step exclude each other; choose one")
+    options = _session_options(
+        out=out,
+        speed=speed,
+        way="processes" if processes else "lock-step" if lock_step else "threads",
+        rrd=rrd,
+        view=view,
+        listen=listen,
+        connect=connect,
+    )
+    opened = open_source(source, scenario).with_sampler(sampler)
+    with stopped_by_signals() as stopping, progress(opened.text, opened.duration) as report:
+        session = run_session(
+            opened, options, report=report, scenario_option=scenario, stopping=stopping
+        )
+    if as_json:
+        output.print_json(json.dumps(session.figures))
+    else:
+        _print_session(session)
+
+
+def _session_options(
+    *,
+    out: Path,
+    speed: str,
+    way: Any,
+    rrd: bool,
+    view: str | None,
+    listen: str | None,
+    connect: list[str] | None,
+) -> Any:
+    from pipeline.session import SessionOptions
+    from pipeline.transport.zenoh_bus import ZenohSettings
+    from pipeline.viewer.outputs import parse_view
+
+    return SessionOptions(
+        out=out,
+        speed=_speed(speed),
+        way=way,
+        rrd=rrd,
+        view=None if view is None else parse_view(view),
+        zenoh=ZenohSettings(
+            listen=() if listen is None else (listen,), connect=tuple(connect or ())
+        ),
+    )
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float("inf") if text == "max" else float(text)
+    except ValueError:
+        speed = float("nan")
+    if not speed > 0:
+        raise InputError(f"--speed {text} is neither 'max' nor a positive number")
+    return speed
+
+
+def _print_session(session: Any) -> None:
+    from pipeline.tables import identified_modes_table, posterior_table
+
+    figures = session.figures
+    output.print(identified_modes_table(session.summary.modes, figures["windows"]["identified"]))
+    if session.summary.posterior is None:
+        output.print("[bold]No posterior:[/] no window could be used.")
+    else:
+        output.print(posterior_table(figures["posterior"]))
+    for event in figures["events"]:
+        output.print(f"[bold]change:[/] {escaped(event['text'])}")
+    for rejected in figures["windows"]["rejected"]:
+        output.print(f"window at {rejected['start']:.0f} s not used: {rejected['reason']}")
+    for warning in figures["warnings"]:
+        output.print(f"[yellow]{warning['code']}[/]: {escaped(warning['text'])}")
+    stream, timing = figures["stream"], figures["timing"]
+    output.print(
+        f"{stream['published']} blocks published, {stream['recorded']} recorded, "
+        f"{stream['lost']} lost, {stream['late']} late; "
+        f"{figures['duration_s']:.0f} s of measurements in {timing['wall_s']:.1f} s"
+    )
+    output.print("Written: " + ", ".join(str(path) for path in session.files), soft_wrap=True)
+    if any(path.suffix == ".rrd" for path in session.files):
+        output.print(f"Look at it: rerun {session.files[1]}", soft_wrap=True)
+
+
+def node(
+    name: Annotated[str, typer.Argument(help="identification, updating, recorder or viewer.")],
+    connect: Annotated[
+        list[str] | None, typer.Option(help="Zenoh endpoint to connect to; repeatable.")
+    ] = None,
+    listen: Annotated[str | None, typer.Option(help="Zenoh endpoint to listen on.")] = None,
+    scenario: ScenarioOption = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option(help="Take sensor layout (and scenario, unless given) from this recording."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for what the node writes.")] = Path("out"),
+    view: Annotated[str | None, typer.Option(help="For the viewer: spawn or connect=URL.")] = None,
+    rrd: Annotated[bool, typer.Option(help="For the viewer: write session.rrd.")] = True,
+    sampler: Annotated[str | None, typer.Option(help="For updating: as in `run`.")] = None,
+) -> None:
+    """Run one node of the graph by itself until it is told to stop (Ctrl-C or SIGTERM)."""
+    from pipeline.session import run_node
+    from pipeline.sources import open_source
+
+    options = _session_options(
+        out=out, speed="max", way="processes", rrd=rrd, view=view, listen=listen, connect=connect
+    )
+    opened = open_source("live" if recording is None else f"replay:{recording}", scenario)
+    source = opened.with_sampler(sampler)
+    with stopped_by_signals() as stopping:
+        run_node(name, source, options, stopping)
