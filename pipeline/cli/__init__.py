@@ -14,6 +14,7 @@ from pipeline.cli.console import escaped, people
 from pipeline.cli.modal import identify, modes
 from pipeline.cli.recordings import info, simulate
 from pipeline.cli.session import node, run
+from pipeline.cli.show import show
 from pipeline.errors import NodeFailed
 from sensors.errors import InputError
 
@@ -24,7 +25,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-for command in (run, simulate, identify, modes, node, info):
+for command in (run, simulate, identify, modes, node, info, show):
     app.command()(command)
 
 

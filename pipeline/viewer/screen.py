@@ -54,7 +54,7 @@ class Pace:
         return max(1.0, self.swing / 2.0)
 
 
-TO_FILE = Pace(signals=30.0, swing=60.0, swing_chunk=600.0)  # large chunks: a small file
+TO_FILE = Pace(signals=60.0, swing=60.0, swing_chunk=600.0)  # large chunks: a small file
 # Small ones for a prompt picture, but four a second at most, however fast a replay is.
 TO_VIEWER = Pace(signals=1.0, swing=18.0, swing_chunk=1.0, rest=0.25)
 
