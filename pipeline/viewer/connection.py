@@ -83,6 +83,15 @@ def _file_sink(path: Path) -> rr.FileSink:
     return rr.FileSink(path)
 
 
+def free_path(path: Path) -> Path:
+    """The path, or the first of `name-2`, `name-3`, … that no file has."""
+    number, free = 1, path
+    while free.exists():
+        number += 1
+        free = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return free
+
+
 def spawn_viewer(port: int, *, headless: bool = False) -> str:
     """Start a viewer that outlives this process and listens on loopback only; its address.
 

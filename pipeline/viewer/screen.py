@@ -82,6 +82,7 @@ class TurbineScreen:
     ) -> None:
         self._recording = recording
         self._turbine = turbine
+        self._description = description
         self._root = turbine_path(turbine)
         self._outline = outline(description)
         self._pace = pace
@@ -106,6 +107,19 @@ class TurbineScreen:
         """What the blueprint needs; new with a layout, and maybe with the first posterior."""
         middle = (self._outline.mudline + self._outline.tower_top) / 2
         return TurbinePanel(self._turbine, tuple(self._layouts.values()), self._modes, middle)
+
+    def continued_on(self, recording: rr.RecordingStream) -> "TurbineScreen":
+        """The same turbine on another recording, with what stands drawn there first."""
+        screen = TurbineScreen(recording, self._turbine, self._description, pace=self._pace)
+        screen._status, screen._truth = self._status, self._truth
+        screen._estimates = self._estimates
+        screen._now_ns = self._now_ns
+        if screen._modes != self._modes:
+            screen._modes = self._modes
+            screen._place_modes()
+        for layout in self._layouts.values():
+            screen.show_layout(layout)
+        return screen
 
     def show_layout(self, layout: SensorLayout) -> None:
         """Sensors on the tower, names on the signals."""

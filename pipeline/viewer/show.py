@@ -1,4 +1,10 @@
-"""A show: one recording stream on which every turbine of the session has its screen."""
+"""A show: one recording stream on which every turbine of the session has its screen.
+
+A file holds one day of the sensor clock (UTC): the first keeps its name, `session.rrd`, the next
+is `session-2026-03-02.rrd`, and so on. A viewer is one stream for as long as it takes it.
+"""
+
+from datetime import UTC, datetime
 
 from pipeline.messages import (
     FoundationEvent,
@@ -11,13 +17,19 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.viewer.blueprint import TurbinePanel, session_blueprint
-from pipeline.viewer.connection import close_recording, forget_unfinished, open_recording
+from pipeline.viewer.connection import (
+    close_recording,
+    forget_unfinished,
+    free_path,
+    open_recording,
+)
 from pipeline.viewer.outputs import RrdFile, ViewerOutput
 from pipeline.viewer.screen import TO_FILE, TO_VIEWER, TurbineScreen
-from sensors.blocks import AccelerationBlock
+from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import SensorLayout
 from sensors.turbine.description import TurbineDescription
 
+DAY = 86_400 * NANOSECONDS  # [ns]
 PATIENCE_WITH_FILE = 60.0  # for the last of the session to be written [s]
 PATIENCE_WITH_VIEWER = 5.0  # to be taken by a viewer [s]
 
@@ -32,6 +44,9 @@ class Show:
         self, output: ViewerOutput, description: TurbineDescription, *, session: str
     ) -> None:
         to_file = isinstance(output, RrdFile)
+        self._output = output
+        self._session = session
+        self._day: int | None = None  # of the file, counted from 1970; None before the first block
         self._description = description
         self._pace = TO_FILE if to_file else TO_VIEWER
         self._patience = PATIENCE_WITH_FILE if to_file else PATIENCE_WITH_VIEWER
@@ -41,6 +56,8 @@ class Show:
 
     def take(self, message: Message) -> None:
         """Draw one message on its turbine's screen."""
+        if isinstance(message, AccelerationBlock):
+            self._turn_the_page(message.start_ns // DAY)
         screen = self._screen_of(message.turbine)
         match message:
             case AccelerationBlock():
@@ -77,6 +94,24 @@ class Show:
     def leave_behind(self) -> None:
         """Let the process end without waiting for a viewer that takes nothing."""
         forget_unfinished()
+
+    def _turn_the_page(self, day: int) -> None:
+        """A new file where the block is the first of a later day."""
+        if self._day is None:
+            self._day = day
+        if day <= self._day or not isinstance(self._output, RrdFile):
+            return
+        self._day = day
+        self.finish()
+        first = self._output.path
+        date = datetime.fromtimestamp(day * DAY // NANOSECONDS, UTC).date()
+        page = free_path(first.with_name(f"{first.stem}-{date}{first.suffix}"))
+        self._recording = open_recording(RrdFile(page), recording_id=f"{self._session} {date}")
+        self._screens = {
+            turbine: screen.continued_on(self._recording)
+            for turbine, screen in self._screens.items()
+        }
+        self._laid_out = ()
 
     def _screen_of(self, turbine: str) -> TurbineScreen:
         if turbine not in self._screens:

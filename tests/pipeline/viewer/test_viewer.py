@@ -1,6 +1,7 @@
 """A session ends up in the .rrd: every stream, with its units, at its time."""
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from pipeline.messages import FoundationTruth
 from pipeline.viewer.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.sink import Viewer
-from sensors.blocks import NANOSECONDS
+from sensors.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.viewer.conftest import record
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import (
@@ -24,6 +25,7 @@ from tests.pipeline.viewer.session import (
     Episode,
     acceleration_block,
     node_status,
+    session,
 )
 
 ROOT = f"/{TURBINE}"
@@ -196,6 +198,21 @@ def test_a_day_of_eight_channels_takes_less_than_150_megabytes(tmp_path: Path):
     episode = Episode(n_windows=6, block=1)  # the noise makes these signals compress badly
     recorded = record(tmp_path / "s.rrd", episode)
     assert recorded.path.stat().st_size * 24 < 150e6
+
+
+def test_every_day_has_a_file_of_its_own_that_stands_alone(tmp_path: Path):
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    messages = list(session(Episode(n_windows=1)))
+    day = 86_400 * NANOSECONDS
+    blocks = [message for message in messages if isinstance(message, AccelerationBlock)]
+    for message in [*messages, *(replace(b, start_ns=b.start_ns + day) for b in blocks)]:
+        viewer.handle(message)
+    viewer.close()
+    first, second = Recorded(tmp_path / "s.rrd"), Recorded(tmp_path / "s-2026-01-02.rrd")
+    assert first.times_ns(SIGNAL).max() < START_NS + day <= second.times_ns(SIGNAL).min()
+    assert second.series_names(SIGNAL) == first.series_names(SIGNAL)
+    assert f"{ROOT}/tower/structure" in second.entities
+    assert second.n_blueprints == 1
 
 
 def test_two_turbines_share_a_recording_side_by_side(tmp_path: Path):
