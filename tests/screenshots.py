@@ -4,6 +4,7 @@ One PNG per tab. Rerun draws with Vulkan; in software Debian's mesa-vulkan-drive
 (apt-get install mesa-vulkan-drivers libvulkan1). Without them the script says so and makes none.
 """
 
+import contextlib
 import ctypes.util
 import logging
 import os
@@ -28,7 +29,7 @@ PATIENCE = 60.0  # for a viewer to come up on a slow machine [s]
 SETTLING = 4.0  # from a change of tab to a finished picture; the viewer does not say when [s]
 EXPECTED = {  # colours that data, not decoration, fill in each tab
     "Overview": (colours.POSTERIOR, colours.MODEL),
-    "Signals": (colours.LEVELS[2], colours.LEVELS[3]),
+    "Signals": (colours.LEVELS[2], colours.LEVELS[3], colours.QUIET),
     "Modes": (colours.MEASURED, colours.MODEL),
     "Foundation": (colours.POSTERIOR,),
 }
@@ -95,8 +96,9 @@ def take(rrd: Path, folder: Path) -> dict[str, Path]:
         recording = viewer.get_state().recordings[0]
         end = next(line.end for line in recording.timelines if line.name == "time")
         viewer.set_time(timeline="time", timestamp=np.datetime64(end, "ns"), play_state="paused")
-        for tab in tabs(viewer.get_blueprint().blueprint):
-            show_tab(viewer, tab)
+        layout = _laid_out(viewer).blueprint  # read once: the viewer rewrites what it shows
+        for tab in tabs(layout):
+            show_tab(viewer, layout, tab)
             time.sleep(SETTLING)
             pictures[tab] = folder.resolve() / f"{tab.lower()}.png"
             viewer.save_screenshot(str(pictures[tab]))
@@ -120,22 +122,43 @@ def _shrink(png: Path) -> None:
     small.save(png, optimize=True)
 
 
+def _laid_out(viewer: Any) -> Any:
+    """The blueprint, once the viewer has taken all of it."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        blueprint = viewer.get_blueprint()
+        with contextlib.suppress(StopIteration):
+            _top(_containers(blueprint.blueprint))
+            return blueprint
+        time.sleep(0.2)
+    raise TimeoutError(f"no blueprint with tabs after {PATIENCE:g} s")
+
+
 def tabs(blueprint: dict[str, Any]) -> list[str]:
     """Names of the tabs of the (first) turbine, in order."""
     containers = _containers(blueprint)
-    top = next(one for one in containers.values() if one.get("container_kind") == "Tabs")
+    top = _top(containers)
     return [containers["/" + path]["display_name"] for path in top["contents"]]
 
 
-def show_tab(viewer: Any, name: str) -> None:
-    """Bring one tab to the front."""
-    blueprint = viewer.get_blueprint()
-    containers = _containers(blueprint.blueprint)
-    top = next(one for one in containers.values() if one.get("container_kind") == "Tabs")
+def show_tab(viewer: Any, blueprint: dict[str, Any], name: str) -> None:
+    """Bring one tab of a blueprint to the front."""
+    containers = _containers(blueprint)
+    top = _top(containers)
     top["active_tab"] = next(
         path for path in top["contents"] if containers["/" + path]["display_name"] == name
     )
-    viewer.set_blueprint(blueprint.blueprint, of="recording")
+    viewer.set_blueprint(blueprint, of="recording")
+
+
+def _top(containers: dict[str, Any]) -> dict[str, Any]:
+    """The (first) turbine's tabs: the container of tabs that holds containers only."""
+    return next(
+        one
+        for one in containers.values()
+        if one.get("container_kind") == "Tabs"
+        and all("/" + path in containers for path in one["contents"])
+    )
 
 
 def _containers(blueprint: dict[str, Any]) -> dict[str, Any]:

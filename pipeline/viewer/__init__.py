@@ -2,10 +2,11 @@
 
     outputs           where to: RrdFile, SpawnedViewer, ConnectedViewer; needs no rerun
     display_signals   accelerations at 20 Hz
-    scene, corner     what is drawn, as plain figures
+    scene, corner, spectrum, mac_matrix
+                      what is drawn, as plain figures
     status            what is said, as text
     entities          where everything lies: paths, timeline, styles
-    tower_views, track_views, foundation_views
+    tower_views, track_views, foundation_views, plane_views
                       one function a picture
     blueprint         tabs, views, axes
     screen            one turbine, message by message

@@ -15,11 +15,12 @@ from pipeline.viewer.entities import (
     signal_path,
     turbine_path,
 )
+from pipeline.viewer.mac_matrix import SIDE
 from pipeline.viewer.status import STIFFNESSES
 from pipeline.viewer.tower_views import SPACING
 from sensors.layout import SensorLayout
 
-TABS = ("Overview", "Signals", "Modes", "Foundation")
+TABS = ("Overview", "Signals", "Modes", "Foundation", "Health")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +60,14 @@ def session_blueprint(
 
 
 def turbine_tabs(panel: TurbinePanel, *, tab: str = TABS[0]) -> rrb.Tabs:
-    """Overview, Signals, Modes, Foundation of one turbine."""
+    """Overview, Signals, Modes, Foundation, Health of one turbine."""
     root = turbine_path(panel.turbine)
     return rrb.Tabs(
         _overview(root, panel),
         _signals(root, panel),
         _modes(root, panel),
         _foundation(root),
+        _health(root),
         active_tab=TABS.index(tab),
         name=panel.turbine,
     )
@@ -75,19 +77,21 @@ def _overview(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     return rrb.Horizontal(
         _tower(root, panel),
         rrb.Vertical(*_stiffness_bands(root), _shapes(root, panel), row_shares=[7, 7, 7, 10]),
-        rrb.Vertical(_status(root), _events(root), row_shares=[3, 2]),
+        rrb.Vertical(_lamps(root), _status(root), _events(root), row_shares=[2, 5, 4]),
         column_shares=[5, 8, 6],
         name="Overview",
     )
 
 
-def _signals(root: str, panel: TurbinePanel) -> rrb.Vertical:
+def _signals(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     views = [
         _accelerations(root, layout, axis, name)
         for layout in panel.layouts
         for axis, name in enumerate(("fore-aft (x)", "side-side (y)"))
     ]
-    return rrb.Vertical(*views, name="Signals")
+    return rrb.Horizontal(
+        rrb.Vertical(*views), _spectrum(root), column_shares=[1, 1], name="Signals"
+    )
 
 
 def _modes(root: str, panel: TurbinePanel) -> rrb.Horizontal:
@@ -95,7 +99,12 @@ def _modes(root: str, panel: TurbinePanel) -> rrb.Horizontal:
         rrb.Vertical(
             _frequencies(root), _damping(root, panel), _shapes(root, panel), row_shares=[3, 2, 3]
         ),
-        rrb.Grid(*[_track(root, label) for label in panel.modes], grid_columns=3),
+        rrb.Tabs(
+            rrb.Grid(
+                *[_track(root, label) for label in panel.modes], grid_columns=3, name="Tracks"
+            ),
+            _matrix(root),
+        ),
         column_shares=[2, 3],
         name="Modes",
     )
@@ -118,6 +127,47 @@ def _foundation(root: str) -> rrb.Horizontal:
         rrb.Vertical(*_stiffness_bands(root), sigma),
         column_shares=[5, 4],
         name="Foundation",
+    )
+
+
+def _health(root: str) -> rrb.Horizontal:
+    return rrb.Horizontal(
+        rrb.Vertical(
+            _node_plot(f"{root}/health/lost", "Blocks lost or late, in all [-]"),
+            _node_plot(f"{root}/health/behind", "Behind the newest block [s of measurement]"),
+        ),
+        rrb.TextDocumentView(origin=f"{root}/health/text", name="Windows, gaps, nodes"),
+        name="Health",
+    )
+
+
+def _node_plot(path: str, name: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=path, name=name, **_whole_session(), plot_legend=rrb.PlotLegend("LeftTop")
+    )
+
+
+def _spectrum(root: str) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(
+        origin=f"{root}/spectrum",
+        name="Spectra of the last window, a colour a level; hairs: identified frequencies [Hz]",
+        visual_bounds=rrb.VisualBounds2D(x_range=[-0.3, 2.75], y_range=[-0.2, 2.5]),
+    )
+
+
+def _matrix(root: str) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(
+        origin=f"{root}/mac",
+        name="MAC: identified × model (dark 0, bright 1)",
+        visual_bounds=rrb.VisualBounds2D(x_range=[-45, SIDE + 10], y_range=[-30, SIDE + 35]),
+    )
+
+
+def _lamps(root: str) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(
+        origin=f"{root}/lamps",
+        name="How things are",
+        visual_bounds=rrb.VisualBounds2D(x_range=[-1.0, 8.0], y_range=[-0.6, 2.6]),
     )
 
 

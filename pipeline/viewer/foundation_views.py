@@ -4,10 +4,15 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from pipeline.messages import FoundationPosterior, FoundationTruth
+from pipeline.messages import FoundationPosterior, FoundationTruth, NodeStatus
 from pipeline.viewer import colours
 from pipeline.viewer.corner import CornerPlot, corner_plot
-from pipeline.viewer.entities import log_band_style, log_line_style, parameter_path
+from pipeline.viewer.entities import (
+    entity_part,
+    log_band_style,
+    log_line_style,
+    parameter_path,
+)
 from pipeline.viewer.status import STIFFNESSES
 
 FloatArray = NDArray[np.float64]
@@ -84,6 +89,26 @@ def _log_corner(recording: rr.RecordingStream, path: str, plot: CornerPlot) -> N
 def log_status(recording: rr.RecordingStream, root: str, markdown: str) -> None:
     """The status text as it stands."""
     recording.log(f"{root}/status", rr.TextDocument(markdown, media_type="text/markdown"))
+
+
+def log_health(recording: rr.RecordingStream, root: str, markdown: str) -> None:
+    """The text about windows, gaps and nodes as it stands."""
+    recording.log(f"{root}/health/text", rr.TextDocument(markdown, media_type="text/markdown"))
+
+
+def log_node_styles(recording: rr.RecordingStream, root: str, name: str, slot: int) -> None:
+    """Name and colour of one node's series; static."""
+    colour = colours.LEVELS[slot % len(colours.LEVELS)]
+    for quantity, unit in (("behind", "s"), ("lost", "-")):
+        path = f"{root}/health/{quantity}/{entity_part(name)}"
+        log_line_style(recording, path, f"{name} [{unit}]", colour, width=1.5)
+
+
+def log_node(recording: rr.RecordingStream, root: str, node: NodeStatus, *, behind: float) -> None:
+    """A node's losses so far and how far it is behind the newest block [s of measurement]."""
+    part = entity_part(node.node)
+    recording.log(f"{root}/health/behind/{part}", rr.Scalars(behind))
+    recording.log(f"{root}/health/lost/{part}", rr.Scalars(node.lost + node.late))
 
 
 def log_event(recording: rr.RecordingStream, root: str, text: str, *, level: str = "INFO") -> None:

@@ -18,11 +18,13 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.viewer import foundation_views, tower_views, track_views
+from pipeline.viewer import foundation_views, plane_views, tower_views, track_views
 from pipeline.viewer.blueprint import TurbinePanel
 from pipeline.viewer.display_signals import DisplayDecimator, DisplaySignal
 from pipeline.viewer.entities import at, turbine_path
+from pipeline.viewer.mac_matrix import mac_matrix
 from pipeline.viewer.scene import deflection, outline, scaled_onto, swing_frames
+from pipeline.viewer.spectrum import RecentSamples, spectrum_picture
 from pipeline.viewer.status import (
     SessionStatus,
     clock_time,
@@ -64,6 +66,10 @@ class _Unit:
     """What is on its way to the screen from one acquisition unit."""
 
     decimator: DisplayDecimator
+    sampling_rate: float  # [Hz]
+    recent: RecentSamples = field(default_factory=RecentSamples)
+    last_sequence: int = -1
+    block_duration: float = 0.0  # [s]
     waiting: list[DisplaySignal] = field(default_factory=list)
     since_ns: int = 0  # start of the first waiting block
     faulty: frozenset[str] | None = None  # None before the first block
@@ -93,6 +99,7 @@ class TurbineScreen:
         self._estimates: dict[int, ModalEstimate] = {}  # by window, those without a posterior yet
         self._truth: FoundationTruth | None = None
         self._styled: set[str] = set()
+        self._nodes: list[str] = []  # those whose series have their style
         self._swings: dict[str, int] = {}  # shown shape → time until which its frames are out
         self._full_swing_ns: int | None = None  # end of the first window with a posterior
         self._now_ns = 0  # latest sensor time seen
@@ -131,10 +138,14 @@ class TurbineScreen:
         """Accelerations at display rate, gathered into chunks."""
         unit = self._units.get(block.unit)
         if unit is None:
-            unit = self._units[block.unit] = _Unit(DisplayDecimator(block.sampling_rate))
+            unit = self._units[block.unit] = _Unit(
+                DisplayDecimator(block.sampling_rate), block.sampling_rate
+            )
         if not unit.waiting:
             unit.since_ns = block.start_ns
         unit.waiting.append(unit.decimator.push(block))
+        unit.recent.push(block)
+        unit.last_sequence, unit.block_duration = block.sequence, block.duration
         self._now_ns = max(self._now_ns, block.end_ns)
         self._show_faults(block, unit)
         if time.monotonic() - self._handed_over >= self._pace.rest:
@@ -151,6 +162,7 @@ class TurbineScreen:
         track_views.log_estimate(self._recording, self._root, estimate, layout, styled=self._styled)
         found = frequencies_text([mode.frequency for mode in estimate.modes])
         self._event(f"window {estimate.window}: {found}")
+        self._show_spectrum(estimate, layout)
         self._status.take(estimate)
         self._show_status()
 
@@ -170,6 +182,7 @@ class TurbineScreen:
         recording, root = self._recording, self._root
         foundation_views.log_posterior_bands(recording, root, posterior, self._truth)
         foundation_views.log_joint_posterior(recording, root, posterior, self._truth)
+        self._show_matrix(posterior)
         self._show_modes(posterior)
         level = "INFO" if posterior.trusted else "ERROR"
         self._event(posterior_text(posterior), level=level)
@@ -194,6 +207,8 @@ class TurbineScreen:
         """A change of the foundation or of the modes."""
         self._at(event.time_ns)
         self._event(event.text, level="WARN")
+        self._status.take(event)
+        self._show_status()
 
     def show_node(self, node: NodeStatus) -> None:
         """A node's state; shown at the latest sensor time, since its own clock is the machine's.
@@ -201,8 +216,18 @@ class TurbineScreen:
         Nodes say that they are ready before the sensors say what time it is: that much is kept for
         the status text, and makes no event of its own (at 0 it would stretch every plot to 1970).
         """
-        if self._status.take_node(node) and self._now_ns:
-            self._at(self._now_ns)
+        news = self._status.take_node(node)
+        if not self._now_ns:
+            return
+        self._at(self._now_ns)
+        if node.node not in self._nodes:
+            self._nodes.append(node.node)
+            slot = len(self._nodes) - 1
+            foundation_views.log_node_styles(self._recording, self._root, node.node, slot)
+        foundation_views.log_node(
+            self._recording, self._root, node, behind=self._behind(node.last_sequence)
+        )
+        if news:
             self._event(f"node {node.node}: {node.state}, {node.lost} lost, {node.late} late")
             self._show_status()
 
@@ -225,7 +250,37 @@ class TurbineScreen:
         foundation_views.log_event(self._recording, self._root, line, level=level)
 
     def _show_status(self) -> None:
-        foundation_views.log_status(self._recording, self._root, self._status.markdown())
+        recording, root = self._recording, self._root
+        foundation_views.log_status(recording, root, self._status.markdown())
+        foundation_views.log_health(recording, root, self._status.health_markdown())
+        plane_views.log_lamps(recording, root, self._status.lamps)
+
+    def _behind(self, last_sequence: int) -> float:
+        """Measured time between the block that a node took last and the newest one [s]."""
+        if last_sequence < 0 or not self._units:
+            return 0.0
+        newest = max(self._units.values(), key=lambda unit: unit.last_sequence)
+        return max(0, newest.last_sequence - last_sequence) * newest.block_duration
+
+    def _show_spectrum(self, estimate: ModalEstimate, layout: SensorLayout | None) -> None:
+        unit = None if layout is None else self._units.get(layout.unit)
+        if unit is None or layout is None:
+            return
+        samples = unit.recent.between(estimate.start_ns, estimate.end_ns)
+        if samples is None or samples.shape[1] != len(layout.channels):
+            return
+        frequencies = [mode.frequency for mode in estimate.modes]
+        picture = spectrum_picture(samples, unit.sampling_rate, layout, frequencies)
+        plane_views.log_spectrum(self._recording, self._root, picture)
+
+    def _show_matrix(self, posterior: FoundationPosterior) -> None:
+        estimate = self._estimates.get(posterior.window)
+        layout = self._layout_of(posterior, estimate)
+        matrix = None
+        if estimate is not None and layout is not None:
+            matrix = mac_matrix(estimate, posterior, layout)
+        if matrix is not None:
+            plane_views.log_mac_matrix(self._recording, self._root, matrix)
 
     def _hand_over(self, name: str, unit: _Unit) -> None:
         if unit.waiting:

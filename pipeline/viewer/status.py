@@ -2,9 +2,12 @@
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Literal
 
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
     Message,
@@ -17,6 +20,14 @@ from sensors.blocks import NANOSECONDS
 
 STIFFNESSES = ("k11", "k22", "k12")
 _LISTED = 5  # rejected windows and gaps shown, the newest
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """One light of the three that say how things are, and in words."""
+
+    state: Literal["good", "doubt", "bad", "unknown"]
+    text: str
 
 
 class SessionStatus:
@@ -34,6 +45,8 @@ class SessionStatus:
         self._rejected: deque[WindowRejected] = deque(maxlen=_LISTED)
         self._gaps: deque[StreamGap] = deque(maxlen=_LISTED)
         self._nodes: dict[str, NodeStatus] = {}
+        self._last_rejected = False  # whether the latest window was
+        self._event: FoundationEvent | None = None
 
     def take(self, message: Message) -> None:
         """Remember one message; types that say nothing about the state are passed over."""
@@ -41,13 +54,17 @@ class SessionStatus:
             case ModalEstimate():
                 self._n_identified += 1
                 self._estimate = message
+                self._last_rejected = False
             case WindowRejected():
                 self._n_rejected += 1
+                self._last_rejected = True
                 self._rejected.append(message)
             case FoundationPosterior():
                 self._posterior = message
             case FoundationTruth():
                 self._truth = message
+            case FoundationEvent():
+                self._event = message
             case StreamGap():
                 self._n_gaps += 1
                 self._missing_s += (message.end_ns - message.start_ns) / NANOSECONDS
@@ -63,16 +80,51 @@ class SessionStatus:
             node.late,
         )
 
+    @property
+    def lamps(self) -> tuple[Lamp, Lamp, Lamp]:
+        """Measurements, modes, foundation."""
+        return self._measurements_lamp(), self._modes_lamp(), self._foundation_lamp()
+
     def markdown(self) -> str:
-        """The whole text: verdict, foundation, windows, doubts, gaps, nodes."""
+        """How the foundation is: verdict, figures, doubts, what changed."""
         parts = (
             [f"### {self._heading}", f"**{self._verdict()}**"],
+            [] if self._event is None else [f"**Changed:** {self._event.text}"],
             self._foundation(),
-            self._windows(),
             self._doubts(),
-            self._node_table(),
         )
         return "\n\n".join(paragraph for part in parts for paragraph in part)
+
+    def health_markdown(self) -> str:
+        """How the measuring is: windows, gaps, nodes."""
+        return "\n\n".join([*self._windows(), *self._node_table()])
+
+    def _measurements_lamp(self) -> Lamp:
+        lost = sum(node.lost for node in self._nodes.values())
+        if self._n_gaps or lost:
+            return Lamp("doubt", f"measurements: {counted(self._n_gaps, 'gap')}, {lost} lost")
+        if self._estimate is None and not self._n_rejected:
+            return Lamp("unknown", "measurements: no whole window yet")
+        return Lamp("good", "measurements: whole")
+
+    def _modes_lamp(self) -> Lamp:
+        if self._last_rejected:
+            return Lamp("bad", "modes: the last window was rejected")
+        if self._estimate is None:
+            return Lamp("unknown", "modes: none yet")
+        found = counted(len(self._estimate.modes), "mode")
+        if self._estimate.warnings:
+            return Lamp("doubt", f"{found}, with a doubt")
+        return Lamp("good", f"{found} in the last window")
+
+    def _foundation_lamp(self) -> Lamp:
+        if self._posterior is None:
+            return Lamp("unknown", "foundation: no posterior yet")
+        if not self._posterior.trusted:
+            return Lamp("bad", "foundation: NOT TRUSTED")
+        if self._event is not None:
+            return Lamp("doubt", "foundation: changed")
+        return Lamp("good", "foundation: known")
 
     def _verdict(self) -> str:
         posterior = self._posterior

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.viewer.corner import PITCH, Axis, corner_plot
+from pipeline.viewer.mac_matrix import mac_matrix, shaded
 from pipeline.viewer.scene import (
     deflection,
     outline,
@@ -13,9 +14,16 @@ from pipeline.viewer.scene import (
     swing_frames,
     tube_mesh,
 )
+from pipeline.viewer.spectrum import RecentSamples, spectrum_picture
 from sensors.blocks import NANOSECONDS
 from sensors.layout import Accelerometer, SensorLayout
-from tests.pipeline.viewer.session import DESCRIPTION, LAYOUT
+from tests.pipeline.viewer.session import (
+    DESCRIPTION,
+    LAYOUT,
+    acceleration_block,
+    foundation_posterior,
+    modal_estimate,
+)
 
 MINUTE = 60 * NANOSECONDS
 
@@ -114,3 +122,45 @@ def test_axes_have_two_to_five_ticks_inside(width: float):
     axis = Axis(1.0 - width / 3, 1.0 + 2 * width / 3)
     assert 1 <= len(axis.ticks) <= 5
     assert ((axis.ticks > axis.low) & (axis.ticks < axis.high)).all()
+
+
+def test_a_swinging_mode_has_its_peak_at_its_frequency_in_the_spectrum():
+    rate, frequency = 40.0, 1.8
+    t = np.arange(0, 600, 1 / rate)
+    samples = np.zeros((len(t), len(LAYOUT.channels)))
+    samples[:, 0] = np.sin(2 * np.pi * frequency * t)
+    samples[:, 1:] = 1e-3 * np.random.default_rng(3).standard_normal((len(t), 7))
+    picture = spectrum_picture(samples, rate, LAYOUT, [frequency])
+    highest = picture.spectra[0][np.argmin(picture.spectra[0][:, 1])]
+    assert abs(highest[0] - picture.modes[0][0, 0]) < 0.02
+    assert len(picture.spectra) == len(LAYOUT.channels)
+
+
+def test_samples_of_a_window_are_those_of_its_blocks_and_old_ones_are_let_go():
+    recent = RecentSamples()
+    rng = np.random.default_rng(8)
+    blocks = [acceleration_block(sequence, 600, rng) for sequence in range(12)]
+    for block in blocks:
+        recent.push(block)
+    found = recent.between(blocks[10].start_ns, blocks[11].end_ns)
+    assert found is not None
+    np.testing.assert_allclose(found, np.concatenate([blocks[10].samples, blocks[11].samples]))
+    assert recent.between(blocks[0].start_ns, blocks[0].end_ns) is None
+
+
+def test_mac_matrix_is_bright_on_its_diagonal_and_in_the_order_of_frequency():
+    rng = np.random.default_rng(8)
+    estimate = modal_estimate(0, rng)
+    matrix = mac_matrix(estimate, foundation_posterior(estimate, 1, rng), LAYOUT)
+    assert matrix is not None
+    assert np.all(np.diag(matrix.values) > 0.98)
+    expected = np.array(
+        [[np.dot(a.shape, b.shape) for b in estimate.modes] for a in estimate.modes]
+    )
+    norms = np.array([np.linalg.norm(mode.shape) for mode in estimate.modes])
+    np.testing.assert_allclose(matrix.values, (expected / np.outer(norms, norms)) ** 2, atol=0.06)
+
+
+def test_shades_run_from_dark_to_bright():
+    brightness = shaded(np.linspace(0, 1, 9)).astype(float) @ [0.3, 0.6, 0.1]
+    assert np.all(np.diff(brightness) > 0)

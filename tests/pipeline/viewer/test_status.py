@@ -26,7 +26,7 @@ def test_the_verdict_comes_before_the_details():
             status.take(message)
     text = status.markdown()
     assert text.startswith("### A turbine (iea15mw)\n\n**Foundation known")
-    assert text.index("Foundation known") < text.index("| k11 |") < text.index("#### Windows")
+    assert text.index("Foundation known") < text.index("| k11 |") < text.index("#### Doubts")
 
 
 def test_an_untrusted_posterior_is_never_called_known():
@@ -42,7 +42,7 @@ def test_only_the_newest_rejections_are_listed_but_all_are_counted():
     status = SessionStatus(TURBINE)
     for window in range(1000):
         status.take(rejection(window))
-    text = status.markdown()
+    text = status.health_markdown()
     assert "1000 rejected" in text
     assert text.count("gap of 60.0 s") == 5
 
@@ -65,3 +65,15 @@ def test_words_are_in_the_plural_where_they_should_be():
     assert [counted(n, "gap") for n in (0, 1, 2)] == ["0 gaps", "1 gap", "2 gaps"]
     assert frequencies_text([]) == "no modes"
     assert frequencies_text([0.158, 1.1]) == "2 modes, 0.158 to 1.10 Hz"
+
+
+def test_lamps_say_what_is_wrong_in_words_and_colour():
+    status = SessionStatus("t")
+    assert {lamp.state for lamp in status.lamps} == {"unknown"}
+    messages = list(session(Episode(n_windows=2, rejected=(1,), trusted=False)))
+    for message in messages:
+        status.take(message)
+    measurements, modes, foundation = status.lamps
+    assert (measurements.state, modes.state, foundation.state) == ("doubt", "bad", "bad")
+    assert "1 gap" in measurements.text
+    assert "NOT TRUSTED" in foundation.text

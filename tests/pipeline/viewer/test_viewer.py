@@ -164,13 +164,30 @@ def test_the_tower_stands_from_the_mudline_to_its_top(recorded: Recorded):
 
 def test_status_and_events_tell_the_session(recorded: Recorded):
     (*_, (last,)) = recorded.column(f"{ROOT}/status", "TextDocument:text")
-    for words in ("Foundation known", "2 identified", "1 rejected", "gap of 60.0 s in unit tower"):
-        assert words in last
+    assert "Foundation known" in last
+    (*_, (health,)) = recorded.column(f"{ROOT}/health/text", "TextDocument:text")
+    for words in ("2 identified", "1 rejected", "gap of 60.0 s in unit tower"):
+        assert words in health
     events = [text for (text,) in recorded.column(f"{ROOT}/events", "TextLog:text")]
     assert sum("window 1 rejected" in text for text in events) == 1
     assert sum("× nominal" in text for text in events) == 2
     levels = [level for (level,) in recorded.column(f"{ROOT}/events", "TextLog:level")]
     assert levels.count("WARN") == 2  # the gap and the rejected window
+
+
+def test_the_last_window_has_its_spectra_and_its_mac_matrix(recorded: Recorded):
+    *_, spectra = recorded.column(f"{ROOT}/spectrum/channels", "LineStrips2D:strips")
+    *_, hairs = recorded.column(f"{ROOT}/spectrum/modes", "LineStrips2D:strips")
+    assert len(spectra) == len(LAYOUT.channels)
+    assert len(hairs) == 2 * 10  # of the ten modes that the session finds, one in each panel
+    assert len(recorded.column(f"{ROOT}/mac/values", "Image:buffer")) == 2  # windows not rejected
+
+
+def test_every_node_has_its_losses_and_its_lag(recorded: Recorded):
+    lost = recorded.scalars(f"{ROOT}/health/lost/identification")
+    behind = recorded.scalars(f"{ROOT}/health/behind/identification")
+    assert lost.max() == 0
+    assert behind[-1] == 0.0
 
 
 def test_an_untrusted_posterior_is_an_error_in_the_events(tmp_path: Path):

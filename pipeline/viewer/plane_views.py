@@ -1,0 +1,70 @@
+"""Pictures in the plane: spectra of a window, the MAC matrix, the lamps that say how things are."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from pipeline.viewer import colours
+from pipeline.viewer.corner import Text
+from pipeline.viewer.mac_matrix import MacMatrix
+from pipeline.viewer.spectrum import SpectrumPicture
+from pipeline.viewer.status import Lamp
+
+FloatArray = NDArray[np.float64]
+
+
+def log_spectrum(recording: rr.RecordingStream, root: str, picture: SpectrumPicture) -> None:
+    """Spectra in the colours of their levels, identified frequencies as hairs."""
+    path = f"{root}/spectrum"
+    hair, stroke = 0.4, 0.7  # [points on the screen]
+    palette = [colours.LEVELS[level % len(colours.LEVELS)] for level in picture.levels]
+    recording.log(f"{path}/modes", _lines(picture.modes, hair, colours.QUIET))
+    recording.log(f"{path}/frames", _lines(picture.frames, hair, colours.QUIET))
+    recording.log(
+        f"{path}/channels",
+        rr.LineStrips2D(
+            [_small(line) for line in picture.spectra],
+            radii=rr.Radius.ui_points(stroke),
+            colors=palette,
+        ),
+    )
+    recording.log(f"{path}/text", _words(picture.texts))
+
+
+def log_mac_matrix(recording: rr.RecordingStream, root: str, matrix: MacMatrix) -> None:
+    """A square a pair, dark for 0, bright for 1."""
+    recording.log(f"{root}/mac/values", rr.Image(matrix.image, draw_order=-1.0))
+    recording.log(f"{root}/mac/text", _words(matrix.texts))
+
+
+def log_lamps(recording: rr.RecordingStream, root: str, lamps: Sequence[Lamp]) -> None:
+    """A lamp above the other; the place and the word say it as well as the colour."""
+    shades = {"good": colours.TRUTH, "doubt": colours.MODEL, "bad": colours.TROUBLE}
+    rows = [float(row) for row in range(len(lamps))]
+    palette = [shades.get(lamp.state, colours.QUIET) for lamp in lamps]
+    recording.log(
+        f"{root}/lamps/lights", rr.Points2D([(0.0, row) for row in rows], radii=0.3, colors=palette)
+    )
+    texts = [Text((4.0, row - 0.1), lamp.text) for row, lamp in zip(rows, lamps, strict=True)]
+    recording.log(f"{root}/lamps/text", _words(texts))
+
+
+def _lines(strips: Sequence[FloatArray], radius: float, colour: colours.Colour) -> rr.LineStrips2D:
+    points = [_small(line) for line in strips]
+    return rr.LineStrips2D(points, radii=rr.Radius.ui_points(radius), colors=colour)
+
+
+def _small(line: FloatArray) -> NDArray[np.float32]:
+    return line.astype(np.float32)
+
+
+def _words(texts: Sequence[Text]) -> rr.Points2D:
+    return rr.Points2D(
+        [text.position for text in texts],
+        radii=rr.Radius.ui_points(0.1),
+        colors=colours.QUIET,
+        labels=[text.text for text in texts],
+        show_labels=True,
+    )

@@ -1,0 +1,163 @@
+"""Spectra of a window with the modes identified in it, as a picture. No rerun here.
+
+One panel for the fore-aft channels, one for the side-side channels; picture units, y down.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from pipeline.viewer.corner import Text
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.layout import SensorLayout
+
+FloatArray = NDArray[np.float64]
+
+WIDTH, HEIGHT, PITCH = 2.6, 1.0, 1.25  # of a panel, and from one to the next [picture units]
+SEGMENT = 100.0  # of Welch's method [s]: a resolution of 0.01 Hz
+LOWEST = 0.1  # left end of the axis [Hz]
+BINS = 400  # of the logarithmic axis; the highest value of each is drawn
+DECADES = 6.0  # of spectral density shown below the highest
+LABEL_DISTANCE = 0.13  # between two frequencies written above a panel [picture units]
+KEPT = 3600.0  # of samples held for windows still to come [s]
+AXES = ("fore-aft", "side-side")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpectrumPicture:
+    """Everything to draw, in picture units."""
+
+    spectra: tuple[FloatArray, ...]  # (n, 2) a line a channel
+    levels: tuple[int, ...]  # which level of the tower each line belongs to, lowest 0
+    modes: tuple[FloatArray, ...]  # (2, 2) an upright hair at every identified frequency
+    frames: tuple[FloatArray, ...]  # outlines of panels and ticks
+    texts: tuple[Text, ...]
+
+
+class RecentSamples:
+    """The samples of one unit's latest hour, for windows that are identified later."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[AccelerationBlock] = deque()
+
+    def push(self, block: AccelerationBlock) -> None:
+        """Keep one more block, and let go of those that are too old."""
+        self._blocks.append(block)
+        while self._blocks[0].end_ns < block.end_ns - KEPT * NANOSECONDS:
+            self._blocks.popleft()
+
+    def between(self, start_ns: int, end_ns: int) -> FloatArray | None:
+        """(n, n_channels) [m/s²] samples of the blocks that begin in a window; None where there is
+        none or where they differ in their channels."""
+        inside = [block.samples for block in self._blocks if start_ns <= block.start_ns < end_ns]
+        if not inside or len({samples.shape[1] for samples in inside}) > 1:
+            return None
+        return np.concatenate(inside).astype(float)
+
+
+def spectrum_picture(
+    samples: FloatArray, sampling_rate: float, layout: SensorLayout, frequencies: Sequence[float]
+) -> SpectrumPicture:
+    """Power spectral densities of all channels over a logarithmic axis.
+
+    samples         (n, n_channels) [m/s²]
+    sampling_rate   [Hz]
+    frequencies     of the identified modes [Hz]
+
+    A missing sample counts as the channel's mean.
+    """
+    finite = np.where(np.isfinite(samples), samples, np.nan)
+    steady = np.nan_to_num(finite - np.nanmean(finite, axis=0))
+    segment = min(len(samples), round(SEGMENT * sampling_rate))
+    f, densities = welch(steady, sampling_rate, nperseg=segment, axis=0)
+    axis = _FrequencyAxis(LOWEST, sampling_rate / 2)
+    by_panel = [_along(layout, direction) for direction in range(2)]
+    top = float(np.log10(max(densities[f >= LOWEST].max(), 1e-300)))
+    elevations = sorted({channel.elevation for channel in layout.channels})
+    lines = [
+        (_line(axis, f, densities[:, channel], top, panel), channel)
+        for panel, channels in enumerate(by_panel)
+        for channel in channels
+    ]
+    shown = [frequency for frequency in frequencies if axis.low <= frequency <= axis.high]
+    return SpectrumPicture(
+        spectra=tuple(line for line, _ in lines),
+        levels=tuple(elevations.index(layout.channels[channel].elevation) for _, channel in lines),
+        modes=tuple(_hair(axis, frequency, panel) for panel in range(2) for frequency in shown),
+        frames=tuple(_frame(panel) for panel in range(2)),
+        texts=_axis_texts(axis, top) + _mode_texts(axis, shown),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _FrequencyAxis:
+    low: float  # [Hz]
+    high: float  # [Hz]
+
+    def position(self, frequency: FloatArray | float) -> FloatArray:
+        share = np.log(np.asarray(frequency) / self.low) / np.log(self.high / self.low)
+        return WIDTH * share
+
+    @property
+    def ticks(self) -> list[float]:
+        round_numbers = [digit * 10.0**power for power in range(-2, 4) for digit in (1, 2, 5)]
+        return [number for number in round_numbers if self.low <= number <= self.high]
+
+
+def _along(layout: SensorLayout, axis: int) -> list[int]:
+    return [i for i, channel in enumerate(layout.channels) if abs(channel.direction[axis]) > 0.7]
+
+
+def _line(
+    axis: _FrequencyAxis, f: FloatArray, density: FloatArray, top: float, panel: int
+) -> FloatArray:
+    edges = np.geomspace(axis.low, axis.high, BINS + 1)
+    place = np.digitize(f, edges) - 1
+    highest = np.full(BINS, -np.inf)
+    inside = (place >= 0) & (place < BINS)
+    np.maximum.at(highest, place[inside], density[inside])
+    found = highest > 0
+    x = axis.position(np.sqrt(edges[:-1] * edges[1:]))[found]
+    y = np.clip((np.log10(highest[found]) - top) / DECADES + 1.0, 0.0, 1.0)
+    return np.stack([x, panel * PITCH + 1.0 - 0.96 * y], axis=1)
+
+
+def _hair(axis: _FrequencyAxis, frequency: float, panel: int) -> FloatArray:
+    x = float(axis.position(frequency))
+    return np.array([[x, panel * PITCH], [x, panel * PITCH + HEIGHT]])
+
+
+def _frame(panel: int) -> FloatArray:
+    top, bottom = panel * PITCH, panel * PITCH + HEIGHT
+    return np.array([[0, top], [WIDTH, top], [WIDTH, bottom], [0, bottom], [0, top]], dtype=float)
+
+
+def _axis_texts(axis: _FrequencyAxis, top: float) -> tuple[Text, ...]:
+    texts = [
+        Text((float(axis.position(tick)), panel * PITCH + HEIGHT + 0.05), f"{tick:g}")
+        for panel in range(2)
+        for tick in axis.ticks
+    ]
+    texts += [
+        Text((-0.13, panel * PITCH + 1.0 - 0.96 * (1.0 - below / DECADES)), f"1e{top - below:.0f}")
+        for panel in range(2)
+        for below in range(0, int(DECADES), 2)
+    ]
+    for panel, name in enumerate(AXES):
+        middle = (WIDTH / 2, panel * PITCH + HEIGHT + 0.13)
+        texts.append(Text(middle, f"frequency [Hz], {name}; density [(m/s²)²/Hz]"))
+    return tuple(texts)
+
+
+def _mode_texts(axis: _FrequencyAxis, frequencies: Sequence[float]) -> tuple[Text, ...]:
+    """Frequencies above the upper panel, as many as find room."""
+    texts: list[Text] = []
+    for frequency in sorted(frequencies):
+        x = float(axis.position(frequency))
+        if not texts or x - texts[-1].position[0] >= LABEL_DISTANCE:
+            texts.append(Text((x, -0.06), f"{frequency:.3g}"))
+    return tuple(texts)
