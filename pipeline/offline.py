@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Warning, WindowRejected  # noqa: A004
-from pipeline.oma.identification import identify
+from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import ModeTracker
 from pipeline.recording.reader import read_messages
@@ -23,6 +23,15 @@ RATE_TOLERANCE = 0.02  # between the sampling rate given and the time stamps, re
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class IdentifiedWindow:
+    """A window with everything that its stabilisation diagram is drawn from."""
+
+    number: int  # counted from 0
+    samples: NDArray[np.float64]  # (n, n_channels)
+    identification: Identification
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FileIdentification:
     """What a file's windows gave, in order of time."""
 
@@ -32,6 +41,7 @@ class FileIdentification:
     duration: float  # [s]
     channels: tuple[str, ...]
     start_ns: int  # first sample [ns since 1970-01-01 UTC]; 0 where the file does not say
+    first_identified: IdentifiedWindow | None  # None where every window was rejected
 
     @property
     def warnings(self) -> tuple[Warning, ...]:
@@ -74,14 +84,16 @@ def identify_file(
     length = len(table.samples) if window is None else round(window * rate)
     tracker = ModeTracker()
     estimates, rejected = [], []
-    for number, answer in enumerate(_windows(table, rate, length, settings or OmaSettings())):
-        numbered = replace(answer, window=number)
-        if isinstance(numbered, ModalEstimate):
-            estimates.append(replace(numbered, modes=tracker.named(numbered.modes)))
+    first: IdentifiedWindow | None = None
+    for window_found in _windows(table, rate, length, settings or OmaSettings()):
+        answer = _answer(window_found, table, rate)
+        if isinstance(answer, ModalEstimate):
+            first = first or window_found
+            estimates.append(replace(answer, modes=tracker.named(answer.modes)))
         else:
-            rejected.append(numbered)
+            rejected.append(answer)
     return FileIdentification(
-        tuple(estimates), tuple(rejected), rate, duration, table.names, table.start_ns
+        tuple(estimates), tuple(rejected), rate, duration, table.names, table.start_ns, first
     )
 
 
@@ -136,33 +148,36 @@ def _table(blocks: list[AccelerationBlock], names: dict[str, tuple[str, ...]]) -
 
 def _windows(
     table: ChannelTable, rate: float, length: int, settings: OmaSettings
-) -> Iterator[ModalEstimate | WindowRejected]:
-    for first in range(0, len(table.samples) - length + 1, length):
+) -> Iterator[IdentifiedWindow]:
+    for number, first in enumerate(range(0, len(table.samples) - length + 1, length)):
         window = slice(first, first + length)
+        samples = table.samples[window]
         times = None if table.times is None else table.times[window]
-        found = identify(
-            table.samples[window],
-            rate,
-            settings,
-            times=times,
-            channel_names=table.names,
-        )
-        start_ns = table.start_ns + _nanoseconds(first, rate, times)
-        end_ns = start_ns + round(length / rate * NANOSECONDS)
-        if found.rejection is not None:
-            doubt = found.rejection
-            yield WindowRejected("", 0, start_ns, end_ns, doubt.code, doubt.text)
-        else:
-            yield ModalEstimate(
-                turbine="",
-                window=0,
-                start_ns=start_ns,
-                end_ns=end_ns,
-                layout_id="",
-                channels=table.names,
-                modes=found.modes,
-                warnings=found.warnings,
-            )
+        found = identify(samples, rate, settings, times=times, channel_names=table.names)
+        yield IdentifiedWindow(number, samples, found)
+
+
+def _answer(
+    window: IdentifiedWindow, table: ChannelTable, rate: float
+) -> ModalEstimate | WindowRejected:
+    first = window.number * len(window.samples)
+    start_ns = table.start_ns + _nanoseconds(
+        first, rate, None if table.times is None else table.times[first:]
+    )
+    end_ns = start_ns + round(len(window.samples) / rate * NANOSECONDS)
+    doubt = window.identification.rejection
+    if doubt is not None:
+        return WindowRejected("", window.number, start_ns, end_ns, doubt.code, doubt.text)
+    return ModalEstimate(
+        turbine="",
+        window=window.number,
+        start_ns=start_ns,
+        end_ns=end_ns,
+        layout_id="",
+        channels=table.names,
+        modes=window.identification.modes,
+        warnings=window.identification.warnings,
+    )
 
 
 def _nanoseconds(first: int, rate: float, times: NDArray[np.float64] | None) -> int:

@@ -2,11 +2,14 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.cli.console import JsonOption, ScenarioOption, escaped, output, people
+
+if TYPE_CHECKING:
+    from pipeline.offline import FileIdentification
 
 
 def identify(
@@ -29,6 +32,13 @@ def identify(
     highest_frequency: Annotated[
         float | None, typer.Option(help="Highest mode sought [Hz]; without it from the rate.")
     ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Draw the stabilisation diagram over the spectra as a PNG; of several windows, "
+            "the first one identified."
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the modes of the structure in a file; needs no turbine."""
@@ -46,6 +56,8 @@ def identify(
                 lowest_frequency=lowest_frequency, highest_frequency=highest_frequency
             ),
         )
+    if plot is not None:
+        _draw(found, file, plot)
     modes = combined_modes(found.estimates)
     for warning in found.warnings:
         people.print(f"[yellow]{warning.code}[/]: {escaped(warning.text)}", soft_wrap=True)
@@ -61,6 +73,20 @@ def identify(
         output.print_json(json.dumps(figures))
     else:
         output.print(identified_modes_table(modes, len(found.estimates)))
+
+
+def _draw(found: "FileIdentification", file: Path, plot: Path) -> None:
+    from pipeline.report.stabilisation import draw_stabilisation
+
+    window = found.first_identified
+    if window is None:
+        people.print(f"{plot} was not drawn: no window of {file} was identified", soft_wrap=True)
+        return
+    title = f"{file.name}, window {window.number + 1}"
+    draw_stabilisation(
+        window.identification, window.samples, found.sampling_rate, plot, title=title
+    )
+    people.print(f"Drawn: {plot} ({title})", soft_wrap=True)
 
 
 def modes(

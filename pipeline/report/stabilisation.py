@@ -3,6 +3,7 @@
 matplotlib is an optional dependency (extra `plot`) and imported only here, when a figure is drawn.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,30 +18,43 @@ FloatArray = NDArray[np.float64]
 
 LINES_PER_WINDOW = 20  # segments of the Welch spectrum in the window, halves overlapping
 DOTS_PER_INCH = 120
+LABEL_RATIO = 1.06  # between two frequencies that are written, so that they do not overlap
 
 
 def draw_stabilisation(
-    identification: Identification, samples: FloatArray, sampling_rate: float, path: Path
+    identification: Identification,
+    samples: FloatArray,
+    sampling_rate: float,
+    path: Path,
+    *,
+    title: str = "",
 ) -> None:
     """Write the figure: above, every pole that came back over the orders, with its frequency's
     std as a bar, a line for each mode; below, the singular values of the spectral matrix.
 
     samples         (n, n_channels) that were identified
     sampling_rate   [Hz]
+    title           of what was identified, for the heading
     Raises InputError when matplotlib is not installed or the file cannot be written.
     """
     figure = _figure(path)
     poles_axes, spectrum_axes = figure.subplots(2, 1, sharex=True)
     _draw_poles(poles_axes, identification)
     _draw_spectrum(spectrum_axes, samples, sampling_rate)
+    _draw_modes((poles_axes, spectrum_axes), identification)
+    found = f"{len(identification.modes)} modes; bars are one standard deviation"
+    figure.suptitle(f"{title}: {found}" if title else found)
     if identification.modes:
         lowest = 0.6 * identification.modes[0].frequency
         spectrum_axes.set_xlim(lowest, 0.5 * sampling_rate)
     spectrum_axes.set_xscale("log")
+    spectrum_axes.xaxis.set_major_locator(_log_ticks())
+    spectrum_axes.xaxis.set_major_formatter("{x:g}")
     try:
         figure.savefig(path, dpi=DOTS_PER_INCH)
-    except OSError as error:
-        raise InputError(f"cannot write the figure {path}: {error.strerror or error}") from error
+    except (OSError, ValueError) as error:  # ValueError: a suffix that no picture has
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot write the figure {path}: {reason}") from error
 
 
 def _figure(path: Path) -> Any:
@@ -51,6 +65,12 @@ def _figure(path: Path) -> Any:
             f"cannot draw {path}: matplotlib is not installed; pip install 'pilewatch[plot]'"
         ) from error
     return Figure(figsize=(11, 8), layout="constrained")
+
+
+def _log_ticks() -> Any:
+    from matplotlib.ticker import LogLocator
+
+    return LogLocator(subs=(1.0, 2.0, 5.0))
 
 
 def _draw_poles(axes: Any, identification: Identification) -> None:
@@ -64,11 +84,28 @@ def _draw_poles(axes: Any, identification: Identification) -> None:
             elinewidth=0.6,
             label=f"band {band + 1}",
         )
+    axes.set_ylabel("model order [-]")
+    if identification.diagrams:
+        axes.legend(loc="upper left", fontsize="small", title="slowest band first")
+
+
+def _draw_modes(all_axes: Sequence[Any], identification: Identification) -> None:
+    """A line through both pictures at every mode, its frequency above where there is room."""
+    written = 0.0
     for mode in identification.modes:
-        axes.axvline(mode.frequency, color="black", linewidth=0.6, alpha=0.5)
-    axes.set_ylabel("model order")
-    axes.legend(loc="upper left", fontsize="small")
-    axes.set_title(f"{len(identification.modes)} modes; bars are one standard deviation")
+        for axes in all_axes:
+            axes.axvline(mode.frequency, color="black", linewidth=0.6, alpha=0.5)
+        if mode.frequency > LABEL_RATIO * written:
+            written = mode.frequency
+            all_axes[0].annotate(
+                f"{mode.frequency:.4g} Hz",
+                (mode.frequency, 1.0),
+                xytext=(0, 3),
+                xycoords=("data", "axes fraction"),
+                textcoords="offset points",
+                rotation=60,
+                fontsize="x-small",
+            )
 
 
 def _draw_spectrum(axes: Any, samples: FloatArray, sampling_rate: float) -> None:

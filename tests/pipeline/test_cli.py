@@ -71,6 +71,19 @@ def two_masses_csv(folder: Path, *, rate: float = 50.0) -> Path:
     return path
 
 
+def test_identify_draws_the_stabilisation_diagram_of_the_first_window(
+    pilewatch: Command, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib")
+    file = str(two_masses_csv(tmp_path))
+    drawn = pilewatch("identify", file, "--window", "150", "--plot", "diagram.png")
+    assert drawn.returncode == 0, drawn.stderr
+    assert "two_masses.csv, window 1" in drawn.stderr
+    assert (tmp_path / "diagram.png").read_bytes().startswith(b"\x89PNG")
+    wrong = pilewatch("identify", file, "--window", "150", "--plot", "diagram.word")
+    assert "cannot write the figure diagram.word" in one_line(wrong)
+
+
 def test_identify_prints_the_modes_of_a_text_file(pilewatch: Command, tmp_path: Path) -> None:
     found = pilewatch("identify", str(two_masses_csv(tmp_path)), "--json")
     assert found.returncode == 0, found.stderr
