@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from scipy import fft
 
 FloatArray = NDArray[np.float64]
+References = slice | NDArray[np.intp]  # the channels that y_t runs over, by index
+ALL = slice(None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +75,7 @@ def lag_covariances(
     *,
     n_lags: int,
     block_length: int,
-    references: slice = slice(None),
+    references: References = ALL,
     offset: FloatArray | None = None,
 ) -> LagCovariances:
     """Lag covariances of a record in consecutive time blocks, channels scaled to unit rms.
@@ -101,28 +103,44 @@ def lag_covariances(
 
 
 def block_covariances(
-    samples: FloatArray, *, n_lags: int, references: slice = slice(None)
+    samples: FloatArray, *, n_lags: int, references: References = ALL
 ) -> BlockCovariances:
     """What one time block adds: its m samples and the n_lags that follow, (m + n_lags, n_channels).
 
     By FFT: the cost is that of the samples, not of samples × lags.
     """
     length = len(samples) - n_lags
-    n_fft = fft.next_fast_len(len(samples), real=True)
-    ahead = fft.rfft(samples, n_fft, axis=0)
-    here = fft.rfft(samples[:length, references], n_fft, axis=0)
-    cross_spectra = ahead[:, :, None] * here.conj()[:, None, :]
-    products = fft.irfft(cross_spectra, n_fft, axis=0, overwrite_x=True)[: n_lags + 1] / length
     sums = np.concatenate([np.zeros((1, samples.shape[1])), np.cumsum(samples, axis=0)])
     return BlockCovariances(
-        products=products,
+        products=_lagged_products(samples, n_lags, references) / length,
         ahead=(sums[length : length + n_lags + 1] - sums[: n_lags + 1]) / length,
         here=samples[:length, references].mean(axis=0),
     )
 
 
+def _lagged_products(samples: FloatArray, n_lags: int, references: References) -> FloatArray:
+    """Σ_t y_{t+τ} y_tᵀ over all samples t but the last n_lags, (n_lags + 1, channels, references).
+
+    By segments as long as the lags, whose cross spectra are added before one inverse transform:
+    a transform of the whole block would spend itself on lags that nobody asks for.
+    """
+    length, n_channels = len(samples) - n_lags, samples.shape[1]
+    step = min(length, n_lags)
+    n_segments = -(-length // step)
+    n_fft = fft.next_fast_len(step + n_lags, real=True)
+    padded = np.zeros((n_segments * step + n_lags, n_channels))
+    padded[: len(samples)] = samples
+    reaching = np.lib.stride_tricks.sliding_window_view(padded, step + n_lags, axis=0)[::step]
+    ahead = fft.rfft(reaching.transpose(2, 1, 0), n_fft, axis=0)  # (n_fft/2, n_channels, segments)
+    padded[length:] = 0.0
+    starting = padded[: n_segments * step, references].reshape(n_segments, step, -1)
+    here = fft.rfft(starting.transpose(1, 0, 2), n_fft, axis=0)
+    cross_spectra = ahead @ here.conj()
+    return np.asarray(fft.irfft(cross_spectra, n_fft, axis=0, overwrite_x=True)[: n_lags + 1])
+
+
 def joined(
-    blocks: Sequence[BlockCovariances], *, offset: FloatArray, references: slice = slice(None)
+    blocks: Sequence[BlockCovariances], *, offset: FloatArray, references: References = ALL
 ) -> LagCovariances:
     """The covariances of a window from those of its blocks, without offset, scaled to unit rms."""
     if len(blocks) < 2:

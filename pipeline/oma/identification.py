@@ -39,6 +39,7 @@ from pipeline.oma.uncertainty import (
     pole_deviations,
     projected_deviations,
     shape_deviations,
+    state_deviations,
 )
 
 FloatArray = NDArray[np.float64]
@@ -251,7 +252,9 @@ def _sharp_cloud(
         order = order_deviations(projected, system)
         chosen = cloud.indices[here]
         poles = frequency_damping_deviations(
-            system.poles[chosen], pole_deviations(order, chosen), 1 / band.sampling_rate
+            system.poles[chosen],
+            pole_deviations(state_deviations(order, chosen)),
+            1 / band.sampling_rate,
         )
         frequency[here], damping[here] = poles.frequency, poles.damping_ratio
         by_order.append(order)
@@ -274,7 +277,7 @@ def _represented(
         if not here:
             continue
         chosen = np.array([cloud.indices[c.representative] for c in here])
-        shapes = shape_deviations(order, chosen)
+        shapes = shape_deviations(state_deviations(order, chosen))
         for place, cluster in enumerate(here):
             pole = cluster.representative
             shape, shape_factor = normalised_with_deviations(

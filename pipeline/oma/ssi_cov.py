@@ -21,6 +21,7 @@ from pipeline.oma.covariance import block_hankel
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complexfloating]
+Triplets = tuple[FloatArray, FloatArray, FloatArray]  # U, s, V of U diag(s) Vᵀ, largest s first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +70,7 @@ class SystemModes:
 
 
 RESIDUAL = 1e-9  # ‖H Hᵀ u − s² u‖ / s² of every singular vector that is used
-_SMALL = 5  # a Hankel matrix less than this many times the order is decomposed in full
+_SMALL = 8  # a Hankel matrix of up to this many times the order is decomposed by its Gram matrix
 _LARGEST_BASIS = 4  # times the order: a Krylov space beyond costs more than the whole
 
 
@@ -117,23 +118,23 @@ def signal_subspace(
     block_rows    p
     start         of an earlier, overlapping window: the iteration begins there
 
-    The leading part is iterated to a residual of 1e-9; a small matrix, or one whose singular
-    values fall so slowly that the iteration does not get there, is decomposed in full.
+    The leading part is iterated to a residual of 1e-9, or taken from the Gram matrix where that is
+    quicker; where neither gets there (singular values that fall too slowly for the one or too far
+    for the other) the matrix is decomposed in full.
     """
     operator = HankelOperator(covariances, block_rows)
-    truncated = None
-    if min(operator.shape) >= _SMALL * highest_order:
-        truncated = leading_singular_triplets(
+    if min(operator.shape) > _SMALL * highest_order:
+        triplets = leading_singular_triplets(
             operator, highest_order, start=None if start is None else start.left
         )
-    left, singular_values, right = truncated or _all_singular_triplets(operator)
+    else:
+        triplets = singular_triplets_of_gram(block_hankel(covariances, block_rows), highest_order)
+    left, singular_values, right = triplets or _all_singular_triplets(operator)
     n = min(highest_order, int(np.sum(singular_values > 1e-12 * singular_values[0])))
     return SignalSubspace(left[:, :n], singular_values[:n], right[:, :n], covariances.shape[1])
 
 
-def _all_singular_triplets(
-    operator: HankelOperator,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _all_singular_triplets(operator: HankelOperator) -> Triplets:
     left, singular_values, right = linalg.svd(
         block_hankel(operator.covariances, operator.block_rows),
         full_matrices=False,
@@ -142,9 +143,30 @@ def _all_singular_triplets(
     return left, singular_values, right.T
 
 
+def singular_triplets_of_gram(hankel: FloatArray, count: int) -> Triplets | None:
+    """The largest singular values and their vectors (U, s, V) from the eigenvectors of Hᵀ H.
+
+    hankel   H, (m, n)
+    returns  None when squaring has cost the last ones their residual
+    """
+    gram = hankel.T @ hankel
+    squares, right = _largest_eigenpairs(gram, min(count, len(gram)))
+    residual = np.linalg.norm(gram @ right - right * squares, axis=0)
+    if not (residual <= RESIDUAL * squares).all():
+        return None
+    singular_values = np.sqrt(squares)
+    return (hankel @ right) / singular_values, singular_values, right
+
+
+def _largest_eigenpairs(symmetric: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """In descending order. All are computed: the divide-and-conquer driver is the quickest."""
+    eigenvalues, vectors = linalg.eigh(symmetric, check_finite=False, driver="evd")
+    return eigenvalues[: -count - 1 : -1], vectors[:, : -count - 1 : -1]
+
+
 def leading_singular_triplets(
     matrix: HankelOperator, count: int, *, start: FloatArray | None = None, seed: int = 0
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+) -> Triplets | None:
     """The largest singular values and their vectors (U, s, V) by a block Krylov iteration.
 
     matrix   H, (m, n)
@@ -158,33 +180,50 @@ def leading_singular_triplets(
     Source: Golub and Van Loan, Matrix Computations, 4th ed., §10.4; Musco and Musco (2015),
     Randomized block Krylov methods, for the random start.
     """
-    generator = np.random.default_rng(seed)
-    if start is None:
-        start = matrix @ generator.standard_normal((matrix.shape[1], max(8, count // 3)))
-    elif start.shape[1] > count // 3:  # narrow blocks get further in a basis of the same size
-        start = start @ generator.standard_normal((start.shape[1], max(8, count // 3)))
-    basis = np.linalg.qr(start)[0]
-    images = matrix.transposed_times(basis)  # C
-    newest = slice(0, basis.shape[1])
-    while basis.shape[1] < _LARGEST_BASIS * count:
-        following, leaving = _orthonormal_to(basis, matrix @ images[:, newest])
-        if basis.shape[1] >= 2 * count:  # before, it is never enough
-            squares, x = linalg.eigh(images.T @ images, check_finite=False, driver="evd")
-            squares, x = squares[: -count - 1 : -1], x[:, : -count - 1 : -1]
+    block = _first_block(matrix, count, start, np.random.default_rng(seed))
+    width = block.shape[1]
+    largest = _LARGEST_BASIS * count
+    bases = np.empty((matrix.shape[0], largest + width), order="F")  # B, grown in place
+    images = np.empty((matrix.shape[1], largest + width), order="F")  # C
+    for size in range(width, largest + 1, width):
+        newest = slice(size - width, size)
+        bases[:, newest] = block
+        images[:, newest] = matrix.transposed_times(block)
+        following = matrix @ images[:, newest]
+        block, leaving = _orthonormal_to(bases[:, :size], following, width)
+        # a basis below twice the count is never enough; a check costs as much as two blocks
+        if size >= 2 * count and (size // width) % 2 == 0:
+            squares, x = _largest_eigenpairs(images[:, :size].T @ images[:, :size], count)
             residual = np.linalg.norm(leaving @ x[newest], axis=0)
             if (residual <= RESIDUAL * squares).all():
                 singular_values = np.sqrt(squares)
-                return basis @ x, singular_values, (images @ x) / singular_values
-        newest = slice(basis.shape[1], basis.shape[1] + following.shape[1])
-        basis = np.hstack([basis, following])
-        images = np.hstack([images, matrix.transposed_times(following)])
+                return bases[:, :size] @ x, singular_values, images[:, :size] @ x / singular_values
     return None
 
 
-def _orthonormal_to(basis: FloatArray, block: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Q R of what of a block lies outside a basis."""
-    for _ in range(2):  # twice is enough (Kahan, Parlett) for orthogonality to rounding
-        block = block - basis @ (basis.T @ block)
+def _first_block(
+    matrix: HankelOperator, count: int, start: FloatArray | None, generator: np.random.Generator
+) -> FloatArray:
+    """Orthonormal columns, a third of the count: narrow blocks get further in a basis of a size."""
+    width = max(8, count // 3)
+    if start is None:
+        start = matrix @ generator.standard_normal((matrix.shape[1], width))
+    elif start.shape[1] > width:
+        start = start @ generator.standard_normal((start.shape[1], width))
+    return np.linalg.qr(start)[0]
+
+
+def _orthonormal_to(
+    basis: FloatArray, block: FloatArray, width: int
+) -> tuple[FloatArray, FloatArray]:
+    """Q R of what of a block lies outside a basis.
+
+    In exact arithmetic only the basis' last two blocks (of `width`) overlap it (Lanczos); these
+    are taken off first, then what rounding left of all: twice is enough (Kahan, Parlett).
+    """
+    last = basis[:, -2 * width :]
+    block = block - last @ (last.T @ block)
+    block -= basis @ (basis.T @ block)
     q, r = np.linalg.qr(block)
     return q, r
 

@@ -26,10 +26,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes
 
 FloatArray = NDArray[np.float64]
+SingleArray = NDArray[np.float32]
 ComplexArray = NDArray[np.complexfloating]
 
 
@@ -37,20 +39,21 @@ ComplexArray = NDArray[np.complexfloating]
 class ProjectedDeviations:
     """The deviations of the block Hankel matrix, projected on the signal subspace.
 
-    With Y^(b) = ΔH^(b) V S⁻¹ for each time block b, n the highest order, and Y_up, Y_down without
-    the last and the first block row:
+    With Y^(b) = ΔH^(b) V S⁻¹ for each time block b, n the highest order, Y_up and Y_down without
+    the last and the first block row, the models of every order need only
+        D = O_upᵀ Y_down + Y_upᵀ O_down,   E = O_upᵀ Y_up + Y_upᵀ O_up,   W = Uᵀ Y
+    or their leading parts. The column of each is the first axis: what an order uses is then one
+    matrix in memory, ready to be multiplied.
     """
 
     subspace: SignalSubspace
-    first_row: FloatArray  # Y's first block row, (n_blocks, n_channels, n)
-    whole: FloatArray  # Uᵀ Y, (n_blocks, n, n)
-    up_up: FloatArray  # O_upᵀ Y_up, (n_blocks, n, n)
-    up_down: FloatArray  # O_upᵀ Y_down, (n_blocks, n, n)
-    down_up: FloatArray  # O_downᵀ Y_up, (n_blocks, n, n)
+    moving: FloatArray  # D, E and Wᵀ side by side, (n columns, 3, n rows, n_blocks)
+    inside: FloatArray  # W, (n columns, n rows, n_blocks)
+    first_row: FloatArray  # Y's first block row, (n columns, n_channels, n_blocks)
 
     @property
     def n_blocks(self) -> int:
-        return len(self.whole)
+        return self.inside.shape[2]
 
 
 def projected_deviations(subspace: SignalSubspace, deviations: FloatArray) -> ProjectedDeviations:
@@ -61,39 +64,44 @@ def projected_deviations(subspace: SignalSubspace, deviations: FloatArray) -> Pr
     Why in single precision: it is the costliest step, and a std needs no more than five digits.
     """
     l = subspace.n_channels  # noqa: E741  # the field's number of outputs
-    block_rows = deviations.shape[1] // 2
-    right = _lags_last(subspace.right / subspace.singular_values, block_rows)  # V S⁻¹
-    # (n_blocks, n_channels, n_references, n_lags): rows of the Hankel matrix are then copied as
-    # runs of lags, several times as fast as one lag at a time
-    single = np.ascontiguousarray(deviations.transpose(0, 2, 3, 1), dtype=np.float32)
+    y = _images(deviations, (subspace.right / subspace.singular_values).astype(np.float32))
     left = subspace.left.astype(np.float32)
     upper, lower = left[:-l], left[l:]
-    projected: list[list[NDArray[np.floating]]] = []
-    for block in single:
-        y = _hankel_rows(block, block_rows) @ right
-        projected.append(
-            [y[:l].copy(), left.T @ y, upper.T @ y[:-l], upper.T @ y[l:], lower.T @ y[:-l]]
-        )
-    return ProjectedDeviations(
-        subspace,
-        *(np.stack(matrices).astype(np.float64) for matrices in zip(*projected, strict=True)),
-    )
+    n = left.shape[1]
+
+    def projected(basis: SingleArray, rows: SingleArray) -> FloatArray:
+        product = basis.T @ rows.reshape(len(rows), -1)  # one product for all blocks
+        return _double(product.reshape(n, -1, n))
+
+    inside = projected(left, y)
+    up_up = projected(upper, y[:-l])
+    there = projected(upper, y[l:]) + _transposed(projected(lower, y[:-l]))
+    moving = np.stack([there, up_up + _transposed(up_up), _transposed(inside)], axis=1)
+    return ProjectedDeviations(subspace, moving, inside, first_row=_double(y[:l]))
 
 
-def _lags_last(rows: FloatArray, block_rows: int) -> NDArray[np.float32]:
-    """Rows (lag, reference) reordered to (reference, lag), (p·n_references, n)."""
-    by_lag = rows.reshape(block_rows, -1, rows.shape[1])
-    return np.ascontiguousarray(by_lag.transpose(1, 0, 2), dtype=np.float32).reshape(rows.shape)
+def _images(deviations: FloatArray, right: SingleArray) -> SingleArray:
+    """Y = ΔH V S⁻¹ of every block, ((p + 1)·n_channels, n_blocks, n), by FFT along the lags.
+
+    (ΔH x)_i = Σ_j ΔR_{i+j+1} x_j is a convolution with x reversed.
+    """
+    n_blocks, n_lags, n_channels, n_references = deviations.shape
+    rows, n_fft = n_lags // 2, fft.next_fast_len(n_lags, real=True)
+    by_lag = np.ascontiguousarray(deviations.transpose(1, 2, 0, 3), dtype=np.float32)
+    spectra = fft.rfft(by_lag.reshape(n_lags, -1, n_references), n_fft, axis=0)
+    reversed_rows = right.reshape(rows, n_references, -1)[::-1]
+    products = spectra @ fft.rfft(reversed_rows, n_fft, axis=0)
+    valid = fft.irfft(products, n_fft, axis=0, overwrite_x=True)[rows - 1 : n_lags]
+    return np.asarray(valid.reshape((rows + 1) * n_channels, n_blocks, -1))
 
 
-def _hankel_rows(block: NDArray[np.float32], block_rows: int) -> NDArray[np.float32]:
-    """The block Hankel matrix of one block's ΔR, (n_channels, n_references, n_lags), with its
-    columns in the order (reference, lag)."""
-    n_channels, n_references, _ = block.shape
-    windows = np.lib.stride_tricks.sliding_window_view(block, block_rows, axis=2)
-    return np.ascontiguousarray(windows.transpose(2, 0, 1, 3)).reshape(
-        (block_rows + 1) * n_channels, n_references * block_rows
-    )
+def _double(single: SingleArray) -> FloatArray:
+    """(rows, n_blocks, columns) as (columns, rows, n_blocks), in double precision."""
+    return np.ascontiguousarray(single.transpose(2, 0, 1), dtype=np.float64)
+
+
+def _transposed(real: FloatArray) -> FloatArray:
+    return real.transpose(1, 0, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,67 +111,112 @@ class OrderDeviations:
     With P = I − U Uᵀ of this order, K = O_upᵀ O_down, G = O_upᵀ O_up and for a pole λ with
     eigenvector ψ:
         G ΔA ψ = O_upᵀ ((P Y)_down − λ (P Y)_up) ψ + ((O_down − λ O_up)ᵀ (P Y)_up)ᵀ ψ
-    whose second part comes from the least-squares residual of O_up A = O_down. What P takes off
-    is (K − λ G) Uᵀ Y ψ of the first part and (Uᵀ Y)ᵀ (K − λ G) ψ of the second.
+               = (D − λ E) ψ − Wᵀ (K − λ G) ψ − (K − λ G) W ψ
+    whose second part comes from the least-squares residual of O_up A = O_down.
     """
 
     modes: SystemModes
     gram: FloatArray  # G, (n, n)
     shift: FloatArray  # K, (n, n)
-    left_vectors: ComplexArray  # X, (n, n): Xᵀ A = diag(λ_d) Xᵀ, Xᵀ Ψ = I
+    dual: ComplexArray  # G⁻¹ X, (n, n), with Xᵀ A = diag(λ_d) Xᵀ, Xᵀ Ψ = I
     projected: ProjectedDeviations
-
-    def part(self, name: str) -> FloatArray:
-        """The leading part of a projection that this order uses, (n_blocks, n, n)."""
-        n = self.modes.order
-        return np.asarray(getattr(self.projected, name)[:, :n, :n])
 
 
 def order_deviations(projected: ProjectedDeviations, modes: SystemModes) -> OrderDeviations:
     """What the model of one order takes of the projections."""
     n, subspace = modes.order, projected.subspace
     last = subspace.left[-subspace.n_channels :, :n]
+    gram = np.eye(n) - last.T @ last  # O_upᵀ O_up, since UᵀU = I
     return OrderDeviations(
         modes=modes,
-        gram=np.eye(n) - last.T @ last,  # O_upᵀ O_up, since UᵀU = I
+        gram=gram,
         shift=subspace.upper[:, :n].T @ subspace.lower[:, :n],
-        left_vectors=modes.left_eigenvectors(),
+        dual=np.linalg.inv(modes.all_right.T @ gram),
         projected=projected,
     )
 
 
-def pole_deviations(order: OrderDeviations, chosen: NDArray[np.int64]) -> ComplexArray:
-    """Δλ_d of chosen modes of one order by time block, (n_chosen, n_blocks).
+@dataclass(frozen=True, slots=True, eq=False)
+class StateDeviations:
+    """G ΔA ψ of chosen modes of one order by time block, in two parts:
 
-    Δλ = χᵀ ΔA ψ = dᵀ (G ΔA ψ),  d = G⁻¹ χ: products of the projections, (n_blocks, n²), with the
-    outer products of d and ψ.
+    G ΔA ψ = direct − (K − λ G) inside,   inside = W ψ
     """
-    modes = order.modes
-    psi, poles = modes.right[:, chosen], modes.poles[chosen]
-    dual = np.linalg.solve(order.gram, order.left_vectors[:, modes.kept[chosen]])
-    left = order.shift.T @ dual - poles * (order.gram @ dual)
-    right = order.shift @ psi - poles * (order.gram @ psi)
-    forth = _outer(dual, psi)
-    back = forth.transpose(1, 0, 2)
-    moved = (
-        _contracted(order.part("up_down"), forth)
-        + _contracted(order.part("down_up"), back)
-        - poles * _contracted(order.part("up_up"), forth + back)
-        - _contracted(order.part("whole"), _outer(left, psi) + _outer(right, dual))
+
+    order: OrderDeviations
+    chosen: NDArray[np.int64]  # places among the order's modes, (n_chosen,)
+    direct: ComplexArray  # (n_chosen, n, n_blocks)
+    inside: ComplexArray  # (n_chosen, n, n_blocks)
+
+    def seen_by(self, functionals: ComplexArray) -> ComplexArray:
+        """Linear functions of G ΔA ψ, (n_chosen, n_functions, n_blocks).
+
+        functionals   (n_chosen, n_functions, n)
+        """
+        poles = self.order.modes.poles[self.chosen, None, None]
+        through = functionals @ self.order.shift - poles * (functionals @ self.order.gram)
+        return np.asarray(functionals @ self.direct - through @ self.inside)
+
+
+def state_deviations(order: OrderDeviations, chosen: NDArray[np.int64]) -> StateDeviations:
+    """How the time blocks move the state matrix, as far as chosen modes feel it."""
+    psi, poles = order.modes.right[:, chosen], order.modes.poles[chosen]
+    turned = order.shift @ psi - poles * (order.gram @ psi)
+    coefficients = np.stack([psi, -poles * psi, -turned], axis=1)  # of D, E and Wᵀ, as in `moving`
+    return StateDeviations(
+        order,
+        chosen,
+        direct=_combined(order.projected.moving, coefficients),
+        inside=_combined(order.projected.inside[:, None], psi[:, None]),
     )
-    return np.asarray(moved.T)
 
 
-def _outer(left: ComplexArray, right: ComplexArray) -> ComplexArray:
-    """left[i, m] right[j, m], (n, n, n_modes)"""
-    return np.asarray(left[:, None, :] * right[None, :, :])
+def _combined(stacked: FloatArray, coefficients: ComplexArray) -> ComplexArray:
+    """Σ_jk stacked[j, k, i, b] coefficients[j, k, m], (n_modes, n, n_blocks), in real arithmetic.
+
+    coefficients (n, n_kinds, n_modes) of an order n no higher than the stack's
+    """
+    n, n_kinds, n_modes = coefficients.shape
+    n_blocks = stacked.shape[3]
+    columns = stacked[:n].reshape(n * n_kinds, -1)[:, : n * n_blocks]  # rows i < n of each
+    by_mode = coefficients.reshape(n * n_kinds, n_modes).T
+    combined = np.empty((n_modes, n * n_blocks), dtype=np.complex128)
+    combined.real = by_mode.real @ columns
+    combined.imag = by_mode.imag @ columns
+    return combined.reshape(n_modes, n, n_blocks)
 
 
-def _contracted(real: FloatArray, columns: ComplexArray) -> ComplexArray:
-    """Σ_ij real[b, i, j] columns[i, j, m], (n_blocks, n_modes), in real arithmetic."""
-    n_modes = columns.shape[2]
-    pairs = np.ascontiguousarray(columns).view(np.float64).reshape(-1, 2 * n_modes)
-    return np.asarray((real.reshape(len(real), -1) @ pairs).view(np.complex128))
+def pole_deviations(moved: StateDeviations) -> ComplexArray:
+    """Δλ_d of the chosen modes by time block, (n_chosen, n_blocks).
+
+    Δλ = χᵀ ΔA ψ = dᵀ (G ΔA ψ),  d = G⁻¹ χ
+    """
+    dual = moved.order.dual[:, moved.order.modes.kept[moved.chosen]]
+    return moved.seen_by(dual.T[:, None, :])[:, 0]
+
+
+def shape_deviations(moved: StateDeviations) -> ComplexArray:
+    """Δφ of the chosen modes by time block, (n_chosen, n_channels, n_blocks), complex.
+
+    Δφ = ΔC ψ + C Δψ, with ΔC the first block row of P Y
+    """
+    order, chosen = moved.order, moved.chosen
+    modes, subspace = order.modes, order.projected.subspace
+    output = subspace.left[: subspace.n_channels, : modes.order]  # C
+    distance = modes.poles[chosen] - modes.all_poles[:, None]
+    distance[modes.kept[chosen], np.arange(len(chosen))] = np.inf  # ψ itself keeps its scale
+    # each mode's map from G ΔA ψ to C Δψ, (n_chosen, n_channels, n)
+    to_shape = (output @ modes.all_right / distance.T[:, None, :]) @ order.dual.T
+    output_change = _first_row(order.projected, modes.right[:, chosen]) - output @ moved.inside
+    return output_change + moved.seen_by(to_shape)
+
+
+def _first_row(projected: ProjectedDeviations, psi: ComplexArray) -> ComplexArray:
+    """Y's first block row times ψ, (n_modes, n_channels, n_blocks)."""
+    n, n_modes = psi.shape
+    columns = projected.first_row[:n].reshape(n, -1)
+    product = psi.T.real @ columns + 1j * (psi.T.imag @ columns)
+    return np.asarray(product.reshape(n_modes, *projected.first_row.shape[1:]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,38 +248,3 @@ def frequency_damping_deviations(
         frequency=magnitude_change / (2 * np.pi),
         damping_ratio=(continuous.real * magnitude_change - magnitude * change.real) / magnitude**2,
     )
-
-
-def shape_deviations(order: OrderDeviations, chosen: NDArray[np.int64]) -> ComplexArray:
-    """Δφ of chosen modes of one order by time block, (n_chosen, n_channels, n_blocks), complex.
-
-    Δφ = ΔC ψ + C Δψ, with ΔC the first block row of P Y
-    """
-    modes = order.modes
-    psi, poles = modes.right[:, chosen], modes.poles[chosen]
-    output = order.projected.subspace.left[: len(modes.shapes), : modes.order]  # C
-    up_up, whole = order.part("up_up"), order.part("whole")
-    inside = _applied(whole, psi)  # Uᵀ Y ψ
-    right = order.shift @ psi - poles * (order.gram @ psi)
-    change = (  # G ΔA ψ, (n_blocks, n, n_chosen)
-        _applied(order.part("up_down"), psi)
-        + _applied(order.part("down_up").transpose(0, 2, 1), psi)
-        - poles * (_applied(up_up, psi) + _applied(up_up.transpose(0, 2, 1), psi))
-        - (order.shift @ inside - poles * (order.gram @ inside))
-        - _applied(whole.transpose(0, 2, 1), right)
-    )
-    distance = poles - modes.all_poles[:, None]
-    distance[modes.kept[chosen], np.arange(len(chosen))] = np.inf  # ψ itself keeps its scale
-    left = np.linalg.solve(order.gram, order.left_vectors).T  # Xᵀ G⁻¹
-    shapes = output @ modes.all_right  # C Ψ
-    # each mode's map from G ΔA ψ to C Δψ, (n_chosen, n_channels, n)
-    to_shape = (shapes / distance.T[:, None, :]) @ left
-    turned = to_shape @ change.transpose(2, 1, 0)
-    output_change = _applied(order.projected.first_row[:, :, : modes.order], psi) - output @ inside
-    return np.asarray(output_change.transpose(2, 1, 0) + turned)
-
-
-def _applied(real: FloatArray, columns: ComplexArray) -> ComplexArray:
-    """real[b] @ columns for every block, (n_blocks, rows, n_columns), in real arithmetic."""
-    pairs = np.ascontiguousarray(columns).view(np.float64)
-    return np.asarray((real @ pairs).view(np.complex128))

@@ -32,6 +32,7 @@ from pipeline.oma.uncertainty import (
     pole_deviations,
     projected_deviations,
     shape_deviations,
+    state_deviations,
 )
 from sensors.layout import biaxial_layout
 from sensors.simulated import SimulatedTower, SimulationSettings
@@ -133,9 +134,9 @@ def every_uncertainty(samples: FloatArray, *, rows: int, orders: Sequence[int]) 
     projected = projected_deviations(subspace, covariances.deviations)
     for system in system_modes(subspace, orders=orders, sampling_interval=1 / 30):
         chosen = np.arange(len(system.poles))
-        order = order_deviations(projected, system)
-        frequency_damping_deviations(system.poles, pole_deviations(order, chosen), 1 / 30)
-        shape_deviations(order, chosen)
+        moved = state_deviations(order_deviations(projected, system), chosen)
+        frequency_damping_deviations(system.poles, pole_deviations(moved), 1 / 30)
+        shape_deviations(moved)
 
 
 def sliding_update(record: FloatArray) -> tuple[float, float]:

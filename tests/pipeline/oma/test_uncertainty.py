@@ -12,6 +12,7 @@ from pipeline.oma.uncertainty import (
     pole_deviations,
     projected_deviations,
     shape_deviations,
+    state_deviations,
 )
 from tests.pipeline.oma.conftest import KnownStructure
 
@@ -56,7 +57,7 @@ def test_pole_deviations_are_the_derivative_of_the_identification(
     subspace, modes = identified(covariances.mean)
     chosen = physical(modes)
     projected = projected_deviations(subspace, covariances.deviations)
-    deviations = pole_deviations(order_deviations(projected, modes), chosen)
+    deviations = pole_deviations(state_deviations(order_deviations(projected, modes), chosen))
     analytic = frequency_damping_deviations(modes.poles[chosen], deviations, DT)
     step = 1e-4
     for block in (0, 4, 9):
@@ -80,7 +81,7 @@ def test_shape_deviations_are_the_derivative_of_the_normalised_shape(
     subspace, modes = identified(covariances.mean)
     chosen = physical(modes)
     projected = projected_deviations(subspace, covariances.deviations)
-    deviations = shape_deviations(order_deviations(projected, modes), chosen)
+    deviations = shape_deviations(state_deviations(order_deviations(projected, modes), chosen))
     step = 1e-4
     for place, mode in enumerate(chosen):
         _, factor = normalised_with_deviations(modes.shapes[:, mode], deviations[place])
