@@ -26,7 +26,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes
 
@@ -81,18 +80,19 @@ def projected_deviations(subspace: SignalSubspace, deviations: FloatArray) -> Pr
 
 
 def _images(deviations: FloatArray, right: SingleArray) -> SingleArray:
-    """Y = ΔH V S⁻¹ of every block, ((p + 1)·n_channels, n_blocks, n), by FFT along the lags.
+    """Y = ΔH V S⁻¹ of every block, ((p + 1)·n_channels, n_blocks, n).
 
-    (ΔH x)_i = Σ_j ΔR_{i+j+1} x_j is a convolution with x reversed.
+    Block row i of ΔH is the run of lags i + 1 to i + p: in memory a slice of what it is made of, so
+    that no Hankel matrix is formed.
     """
     n_blocks, n_lags, n_channels, n_references = deviations.shape
-    rows, n_fft = n_lags // 2, fft.next_fast_len(n_lags, real=True)
-    by_lag = np.ascontiguousarray(deviations.transpose(1, 2, 0, 3), dtype=np.float32)
-    spectra = fft.rfft(by_lag.reshape(n_lags, -1, n_references), n_fft, axis=0)
-    reversed_rows = right.reshape(rows, n_references, -1)[::-1]
-    products = spectra @ fft.rfft(reversed_rows, n_fft, axis=0)
-    valid = fft.irfft(products, n_fft, axis=0, overwrite_x=True)[rows - 1 : n_lags]
-    return np.asarray(valid.reshape((rows + 1) * n_channels, n_blocks, -1))
+    by_channel = deviations.transpose(2, 0, 1, 3).astype(np.float32, order="C")
+    runs = by_channel.reshape(n_channels * n_blocks, n_lags * n_references)
+    rows, width = n_lags // 2, len(right)
+    images = np.empty((rows + 1, len(runs), right.shape[1]), dtype=np.float32)
+    for i, image in enumerate(images):
+        np.matmul(runs[:, i * n_references : i * n_references + width], right, out=image)
+    return images.reshape((rows + 1) * n_channels, n_blocks, -1)
 
 
 def _double(single: SingleArray) -> FloatArray:
