@@ -15,6 +15,7 @@ from pathlib import Path
 from pipeline.nodes.node import Node
 from pipeline.nodes.operation import IdentificationInContext, UpdatingInContext
 from pipeline.nodes.updating import FoundationUpdaterNode
+from pipeline.oma.references import references_among
 from pipeline.recording.writer import Metadata, Recorder
 from pipeline.scenario import Scenario
 from pipeline.updating.updater import FoundationUpdater
@@ -50,7 +51,11 @@ class Plan:
 
 
 def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[Plan, ...]:
-    """The nodes of a session in the order of the flow."""
+    """The nodes of a session in the order of the flow.
+
+    Raises OmaSettingsError where the scenario names a reference channel that the layout lacks.
+    """
+    references_among(layout.channel_names, scenario.oma)
 
     def identification() -> Node:
         return IdentificationInContext(scenario.oma)

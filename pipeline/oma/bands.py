@@ -51,7 +51,7 @@ _SHAPES = (
 )
 _SAMPLES_PER_BLOCK_ROW = 6  # a band shorter than this many samples a block row is given fewer rows
 _FEWEST_BLOCK_ROWS = 8
-_CHANNELS_OF_FULL_ORDERS = 8
+_REFERENCES_OF_FULL_ORDERS = 8
 
 
 def plan_bands(
@@ -71,7 +71,8 @@ def plan_bands(
             f"reaches to {0.5 * sampling_rate:g} Hz"
         )
     shapes = _shapes_down_to(settings.lowest_frequency, sampling_rate)
-    bands = [_band(shape, n_samples, n_channels, sampling_rate) for shape in shapes]
+    n_references = len(settings.reference_channels or range(n_channels))
+    bands = [_band(shape, n_samples, n_references, sampling_rate) for shape in shapes]
     return tuple(
         replace(
             band,
@@ -97,8 +98,10 @@ def _reach(shape: _BandShape, sampling_rate: float) -> float:
     return sampling_rate / shape.decimation / (2 * shape.block_rows)
 
 
-def _band(shape: _BandShape, n_samples: int, n_channels: int, sampling_rate: float) -> Band | None:
-    """The band as far as the record's length and channels carry it; None when too short."""
+def _band(
+    shape: _BandShape, n_samples: int, n_references: int, sampling_rate: float
+) -> Band | None:
+    """The band as far as the record's length and references carry it; None when too short."""
     rate = sampling_rate / shape.decimation
     rows = min(shape.block_rows, n_samples // shape.decimation // (2 * _SAMPLES_PER_BLOCK_ROW))
     if rows < _FEWEST_BLOCK_ROWS:
@@ -109,18 +112,19 @@ def _band(shape: _BandShape, n_samples: int, n_channels: int, sampling_rate: flo
         lowest=rate / (2 * rows),
         highest=shape.upper * rate,
         block_rows=rows,
-        orders=_orders(shape.orders, rank=rows * n_channels, n_channels=n_channels),
+        orders=_orders(shape.orders, rank=rows * n_references, n_references=n_references),
     )
 
 
-def _orders(full: tuple[int, ...], *, rank: int, n_channels: int) -> tuple[int, ...]:
-    """Model orders for a number of channels; `full` serves eight or more.
+def _orders(full: tuple[int, ...], *, rank: int, n_references: int) -> tuple[int, ...]:
+    """Model orders for a number of references; `full` serves eight or more.
 
-    Why fewer for fewer channels: a model of high order fits the noise of few channels with
-    lightly damped poles, which split a heavily damped mode. The square root was found on measured
-    and simulated records of two to eight channels. At most half the Hankel matrix's rank is used.
+    Why fewer for fewer references (by default all channels are): a model of high order fits the
+    noise of few channels with lightly damped poles, which split a heavily damped mode. The square
+    root was found on measured and simulated records of two to eight channels. At most half the
+    Hankel matrix's rank is used.
     """
-    scale = min(1.0, sqrt(n_channels / _CHANNELS_OF_FULL_ORDERS))
+    scale = min(1.0, sqrt(n_references / _REFERENCES_OF_FULL_ORDERS))
     orders = sorted({2 * round(order * scale / 2) for order in full})
     usable = tuple(order for order in orders if 2 <= order <= rank // 2)
     return usable or (max(2, rank // 4 * 2),)

@@ -26,18 +26,27 @@ class BlockCovariances:
 
     products: FloatArray  # (n_lags + 1, n_channels, n_references), lags τ = 0..n_lags
     ahead: FloatArray  # mean of y_{t+τ}, (n_lags + 1, n_channels)
-    here: FloatArray  # mean of y_t of the references, (n_references,)
+    squares: FloatArray  # mean of y_t², (n_channels,)
 
-    def about(self, offset: FloatArray, references: FloatArray) -> FloatArray:
-        """The products as if the offsets had been taken off the samples.
+    def about(self, offset: FloatArray, references: References) -> FloatArray:
+        """The products with the references as if the offsets had been taken off the samples.
 
-        Σ (y_{t+τ} − μ)(y_t − μ_r)ᵀ/m = P_τ − a_τ μ_rᵀ − μ hᵀ + μ μ_rᵀ
+        Σ (y_{t+τ} − μ)(y_t − μ_r)ᵀ/m = P_τ − a_τ μ_rᵀ − μ hᵀ + μ μ_rᵀ,  h = a_0 of the references
         """
+        mean = offset[references]
         return np.asarray(
             self.products
-            - self.ahead[:, :, None] * references
-            - offset[:, None] * (self.here - references)
+            - self.ahead[:, :, None] * mean
+            - offset[:, None] * (self.ahead[0, references] - mean)
         )
+
+    def squares_about(self, offset: FloatArray) -> FloatArray:
+        """The mean squares as if the offsets had been taken off, (n_channels,)."""
+        return np.asarray(self.squares - offset * (2 * self.ahead[0] - offset))
+
+    def with_references(self, references: References) -> "BlockCovariances":
+        """The same block with some of its references."""
+        return BlockCovariances(self.products[:, :, references], self.ahead, self.squares)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +123,7 @@ def block_covariances(
     return BlockCovariances(
         products=_lagged_products(samples, n_lags, references) / length,
         ahead=(sums[length : length + n_lags + 1] - sums[: n_lags + 1]) / length,
-        here=samples[:length, references].mean(axis=0),
+        squares=np.mean(samples[:length] ** 2, axis=0),
     )
 
 
@@ -145,10 +154,8 @@ def joined(
     """The covariances of a window from those of its blocks, without offset, scaled to unit rms."""
     if len(blocks) < 2:
         raise ValueError(f"{len(blocks)} time blocks are too few for a covariance; 2 are needed")
-    products = np.stack([block.about(offset, offset[references]) for block in blocks])
-    zero_lag = products[:, 0].mean(axis=0)
-    scales = np.ones(len(offset))
-    scales[references] = np.sqrt(np.diagonal(zero_lag[references]))
+    products = np.stack([block.about(offset, references) for block in blocks])
+    scales = np.sqrt(np.mean([block.squares_about(offset) for block in blocks], axis=0))
     scales = np.where(scales > 0, scales, 1.0)
     return LagCovariances(products[:, 1:] / np.outer(scales, scales[references]), scales)
 

@@ -10,7 +10,7 @@ from pipeline.messages import Mode, Warning  # noqa: A004  # the field's word
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.oma.bands import Band, plan_bands
 from pipeline.oma.close_pairs import UNRESOLVED, with_close_pairs
-from pipeline.oma.covariance import LagCovariances, lag_covariances
+from pipeline.oma.covariance import ALL, LagCovariances, References, lag_covariances
 from pipeline.oma.input_checks import (
     HARMONIC_DAMPING,
     Finding,
@@ -22,6 +22,7 @@ from pipeline.oma.input_checks import (
 )
 from pipeline.oma.mode_shapes import normalised_with_deviations
 from pipeline.oma.preprocessing import decimated, without_offset
+from pipeline.oma.references import references_among
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
 from pipeline.oma.stabilization import (
@@ -78,14 +79,17 @@ def identify(
     samples         (n, n_channels); any unit, channels may differ in theirs
     sampling_rate   [Hz]
     times           (n,) time stamps of the samples, if there are any [s]
-    channel_names   for the texts of warnings; "channel 1" and so on by default
+    channel_names   for warnings and the references; "channel 1" and so on by default
 
     Shapes are in the samples' own units: a channel in g beside one in m/s² reads accordingly.
     A window with a gap, NaN or a dead channel is rejected, which is a value and no exception.
-    Raises OmaSettingsError when the sampling rate is too low for the frequencies asked for.
+    Raises OmaSettingsError when the sampling rate is too low for the frequencies asked for, or a
+    reference channel is unknown.
     """
     settings = settings or OmaSettings()
-    findings = check_window(samples, sampling_rate, channel_names=channel_names, times=times)
+    names = channel_names or default_names(samples.shape[1])
+    references = references_among(names, settings)
+    findings = check_window(samples, sampling_rate, channel_names=names, times=times)
     if rejection_in(findings) is not None:
         return Identification((), (), rejection_in(findings))
     clean = mended(np.asarray(samples, dtype=np.float64), findings)
@@ -100,7 +104,7 @@ def identify(
     )
     steady = without_offset(clean)
     by_band = [
-        modes_of_covariances(band_covariances(steady, band, settings), band, settings)
+        modes_of_covariances(band_covariances(steady, band, settings, references), band, settings)
         for band in bands
     ]
     return concluded(by_band, steady, sampling_rate, findings, settings)
@@ -175,9 +179,14 @@ def check_window(
     times: FloatArray | None = None,
 ) -> tuple[Finding, ...]:
     """Everything that is doubtful about a window's samples and time stamps."""
-    names = channel_names or [f"channel {i + 1}" for i in range(samples.shape[1])]
+    names = channel_names or default_names(samples.shape[1])
     findings = check_samples(samples, sampling_rate, names)
     return findings if times is None else findings + check_timestamps(times, sampling_rate)
+
+
+def default_names(n_channels: int) -> tuple[str, ...]:
+    """What channels without a name are called."""
+    return tuple(f"channel {i + 1}" for i in range(n_channels))
 
 
 def rejection_in(findings: Sequence[Finding]) -> Warning | None:
@@ -185,12 +194,15 @@ def rejection_in(findings: Sequence[Finding]) -> Warning | None:
     return next((f.warning for f in findings if f.action == "reject"), None)
 
 
-def band_covariances(samples: FloatArray, band: Band, settings: OmaSettings) -> LagCovariances:
+def band_covariances(
+    samples: FloatArray, band: Band, settings: OmaSettings, references: References = ALL
+) -> LagCovariances:
     """Lag covariances of a window in a band. samples: (n, n_channels) at the full rate."""
     return lag_covariances(
         decimated(samples, band.decimation),
         n_lags=2 * band.block_rows,
         block_length=block_length(len(samples), band, settings),
+        references=references,
     )
 
 

@@ -22,6 +22,7 @@ class OmaSettings:
     lateness: float = 5.0  # how long an out-of-order block is waited for, in sensor time [s]
     lowest_frequency: float | None = None  # of the modes sought [Hz]; None: what the bands reach
     highest_frequency: float | None = None  # [Hz]; None: 0.45 × the sampling rate
+    reference_channels: tuple[str, ...] | None = None  # names; None: all (see `references.py`)
     n_blocks: int = 40  # time blocks for the uncertainty; std scatters by 1/sqrt(2(n_blocks − 1))
     maximum_damping: float = 0.1  # ζ of a structural mode [-]
     minimum_presence: float = 0.7  # share of the orders in which a mode must be stable [-]
@@ -44,6 +45,8 @@ class OmaSettings:
             raise OmaSettingsError(
                 f"[oma] n_blocks is {self.n_blocks}; fewer than 10 blocks give no uncertainty"
             )
+        if self.reference_channels is not None:
+            self._check_references(self.reference_channels)
         low, high = self.lowest_frequency, self.highest_frequency
         if low is not None and not low > 0:
             raise OmaSettingsError(f"[oma] lowest_frequency is {low:g} Hz; it must be > 0")
@@ -51,3 +54,12 @@ class OmaSettings:
             raise OmaSettingsError(
                 f"[oma] highest_frequency is {high:g} Hz, not above lowest_frequency ({low:g} Hz)"
             )
+
+    def _check_references(self, names: tuple[str, ...]) -> None:
+        if not names:
+            raise OmaSettingsError(
+                "[oma] reference_channels is empty; name one channel or more, or leave the key out"
+            )
+        repeated = next((name for name in names if names.count(name) > 1), None)
+        if repeated is not None:
+            raise OmaSettingsError(f"[oma] reference_channels names {repeated!r} twice")

@@ -16,17 +16,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.oma.bands import Band, plan_bands
-from pipeline.oma.covariance import BlockCovariances, LagCovariances, block_covariances, joined
+from pipeline.oma.covariance import (
+    ALL,
+    BlockCovariances,
+    LagCovariances,
+    References,
+    block_covariances,
+    joined,
+)
 from pipeline.oma.identification import (
     Identification,
     block_length,
     check_window,
     concluded,
+    default_names,
     identify,
     modes_of_covariances,
     rejection_in,
 )
 from pipeline.oma.preprocessing import decimated, n_decimated
+from pipeline.oma.references import references_among
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SignalSubspace
 
@@ -71,9 +80,16 @@ class CovarianceRing:
             self._held = self._held[self._block_length :]
             self.n_complete += 1
 
-    def covariances(self, first_block: int, n_blocks: int, offset: FloatArray) -> LagCovariances:
+    def covariances(
+        self,
+        first_block: int,
+        n_blocks: int,
+        offset: FloatArray,
+        references: References = ALL,
+    ) -> LagCovariances:
         """Of a window: n_blocks from a block counted since the start, offset (n_channels,) off.
 
+        The ring holds all channels as references; a window takes those that it asks for.
         Raises IndexError when a block is not complete yet or no longer kept.
         """
         oldest = self.n_complete - len(self._blocks)
@@ -82,10 +98,11 @@ class CovarianceRing:
                 f"blocks {first_block} to {first_block + n_blocks - 1} of the stream are asked "
                 f"for; {oldest} to {self.n_complete - 1} are kept"
             )
-        chosen: Sequence[BlockCovariances] = [
-            self._blocks[index - oldest] for index in range(first_block, first_block + n_blocks)
+        chosen = [
+            self._blocks[index - oldest].with_references(references)
+            for index in range(first_block, first_block + n_blocks)
         ]
-        return joined(chosen, offset=offset)
+        return joined(chosen, offset=offset, references=references)
 
 
 class StreamingIdentifier:
@@ -146,7 +163,9 @@ class StreamingIdentifier:
         """The window that begins `hops` hops after the stretch did; `samples` are its own."""
         if not self._rings:
             return identify(samples, self._rate, self._settings, channel_names=channel_names)
-        findings = check_window(samples, self._rate, channel_names=channel_names)
+        names = channel_names or default_names(samples.shape[1])
+        references = references_among(names, self._settings)
+        findings = check_window(samples, self._rate, channel_names=names)
         if rejection_in(findings) is not None:
             return Identification((), (), rejection_in(findings))
         if any(finding.action == "mend" for finding in findings):
@@ -159,6 +178,7 @@ class StreamingIdentifier:
                 hops * self._hop // self._block(ring.band),
                 self._blocks_in_window(ring.band),
                 offset,
+                references,
             )
             result = modes_of_covariances(
                 covariances, ring.band, self._settings, self._subspaces[place]

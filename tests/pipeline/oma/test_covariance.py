@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.covariance import block_hankel, lag_covariances
+from pipeline.oma.covariance import block_covariances, block_hankel, lag_covariances
 
 
 def samples(n: int = 500, n_channels: int = 3, seed: int = 4) -> np.ndarray:
@@ -39,8 +39,9 @@ def test_block_mean_is_the_covariance_of_one_long_block() -> None:
 def test_reference_channels_are_columns_of_the_full_covariances() -> None:
     y = samples()
     full = lag_covariances(y, n_lags=20, block_length=40)
-    reduced = lag_covariances(y, n_lags=20, block_length=40, references=slice(1, 3))
-    np.testing.assert_allclose(reduced.mean[:, 1:], full.mean[:, 1:, 1:3], atol=1e-13)
+    reduced = lag_covariances(y, n_lags=20, block_length=40, references=np.array([2, 0]))
+    np.testing.assert_allclose(reduced.blocks, full.blocks[..., [2, 0]], atol=1e-13)
+    np.testing.assert_array_equal(reduced.scales, full.scales)
 
 
 def test_hankel_block_i_j_is_the_covariance_of_lag_i_plus_j_plus_one() -> None:
@@ -58,6 +59,15 @@ def test_deviations_give_the_variance_of_the_mean() -> None:
         deviations = lag_covariances(y, n_lags=1, block_length=25).deviations
         variances.append(np.sum(deviations[:, 0, 0, 1] ** 2))
     assert np.mean(variances) == pytest.approx(1 / 1000, rel=0.15)
+
+
+@pytest.mark.parametrize(("n_lags", "block_length"), [(1, 1), (20, 7), (20, 40), (7, 100)])
+def test_segments_of_any_number_add_up_to_the_block(n_lags: int, block_length: int) -> None:
+    y = samples(n=block_length + n_lags)
+    products = block_covariances(y, n_lags=n_lags).products
+    for lag in range(n_lags + 1):
+        expected = y[lag : lag + block_length].T @ y[:block_length] / block_length
+        np.testing.assert_allclose(products[lag], expected, atol=1e-13)
 
 
 def test_a_record_shorter_than_its_blocks_is_refused() -> None:

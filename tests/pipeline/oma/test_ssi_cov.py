@@ -8,6 +8,7 @@ from pipeline.oma.ssi_cov import (
     HankelOperator,
     leading_singular_triplets,
     signal_subspace,
+    singular_triplets_of_gram,
     system_modes,
 )
 from tests.pipeline.oma.conftest import KnownStructure
@@ -40,6 +41,32 @@ def test_leading_triplets_are_those_of_the_full_decomposition(covariances: LagCo
     np.testing.assert_allclose(np.abs(np.sum(left * full.U[:, :24], axis=0)), 1.0, atol=1e-7)
     np.testing.assert_allclose(left.T @ left, np.eye(24), atol=1e-12)
     np.testing.assert_allclose(right.T @ right, np.eye(24), atol=1e-9)
+
+
+def test_the_gram_matrix_has_the_same_leading_triplets(covariances: LagCovariances) -> None:
+    hankel = block_hankel(covariances.mean, ROWS)
+    triplets = singular_triplets_of_gram(hankel, 12)
+    assert triplets is not None
+    left, singular_values, right = triplets
+    full = np.linalg.svd(hankel)
+    np.testing.assert_allclose(singular_values, full.S[:12], rtol=1e-10)
+    np.testing.assert_allclose(np.abs(np.sum(left * full.U[:, :12], axis=0)), 1.0, atol=1e-9)
+    np.testing.assert_allclose(left.T @ left, np.eye(12), atol=1e-9)
+    np.testing.assert_allclose(right.T @ right, np.eye(12), atol=1e-12)
+
+
+def test_singular_values_that_squaring_loses_are_decomposed_in_full(
+    two_mass_system: KnownStructure,
+) -> None:
+    """A second mode a hundred thousand times weaker in both of its channels."""
+    lags = np.arange(1, 41)
+    strong, weak = np.cos(0.3 * lags) * 0.99**lags, np.cos(0.9 * lags) * 0.99**lags
+    theory = strong[:, None, None] * np.eye(2)[0] * np.eye(2)[:1].T
+    theory = theory + 1e-7 * weak[:, None, None] * np.eye(2)[1] * np.eye(2)[1:].T
+    assert singular_triplets_of_gram(block_hankel(theory, 20), 4) is None
+    subspace = signal_subspace(theory, block_rows=20, highest_order=4)
+    modes = next(system_modes(subspace, orders=[4], sampling_interval=1.0))
+    np.testing.assert_allclose(np.sort(np.angle(modes.poles)), [0.3, 0.9], rtol=1e-9)
 
 
 def test_the_order_of_a_modes_truth_gives_its_closed_form(two_mass_system: KnownStructure) -> None:

@@ -34,9 +34,13 @@ def assert_equal(ours: Mode, theirs: Mode, tolerance: float) -> None:
     np.testing.assert_allclose(ours.shape, theirs.shape, atol=tolerance)
 
 
-@pytest.mark.parametrize("hop", [30.0, 300.0])
-def test_a_sliding_window_gives_what_its_own_samples_give(record: np.ndarray, hop: float) -> None:
-    settings = OmaSettings(window_duration=300.0, hop=hop)
+@pytest.mark.parametrize(
+    ("hop", "references"), [(30.0, None), (300.0, None), (300.0, ("channel 5", "channel 2"))]
+)
+def test_a_sliding_window_gives_what_its_own_samples_give(
+    record: np.ndarray, hop: float, references: tuple[str, ...] | None
+) -> None:
+    settings = OmaSettings(window_duration=300.0, hop=hop, reference_channels=references)
     streaming = StreamingIdentifier(RATE, 5, settings)
     window, step = round(300 * RATE), round(hop * RATE)
     streaming.push(record[:window])

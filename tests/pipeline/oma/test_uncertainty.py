@@ -19,20 +19,21 @@ from tests.pipeline.oma.conftest import KnownStructure
 ROWS, ORDER, DT = 15, 4, 0.05
 
 
-@pytest.fixture(scope="module")
-def covariances(two_mass_system: KnownStructure) -> LagCovariances:
+@pytest.fixture(scope="module", params=[slice(None), np.array([1])], ids=["all", "one reference"])
+def covariances(two_mass_system: KnownStructure, request: pytest.FixtureRequest) -> LagCovariances:
     """Covariances of theory, whose Hankel matrix has rank 4, with the scatter of a record.
 
     Why of theory: with singular values left beyond the order the exact derivative contains
     1/(s_n² − s_{n+1}²), which a finite step cannot show and the estimate leaves out.
     """
     y = two_mass_system.ambient_response(sampling_rate=1 / DT, duration=200.0, seed=11)
-    scatter = lag_covariances(y, n_lags=2 * ROWS, block_length=397)
+    scatter = lag_covariances(y, n_lags=2 * ROWS, block_length=397, references=request.param)
     lags = DT * np.arange(1, 2 * ROWS + 1)
     omega = 2 * np.pi * two_mass_system.frequencies
     decay = np.exp(-lags[:, None] * two_mass_system.damping_ratios * omega)
     wave = decay * np.cos(lags[:, None] * omega * np.sqrt(1 - two_mass_system.damping_ratios**2))
     theory = np.einsum("tm,mi,mj->tij", wave, two_mass_system.shapes, two_mass_system.shapes)
+    theory = theory[:, :, request.param]
     return LagCovariances(theory + (scatter.blocks - scatter.mean), scatter.scales)
 
 

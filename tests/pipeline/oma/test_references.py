@@ -1,0 +1,83 @@
+"""Lag covariances with a few channels find the modes that those with all channels find."""
+
+import numpy as np
+import pytest
+
+from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.oma.covariance import ALL
+from pipeline.oma.identification import identify
+from pipeline.oma.references import references_among, settings_for_channels
+from pipeline.oma.settings import OmaSettings, OmaSettingsError
+from pipeline.scenario import ScenarioError, scenario_from_text
+from tests.pipeline.oma.conftest import KnownStructure
+
+RATE = 40.0  # [Hz]
+NAMES = ("foot", "lower", "middle", "upper", "top")
+
+
+@pytest.mark.parametrize("references", [("top",), ("top", "lower")])
+def test_few_references_find_the_modes_of_all_within_the_joint_std(
+    cantilever: KnownStructure, references: tuple[str, ...]
+) -> None:
+    y = cantilever.ambient_response(sampling_rate=RATE, duration=600.0, seed=31)
+    full = identify(y, RATE, channel_names=NAMES).modes
+    settings = OmaSettings(reference_channels=references)
+    reduced = identify(y, RATE, settings, channel_names=NAMES).modes
+    for frequency, shape in zip(cantilever.frequencies, cantilever.shapes, strict=True):
+        one, other = (
+            min(modes, key=lambda m: abs(m.frequency - frequency)) for modes in (full, reduced)
+        )
+        for mode in (one, other):
+            assert abs(mode.frequency - frequency) < 4 * mode.frequency_std
+        joint_std = np.hypot(one.frequency_std, other.frequency_std)
+        assert abs(one.frequency - other.frequency) < 2 * joint_std
+        assert abs(one.damping_ratio - other.damping_ratio) < 3 * np.hypot(
+            one.damping_ratio_std, other.damping_ratio_std
+        )
+        assert len(other.shape) == 5
+        assert modal_assurance_criterion(other.shape[None], shape[None])[0, 0] > 0.99
+
+
+def test_all_channels_named_are_no_references_named(cantilever: KnownStructure) -> None:
+    y = cantilever.ambient_response(sampling_rate=RATE, duration=300.0, seed=32)
+    settings = OmaSettings(reference_channels=NAMES)
+    for one, other in zip(
+        identify(y, RATE, settings, channel_names=NAMES).modes,
+        identify(y, RATE, channel_names=NAMES).modes,
+        strict=True,
+    ):
+        assert one.frequency == pytest.approx(other.frequency, rel=1e-10)
+
+
+def test_references_are_found_by_name() -> None:
+    assert references_among(NAMES, OmaSettings()) == ALL
+    chosen = references_among(NAMES, OmaSettings(reference_channels=("top", "foot")))
+    np.testing.assert_array_equal(chosen, [4, 0])
+
+
+def test_an_unknown_reference_is_one_line_with_the_names_there_are() -> None:
+    settings = OmaSettings(reference_channels=("top", "roof"))
+    with pytest.raises(OmaSettingsError, match="'roof'; the channels are foot, lower"):
+        references_among(NAMES, settings)
+    with pytest.raises(OmaSettingsError, match="the channels are channel 1, channel 2"):
+        identify(np.zeros((100, 2)), RATE, settings)
+
+
+@pytest.mark.parametrize(("names", "reason"), [((), "is empty"), (("top", "top"), "'top' twice")])
+def test_no_reference_or_one_twice_is_refused(names: tuple[str, ...], reason: str) -> None:
+    with pytest.raises(OmaSettingsError, match=reason):
+        OmaSettings(reference_channels=names)
+
+
+def test_a_window_without_some_channels_keeps_the_references_that_are_left() -> None:
+    settings = OmaSettings(reference_channels=("top", "foot"))
+    assert settings_for_channels(settings, NAMES[:3]).reference_channels == ("foot",)
+    assert settings_for_channels(settings, NAMES[1:3]).reference_channels is None
+    assert settings_for_channels(OmaSettings(), NAMES) == OmaSettings()
+
+
+def test_a_scenario_names_its_references() -> None:
+    scenario = scenario_from_text('[oma]\nreference_channels = ["z145-fa", "z145-ss"]', "mine.toml")
+    assert scenario.oma.reference_channels == ("z145-fa", "z145-ss")
+    with pytest.raises(ScenarioError, match=r"reference_channels\[1\] is 3"):
+        scenario_from_text('[oma]\nreference_channels = ["z145-fa", 3]', "mine.toml")
