@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes
 
 FloatArray = NDArray[np.float64]
-SingleArray = NDArray[np.float32]
+RealArray = NDArray[np.floating]
 ComplexArray = NDArray[np.complexfloating]
 
 
@@ -55,20 +55,24 @@ class ProjectedDeviations:
         return self.inside.shape[2]
 
 
-def projected_deviations(subspace: SignalSubspace, deviations: FloatArray) -> ProjectedDeviations:
+def projected_deviations(
+    subspace: SignalSubspace, deviations: FloatArray, *, precision: type[np.floating] = np.float32
+) -> ProjectedDeviations:
     """Project every block's deviation of the Hankel matrix.
 
     deviations   ΔR, (n_blocks, n_lags, n_channels, n_references)
+    precision    of the products with the Hankel matrix
 
-    Why in single precision: it is the costliest step, and a std needs no more than five digits.
+    Why single precision: it is the costliest step, and what it changes in a std is a hundred times
+    less than what the std scatters by anyway, having been estimated from n_blocks blocks.
     """
     l = subspace.n_channels  # noqa: E741  # the field's number of outputs
-    y = _images(deviations, (subspace.right / subspace.singular_values).astype(np.float32))
-    left = subspace.left.astype(np.float32)
+    y = _images(deviations, (subspace.right / subspace.singular_values).astype(precision))
+    left = subspace.left.astype(precision)
     upper, lower = left[:-l], left[l:]
     n = left.shape[1]
 
-    def projected(basis: SingleArray, rows: SingleArray) -> FloatArray:
+    def projected(basis: RealArray, rows: RealArray) -> FloatArray:
         product = basis.T @ rows.reshape(len(rows), -1)  # one product for all blocks
         return _double(product.reshape(n, -1, n))
 
@@ -79,23 +83,23 @@ def projected_deviations(subspace: SignalSubspace, deviations: FloatArray) -> Pr
     return ProjectedDeviations(subspace, moving, inside, first_row=_double(y[:l]))
 
 
-def _images(deviations: FloatArray, right: SingleArray) -> SingleArray:
+def _images(deviations: FloatArray, right: RealArray) -> RealArray:
     """Y = ΔH V S⁻¹ of every block, ((p + 1)·n_channels, n_blocks, n).
 
     Block row i of ΔH is the run of lags i + 1 to i + p: in memory a slice of what it is made of, so
     that no Hankel matrix is formed.
     """
     n_blocks, n_lags, n_channels, n_references = deviations.shape
-    by_channel = deviations.transpose(2, 0, 1, 3).astype(np.float32, order="C")
+    by_channel = deviations.transpose(2, 0, 1, 3).astype(right.dtype, order="C")
     runs = by_channel.reshape(n_channels * n_blocks, n_lags * n_references)
     rows, width = n_lags // 2, len(right)
-    images = np.empty((rows + 1, len(runs), right.shape[1]), dtype=np.float32)
+    images = np.empty((rows + 1, len(runs), right.shape[1]), dtype=right.dtype)
     for i, image in enumerate(images):
         np.matmul(runs[:, i * n_references : i * n_references + width], right, out=image)
     return images.reshape((rows + 1) * n_channels, n_blocks, -1)
 
 
-def _double(single: SingleArray) -> FloatArray:
+def _double(single: RealArray) -> FloatArray:
     """(rows, n_blocks, columns) as (columns, rows, n_blocks), in double precision."""
     return np.ascontiguousarray(single.transpose(2, 0, 1), dtype=np.float64)
 

@@ -99,3 +99,26 @@ def test_shape_deviations_are_the_derivative_of_the_normalised_shape(
                 rtol=1e-3,
                 atol=1e-5 * np.abs(factor).max(),
             )
+
+
+def test_single_precision_costs_a_std_less_than_a_hundredth_of_its_own_scatter(
+    two_mass_system: KnownStructure,
+) -> None:
+    """A std from n_b blocks scatters by 1/√(2(n_b − 1)). The orders reach into the noise."""
+    y = two_mass_system.ambient_response(sampling_rate=1 / DT, duration=300.0, seed=12)
+    record = lag_covariances(y, n_lags=2 * ROWS, block_length=149)
+    subspace = signal_subspace(record.mean, block_rows=ROWS, highest_order=16)
+    scatter = 1 / np.sqrt(2 * (len(record.blocks) - 1))
+    single, double = (
+        projected_deviations(subspace, record.deviations, precision=precision)
+        for precision in (np.float32, np.float64)
+    )
+    for system in system_modes(subspace, orders=[4, 10, 16], sampling_interval=DT):
+        chosen = np.arange(len(system.poles))
+        ours, exact = (
+            np.linalg.norm(
+                pole_deviations(state_deviations(order_deviations(each, system), chosen)), axis=1
+            )
+            for each in (single, double)
+        )
+        np.testing.assert_allclose(ours, exact, rtol=scatter / 100)
