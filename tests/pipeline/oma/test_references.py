@@ -1,5 +1,8 @@
 """Lag covariances with a few channels find the modes that those with all channels find."""
 
+import logging
+import warnings
+
 import numpy as np
 import pytest
 
@@ -81,3 +84,28 @@ def test_a_scenario_names_its_references() -> None:
     assert scenario.oma.reference_channels == ("z145-fa", "z145-ss")
     with pytest.raises(ScenarioError, match=r"reference_channels\[1\] is 3"):
         scenario_from_text('[oma]\nreference_channels = ["z145-fa", 3]', "mine.toml")
+
+
+@pytest.mark.peer
+def test_pyoma_finds_the_same_modes_with_the_same_references(cantilever: KnownStructure) -> None:
+    algorithms = pytest.importorskip("pyoma2.algorithms")
+    setup_of = pytest.importorskip("pyoma2.setup").SingleSetup
+    y = cantilever.ambient_response(sampling_rate=RATE, duration=600.0, seed=33)
+    logging.disable(logging.CRITICAL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        setup = setup_of(y.copy(), fs=RATE)
+        setup.add_algorithms(
+            algorithms.SSI(name="ssi", method="cov", br=60, ordmax=40, step=2, ref_ind=[4, 1])
+        )
+        setup.run_by_name("ssi")
+        poles = setup["ssi"].result
+    logging.disable(logging.NOTSET)
+    settings = OmaSettings(reference_channels=("top", "lower"))
+    modes = identify(y, RATE, settings, channel_names=NAMES).modes
+    assert len(modes) >= 3
+    for mode in modes:
+        theirs = int(np.nanargmin(np.abs(poles.Fn_poles[:, -1] - mode.frequency)))
+        assert abs(poles.Fn_poles[theirs, -1] - mode.frequency) < 3 * mode.frequency_std
+        shape = np.real(poles.Phi_poles[theirs, -1])
+        assert modal_assurance_criterion(mode.shape[None], shape[None])[0, 0] > 0.98
