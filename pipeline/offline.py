@@ -1,5 +1,6 @@
 """Identification of a file, without turbine, transport or posterior: `pilewatch identify`."""
 
+import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +13,8 @@ from pipeline.messages import ModalEstimate, Warning, WindowRejected  # noqa: A0
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import ModeTracker
+from pipeline.oma.units import UnitJoiner
+from pipeline.oma.windowing import BlockOrder, MissingSamples
 from pipeline.recording.reader import read_messages
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
@@ -19,6 +22,7 @@ from sensors.files.csv import read_csv
 from sensors.files.table import ChannelTable, FileError
 from sensors.layout import SensorLayout
 
+JOINING = 5.0  # how long a unit that is missing is waited for [s]
 RATE_TOLERANCE = 0.02  # between the sampling rate given and the time stamps, relative
 
 
@@ -110,25 +114,46 @@ def _read(path: Path, sampling_rate: float | None) -> tuple[ChannelTable, float]
 
 
 def recorded_channels(path: Path) -> ChannelTable:
-    """The samples of a recording's first unit, in order of time; missing blocks show in `times`.
+    """The samples of a recording's first turbine, in order of time; missing blocks show in `times`.
+    Several acquisition units are joined on one clock.
 
     Raises RecordingError, and FileError where it holds no blocks.
     """
-    names: dict[str, tuple[str, ...]] = {}
-    blocks: dict[tuple[str, str], list[AccelerationBlock]] = {}
+    layouts: dict[str, SensorLayout] = {}
+    blocks: dict[str, list[AccelerationBlock]] = {}  # of the first turbine, by unit
+    turbine = ""
     for message in read_messages(path, (SensorLayout, AccelerationBlock)):
         if isinstance(message, SensorLayout):
-            names[message.layout_id] = message.channel_names
+            layouts[message.layout_id] = message
         elif isinstance(message, AccelerationBlock):
-            blocks.setdefault((message.turbine, message.unit), []).append(message)
+            turbine = turbine or message.turbine
+            if message.turbine == turbine:
+                blocks.setdefault(message.unit, []).append(message)
     if not blocks:
         raise FileError(f"{path} holds no acceleration blocks")
-    first = next(iter(blocks.values()))
-    ordered = sorted(
-        {(block.session, block.sequence): block for block in first}.values(),
-        key=lambda block: block.start_ns,
-    )
-    return _table(ordered, names)
+    by_unit = {unit: _in_order(blocks[unit]) for unit in sorted(blocks)}
+    if len(by_unit) > 1:
+        return _joined(by_unit, layouts)
+    (ordered,) = by_unit.values()
+    return _table(ordered, {name: layout.channel_names for name, layout in layouts.items()})
+
+
+def _in_order(blocks: list[AccelerationBlock]) -> list[AccelerationBlock]:
+    once = {(block.session, block.sequence): block for block in blocks}
+    return sorted(once.values(), key=lambda block: block.start_ns)
+
+
+def _joined(
+    by_unit: dict[str, list[AccelerationBlock]], layouts: dict[str, SensorLayout]
+) -> ChannelTable:
+    joiner = UnitJoiner([layouts[blocks[0].layout_id] for blocks in by_unit.values()], JOINING)
+    orders = {unit: BlockOrder(JOINING) for unit in by_unit}
+    pieces: list[AccelerationBlock | MissingSamples] = []
+    for block in heapq.merge(*by_unit.values(), key=lambda block: block.start_ns):
+        pieces += joiner.push(block, list(orders[block.unit].push(block)))
+    pieces += joiner.finish()
+    joined = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
+    return _table(joined, {joiner.layout.layout_id: joiner.layout.channel_names})
 
 
 def _table(blocks: list[AccelerationBlock], names: dict[str, tuple[str, ...]]) -> ChannelTable:

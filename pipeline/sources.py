@@ -3,7 +3,7 @@
 import heapq
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -26,7 +26,7 @@ from pipeline.scenario import (
 )
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
+from sensors.layout import SensorLayout, joined_layout
 from sensors.pacing import Pace, paced
 from sensors.replayed import ReplayedTower, due_time
 from sensors.scada import ScadaSample
@@ -104,7 +104,7 @@ class Source:
             yield from with_truths(measured, later)
             return
         towers = [simulated_tower(member) for member in farm_members(self.scenario)]
-        yield from (tower.layout for tower in towers)
+        yield from (layout for tower in towers for layout in tower.layouts)
         yield from heapq.merge(*(self._simulated(tower) for tower in towers), key=_begin)
 
     def _simulated(self, tower: SimulatedTower) -> Iterator[Message]:
@@ -244,7 +244,7 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
         chosen = scenario_from_metadata(stored, f"scenario in {path}")
     else:
         chosen = load_scenario(DEFAULT_SCENARIO)
-    layout = info.layouts[-1]
+    layout = joined_layout(_units_of_last_turbine(info.layouts))
     return Source(
         text=f"replay:{path}",
         scenario=chosen,
@@ -253,6 +253,13 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
         duration=info.duration,
         recording=path,
     )
+
+
+def _units_of_last_turbine(layouts: Sequence[SensorLayout]) -> list[SensorLayout]:
+    """The newest layout of each unit of the turbine that spoke last, in the order of the units."""
+    turbine = layouts[-1].turbine
+    newest = {layout.unit: layout for layout in layouts if layout.turbine == turbine}
+    return [newest[unit] for unit in sorted(newest)]
 
 
 def _recorded_truth(metadata: Metadata, turbine: str) -> FoundationTruth | None:

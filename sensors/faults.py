@@ -7,7 +7,7 @@ faults whatever the block size, but for those of the link, which happen to whole
 """
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.errors import InputError
+from sensors.layout import SensorLayout
 
 FaultKind = Literal[
     "dead",  # the channel reads 0
@@ -59,6 +60,7 @@ class Fault:
     channel: str = ""  # name in the layout, where the fault is a channel's
     other: str = ""  # the other channel, where two are concerned
     size: float = 0.0  # unit by kind, see `FaultKind`
+    unit: str = ""  # acquisition unit of a fault that is no channel's; empty: every unit
 
     def __post_init__(self) -> None:
         where = f"fault {self.kind!r} at {self.start:g} s"
@@ -78,39 +80,84 @@ class Fault:
         return self.start + self.duration
 
 
+def with_faults(
+    blocks: Iterable[AccelerationBlock],
+    faults: tuple[Fault, ...],
+    layouts: Sequence[SensorLayout],
+    *,
+    rng: np.random.Generator,
+) -> Iterator[AccelerationBlock]:
+    """The blocks of a tower's units as they arrive when things go wrong, each unit in its turn.
+
+    Raises FaultError for a channel or a unit that no layout has.
+    """
+    channels = {layout.unit: layout.channel_names for layout in layouts}
+    _require_known(faults, channels)
+    own_rngs = rng.spawn(len(layouts)) if len(layouts) > 1 else [rng]
+    units = {
+        layout.unit: FaultyUnit(
+            tuple(fault for fault in faults if _concerns(fault, layout)),
+            layout.channel_names,
+            rng=own_rng,
+        )
+        for layout, own_rng in zip(layouts, own_rngs, strict=True)
+    }
+    for block in blocks:
+        yield from units[block.unit].push(block)
+    for unit in units.values():
+        yield from unit.finish()
+
+
+def _require_known(faults: tuple[Fault, ...], channels: dict[str, tuple[str, ...]]) -> None:
+    known = [name for names in channels.values() for name in names]
+    for fault in faults:
+        for name in (fault.channel, fault.other):
+            if name and name not in known:
+                raise FaultError(
+                    f"fault {fault.kind!r} at {fault.start:g} s: no channel {name!r}; "
+                    f"there are {', '.join(known)}"
+                )
+        if fault.unit and fault.unit not in channels:
+            raise FaultError(
+                f"fault {fault.kind!r} at {fault.start:g} s: no unit {fault.unit!r}; "
+                f"there are {', '.join(channels)}"
+            )
+
+
+def _concerns(fault: Fault, layout: SensorLayout) -> bool:
+    if fault.channel:
+        return fault.channel in layout.channel_names
+    return fault.unit in ("", layout.unit)
+
+
 class FaultyUnit:
-    """The blocks of an acquisition unit as they arrive when things go wrong.
+    """One acquisition unit and its link, when things go wrong.
 
-    blocks          of one session, in order
-    channel_names   of the layout
-    seed            of what is random in a fault
-
-    Raises FaultError for a channel that the layout has not.
+    faults          of this unit
+    channel_names   of its layout
+    rng             of what is random in a fault
     """
 
     def __init__(
         self,
-        blocks: Iterable[AccelerationBlock],
         faults: tuple[Fault, ...],
         channel_names: tuple[str, ...],
         *,
         rng: np.random.Generator,
     ) -> None:
-        for fault in faults:
-            for name in (fault.channel, fault.other):
-                if name and name not in channel_names:
-                    raise FaultError(
-                        f"fault {fault.kind!r} at {fault.start:g} s: no channel {name!r}; "
-                        f"there are {', '.join(channel_names)}"
-                    )
-        self._blocks = blocks
         self._faults = faults
         self._index = {name: number for number, name in enumerate(channel_names)}
         self._rng = rng
         self._held: dict[Fault, np.float32] = {}  # value of a stuck channel
+        self._link = FaultyLink(faults)
 
-    def __iter__(self) -> Iterator[AccelerationBlock]:
-        return delivered(map(self._measured, self._blocks), self._faults)
+    def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock]:
+        """What arrives by the time the next block of the session (in order) is measured."""
+        return self._link.push(self._measured(block))
+
+    def finish(self) -> Iterator[AccelerationBlock]:
+        """What is still on its way."""
+        return self._link.finish()
 
     def _measured(self, block: AccelerationBlock) -> AccelerationBlock:
         """The block with what goes wrong inside the unit."""
@@ -182,20 +229,28 @@ def _once_every(period: float, times: NDArray[np.float64], fault: Fault) -> NDAr
     return np.diff(number) > 0
 
 
-def delivered(
-    blocks: Iterable[AccelerationBlock], faults: tuple[Fault, ...]
-) -> Iterator[AccelerationBlock]:
-    """The blocks in the order in which the link brings them, those it loses left out."""
-    waiting: list[tuple[float, int, int, AccelerationBlock]] = []  # arrival [s], order, copy
-    for order, block in enumerate(blocks):
+class FaultyLink:
+    """Brings blocks in an order of its own, and leaves some out."""
+
+    def __init__(self, faults: tuple[Fault, ...]) -> None:
+        self._faults = faults
+        self._count = 0
+        # arrival [s], order, copy
+        self._waiting: list[tuple[float, int, int, AccelerationBlock]] = []
+
+    def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock]:
+        """The blocks that arrive by the end of this one."""
         begin = block.first_sample / block.sampling_rate
-        arrivals = _arrivals(block, begin, faults)
-        for copy, arrival in enumerate(arrivals):
-            heapq.heappush(waiting, (arrival, order, copy, block))
-        while waiting and waiting[0][0] <= begin + block.duration:
-            yield heapq.heappop(waiting)[-1]
-    while waiting:
-        yield heapq.heappop(waiting)[-1]
+        for copy, arrival in enumerate(_arrivals(block, begin, self._faults)):
+            heapq.heappush(self._waiting, (arrival, self._count, copy, block))
+        self._count += 1
+        while self._waiting and self._waiting[0][0] <= begin + block.duration:
+            yield heapq.heappop(self._waiting)[-1]
+
+    def finish(self) -> Iterator[AccelerationBlock]:
+        """Those that arrive after the last one's end."""
+        while self._waiting:
+            yield heapq.heappop(self._waiting)[-1]
 
 
 def _arrivals(block: AccelerationBlock, begin: float, faults: tuple[Fault, ...]) -> list[float]:

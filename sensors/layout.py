@@ -89,6 +89,21 @@ class SensorLayout:
         return np.array([channel.direction for channel in self.channels])
 
 
+def joined_layout(layouts: Sequence[SensorLayout]) -> SensorLayout:
+    """All channels of a turbine's units as one layout; a single one is itself.
+
+    Raises LayoutError for a channel name that two units use.
+    """
+    if len(layouts) == 1:
+        return layouts[0]
+    return SensorLayout(
+        "+".join(layout.layout_id for layout in layouts),
+        turbine=layouts[0].turbine,
+        unit="+".join(layout.unit for layout in layouts),
+        channels=tuple(channel for layout in layouts for channel in layout.channels),
+    )
+
+
 def biaxial_layout(
     layout_id: str,
     *,

@@ -12,7 +12,7 @@ from sensors.acquisition import Decimator, Instruments, MountedAxes, quantised
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.course import Course, FoundationCourse, Stage, Tide
 from sensors.errors import InputError
-from sensors.faults import Fault, FaultyUnit
+from sensors.faults import Fault, with_faults
 from sensors.layout import SensorLayout
 from sensors.loads import (
     BroadbandLoad,
@@ -40,6 +40,7 @@ from sensors.turbine.response import (
     ModalDamping,
     StructureModes,
 )
+from sensors.units import UnitSettings, read_by_units, unit_layouts
 
 FloatArray = NDArray[np.float64]
 
@@ -79,6 +80,7 @@ class SimulationSettings:
     noise_share: float = 0.03  # of each channel's rms by linear theory, white [-]
     instruments: Instruments = field(default_factory=Instruments)
     faults: tuple[Fault, ...] = ()
+    units: tuple[UnitSettings, ...] = ()  # acquisition units; empty: one reads every channel
     scada_period: float = 0.0  # between two SCADA samples [s]; 0: there are none
     quantisation_step: float = 2.0**-12  # [m/s²]: 16 bits over ±8 m/s²; 0: no converter
     start_ns: int = 1_767_225_600 * NANOSECONDS  # sensor clock at the first sample: 2026-01-01
@@ -149,6 +151,7 @@ class SimulatedTower:
     ) -> None:
         self.layout = layout
         self.settings = settings = settings or SimulationSettings()
+        self.layouts = unit_layouts(layout, settings.units)  # of each acquisition unit
         self._springs = true_springs(description, settings.stiffness_ratios)
         if settings.structure:
             differing = load_turbine(settings.structure)
@@ -193,10 +196,11 @@ class SimulatedTower:
         """
         settings = self.settings
         blocks: Iterator[AccelerationBlock] = iter(self)
+        if settings.units:
+            blocks = read_by_units(blocks, self.layout, settings.units)
         if settings.faults:
-            names = self.layout.channel_names
             rng = generator(settings.seed, RandomStream.FAULTS)
-            blocks = iter(FaultyUnit(blocks, settings.faults, names, rng=rng))
+            blocks = with_faults(blocks, settings.faults, self.layouts, rng=rng)
         if settings.scada_period == 0:
             return blocks
         samples = scada_samples(

@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
+from pipeline.offline import recorded_channels
 from pipeline.recording.reader import read_messages
+from pipeline.scenario import scenario_from_text
 from pipeline.session import SessionOptions, Way, run_session
-from pipeline.sources import replayed
+from pipeline.sources import record_simulation, replayed, simulated
 from sensors.blocks import AccelerationBlock
 
 
@@ -96,3 +98,48 @@ def test_pictures_are_written_only_where_they_were_wanted(sessions: dict[str, Pa
 def test_estimates_carry_the_names_of_their_channels(sessions: dict[str, Path]) -> None:
     (estimate, _) = read_messages(sessions["threads"] / "session.mcap", (ModalEstimate,))
     assert estimate.channels[:2] == ("z41-fa", "z80-fa")
+
+
+TWO_UNITS = """
+title = "Half a tower each, on two clocks"
+seed = 4
+
+[simulation]
+duration = 125.0
+transient = 60.0
+units = [
+  {name = "lower", elevations = [41.0, 80.0]},
+  {name = "upper", elevations = [106.0, 145.0], start = 0.4, clock_drift = 30.0},
+]
+
+[oma]
+window_duration = 120.0
+hop = 120.0
+
+[updating.pairing]
+search_draws = 100
+refined = 2
+"""
+
+
+def test_two_units_give_the_same_posterior_in_lock_step_over_zenoh_and_replayed(
+    tmp_path: Path,
+) -> None:
+    recording = tmp_path / "two.mcap"
+    record_simulation(simulated(scenario_from_text(TWO_UNITS, "two.toml")), recording)
+    for way in ("lock-step", "threads"):
+        run_session(replayed(recording), SessionOptions(out=tmp_path / way, way=way, rrd=False))
+    run_session(
+        replayed(tmp_path / "threads" / "session.mcap"),
+        SessionOptions(out=tmp_path / "again", way="lock-step", rrd=False),
+    )
+    (reference,) = posteriors(tmp_path / "lock-step")
+    for folder in ("threads", "again"):
+        (posterior,) = posteriors(tmp_path / folder)
+        np.testing.assert_array_equal(posterior.draws, reference.draws)
+    (estimate,) = read_messages(tmp_path / "threads" / "session.mcap", (ModalEstimate,))
+    assert len(estimate.channels) == 8
+    table = recorded_channels(recording)
+    assert table.names == estimate.channels
+    assert table.samples.shape[0] == pytest.approx(124.6 * 40, abs=40)
+    assert figures(tmp_path / "threads")["stream"]["lost"] == 0

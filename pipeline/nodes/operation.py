@@ -22,6 +22,7 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     Mode,
+    Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
 from pipeline.modal_shapes import normalised_to, renormalised_factor
@@ -109,7 +110,8 @@ class IdentificationInContext:
         self._settings = settings or OmaSettings()
         self._inner = IdentificationNode(self._settings)
         self._log = OperationLog()
-        self._blocks: dict[str, BlockWatch] = {}  # by turbine
+        self._blocks: dict[str, dict[str, BlockWatch]] = {}  # by turbine and unit
+        self._layouts: dict[tuple[str, str], SensorLayout] = {}  # by turbine and unit
         self._channels: dict[str, ChannelWatch] = {}
 
     def handle(self, message: Message) -> Iterator[Message]:
@@ -117,23 +119,45 @@ class IdentificationInContext:
             self._log.note(message)
             return
         if isinstance(message, AccelerationBlock):
-            watch = self._blocks.setdefault(message.turbine, BlockWatch(self._settings.lateness))
-            watch.note(message)
+            units = self._blocks.setdefault(message.turbine, {})
+            units.setdefault(message.unit, BlockWatch(self._settings.lateness)).note(message)
+        if isinstance(message, SensorLayout):
+            self._layouts[message.turbine, message.unit] = message
         for answer in self._inner.handle(message):
             yield self._in_context(answer) if isinstance(answer, ModalEstimate) else answer
 
     def _in_context(self, estimate: ModalEstimate) -> ModalEstimate | WindowRejected:
         estimate = self._log.with_conditions(estimate)
-        still = self._blocks[estimate.turbine].still_channel(estimate.start_ns, estimate.end_ns)
+        still = self._still_channel(estimate)
         if still is not None:
-            channel, since = still
-            name = estimate.channels[channel]
-            return _rejected(estimate, "constant", f"{name} stands still from {since:.0f} s on")
+            return _rejected(estimate, "constant", still)
         swapped = self._channels.setdefault(estimate.turbine, ChannelWatch()).swap_in(estimate)
         if swapped is not None:
             return _rejected(estimate, "swapped-channels", swapped)
-        doubts = self._blocks[estimate.turbine].warnings_until(estimate.end_ns)
+        doubts = self._link_and_clock_doubts(estimate)
         return replace(estimate, warnings=estimate.warnings + doubts)
+
+    def _still_channel(self, estimate: ModalEstimate) -> str | None:
+        """Which channel of the estimate kept one value for a while, in words."""
+        for unit, watch in self._blocks[estimate.turbine].items():
+            still = watch.still_channel(estimate.start_ns, estimate.end_ns)
+            if still is None:
+                continue
+            channel, since = still
+            layout = self._layouts.get((estimate.turbine, unit))
+            name = layout.channel_names[channel] if layout else estimate.channels[channel]
+            if name in estimate.channels:
+                return f"{name} stands still from {since:.0f} s on"
+        return None
+
+    def _link_and_clock_doubts(self, estimate: ModalEstimate) -> tuple[Warning, ...]:
+        """What link and clock of every unit did wrong; of several units, each by its name."""
+        units = self._blocks[estimate.turbine]
+        return tuple(
+            replace(doubt, text=f"unit {unit}: {doubt.text}") if len(units) > 1 else doubt
+            for unit, watch in units.items()
+            for doubt in watch.warnings_until(estimate.end_ns)
+        )
 
     def close(self) -> None:
         self._inner.close()
@@ -222,7 +246,11 @@ def in_nacelle_axes(estimate: ModalEstimate, layout: SensorLayout) -> ModalEstim
     """
     if not np.isfinite(estimate.yaw) or abs(estimate.yaw) < 1e-9:
         return estimate
-    turn = turning_matrix(layout, estimate.yaw)
+    by_name = {channel.name: channel for channel in layout.channels}
+    if not by_name.keys() >= set(estimate.channels):
+        return estimate  # the updater refuses channels that the layout does not have
+    measured = replace(layout, channels=tuple(by_name[name] for name in estimate.channels))
+    turn = turning_matrix(measured, estimate.yaw)
     return replace(estimate, modes=tuple(_turned(mode, turn) for mode in estimate.modes))
 
 

@@ -38,6 +38,20 @@ class TrackEvent:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class ChannelPlaces:
+    """Where the channels of a window that lacks some are among all."""
+
+    columns: tuple[int, ...]
+    n_channels: int  # in all
+
+    def spread(self, shape: FloatArray) -> FloatArray:
+        """(n_channels,) with NaN at the channels that the window lacks."""
+        everywhere = np.full(self.n_channels, np.nan)
+        everywhere[list(self.columns)] = shape
+        return everywhere
+
+
 @dataclass(slots=True)
 class _Track:
     """What is expected of a mode: a random walk in frequency, a mean shape."""
@@ -45,7 +59,7 @@ class _Track:
     name: str
     frequency: float  # filtered [Hz]
     variance: float  # of it [Hz²]
-    shape: FloatArray  # mean of its estimates, (n_channels,)
+    shape: FloatArray  # mean of its estimates, (n_channels,); NaN where never seen
     reference: float  # frequency that drift is counted from [Hz]
     seen: int = 1  # windows with the mode
     unseen: int = 0  # windows since
@@ -55,20 +69,25 @@ class _Track:
         self.unseen += 1
         self.variance += (DRIFT_PER_WINDOW * self.frequency) ** 2
 
-    def cost(self, mode: Mode) -> float:
-        """(Δf)² / var(Δf) + (1 − MAC)² / scatter²"""
+    def cost(self, mode: Mode, shape: FloatArray) -> float:
+        """(Δf)² / var(Δf) + (1 − MAC)² / scatter², the MAC over the channels that both have."""
         variance = self.variance + mode.frequency_std**2
-        mac = modal_assurance_criterion(self.shape[None], mode.shape[None])[0, 0]
+        both = np.isfinite(self.shape) & np.isfinite(shape)
+        mac = 1.0
+        if both.any():
+            mac = modal_assurance_criterion(self.shape[None, both], shape[None, both])[0, 0]
         distance = (mode.frequency - self.frequency) ** 2 / variance
         return float(distance + (1 - mac) ** 2 / SHAPE_SCATTER**2)
 
-    def update(self, mode: Mode) -> None:
+    def update(self, mode: Mode, shape: FloatArray) -> None:
         """Kalman filter of the frequency; the shape's mean with the sign that fits."""
         gain = self.variance / (self.variance + mode.frequency_std**2)
         self.frequency += gain * (mode.frequency - self.frequency)
         self.variance *= 1 - gain
-        sign = 1.0 if float(self.shape @ mode.shape) >= 0 else -1.0
-        self.shape = (1 - SHAPE_MEMORY) * self.shape + SHAPE_MEMORY * sign * mode.shape
+        sign = 1.0 if float(np.nansum(self.shape * shape)) >= 0 else -1.0
+        mean = (1 - SHAPE_MEMORY) * self.shape + SHAPE_MEMORY * sign * shape
+        either = np.where(np.isnan(self.shape), sign * shape, self.shape)
+        self.shape = np.where(np.isnan(mean), either, mean)
         self.seen += 1
         self.unseen = 0
 
@@ -82,19 +101,23 @@ class ModeTracker:
         self._windows = 0
         self.events: tuple[TrackEvent, ...] = ()  # of the last window
 
-    def named(self, modes: Sequence[Mode]) -> tuple[Mode, ...]:
-        """The modes of the next window, each under its track's name; new ones start a track."""
+    def named(self, modes: Sequence[Mode], *, on: ChannelPlaces | None = None) -> tuple[Mode, ...]:
+        """The modes of the next window, each under its track's name; new ones start a track.
+
+        on   where the shapes' channels are among all, where a window lacks some; None: it has all
+        """
+        shapes = [mode.shape if on is None else on.spread(mode.shape) for mode in modes]
         for track in self._tracks:
             track.predict()
-        assigned = self._assigned(modes)
+        assigned = self._assigned(modes, shapes)
         events: list[TrackEvent] = []
         named = []
         for index, mode in enumerate(modes):
             known = assigned.get(index)
             if known is not None:
-                known.update(mode)
+                known.update(mode, shapes[index])
                 events += _drift_event(known)
-            track = known or self._birth(mode)
+            track = known or self._birth(mode, shapes[index])
             if known is None:
                 events += self._birth_event(track)
             named.append(replace(mode, name=track.name))
@@ -109,11 +132,16 @@ class ModeTracker:
             track.predict()
         self.events = tuple(self._bury())
 
-    def _assigned(self, modes: Sequence[Mode]) -> dict[int, _Track]:
+    def _assigned(self, modes: Sequence[Mode], shapes: Sequence[FloatArray]) -> dict[int, _Track]:
         """Index of a mode → its track, by least total cost."""
         if not modes or not self._tracks:
             return {}
-        cost = np.array([[track.cost(mode) for track in self._tracks] for mode in modes])
+        cost = np.array(
+            [
+                [track.cost(mode, shape) for track in self._tracks]
+                for mode, shape in zip(modes, shapes, strict=True)
+            ]
+        )
         rows, columns = linear_sum_assignment(np.minimum(cost, REJECTION_COST))
         return {
             int(row): self._tracks[column]
@@ -121,13 +149,13 @@ class ModeTracker:
             if cost[row, column] < REJECTION_COST
         }
 
-    def _birth(self, mode: Mode) -> _Track:
+    def _birth(self, mode: Mode, shape: FloatArray) -> _Track:
         self._born += 1
         track = _Track(
             name=f"m{self._born}",
             frequency=mode.frequency,
             variance=mode.frequency_std**2,
-            shape=mode.shape.copy(),
+            shape=shape.copy(),
             reference=mode.frequency,
         )
         self._tracks.append(track)

@@ -33,7 +33,7 @@ from pipeline.viewer.status import (
     posterior_text,
 )
 from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
-from sensors.layout import SensorLayout
+from sensors.layout import SensorLayout, joined_layout
 from sensors.turbine.description import TurbineDescription
 
 FloatArray = NDArray[np.float64]
@@ -157,7 +157,7 @@ class TurbineScreen:
     def show_estimate(self, estimate: ModalEstimate) -> None:
         """Identified frequencies; shapes and tracks follow with the posterior that pairs them."""
         self._estimates[estimate.window] = estimate
-        layout = self._layouts.get(estimate.layout_id)
+        layout = self._layout_named(estimate.layout_id)
         self._at(estimate.end_ns)
         track_views.log_estimate(self._recording, self._root, estimate, layout, styled=self._styled)
         found = frequencies_text([mode.frequency for mode in estimate.modes])
@@ -369,10 +369,17 @@ class TurbineScreen:
         self, posterior: FoundationPosterior, estimate: ModalEstimate | None
     ) -> SensorLayout | None:
         """The layout whose channels the model's shapes have: the estimate's, else any."""
-        wanted = [estimate.layout_id] if estimate else list(self._layouts)
-        layouts = [self._layouts[one] for one in wanted if one in self._layouts]
+        names = [estimate.layout_id] if estimate else list(self._layouts)
+        layouts = [found for name in names if (found := self._layout_named(name)) is not None]
         n_channels = posterior.model_shapes.shape[1]
         return next((one for one in layouts if len(one.channels) == n_channels), None)
+
+    def _layout_named(self, layout_id: str) -> SensorLayout | None:
+        """A unit's layout, or that of all units together under their joined name."""
+        if layout_id in self._layouts or not self._layouts:
+            return self._layouts.get(layout_id)
+        joined = joined_layout(sorted(self._layouts.values(), key=lambda layout: layout.unit))
+        return joined if joined.layout_id == layout_id else None
 
     def _swing_on(self, at_least: float) -> None:
         """Frames of every shown shape up to now, where `at_least` [s] of them are due."""

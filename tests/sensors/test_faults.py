@@ -13,9 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
-from sensors.faults import Fault, FaultError, FaultyUnit
+from sensors.faults import Fault, FaultError, with_faults
+from sensors.layout import Accelerometer, SensorLayout
 
 NAMES = ("a", "b", "c")
+LAYOUT = SensorLayout("l", "t", "u", tuple(Accelerometer(n, 0.0, (1.0, 0.0, 0.0)) for n in NAMES))
 RATE = 20
 
 
@@ -29,7 +31,7 @@ def healthy(n_blocks: int = 10, per_block: int = RATE) -> Iterator[AccelerationB
 
 def arrived(*faults: Fault, per_block: int = RATE) -> list[AccelerationBlock]:
     rng = np.random.default_rng(1)
-    return list(FaultyUnit(healthy(per_block=per_block), faults, NAMES, rng=rng))
+    return list(with_faults(healthy(per_block=per_block), faults, [LAYOUT], rng=rng))
 
 
 def samples_of(blocks: list[AccelerationBlock]) -> np.ndarray:

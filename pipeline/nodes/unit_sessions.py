@@ -1,0 +1,353 @@
+"""What must be remembered of a running session: of one acquisition unit, or of several joined.
+
+one unit      blocks ─► BlockOrder ─────────────────────────► WindowAnswers
+several       blocks ─► BlockOrder of each ─► UnitJoiner ───► WindowAnswers
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from pipeline.messages import (
+    Message,
+    ModalEstimate,
+    StreamGap,
+    Warning,  # noqa: A004  # the field's word
+    WindowRejected,
+)
+from pipeline.oma.identification import Identification, identify
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.streaming import StreamingIdentifier
+from pipeline.oma.tracking import ChannelPlaces, ModeTracker
+from pipeline.oma.unit_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
+from pipeline.oma.units import UnitJoiner
+from pipeline.oma.windowing import BlockOrder, MissingSamples, Window, WindowCutter
+from sensors.blocks import AccelerationBlock, BlockStatus
+from sensors.layout import SensorLayout
+
+Columns = dict[str, list[int]]  # which channels are a unit's, of several
+
+
+class UnitSession:
+    """One session of a turbine's only unit."""
+
+    def __init__(
+        self,
+        first: AccelerationBlock,
+        settings: OmaSettings,
+        layouts: dict[str, SensorLayout],
+    ):
+        self._unit, self._name = first.unit, first.session
+        self._order = BlockOrder(settings.lateness)
+        self._windows = WindowAnswers(first.turbine, first.unit, settings, layouts)
+        self._newest_ns = 0
+
+    @property
+    def newest(self) -> dict[str, tuple[str, int]]:
+        """Session and end of the newest block [ns] of every unit."""
+        return {self._unit: (self._name, self._newest_ns)}
+
+    def goes_on_with(self, block: AccelerationBlock) -> bool:
+        """Whether a block belongs to this session."""
+        return (block.unit, block.session) == (self._unit, self._name)
+
+    def push(self, block: AccelerationBlock) -> Iterator[Message]:
+        self._newest_ns = max(self._newest_ns, block.end_ns)
+        yield from self._answers(self._order.push(block))
+
+    def finish(self) -> Iterator[Message]:
+        yield from self._answers(self._order.flush())
+        yield from self._windows.finish()
+
+    def _answers(self, pieces: Iterable[AccelerationBlock | MissingSamples]) -> Iterator[Message]:
+        for piece in pieces:
+            if isinstance(piece, MissingSamples):
+                yield self._windows.gap(piece, self._unit, self._name)
+            yield from self._windows.push(piece)
+
+    @property
+    def late(self) -> int:
+        return self._order.late
+
+    @property
+    def duplicate(self) -> int:
+        return self._order.duplicate
+
+
+class JoinedSession:
+    """The units of a turbine, joined from the first of their blocks on.
+
+    A unit that starts anew goes on in the same session: its channels are missing in between.
+    """
+
+    def __init__(self, layouts: Sequence[SensorLayout], settings: OmaSettings):
+        self._settings = settings
+        self._joiner = UnitJoiner(layouts, settings.lateness)
+        self._orders: dict[str, BlockOrder] = {}
+        self._finished: list[BlockOrder] = []  # of sessions that are over; their counts stay
+        self.newest: dict[str, tuple[str, int]] = {}
+        joined = self._joiner.layout
+        self._windows = WindowAnswers(
+            joined.turbine,
+            joined.unit,
+            settings,
+            {joined.layout_id: joined},
+            columns={unit: self._joiner.columns(unit) for unit in self._joiner.units},
+        )
+
+    def goes_on_with(self, block: AccelerationBlock) -> bool:
+        """Whether a block belongs to this session."""
+        return block.unit in self._joiner.units
+
+    def push(self, block: AccelerationBlock) -> Iterator[Message]:
+        name, newest_ns = self.newest.get(block.unit, (block.session, 0))
+        if block.unit not in self._orders or name != block.session:
+            yield from self._close_order(block)
+            self._orders[block.unit] = BlockOrder(self._settings.lateness)
+            newest_ns = 0
+        self.newest[block.unit] = (block.session, max(newest_ns, block.end_ns))
+        yield from self._taken(block, list(self._orders[block.unit].push(block)))
+
+    def finish(self) -> Iterator[Message]:
+        for unit, order in self._orders.items():
+            pieces = list(order.flush())
+            blocks = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
+            if blocks:
+                yield from self._taken(blocks[-1], pieces)
+            self._orders[unit] = BlockOrder(self._settings.lateness)
+        for piece in self._joiner.finish():
+            yield from self._windows.push(piece)
+        yield from self._windows.finish()
+
+    def _close_order(self, following: AccelerationBlock) -> Iterator[Message]:
+        """What still waits of the unit's session before this block's."""
+        order = self._orders.get(following.unit)
+        if order is None:
+            return
+        self._finished.append(order)
+        pieces = list(order.flush())
+        blocks = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
+        if blocks:
+            yield from self._taken(blocks[-1], pieces)
+
+    def _taken(
+        self, block: AccelerationBlock, pieces: Sequence[AccelerationBlock | MissingSamples]
+    ) -> Iterator[Message]:
+        for piece in pieces:
+            if isinstance(piece, MissingSamples):
+                yield self._windows.gap(piece, block.unit, block.session)
+        for joined in self._joiner.push(block, pieces):
+            yield from self._windows.push(joined)
+
+    @property
+    def late(self) -> int:
+        return sum(order.late for order in (*self._orders.values(), *self._finished))
+
+    @property
+    def duplicate(self) -> int:
+        return sum(order.duplicate for order in (*self._orders.values(), *self._finished))
+
+
+class WindowAnswers:
+    """Cuts ordered pieces into windows and answers each.
+
+    columns   which channels are a unit's, where several are joined
+    """
+
+    def __init__(
+        self,
+        turbine: str,
+        unit: str,
+        settings: OmaSettings,
+        layouts: dict[str, SensorLayout],
+        *,
+        columns: Columns | None = None,
+    ):
+        self._turbine, self._unit = turbine, unit
+        self._cutter = WindowCutter(settings.window_duration, settings.hop)
+        self._tracker = ModeTracker()
+        self._stretch: StreamingIdentifier | None = None  # since the last gap
+        self._origin = 0  # the stretch's first sample, where a window begins
+        self._settings = settings
+        self._layouts = layouts
+        self._columns = columns or {}
+
+    def push(self, piece: AccelerationBlock | MissingSamples) -> Iterator[Message]:
+        if isinstance(piece, MissingSamples):
+            self._stretch = None
+        else:
+            self._feed(piece)
+        for window in self._cutter.push(piece):
+            yield self._answer(window)
+
+    def finish(self) -> Iterator[Message]:
+        for window in self._cutter.finish():
+            yield self._answer(window)
+
+    def gap(self, missing: MissingSamples, unit: str, session: str) -> StreamGap:
+        return StreamGap(
+            turbine=self._turbine,
+            unit=unit,
+            session=session,
+            start_ns=missing.start_ns,
+            end_ns=missing.end_ns,
+            first_sequence=missing.first_sequence,
+            n_blocks=missing.n_blocks,
+        )
+
+    def _feed(self, block: AccelerationBlock) -> None:
+        """Into the running stretch, which after a gap begins with the next window's start."""
+        if self._stretch is None:
+            self._stretch = StreamingIdentifier(
+                block.sampling_rate, block.samples.shape[1], self._settings
+            )
+            hop = self._stretch.hop_samples
+            self._origin = -(-block.first_sample // hop) * hop
+        before = max(0, self._origin - block.first_sample)
+        samples = block.samples[before:]
+        # Samples of a unit that is missing are never used: its channels are left out of the window.
+        self._stretch.push(np.nan_to_num(samples) if self._columns else samples)
+
+    def _answer(self, window: Window) -> ModalEstimate | WindowRejected:
+        refusal = self._refusal(window)
+        if refusal is not None:
+            return self._rejected(window, refusal)
+        missing = self._missing_units(window)
+        if len(missing) == len(self._columns) > 0:
+            return self._rejected(window, Warning("gap", _missing_text(missing, "every unit")))
+        present = self._present(window, missing)
+        names = self._names(window)
+        result = self._identified(window, names, present if missing else None)
+        if result.rejection is not None:
+            return self._rejected(window, result.rejection)
+        doubts = tuple(
+            Warning("missing-unit", _missing_text({unit: span}, f"unit {unit}"))
+            for unit, span in missing.items()
+        )
+        clocks = self._clock_doubts(window, result, missing)
+        unusable = next((doubt for doubt in clocks if doubt.code == "unsynchronised-units"), None)
+        if unusable is not None:
+            return self._rejected(window, unusable)
+        places = ChannelPlaces(tuple(present), window.samples.shape[1]) if missing else None
+        modes = self._tracker.named(result.modes, on=places)
+        events = tuple(Warning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
+        return ModalEstimate(
+            turbine=self._turbine,
+            window=window.index,
+            start_ns=window.start_ns,
+            end_ns=window.end_ns,
+            layout_id=window.layout_id,
+            channels=tuple(names[column] for column in present),
+            modes=modes,
+            weight=self._settings.hop / self._settings.window_duration,
+            warnings=result.warnings + _status_warnings(window.status) + doubts + clocks + events,
+        )
+
+    def _present(self, window: Window, missing: Iterable[str]) -> list[int]:
+        """Channels of the units that are there all the time."""
+        absent = {column for unit in missing for column in self._columns[unit]}
+        return [column for column in range(window.samples.shape[1]) if column not in absent]
+
+    def _names(self, window: Window) -> tuple[str, ...]:
+        n_channels = window.samples.shape[1]
+        layout = self._layouts.get(window.layout_id)
+        if layout is not None and len(layout.channels) == n_channels:
+            return layout.channel_names
+        return tuple(f"channel {i + 1}" for i in range(n_channels))
+
+    def _identified(
+        self, window: Window, names: tuple[str, ...], present: list[int] | None
+    ) -> Identification:
+        """present   channels to use where a unit is missing; None: all, as they were streamed"""
+        if present is not None:
+            return identify(
+                window.samples[:, present],
+                window.sampling_rate,
+                self._settings,
+                channel_names=[names[column] for column in present],
+            )
+        assert self._stretch is not None  # a window without a gap lies in the running stretch
+        hops = window.index - self._origin // self._stretch.hop_samples
+        return self._stretch.identify(hops, window.samples, channel_names=names)
+
+    def _missing_units(self, window: Window) -> dict[str, float]:
+        """Units that lack samples on all of their channels, and for how long [s]."""
+        absent = np.isnan(window.samples)
+        lacking = {
+            unit: int(absent[:, own].all(axis=1).sum()) for unit, own in self._columns.items()
+        }
+        return {unit: count / window.sampling_rate for unit, count in lacking.items() if count}
+
+    def _clock_doubts(
+        self, window: Window, result: Identification, missing: dict[str, float]
+    ) -> tuple[Warning, ...]:
+        """What the modes' phases say of the units' clocks, each against the first one's."""
+        if missing or len(self._columns) < 2:
+            return ()
+        (reference, first), *others = self._columns.items()
+        doubts = []
+        for unit, own in others:
+            offset = unit_offset(window.samples, window.sampling_rate, result.modes, first, own)
+            if offset is not None and offset.exceeds(NOTABLE):
+                doubts.append(_clock_doubt(unit, reference, offset))
+        return tuple(doubts)
+
+    def _refusal(self, window: Window) -> Warning | None:
+        """Why a window cannot be identified at all, before its samples are looked at."""
+        if window.gaps:
+            gap = max(window.gaps, key=lambda g: g.n_samples)
+            others = f" ({len(window.gaps)} gaps in all)" if len(window.gaps) > 1 else ""
+            return Warning(
+                "gap",
+                f"gap of {gap.n_samples / window.sampling_rate:.3g} s in unit {self._unit} at "
+                f"{gap.first_sample / window.sampling_rate:.3f} s{others}",
+            )
+        if not window.complete:
+            return Warning(
+                "short",
+                f"the session of unit {self._unit} ended {window.duration:.3g} s into a window of "
+                f"{self._settings.window_duration:g} s",
+            )
+        if window.status & BlockStatus.SENSOR_FAULT:
+            return Warning("sensor-fault", f"unit {self._unit} reports a faulty channel")
+        return None
+
+    def _rejected(self, window: Window, why: Warning) -> WindowRejected:
+        self._tracker.missed()
+        return WindowRejected(
+            turbine=self._turbine,
+            window=window.index,
+            start_ns=window.start_ns,
+            end_ns=window.end_ns,
+            code=why.code,
+            reason=why.text,
+        )
+
+
+def _missing_text(missing: dict[str, float], who: str) -> str:
+    longest = max(missing.values())
+    return f"{who} is missing for {longest:.3g} s of the window; its channels are left out"
+
+
+def _clock_doubt(unit: str, reference: str, offset: UnitOffset) -> Warning:
+    apart = (
+        f"the stamps of unit {unit} are {1e3 * offset.seconds:+.2f} ± {1e3 * offset.std:.2f} ms "
+        f"off those of unit {reference} by the phase of the modes"
+    )
+    if offset.exceeds(UNUSABLE):
+        return Warning(
+            "unsynchronised-units", f"{apart}; more than {1e3 * UNUSABLE:g} ms spoils the shapes"
+        )
+    return Warning("unit-offset", f"{apart}; the shapes suffer above {1e3 * NOTABLE:g} ms")
+
+
+def _status_warnings(status: BlockStatus) -> tuple[Warning, ...]:
+    """What the unit itself said of the window's blocks."""
+    warnings = []
+    if status & BlockStatus.CLIPPED:
+        warnings.append(Warning("clipped", "the unit reports samples at its converter's limit"))
+    if status & BlockStatus.CLOCK_UNSYNCHRONISED:
+        warnings.append(
+            Warning("unsynchronised-clock", "the unit reports that it has lost its time reference")
+        )
+    return tuple(warnings)

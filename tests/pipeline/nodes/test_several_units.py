@@ -1,0 +1,153 @@
+"""Two acquisition units on one tower are identified as one.
+
+lower    |0   |1   |2   | …      channels 1 to 3
+upper    |0   |1   |▒▒▒▒| …      channels 4 and 5, with a clock of its own
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from pipeline.messages import Message, ModalEstimate, StreamGap, WindowRejected
+from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.nodes.operation import IdentificationInContext
+from pipeline.oma.settings import OmaSettings
+from pipeline.runner import with_end
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.layout import FORE_AFT, Accelerometer, SensorLayout
+from sensors.units import UnitError, UnitSettings, read_by_units, unit_layouts
+from tests.pipeline.oma.conftest import KnownStructure, structure
+
+RATE = 20.0
+WINDOW = 300  # [s]
+ONE = WINDOW + 4  # blocks that hold one window on every clock
+ELEVATIONS = (20.0, 40.0, 60.0, 80.0, 100.0)
+LAYOUT = SensorLayout(
+    "five",
+    "t",
+    "tower",
+    tuple(Accelerometer(f"z{z:g}", z, FORE_AFT) for z in ELEVATIONS),
+)
+SETTINGS = OmaSettings(window_duration=WINDOW, hop=WINDOW)
+
+
+def two_units(**upper: float) -> tuple[UnitSettings, ...]:
+    return (
+        UnitSettings("lower", ELEVATIONS[:3]),
+        UnitSettings("upper", ELEVATIONS[3:], **upper),
+    )
+
+
+@pytest.fixture(scope="module")
+def tower() -> KnownStructure:
+    """A clamped tower of eight modes, 0.4 to 8 Hz."""
+    frequencies = [0.4, 1.1, 1.9, 2.8, 3.9, 5.1, 6.4, 7.8]
+    shapes = np.random.default_rng(4).uniform(-1, 1, (8, 5))
+    return structure(frequencies, 0.008, shapes)
+
+
+@pytest.fixture(scope="module")
+def blocks(tower: KnownStructure) -> list[AccelerationBlock]:
+    """610 s of the whole tower, a second each."""
+    samples = tower.ambient_response(sampling_rate=RATE, duration=610.0, seed=6)
+    size = round(RATE)
+    return [
+        AccelerationBlock("t", "tower", "s", "five", i, i * size, i * NANOSECONDS, RATE, part)
+        for i, part in enumerate(np.split(samples.astype(np.float32), 610))
+    ]
+
+
+def answers(
+    blocks: list[AccelerationBlock],
+    units: tuple[UnitSettings, ...],
+    *,
+    lost: tuple[str, range] | None = None,
+) -> list[Message]:
+    """Everything that the identification says of the units' blocks."""
+    node = IdentificationInContext(SETTINGS)
+
+    def messages() -> Iterator[Message]:
+        yield from unit_layouts(LAYOUT, units)
+        for block in read_by_units(blocks, LAYOUT, units):
+            if lost is None or block.unit != lost[0] or block.sequence not in lost[1]:
+                yield block
+
+    return [a for message in with_end(messages()) for a in node.handle(message)]
+
+
+def estimates(said: list[Message]) -> list[ModalEstimate]:
+    return [message for message in said if isinstance(message, ModalEstimate)]
+
+
+def codes(estimate: ModalEstimate) -> set[str]:
+    return {warning.code for warning in estimate.warnings}
+
+
+def assert_known_modes(estimate: ModalEstimate, tower: KnownStructure) -> None:
+    columns = [LAYOUT.channel_names.index(name) for name in estimate.channels]
+    for frequency, shape in zip(tower.frequencies[1:], tower.shapes[1:], strict=True):
+        mode = min(estimate.modes, key=lambda m: abs(m.frequency - frequency))
+        assert abs(mode.frequency - frequency) < max(4 * mode.frequency_std, 0.002 * frequency)
+        mac = modal_assurance_criterion(mode.shape[None], shape[None, columns])[0, 0]
+        assert mac > 0.98
+
+
+def test_two_units_give_one_estimate_with_all_channels(blocks, tower) -> None:
+    for estimate in estimates(answers(blocks[:ONE], two_units(start=0.4))):
+        assert estimate.channels == LAYOUT.channel_names
+        assert not codes(estimate) & {"unit-offset", "clock-drift", "missing-unit"}
+        assert_known_modes(estimate, tower)
+
+
+def test_drift_is_taken_out_by_the_stamps_and_said(blocks, tower) -> None:
+    for estimate in estimates(answers(blocks[:ONE], two_units(clock_drift=200.0))):
+        assert "clock-drift" in codes(estimate)
+        assert "unit-offset" not in codes(estimate)
+        assert_known_modes(estimate, tower)
+
+
+def test_stamps_that_are_late_are_found_by_the_phase_of_the_modes(blocks) -> None:
+    (first,) = estimates(answers(blocks[:ONE], two_units(clock_offset=3e-3)))
+    (doubt,) = [warning for warning in first.warnings if warning.code == "unit-offset"]
+    assert float(doubt.text.split(" are ")[1].split(" ± ")[0]) == pytest.approx(3.0, abs=0.6)
+
+
+def test_stamps_late_by_more_than_five_milliseconds_reject_the_window(blocks) -> None:
+    said = answers(blocks[:ONE], two_units(clock_offset=12e-3))
+    rejected = [message for message in said if isinstance(message, WindowRejected)]
+    assert rejected[0].code == "unsynchronised-units"
+    assert not estimates(said)
+
+
+def test_a_missing_unit_leaves_a_window_with_fewer_channels(blocks, tower) -> None:
+    said = answers(blocks, two_units(), lost=("upper", range(100, 140)))
+    without, with_it = estimates(said)
+    assert without.channels == LAYOUT.channel_names[:3]
+    (doubt,) = [warning for warning in without.warnings if warning.code == "missing-unit"]
+    assert doubt.text.startswith("unit upper is missing for 4")
+    assert_known_modes(without, tower)
+    assert with_it.channels == LAYOUT.channel_names
+    assert_known_modes(with_it, tower)
+    names = {round(mode.frequency, 1): mode.name for mode in without.modes}
+    for mode in with_it.modes:  # modes keep their names whatever the channels
+        assert names.get(round(mode.frequency, 1), mode.name) == mode.name
+    (gap,) = [message for message in said if isinstance(message, StreamGap)]
+    assert (gap.unit, gap.n_blocks) == ("upper", 40)
+
+
+def test_the_order_in_which_units_arrive_does_not_matter(blocks) -> None:
+    units = two_units(start=0.4, clock_drift=50.0)
+    node = IdentificationInContext(SETTINGS)
+    for layout in unit_layouts(LAYOUT, units):
+        list(node.handle(layout))
+    delivered = list(with_end(read_by_units(blocks[:ONE], LAYOUT, units)))
+    shuffled = [m for second in range(0, len(delivered), 4) for m in delivered[second:][:4][::-1]]
+    said = estimates([a for message in shuffled for a in node.handle(message)])
+    for ours, theirs in zip(said, estimates(answers(blocks[:ONE], units)), strict=True):
+        assert [m.frequency for m in ours.modes] == [m.frequency for m in theirs.modes]
+
+
+def test_heights_without_a_unit_are_one_clear_line() -> None:
+    with pytest.raises(UnitError, match=r"sensors at 100 m are read by no unit"):
+        unit_layouts(LAYOUT, (UnitSettings("a", ELEVATIONS[:4]),))
