@@ -28,22 +28,6 @@ class BlockCovariances:
     ahead: FloatArray  # mean of y_{t+τ}, (n_lags + 1, n_channels)
     squares: FloatArray  # mean of y_t², (n_channels,)
 
-    def about(self, offset: FloatArray, references: References) -> FloatArray:
-        """The products with the references as if the offsets had been taken off the samples.
-
-        Σ (y_{t+τ} − μ)(y_t − μ_r)ᵀ/m = P_τ − a_τ μ_rᵀ − μ hᵀ + μ μ_rᵀ,  h = a_0 of the references
-        """
-        mean = offset[references]
-        return np.asarray(
-            self.products
-            - self.ahead[:, :, None] * mean
-            - offset[:, None] * (self.ahead[0, references] - mean)
-        )
-
-    def squares_about(self, offset: FloatArray) -> FloatArray:
-        """The mean squares as if the offsets had been taken off, (n_channels,)."""
-        return np.asarray(self.squares - offset * (2 * self.ahead[0] - offset))
-
     def with_references(self, references: References) -> "BlockCovariances":
         """The same block with some of its references."""
         return BlockCovariances(self.products[:, :, references], self.ahead, self.squares)
@@ -139,8 +123,9 @@ def _lagged_products(samples: FloatArray, n_lags: int, references: References) -
     n_fft = fft.next_fast_len(step + n_lags, real=True)
     padded = np.zeros((n_segments * step + n_lags, n_channels))
     padded[: len(samples)] = samples
-    reaching = np.lib.stride_tricks.sliding_window_view(padded, step + n_lags, axis=0)[::step]
-    ahead = fft.rfft(reaching.transpose(2, 1, 0), n_fft, axis=0)  # (n_fft/2, n_channels, segments)
+    starts = range(0, n_segments * step, step)
+    reaching = np.stack([padded[start : start + step + n_lags] for start in starts], axis=2)
+    ahead = fft.rfft(reaching, n_fft, axis=0)  # (n_fft/2, n_channels, n_segments)
     padded[length:] = 0.0
     starting = padded[: n_segments * step, references].reshape(n_segments, step, -1)
     here = fft.rfft(starting.transpose(1, 0, 2), n_fft, axis=0)
@@ -151,13 +136,24 @@ def _lagged_products(samples: FloatArray, n_lags: int, references: References) -
 def joined(
     blocks: Sequence[BlockCovariances], *, offset: FloatArray, references: References = ALL
 ) -> LagCovariances:
-    """The covariances of a window from those of its blocks, without offset, scaled to unit rms."""
+    """The covariances of a window from those of its blocks, without offset, scaled to unit rms.
+
+    With P the products, a_τ the means of y_{t+τ} and the offset μ taken off,
+        Σ (y_{t+τ} − μ)(y_t − μ_r)ᵀ/m = P_τ − a_τ μ_rᵀ − μ (a_0r − μ_r)ᵀ,  _r of the references
+    """
     if len(blocks) < 2:
         raise ValueError(f"{len(blocks)} time blocks are too few for a covariance; 2 are needed")
-    products = np.stack([block.about(offset, references) for block in blocks])
-    scales = np.sqrt(np.mean([block.squares_about(offset) for block in blocks], axis=0))
-    scales = np.where(scales > 0, scales, 1.0)
-    return LagCovariances(products[:, 1:] / np.outer(scales, scales[references]), scales)
+    products = np.stack([block.products[1:] for block in blocks])
+    squares = np.mean([block.squares for block in blocks], axis=0)
+    if offset.any():
+        ahead, mean = np.stack([block.ahead for block in blocks]), offset[references]
+        here = ahead[:, :1]  # a_0
+        products -= ahead[:, 1:, :, None] * mean
+        products -= offset[:, None] * (here[..., None, references] - mean)
+        squares -= offset * (2 * here.mean(axis=(0, 1)) - offset)
+    scales = np.where(squares > 0, np.sqrt(np.abs(squares)), 1.0)
+    products /= np.outer(scales, scales[references])
+    return LagCovariances(products, scales)
 
 
 def block_hankel(covariances: FloatArray, block_rows: int) -> FloatArray:

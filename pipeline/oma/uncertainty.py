@@ -46,6 +46,8 @@ class ProjectedDeviations:
     """
 
     subspace: SignalSubspace
+    gram: FloatArray  # G = O_upᵀ O_up, (n, n)
+    shift: FloatArray  # K = O_upᵀ O_down, (n, n)
     moving: FloatArray  # D, E and Wᵀ side by side, (n columns, 3, n rows, n_blocks)
     inside: FloatArray  # W, (n columns, n rows, n_blocks)
     first_row: FloatArray  # Y's first block row, (n columns, n_channels, n_blocks)
@@ -80,7 +82,15 @@ def projected_deviations(
     up_up = projected(upper, y[:-l])
     there = projected(upper, y[l:]) + _transposed(projected(lower, y[:-l]))
     moving = np.stack([there, up_up + _transposed(up_up), _transposed(inside)], axis=1)
-    return ProjectedDeviations(subspace, moving, inside, first_row=_double(y[:l]))
+    last = subspace.left[-l:]
+    return ProjectedDeviations(
+        subspace,
+        gram=np.eye(n) - last.T @ last,  # since UᵀU = I
+        shift=subspace.upper.T @ subspace.lower,
+        moving=moving,
+        inside=inside,
+        first_row=_double(y[:l]),
+    )
 
 
 def _images(deviations: FloatArray, right: RealArray) -> RealArray:
@@ -112,8 +122,7 @@ def _transposed(real: FloatArray) -> FloatArray:
 class OrderDeviations:
     """How the time blocks move the state matrix of one order; its modes are `modes`.
 
-    With P = I − U Uᵀ of this order, K = O_upᵀ O_down, G = O_upᵀ O_up and for a pole λ with
-    eigenvector ψ:
+    With P = I − U Uᵀ of this order and for a pole λ with eigenvector ψ:
         G ΔA ψ = O_upᵀ ((P Y)_down − λ (P Y)_up) ψ + ((O_down − λ O_up)ᵀ (P Y)_up)ᵀ ψ
                = (D − λ E) ψ − Wᵀ (K − λ G) ψ − (K − λ G) W ψ
     whose second part comes from the least-squares residual of O_up A = O_down.
@@ -128,13 +137,12 @@ class OrderDeviations:
 
 def order_deviations(projected: ProjectedDeviations, modes: SystemModes) -> OrderDeviations:
     """What the model of one order takes of the projections."""
-    n, subspace = modes.order, projected.subspace
-    last = subspace.left[-subspace.n_channels :, :n]
-    gram = np.eye(n) - last.T @ last  # O_upᵀ O_up, since UᵀU = I
+    n = modes.order
+    gram = projected.gram[:n, :n]
     return OrderDeviations(
         modes=modes,
         gram=gram,
-        shift=subspace.upper[:, :n].T @ subspace.lower[:, :n],
+        shift=projected.shift[:n, :n],
         dual=np.linalg.inv(modes.all_right.T @ gram),
         projected=projected,
     )
@@ -152,14 +160,17 @@ class StateDeviations:
     direct: ComplexArray  # (n_chosen, n, n_blocks)
     inside: ComplexArray  # (n_chosen, n, n_blocks)
 
-    def seen_by(self, functionals: ComplexArray) -> ComplexArray:
-        """Linear functions of G ΔA ψ, (n_chosen, n_functions, n_blocks).
+    def seen_by(
+        self, functionals: ComplexArray, of_inside: FloatArray | float = 0.0
+    ) -> ComplexArray:
+        """Linear functions of G ΔA ψ, less others of W ψ, (n_chosen, n_functions, n_blocks).
 
-        functionals   (n_chosen, n_functions, n)
+        functionals   of G ΔA ψ, (n_chosen, n_functions, n)
+        of_inside     of W ψ, (n_functions, n); none by default
         """
         poles = self.order.modes.poles[self.chosen, None, None]
         through = functionals @ self.order.shift - poles * (functionals @ self.order.gram)
-        return np.asarray(functionals @ self.direct - through @ self.inside)
+        return np.asarray(functionals @ self.direct - (through + of_inside) @ self.inside)
 
 
 def state_deviations(order: OrderDeviations, chosen: NDArray[np.int64]) -> StateDeviations:
@@ -184,9 +195,9 @@ def _combined(stacked: FloatArray, coefficients: ComplexArray) -> ComplexArray:
     n_blocks = stacked.shape[3]
     columns = stacked[:n].reshape(n * n_kinds, -1)[:, : n * n_blocks]  # rows i < n of each
     by_mode = coefficients.reshape(n * n_kinds, n_modes).T
+    parts = np.concatenate([by_mode.real, by_mode.imag]) @ columns
     combined = np.empty((n_modes, n * n_blocks), dtype=np.complex128)
-    combined.real = by_mode.real @ columns
-    combined.imag = by_mode.imag @ columns
+    combined.real, combined.imag = parts[:n_modes], parts[n_modes:]
     return combined.reshape(n_modes, n, n_blocks)
 
 
@@ -202,7 +213,7 @@ def pole_deviations(moved: StateDeviations) -> ComplexArray:
 def shape_deviations(moved: StateDeviations) -> ComplexArray:
     """Δφ of the chosen modes by time block, (n_chosen, n_channels, n_blocks), complex.
 
-    Δφ = ΔC ψ + C Δψ, with ΔC the first block row of P Y
+    Δφ = ΔC ψ + C Δψ, with ΔC the first block row of P Y, that of Y less C W
     """
     order, chosen = moved.order, moved.chosen
     modes, subspace = order.modes, order.projected.subspace
@@ -211,8 +222,7 @@ def shape_deviations(moved: StateDeviations) -> ComplexArray:
     distance[modes.kept[chosen], np.arange(len(chosen))] = np.inf  # ψ itself keeps its scale
     # each mode's map from G ΔA ψ to C Δψ, (n_chosen, n_channels, n)
     to_shape = (output @ modes.all_right / distance.T[:, None, :]) @ order.dual.T
-    output_change = _first_row(order.projected, modes.right[:, chosen]) - output @ moved.inside
-    return output_change + moved.seen_by(to_shape)
+    return _first_row(order.projected, modes.right[:, chosen]) + moved.seen_by(to_shape, output)
 
 
 def _first_row(projected: ProjectedDeviations, psi: ComplexArray) -> ComplexArray:
