@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.checkpoints import CheckpointedUpdating, CheckpointFolder
 from pipeline.nodes.node import Node
 from pipeline.nodes.operation import IdentificationInContext, UpdatingInContext
 from pipeline.nodes.updating import FoundationUpdaterNode
@@ -33,6 +34,7 @@ class Outputs:
     metadata: Metadata | None = None  # stored in the recording
     views: tuple[ViewerOutput, ...] = ()
     session: str = "pilewatch"  # what the viewer calls it
+    checkpoints: Path | None = None  # folder of the updating's state; None: it begins anew
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,9 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
     def updating_of_one_turbine() -> Node:
         model = ModalModel(scenario.structure, layout)
         updater = FoundationUpdater(model, layout, scenario.updating, seed=scenario.seed)
-        return FoundationUpdaterNode(updater)
+        if outputs.checkpoints is None:
+            return FoundationUpdaterNode(updater)
+        return CheckpointedUpdating(updater, CheckpointFolder(outputs.checkpoints), layout.turbine)
 
     def viewer() -> Node:
         return Viewer(outputs.views, scenario.structure, session=outputs.session)

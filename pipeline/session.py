@@ -17,6 +17,7 @@ from typing import Literal
 
 from pipeline import runner
 from pipeline.app import Outputs, build
+from pipeline.checkpoints import FOLDER as CHECKPOINTS
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.sources import Source
 from pipeline.summary import Json, SessionSummary
@@ -42,6 +43,7 @@ class SessionOptions:
     rrd: bool = True  # write out/session.rrd
     view: ViewerOutput | None = None  # a viewer beside it
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
+    fresh: bool = False  # begin anew, whatever checkpoint there is
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,8 @@ def run_session(
     """
     started = time.monotonic()
     source = prepare_folder(source, options.out)
+    if options.fresh or not source.is_live:  # a replay is an experiment of its own
+        set_checkpoints_aside(options.out)
     outputs = session_outputs(source, options)
     summary = SessionSummary(source=source.text, turbine=source.layout.turbine)
 
@@ -97,7 +101,8 @@ def session_outputs(source: Source, options: SessionOptions) -> Outputs:
     if views:
         require_rerun(views)
     name = f"{source.layout.turbine} {source.text}"
-    return Outputs(options.out / RECORDING, source.metadata, views, session=name)
+    checkpoints = None if options.way == "lock-step" else options.out / CHECKPOINTS
+    return Outputs(options.out / RECORDING, source.metadata, views, name, checkpoints)
 
 
 def _run(
@@ -175,6 +180,8 @@ def run_node(name: str, source: Source, options: SessionOptions, stopping: threa
     if name not in plans:
         raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")
     options.out.mkdir(parents=True, exist_ok=True)
+    if options.fresh and name == "updating":
+        set_checkpoints_aside(options.out)
     node = plans[name].make()
     with runner.one_blas_thread(), runner.open_session(lambda: ZenohBus(options.zenoh)) as bus:
         runner.serve(node, bus, turbine=source.layout.turbine, stopping=stopping)
@@ -204,13 +211,19 @@ def prepare_folder(source: Source, out: Path) -> Source:
     return source
 
 
+def set_checkpoints_aside(out: Path) -> None:
+    """Let the updating begin with nothing seen; an earlier session's state is kept."""
+    if (out / CHECKPOINTS).exists():
+        logger.info("the updating's state is now %s", _set_aside(out / CHECKPOINTS))
+
+
 def _set_aside(path: Path) -> Path:
     """Rename a file to its name with the time of its last change; gives the new path."""
     changed = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-    stem, _, suffixes = path.name.partition(".")
+    stem, dot, suffixes = path.name.partition(".")
     for number in range(1, 1000):
         again = "" if number == 1 else f"-{number}"
-        moved = path.with_name(f"{stem}-{changed:%Y%m%dT%H%M%SZ}{again}.{suffixes}")
+        moved = path.with_name(f"{stem}-{changed:%Y%m%dT%H%M%SZ}{again}{dot}{suffixes}")
         if not moved.exists():
             path.rename(moved)
             return moved

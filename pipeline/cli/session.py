@@ -56,6 +56,10 @@ def run(
         list[str] | None,
         typer.Option(help="Zenoh endpoint to connect to, e.g. tcp/10.0.0.5:7447; repeatable."),
     ] = None,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh", help="Begin with nothing seen, even where a checkpoint exists."),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Turn accelerations into a posterior of the foundation's stiffness."""
@@ -72,6 +76,7 @@ def run(
         view=view,
         listen=listen,
         connect=connect,
+        fresh=fresh,
     )
     opened = open_source(source, scenario).with_sampler(sampler)
     with stopped_by_signals() as stopping, progress(opened.text, opened.duration) as report:
@@ -93,6 +98,7 @@ def _session_options(
     view: str | None,
     listen: str | None,
     connect: list[str] | None,
+    fresh: bool,
 ) -> Any:
     from pipeline.session import SessionOptions
     from pipeline.transport.zenoh_bus import ZenohSettings
@@ -104,6 +110,7 @@ def _session_options(
         way=way,
         rrd=rrd,
         view=None if view is None else parse_view(view),
+        fresh=fresh,
         zenoh=ZenohSettings(
             listen=() if listen is None else (listen,), connect=tuple(connect or ())
         ),
@@ -161,13 +168,24 @@ def node(
     view: Annotated[str | None, typer.Option(help="For the viewer: spawn or connect=URL.")] = None,
     rrd: Annotated[bool, typer.Option(help="For the viewer: write session.rrd.")] = True,
     sampler: Annotated[str | None, typer.Option(help="For updating: as in `run`.")] = None,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh", help="Begin with nothing seen, even where a checkpoint exists."),
+    ] = False,
 ) -> None:
     """Run one node of the graph by itself until it is told to stop (Ctrl-C or SIGTERM)."""
     from pipeline.session import run_node
     from pipeline.sources import open_source
 
     options = _session_options(
-        out=out, speed="max", way="processes", rrd=rrd, view=view, listen=listen, connect=connect
+        out=out,
+        speed="max",
+        way="processes",
+        rrd=rrd,
+        view=view,
+        listen=listen,
+        connect=connect,
+        fresh=fresh,
     )
     opened = open_source("live" if recording is None else f"replay:{recording}", scenario)
     source = opened.with_sampler(sampler)

@@ -1,7 +1,7 @@
 """NodeAccount: a node with its books, whichever runner serves it."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from pipeline.messages import Message, MessageCount, NodeStatus
 from pipeline.nodes.node import Node
@@ -30,16 +30,27 @@ class NodeAccount:
         """Messages that the node has taken; statuses, which would beget statuses, do not count."""
         return self._received.total() - self._received[NodeStatus.__name__]
 
-    def handle(self, message: Message) -> list[Message]:
-        """The node's answers to one message, in order."""
-        started = self._clock()
-        answers = list(self.node.handle(message))
-        self._busy_ns += max(0, self._clock() - started)
+    def handle(self, message: Message) -> Iterator[Message]:
+        """The node's answers to one message, in order, each as soon as the node gives it.
+
+        What a node does after its last answer, such as writing a checkpoint, it does when that
+        answer has been passed on. The message counts as taken when the answers are exhausted.
+        """
+        answers = iter(self.node.handle(message))
+        while (answer := self._next(answers)) is not None:
+            self._published[type(answer).__name__] += 1
+            yield answer
         self._received[type(message).__name__] += 1
-        self._published.update(type(answer).__name__ for answer in answers)
         if isinstance(message, AccelerationBlock):
             self.last_sequence = message.sequence
-        return answers
+
+    def _next(self, answers: Iterator[Message]) -> Message | None:
+        """The next answer, the time it takes the node counted as busy."""
+        started = self._clock()
+        try:
+            return next(answers, None)
+        finally:
+            self._busy_ns += max(0, self._clock() - started)
 
     def status(self, state: str, *, lost: int = 0) -> NodeStatus:
         """What the node would say of itself now; `lost` is what its subscription knows of."""
