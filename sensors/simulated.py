@@ -32,14 +32,11 @@ from sensors.loads import (
 from sensors.scada import ScadaSample, scada_samples
 from sensors.simulated_structure import ChangingStructure
 from sensors.turbine.assembly import StructuralModel
+from sensors.turbine.damped_response import DampedResponse
 from sensors.turbine.description import TurbineDescription, load_turbine
 from sensors.turbine.foundation import FoundationSprings, positive_definite
-from sensors.turbine.response import (
-    AccelerationResponse,
-    DampedResponse,
-    ModalDamping,
-    StructureModes,
-)
+from sensors.turbine.response import AccelerationResponse
+from sensors.turbine.structure_modes import ModalDamping, StructureModes
 from sensors.units import UnitSettings, read_by_units, unit_layouts
 
 FloatArray = NDArray[np.float64]

@@ -10,15 +10,14 @@ from sensors.layout import SensorLayout
 from sensors.loads import Rotor, Wind, aerodynamic_damping, rotor_damping, thrust_slope
 from sensors.operation import FINE_PITCH
 from sensors.turbine.assembly import StructuralModel, assemble
+from sensors.turbine.damped_response import DampedResponse
+from sensors.turbine.damped_system import DampedSystem, damped_system
 from sensors.turbine.description import TurbineDescription
 from sensors.turbine.foundation import FoundationSprings
-from sensors.turbine.response import (
-    DampedResponse,
-    DampedSystem,
+from sensors.turbine.structure_modes import (
     ModalDamping,
     ObservedModes,
     StructureModes,
-    damped_system,
     observed_modes,
     structure_modes,
 )

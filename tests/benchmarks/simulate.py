@@ -19,9 +19,8 @@ from sensors.loads import BroadbandLoad, WaveBandLoad, random_loads
 from sensors.simulated import LOWEST_INTEGRATION_RATE, SimulatedTower
 from sensors.turbine.assembly import assemble
 from sensors.turbine.description import TurbineDescription, load_turbine
-from sensors.turbine.response import (
-    AccelerationResponse,
-    FloatArray,
+from sensors.turbine.response import AccelerationResponse, FloatArray
+from sensors.turbine.structure_modes import (
     ModalDamping,
     ObservedModes,
     observed_modes,

@@ -22,12 +22,8 @@ from sensors.turbine.assembly import assemble
 from sensors.turbine.description import load_turbine
 from sensors.turbine.foundation import TurbineError
 from sensors.turbine.modal import full_modes
-from sensors.turbine.response import (
-    AccelerationResponse,
-    ModalDamping,
-    observed_modes,
-    structure_modes,
-)
+from sensors.turbine.response import AccelerationResponse
+from sensors.turbine.structure_modes import ModalDamping, observed_modes, structure_modes
 
 TURBINE = load_turbine("iea15mw_monopile")
 SHORT = SimulationSettings(duration=20.0, transient=5.0)

@@ -7,16 +7,15 @@ import pytest
 
 from sensors.layout import biaxial_layout
 from sensors.turbine.assembly import StructuralModel, assemble
+from sensors.turbine.damped_response import DampedResponse
+from sensors.turbine.damped_system import DampedSystem, damped_system
 from sensors.turbine.description import load_turbine
 from sensors.turbine.foundation import TurbineError
-from sensors.turbine.response import (
-    AccelerationResponse,
-    DampedResponse,
-    DampedSystem,
+from sensors.turbine.response import AccelerationResponse
+from sensors.turbine.structure_modes import (
     ModalDamping,
     ObservedModes,
     StructureModes,
-    damped_system,
     observed_modes,
     structure_modes,
 )

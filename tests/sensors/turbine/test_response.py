@@ -8,15 +8,9 @@ from scipy.signal import cont2discrete, lsim
 from sensors.turbine.assembly import assemble
 from sensors.turbine.description import load_turbine
 from sensors.turbine.foundation import TurbineError
-from sensors.turbine.response import (
-    AccelerationResponse,
-    FloatArray,
-    ModalDamping,
-    ModalOscillators,
-    ObservedModes,
-    first_order_hold,
-    structure_modes,
-)
+from sensors.turbine.oscillators import ModalOscillators, first_order_hold
+from sensors.turbine.response import AccelerationResponse, FloatArray
+from sensors.turbine.structure_modes import ModalDamping, ObservedModes, structure_modes
 
 RATE = 120.0  # [Hz]
 
