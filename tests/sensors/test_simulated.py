@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import SensorLayout, biaxial_layout
 from sensors.loads import BroadbandLoad, WaveBandLoad, tower_pattern
+from sensors.pieces import in_blocks, trimmed
 from sensors.simulated import (
     SimulatedTower,
     SimulationError,
     SimulationSettings,
-    in_blocks,
     resonance_grid,
-    trimmed,
 )
 from sensors.turbine.assembly import assemble
 from sensors.turbine.description import load_turbine
