@@ -70,8 +70,11 @@ class SystemModes:
 
 
 RESIDUAL = 1e-9  # ‖H Hᵀ u − s² u‖ / s² of every singular vector that is used
-_SMALL = 8  # a Hankel matrix of up to this many times the order is decomposed by its Gram matrix
-_LARGEST_BASIS = 4  # times the order: a Krylov space beyond costs more than the whole
+_SMALL = 3  # a Hankel matrix less than this many times the order is decomposed in full
+_LARGEST_BASIS = 5  # times the order: a Krylov space beyond costs more than the whole
+# Columns that a Krylov space grows by: narrow blocks reach a residual in the smallest space, but
+# must hold the singular values that coincide (two a mode, four where two directions are alike).
+_BLOCK_WIDTH = 8
 
 
 class HankelOperator:
@@ -118,18 +121,16 @@ def signal_subspace(
     block_rows    p
     start         of an earlier, overlapping window: the iteration begins there
 
-    The leading part is iterated to a residual of 1e-9, or taken from the Gram matrix where that is
-    quicker; where neither gets there (singular values that fall too slowly for the one or too far
-    for the other) the matrix is decomposed in full.
+    The leading part is iterated to a residual of 1e-9; a small matrix, or one whose singular
+    values fall so slowly that the iteration does not get there, is decomposed in full.
     """
     operator = HankelOperator(covariances, block_rows)
-    if min(operator.shape) > _SMALL * highest_order:
-        triplets = leading_singular_triplets(
+    truncated = None
+    if min(operator.shape) >= _SMALL * highest_order:
+        truncated = leading_singular_triplets(
             operator, highest_order, start=None if start is None else start.left
         )
-    else:
-        triplets = singular_triplets_of_gram(block_hankel(covariances, block_rows), highest_order)
-    left, singular_values, right = triplets or _all_singular_triplets(operator)
+    left, singular_values, right = truncated or _all_singular_triplets(operator)
     n = min(highest_order, int(np.sum(singular_values > 1e-12 * singular_values[0])))
     return SignalSubspace(left[:, :n], singular_values[:n], right[:, :n], covariances.shape[1])
 
@@ -141,21 +142,6 @@ def _all_singular_triplets(operator: HankelOperator) -> Triplets:
         check_finite=False,
     )
     return left, singular_values, right.T
-
-
-def singular_triplets_of_gram(hankel: FloatArray, count: int) -> Triplets | None:
-    """The largest singular values and their vectors (U, s, V) from the eigenvectors of Hᵀ H.
-
-    hankel   H, (m, n)
-    returns  None when squaring has cost the last ones their residual
-    """
-    gram = hankel.T @ hankel
-    squares, right = _largest_eigenpairs(gram, min(count, len(gram)))
-    residual = np.linalg.norm(gram @ right - right * squares, axis=0)
-    if not (residual <= RESIDUAL * squares).all():
-        return None
-    singular_values = np.sqrt(squares)
-    return (hankel @ right) / singular_values, singular_values, right
 
 
 def _largest_eigenpairs(symmetric: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
@@ -172,7 +158,7 @@ def leading_singular_triplets(
     matrix   H, (m, n)
     count    how many triplets
     start    (m, any number) vectors near the wanted U; a fixed random block by default
-    returns  None when the residual is not reached in a basis of 4 × count vectors
+    returns  None when the residual is not reached in a basis of 5 × count vectors
 
     An orthonormal basis B of the Krylov space of H Hᵀ grows block by block; with C = Hᵀ B the
     triplets come from the small matrix Cᵀ C = Bᵀ H Hᵀ B. What leaves the basis is the next block
@@ -180,19 +166,25 @@ def leading_singular_triplets(
     Source: Golub and Van Loan, Matrix Computations, 4th ed., §10.4; Musco and Musco (2015),
     Randomized block Krylov methods, for the random start.
     """
-    block = _first_block(matrix, count, start, np.random.default_rng(seed))
-    width = block.shape[1]
-    largest = _LARGEST_BASIS * count
+    width = _BLOCK_WIDTH
+    generator = np.random.default_rng(seed)
+    if start is None:
+        block = matrix @ generator.standard_normal((matrix.shape[1], width))
+    else:
+        block = start @ generator.standard_normal((start.shape[1], width))
+    block = np.linalg.qr(block)[0]
+    largest = min(_LARGEST_BASIS * count, min(matrix.shape) - width)
     bases = np.empty((matrix.shape[0], largest + width), order="F")  # B, grown in place
     images = np.empty((matrix.shape[1], largest + width), order="F")  # C
+    next_check = 2 * count  # below, it is never enough; each costs as much as several blocks
     for size in range(width, largest + 1, width):
         newest = slice(size - width, size)
         bases[:, newest] = block
         images[:, newest] = matrix.transposed_times(block)
         following = matrix @ images[:, newest]
-        block, leaving = _orthonormal_to(bases[:, :size], following, width)
-        # a basis below twice the count is never enough; a check costs as much as two blocks
-        if size >= 2 * count and (size // width) % 2 == 0:
+        block, leaving = _orthonormal_to(bases[:, :size], following)
+        if size >= next_check:
+            next_check = size + count // 2
             squares, x = _largest_eigenpairs(images[:, :size].T @ images[:, :size], count)
             residual = np.linalg.norm(leaving @ x[newest], axis=0)
             if (residual <= RESIDUAL * squares).all():
@@ -201,29 +193,10 @@ def leading_singular_triplets(
     return None
 
 
-def _first_block(
-    matrix: HankelOperator, count: int, start: FloatArray | None, generator: np.random.Generator
-) -> FloatArray:
-    """Orthonormal columns, a third of the count: narrow blocks get further in a basis of a size."""
-    width = max(8, count // 3)
-    if start is None:
-        start = matrix @ generator.standard_normal((matrix.shape[1], width))
-    elif start.shape[1] > width:
-        start = start @ generator.standard_normal((start.shape[1], width))
-    return np.linalg.qr(start)[0]
-
-
-def _orthonormal_to(
-    basis: FloatArray, block: FloatArray, width: int
-) -> tuple[FloatArray, FloatArray]:
-    """Q R of what of a block lies outside a basis.
-
-    In exact arithmetic only the basis' last two blocks (of `width`) overlap it (Lanczos); these
-    are taken off first, then what rounding left of all: twice is enough (Kahan, Parlett).
-    """
-    last = basis[:, -2 * width :]
-    block = block - last @ (last.T @ block)
-    block -= basis @ (basis.T @ block)
+def _orthonormal_to(basis: FloatArray, block: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Q R of what of a block lies outside a basis."""
+    for _ in range(2):  # twice is enough (Kahan, Parlett), even where only rounding is left over
+        block = block - basis @ (basis.T @ block)
     q, r = np.linalg.qr(block)
     return q, r
 

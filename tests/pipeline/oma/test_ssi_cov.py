@@ -5,10 +5,10 @@ import pytest
 
 from pipeline.oma.covariance import LagCovariances, block_hankel, lag_covariances
 from pipeline.oma.ssi_cov import (
+    RESIDUAL,
     HankelOperator,
     leading_singular_triplets,
     signal_subspace,
-    singular_triplets_of_gram,
     system_modes,
 )
 from tests.pipeline.oma.conftest import KnownStructure
@@ -43,30 +43,37 @@ def test_leading_triplets_are_those_of_the_full_decomposition(covariances: LagCo
     np.testing.assert_allclose(right.T @ right, np.eye(24), atol=1e-9)
 
 
-def test_the_gram_matrix_has_the_same_leading_triplets(covariances: LagCovariances) -> None:
-    hankel = block_hankel(covariances.mean, ROWS)
-    triplets = singular_triplets_of_gram(hankel, 12)
+def test_a_warm_start_leads_to_the_same_subspace(covariances: LagCovariances) -> None:
+    earlier = signal_subspace(
+        covariances.blocks[:15].mean(axis=0), block_rows=ROWS, highest_order=24
+    )
+    cold, warm = (
+        signal_subspace(covariances.mean, block_rows=ROWS, highest_order=24, start=start)
+        for start in (None, earlier)
+    )
+    np.testing.assert_allclose(warm.singular_values, cold.singular_values, rtol=RESIDUAL)
+    np.testing.assert_allclose(np.abs(np.sum(warm.left * cold.left, axis=0)), 1.0, atol=1e-9)
+
+
+def test_singular_values_that_coincide_are_all_found() -> None:
+    """Four channels that decay alike but have nothing else in common: each value is fourfold."""
+    lags = np.arange(1, 81)
+    wave = 0.97**lags * np.cos(0.4 * lags) + 0.5 * 0.95**lags * np.cos(1.3 * lags)
+    covariances = wave[:, None, None] * np.eye(4)
+    triplets = leading_singular_triplets(HankelOperator(covariances, 40), 16)
     assert triplets is not None
-    left, singular_values, right = triplets
-    full = np.linalg.svd(hankel)
-    np.testing.assert_allclose(singular_values, full.S[:12], rtol=1e-10)
-    np.testing.assert_allclose(np.abs(np.sum(left * full.U[:, :12], axis=0)), 1.0, atol=1e-9)
-    np.testing.assert_allclose(left.T @ left, np.eye(12), atol=1e-9)
-    np.testing.assert_allclose(right.T @ right, np.eye(12), atol=1e-12)
+    full = np.linalg.svd(block_hankel(covariances, 40))
+    np.testing.assert_allclose(triplets[1], full.S[:16], rtol=1e-10)
+    np.testing.assert_allclose(np.diff(full.S[:16].reshape(4, 4), axis=1), 0.0, atol=1e-10)
 
 
-def test_singular_values_that_squaring_loses_are_decomposed_in_full(
-    two_mass_system: KnownStructure,
-) -> None:
-    """A second mode a hundred thousand times weaker in both of its channels."""
-    lags = np.arange(1, 41)
-    strong, weak = np.cos(0.3 * lags) * 0.99**lags, np.cos(0.9 * lags) * 0.99**lags
-    theory = strong[:, None, None] * np.eye(2)[0] * np.eye(2)[:1].T
-    theory = theory + 1e-7 * weak[:, None, None] * np.eye(2)[1] * np.eye(2)[1:].T
-    assert singular_triplets_of_gram(block_hankel(theory, 20), 4) is None
-    subspace = signal_subspace(theory, block_rows=20, highest_order=4)
-    modes = next(system_modes(subspace, orders=[4], sampling_interval=1.0))
-    np.testing.assert_allclose(np.sort(np.angle(modes.poles)), [0.3, 0.9], rtol=1e-9)
+def test_singular_values_that_fall_too_slowly_are_decomposed_in_full() -> None:
+    """Random covariances: nothing separates the first singular values from the next."""
+    covariances = np.random.default_rng(3).standard_normal((160, 3, 3))
+    assert leading_singular_triplets(HankelOperator(covariances, 80), 10) is None
+    subspace = signal_subspace(covariances, block_rows=80, highest_order=10)
+    full = np.linalg.svd(block_hankel(covariances, 80))
+    np.testing.assert_allclose(subspace.singular_values, full.S[:10], rtol=1e-12)
 
 
 def test_the_order_of_a_modes_truth_gives_its_closed_form(two_mass_system: KnownStructure) -> None:
