@@ -17,7 +17,8 @@ from pipeline.nodes.node import Node
 from pipeline.nodes.operation import IdentificationInContext, UpdatingInContext
 from pipeline.nodes.updating import FoundationUpdaterNode
 from pipeline.oma.references import references_among
-from pipeline.recording.writer import Metadata, Recorder
+from pipeline.recording.session_recorder import SessionRecorder
+from pipeline.recording.writer import Metadata
 from pipeline.scenario import Scenario
 from pipeline.updating.updater import FoundationUpdater
 from pipeline.viewer.outputs import ViewerOutput
@@ -77,11 +78,18 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
 
     def recorder() -> Node:
         assert outputs.recording is not None
-        return Recorder(outputs.recording, metadata=outputs.metadata or {}, clock=time.time_ns)
+        return SessionRecorder(
+            outputs.recording,
+            metadata=outputs.metadata or {},
+            clock=time.time_ns,
+            settings=scenario.recording,
+        )
 
     graph = [Plan(IdentificationInContext, identification), Plan(UpdatingInContext, updating)]
     if outputs.views:
         graph.append(Plan(Viewer, viewer))
     if outputs.recording:
-        graph.append(Plan(Recorder, recorder))  # last: it hears what the others say at the end
+        graph.append(
+            Plan(SessionRecorder, recorder)
+        )  # last: it hears what the others say at the end
     return tuple(graph)

@@ -16,6 +16,7 @@ import numpy as np
 
 from pipeline.nodes.operation import OperationSettings
 from pipeline.oma.settings import OmaSettings
+from pipeline.recording.settings import RecordingSettings
 from pipeline.updating.updater import UpdatingSettings
 from sensors.errors import InputError
 from sensors.layout import Coupling, SensorLayout, biaxial_layout
@@ -95,6 +96,7 @@ class Scenario:
     operation: OperationSettings = field(default_factory=OperationSettings)
     farm: FarmSettings = field(default_factory=FarmSettings)
     flow: FlowSettings = field(default_factory=FlowSettings)
+    recording: RecordingSettings = field(default_factory=RecordingSettings)
     text: str = ""  # the file as it was read
     origin: str = DEFAULT_SCENARIO  # shipped name or path, as the person gave it
 

@@ -18,6 +18,7 @@ from typing import Literal
 from pipeline import runner
 from pipeline.app import Outputs, build
 from pipeline.checkpoints import FOLDER as CHECKPOINTS
+from pipeline.recording.parts import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.sources import Source
 from pipeline.summary import Json, SessionSummary
@@ -197,8 +198,12 @@ def prepare_folder(source: Source, out: Path) -> Source:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--out {out}: {error.strerror}; a folder is needed") from error
+    for whole in close_leftovers(out / RECORDING):
+        logger.warning("%s was left unfinished; it ends with its last whole chunk now", whole)
+    parts = sorted({*out.glob("session.part*.mcap"), *out.glob("session.*results.mcap")})
     for path in (
         out / RECORDING,
+        *parts,
         out / f"{RECORDING}{ACTIVE_SUFFIX}",
         out / PICTURES,
         out / SUMMARY,

@@ -182,11 +182,12 @@ class SessionSummary:
             return ()  # another of the farm
         match message:
             case ModalEstimate():
-                self.estimates.append(message)
+                self._add_estimate(message)
             case WindowRejected():
-                self.rejected.append(message)
+                self._add_rejection(message)
             case StreamGap():
-                self.gaps.append(message)
+                if message not in self.gaps:
+                    self.gaps.append(message)
             case FoundationEvent():
                 self.events.append(message)
             case FoundationPosterior():
@@ -196,6 +197,22 @@ class SessionSummary:
             case NodeStatus():
                 self.statuses[message.node] = message
         return ()
+
+    def _add_estimate(self, estimate: ModalEstimate) -> None:
+        """A window once, even where a restarted identification has seen it again."""
+        if all(each.start_ns != estimate.start_ns for each in self.estimates):
+            self.estimates.append(estimate)
+
+    def _add_rejection(self, rejected: WindowRejected) -> None:
+        """A window once; the identification, restarted, also rejects what it has identified
+        before, its samples no longer to be had. The updating may reject what was identified."""
+        again = any(
+            (each.start_ns, each.code) == (rejected.start_ns, rejected.code)
+            for each in self.rejected
+        )
+        seen = any(each.start_ns == rejected.start_ns for each in self.estimates)
+        if not again and not (seen and rejected.code == "gap"):
+            self.rejected.append(rejected)
 
     def close(self) -> None:
         """Nothing is held."""
@@ -212,9 +229,11 @@ class SessionSummary:
 
     @property
     def warnings(self) -> list[Warning]:
-        """Every doubt once, in order of appearance: the last posterior's, then the windows'."""
+        """Every doubt once, in order of appearance: the last posterior's, the windows', the
+        nodes'."""
         doubts = [*(self.posterior.warnings if self.posterior else ())]
         doubts += [doubt for estimate in self.estimates for doubt in estimate.warnings]
+        doubts += [doubt for status in self.statuses.values() for doubt in status.warnings]
         return list(dict.fromkeys(doubts))
 
     @property
@@ -282,12 +301,17 @@ class SessionSummary:
         recorded = None
         if recorder is not None:
             recorded = sum(each.count for each in recorder.received if each.message == blocks)
+            if any(doubt.code == "recording-stopped" for doubt in recorder.warnings):
+                recorded = min(recorded, self.published - recorder.lost)
         takers = [status for node, status in self.statuses.items() if node != "source"]
         return {
             "published": self.published,
             "recorded": recorded,
             "lost": max((status.lost for status in takers), default=0),
             "late": max((status.late for status in takers), default=0),
+            "duplicate": max((status.duplicate for status in takers), default=0),
+            "gaps": len(self.gaps),
+            "gap_s": sum(gap.end_ns - gap.start_ns for gap in self.gaps) / NANOSECONDS,
         }
 
     def _busy(self, node: str) -> float | None:

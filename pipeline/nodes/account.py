@@ -62,10 +62,11 @@ class NodeAccount:
             last_sequence=self.last_sequence,
             received=message_counts(self._received),
             published=message_counts(self._published),
-            lost=lost,
+            lost=lost + getattr(self.node, "lost", 0),
             late=getattr(self.node, "late", 0),
             duplicate=getattr(self.node, "duplicate", 0),
             busy_s=self._busy_ns * 1e-9,
+            warnings=getattr(self.node, "warnings", ()),
         )
 
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from io import BufferedWriter
 from pathlib import Path
@@ -104,6 +105,16 @@ class Recorder:
         os.fsync(self._file.fileno())
         self._file.close()
         self._active.rename(self.path)
+
+    @property
+    def size(self) -> int:
+        """Of what has left the open chunk [bytes]."""
+        return 0 if self._file.closed else self._file.tell()
+
+    def abandon(self) -> None:
+        """Let go of a file that the disk refuses to take more of; it keeps its ".active"."""
+        with suppress(OSError):
+            self._file.close()
 
     def _write_waiting(self, time_ns: int) -> None:
         waiting, self._without_time = self._without_time, []

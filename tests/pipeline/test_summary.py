@@ -104,7 +104,15 @@ def test_an_empty_session_is_valid_json_with_unknowns_as_null() -> None:
     assert json.loads(json.dumps(figures, allow_nan=False)) == figures
     assert figures["posterior"]["k11"]["median"] is None
     assert figures["posterior"]["correlation"] is None
-    assert figures["stream"] == {"published": 0, "recorded": None, "lost": 0, "late": 0}
+    assert figures["stream"] == {
+        "published": 0,
+        "recorded": None,
+        "lost": 0,
+        "late": 0,
+        "duplicate": 0,
+        "gaps": 0,
+        "gap_s": 0.0,
+    }
     assert figures["timing"]["identify_s_per_window"] is None
 
 

@@ -1,0 +1,163 @@
+"""SessionRecorder: the recording of a session that may run for a year, in parts.
+
+message ──► part due to end? ──► next part ──► old samples go ──► enough room? ──► written
+                                                                     │ no, nor by retention
+                                                                     ▼
+                                                     closed cleanly, a warning in every status
+"""
+
+import logging
+import shutil
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from pipeline.messages import FoundationTruth, Message
+from pipeline.messages import Warning as Doubt
+from pipeline.recording.errors import RecordingError
+from pipeline.recording.parts import close_leftovers, closed_in_place, next_part, part_of, thin
+from pipeline.recording.settings import RecordingSettings
+from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
+from pipeline.streams import key_of
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.layout import SensorLayout
+
+logger = logging.getLogger(__name__)
+
+ROOM_CHECKED_EVERY = 5.0  # [s]
+STANDING = (SensorLayout, FoundationTruth)  # hold until they are said anew; every part has them
+
+
+def free_bytes(folder: Path) -> int:
+    """Room on the disk of a folder."""
+    return shutil.disk_usage(folder).free
+
+
+class SessionRecorder:
+    """Records into `path`, then `path`'s next parts; each is a whole recording by itself.
+
+    path       of the first part. What an earlier recorder left unfinished is closed first, and
+               recording goes on in the next part: nothing is overwritten
+    metadata   stored in every part
+    clock      → time of receiving [ns since 1970-01-01 UTC]
+    settings   when a part ends, what is kept, how much room is left on the disk
+    free       → free bytes on the disk of a folder
+
+    A disk that is full, and that retention may not or cannot relieve, ends the recording, not the
+    session: the part is closed, `warnings` says so and `lost` counts the blocks since.
+
+    Raises RecordingError where no file can be made.
+    """
+
+    name = "recorder"
+    inputs: tuple[type, ...] = Recorder.inputs
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        metadata: Metadata,
+        clock: Callable[[], int],
+        settings: RecordingSettings | None = None,
+        free: Callable[[Path], int] = free_bytes,
+    ) -> None:
+        self.warnings: tuple[Doubt, ...] = ()
+        self.lost = 0  # acceleration blocks that were received and could not be recorded
+        self._path = path
+        self._metadata = metadata
+        self._clock = clock
+        self._settings = settings or RecordingSettings()
+        self._free = free
+        self._standing: dict[str, Message] = {}  # by key
+        for whole in close_leftovers(path):
+            logger.warning("%s was left unfinished; it ends with its last whole chunk now", whole)
+        self._number = next_part(path)
+        self._checked_ns = 0
+        self._recorder: Recorder | None = self._begun(clock())
+
+    @property
+    def path(self) -> Path:
+        """Of the part that is, or was last, written."""
+        return part_of(self._path, self._number)
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        """Record one message. Gives nothing back."""
+        try:
+            self._make_room()
+            if self._recorder is not None:
+                self._recorder.handle(message)
+        except OSError as error:
+            self._stop(f"{error.strerror or error}")
+        if isinstance(message, STANDING):
+            self._standing[key_of(message)] = message
+        if self._recorder is None and isinstance(message, AccelerationBlock):
+            self.lost += 1
+        return ()
+
+    def close(self) -> None:
+        """Finish the part. A second call does nothing."""
+        if self._recorder is None:
+            return
+        try:
+            self._recorder.close()
+        except OSError as error:
+            self._stop(f"{error.strerror or error}")
+
+    def _begun(self, now_ns: int) -> Recorder:
+        self._began_ns = now_ns
+        recorder = Recorder(self.path, metadata=self._metadata, clock=self._clock)
+        for message in self._standing.values():
+            recorder.handle(message)
+        return recorder
+
+    def _make_room(self) -> None:
+        """End the part where it is due, let old samples go, and stop where the disk is full."""
+        if self._recorder is None:
+            return
+        now_ns = self._clock()
+        if self._is_due(self._recorder, now_ns):
+            self._recorder.close()
+            self._number += 1
+            self._recorder = self._begun(now_ns)
+            thin(self._path, self._settings, now_ns)
+        if abs(now_ns - self._checked_ns) >= ROOM_CHECKED_EVERY * NANOSECONDS:
+            self._checked_ns = now_ns
+            self._check_room(now_ns)
+
+    def _is_due(self, recorder: Recorder, now_ns: int) -> bool:
+        old = abs(now_ns - self._began_ns) >= self._settings.rotate_after * NANOSECONDS
+        return old or recorder.size >= self._settings.rotate_megabytes * 1e6
+
+    def _check_room(self, now_ns: int) -> None:
+        wanted = round(self._settings.free_megabytes * 1e6)
+        missing = wanted - self._free(self._path.parent)
+        if missing <= 0:
+            return
+        thin(self._path, self._settings, now_ns, needed=missing)
+        left = self._free(self._path.parent)
+        if left < wanted:
+            self._stop(
+                f"{left / 1e6:.0f} MB are free and {self._settings.free_megabytes:g} MB are to "
+                "stay so"
+            )
+
+    def _stop(self, reason: str) -> None:
+        """Close the part with what the disk still takes, and say so from now on."""
+        assert self._recorder is not None
+        recorder, self._recorder = self._recorder, None
+        text = f"recording to {recorder.path} has stopped: {reason}"
+        self.warnings = (Doubt("recording-stopped", text),)
+        logger.error(text)
+        if self._closed_by_itself(recorder):
+            return
+        recorder.abandon()
+        try:
+            closed_in_place(recorder.path.with_name(recorder.path.name + ACTIVE_SUFFIX))
+        except (OSError, RecordingError) as error:
+            logger.error("%s can only be salvaged: %s", recorder.path, error)
+
+    def _closed_by_itself(self, recorder: Recorder) -> bool:
+        try:
+            recorder.close()
+        except OSError:
+            return False
+        return True

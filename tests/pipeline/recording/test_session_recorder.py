@@ -1,0 +1,182 @@
+"""A recording that may run for a year: parts, what is kept, what a full disk and a kill leave."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline.messages import WindowRejected
+from pipeline.recording.errors import RecordingError
+from pipeline.recording.parts import next_part, parts_of, raw_files
+from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.session_recorder import SessionRecorder
+from pipeline.recording.settings import RecordingSettings
+from sensors.blocks import AccelerationBlock
+from sensors.layout import SensorLayout
+from tests.pipeline.example_messages import LAYOUT, START_NS, all_same, block, rejection
+
+SECOND = 10**9  # [ns]
+METADATA = {"pilewatch": {"version": "0"}}
+
+
+class Clock:
+    """A second goes by with every reading that follows a message."""
+
+    def __init__(self) -> None:
+        self.now_ns = START_NS
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+def recorded(
+    folder: Path, n_blocks: int, free: object = None, **settings: float
+) -> SessionRecorder:
+    """A session's recorder after a layout, a result and a block a second; closed."""
+    clock = Clock()
+    room = (lambda _: 10**12) if free is None else free
+    recorder = SessionRecorder(
+        folder / "session.mcap",
+        metadata=METADATA,
+        clock=clock,
+        settings=RecordingSettings(**settings),
+        free=room,
+    )
+    for message in (LAYOUT, rejection(0), *map(block, range(n_blocks))):
+        recorder.handle(message)
+        clock.now_ns += SECOND
+    recorder.close()
+    return recorder
+
+
+def sequences(paths: list[Path]) -> list[int]:
+    return [
+        each.sequence
+        for path in paths
+        for each in read_messages(path, (AccelerationBlock,))
+        if isinstance(each, AccelerationBlock)
+    ]
+
+
+def test_a_recording_goes_on_in_the_next_part_after_its_time(tmp_path):
+    recorded(tmp_path, 60, rotate_after=20.0)
+    parts = parts_of(tmp_path / "session.mcap")
+    assert [part.name for part in parts] == [
+        "session.mcap", "session.part2.mcap", "session.part3.mcap", "session.part4.mcap",
+    ]  # fmt: skip
+    assert sequences(parts) == list(range(60))
+    for part in parts:
+        assert read_metadata(part) == METADATA
+        (layout,) = read_messages(part, (SensorLayout,))
+        assert all_same([layout], [LAYOUT])
+
+
+def test_a_recording_goes_on_in_the_next_part_after_its_size(tmp_path):
+    recorded(tmp_path, 60, rotate_megabytes=0.02)
+    parts = parts_of(tmp_path / "session.mcap")
+    assert len(parts) > 3
+    assert sequences(parts) == list(range(60))
+    assert all(part.stat().st_size < 60_000 for part in parts)
+
+
+def test_the_oldest_samples_go_first_and_results_stay(tmp_path):
+    recorded(tmp_path, 60, rotate_after=10.0, keep_gigabytes=60_000e-9)
+    raw = sorted(sequences([part]) for part in raw_files(tmp_path / "session.mcap"))
+    kept = [sequence for part in raw for sequence in part]
+    assert kept == list(range(kept[0], 60))
+    assert kept[0] > 0
+    first = tmp_path / "session.results.mcap"
+    assert all_same(list(read_messages(first, (WindowRejected,))), [rejection(0)])
+    assert sequences([first]) == []
+
+
+def test_without_a_word_about_keeping_nothing_is_deleted(tmp_path):
+    recorder = recorded(tmp_path, 60, free=lambda _: 10**6, rotate_after=10.0)
+    assert recorder.warnings[0].code == "recording-stopped"
+    assert not list(tmp_path.glob("*.results.mcap"))
+
+
+def test_a_disk_that_fills_up_ends_the_recording_and_not_the_session(tmp_path):
+    room = iter([10**9] * 3 + [10**6] * 1000)
+    recorder = recorded(tmp_path, 60, free=lambda _: next(room))
+    (warning,) = recorder.warnings
+    assert "1 MB are free and 100 MB are to stay so" in warning.text
+    written = sequences(parts_of(tmp_path / "session.mcap"))
+    assert written == list(range(len(written)))
+    assert len(written) + recorder.lost == 60
+    assert not list(tmp_path.glob("*.active"))
+
+
+def test_retention_relieves_a_full_disk_where_it_may(tmp_path):
+    def free(_: Path) -> int:
+        used = sum(part.stat().st_size for part in raw_files(tmp_path / "session.mcap"))
+        return 100_060_000 - used
+
+    recorder = recorded(tmp_path, 120, free=free, rotate_after=10.0, keep_days=3650.0)
+    assert recorder.warnings == ()
+    assert recorder.lost == 0
+    assert sequences([recorder.path])[-1] == 119
+
+
+FILL = """
+import resource, signal, sys
+from pathlib import Path
+sys.path.insert(0, {root!r})
+from tests.pipeline.recording.test_session_recorder import recorded
+resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
+recorder = recorded(Path({folder!r}), 200)
+print(recorder.lost, recorder.warnings[0].text)
+"""
+
+
+def test_a_file_that_the_system_lets_grow_no_further_is_still_whole(tmp_path):
+    root = str(Path(__file__).parents[3])
+    done = subprocess.run(
+        [sys.executable, "-c", FILL.format(root=root, folder=str(tmp_path))],
+        capture_output=True, text=True, timeout=60, check=True,
+    )  # fmt: skip
+    lost, _, text = done.stdout.partition(" ")
+    assert "File too large" in text
+    written = sequences([tmp_path / "session.mcap"])
+    assert written == list(range(len(written)))
+    assert len(written) > 10
+    assert len(written) + int(lost) >= 200 - 2  # what sat in the open chunk
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, {root!r})
+from tests.pipeline.recording import test_session_recorder as session
+session.SessionRecorder.close = lambda self: os.kill(os.getpid(), signal.SIGKILL)
+session.recorded(Path({folder!r}), 30)
+"""
+
+
+def test_a_killed_recorder_is_followed_by_one_that_goes_on(tmp_path):
+    root = str(Path(__file__).parents[3])
+    script = KILLED.format(root=root, folder=str(tmp_path))
+    done = subprocess.run([sys.executable, "-c", script], timeout=60, check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert (tmp_path / "session.mcap.active").exists()
+    recorder = recorded(tmp_path, 30)
+    assert recorder.path.name == "session.part2.mcap"
+    left = sequences([tmp_path / "session.mcap"])
+    assert left == list(range(len(left)))
+    assert len(left) >= 28  # two seconds of samples at most are gone
+    assert not list(tmp_path.glob("*.active"))
+
+
+def test_what_is_no_recording_is_left_alone(tmp_path):
+    (tmp_path / "session.mcap.active").write_bytes(b"cut")
+    recorder = recorded(tmp_path, 3)
+    assert recorder.path.name == "session.part2.mcap"
+    assert (tmp_path / "session.mcap.active").read_bytes() == b"cut"
+    assert next_part(tmp_path / "session.mcap") == 3
+
+
+def test_settings_that_make_no_sense_are_named():
+    with pytest.raises(RecordingError, match=r"\[recording\] rotate_after is -1"):
+        RecordingSettings(rotate_after=-1.0)
