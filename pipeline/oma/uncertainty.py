@@ -78,8 +78,8 @@ def projected_deviations(
         product = basis.T @ rows.reshape(len(rows), -1)  # one product for all blocks
         return _double(product.reshape(n, -1, n))
 
-    inside = projected(left, y)
     up_up = projected(upper, y[:-l])
+    inside = up_up + projected(left[-l:], y[-l:])
     there = projected(upper, y[l:]) + _transposed(projected(lower, y[:-l]))
     moving = np.stack([there, up_up + _transposed(up_up), _transposed(inside)], axis=1)
     last = subspace.left[-l:]
