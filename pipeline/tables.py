@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
+from pipeline.messages import FoundationPosterior
 from pipeline.model_modes import ModelModes
 from pipeline.recording.info import RecordingInfo
 from pipeline.scenario import Scenario
@@ -58,6 +59,30 @@ def posterior_table(posterior: Json) -> Table:
         f"{_counted(posterior['windows'], 'window')}, {posterior['sampler']}: "
         f"{posterior['ess']:.0f} effective draws, R-hat {posterior['rhat']:.3f}; "
         "σ: relative discrepancy of the model"
+    )
+    return table
+
+
+def misfit_table(posterior: FoundationPosterior) -> Table:
+    """How well each paired mode fits the posterior, and how much it tells of the stiffness."""
+    table = _table("Misfit mode by mode")
+    for title in ("mode", "f [Hz]", "model f [Hz]", "apart [%]", "misfit", "MAC", "tells"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for pair in sorted(posterior.pairs, key=lambda pair: pair.frequency):
+        apart = 100 * (pair.frequency / pair.model_frequency - 1)
+        table.add_row(
+            pair.model,
+            f"{pair.frequency:.4f}",
+            f"{pair.model_frequency:.4f}",
+            f"{apart:+.2f}",
+            f"{pair.misfit:+.1f}",
+            f"{pair.mac:.3f}" + ("" if pair.shape_used else " –"),
+            f"{100 * pair.information:.0f} %",
+        )
+    table.caption = (
+        f"misfit: in standard deviations of the posterior's prediction; –: shape not used; tells: "
+        f"share of the information on the stiffness; {posterior.paired_share:.0%} of the "
+        f"identified modes paired, reduced χ² {posterior.reduced_chi_square:.2f}"
     )
     return table
 

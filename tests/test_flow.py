@@ -14,6 +14,7 @@ import pytest
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.offline import recorded_channels
+from pipeline.offline_updating import holds_estimates, recorded_source, updated_from
 from pipeline.recording.reader import read_messages
 from pipeline.scenario import scenario_from_text
 from pipeline.session import SessionOptions, Way, run_session
@@ -98,6 +99,23 @@ def test_pictures_are_written_only_where_they_were_wanted(sessions: dict[str, Pa
 def test_estimates_carry_the_names_of_their_channels(sessions: dict[str, Path]) -> None:
     (estimate, _) = read_messages(sessions["threads"] / "session.mcap", (ModalEstimate,))
     assert estimate.channels[:2] == ("z41-fa", "z80-fa")
+
+
+@pytest.mark.parametrize("identify", [True, False])
+def test_updating_from_a_recording_gives_the_sessions_posterior(
+    sessions: dict[str, Path], identify: bool
+) -> None:
+    recording = sessions["threads"] / "session.mcap"
+    assert holds_estimates(recording)
+    source = recorded_source(recording, scenario=None, sampler=None)
+    summary = updated_from(source, identify=identify)
+    reference = posteriors(sessions["lock-step"])[-1]
+    assert summary.posterior is not None
+    np.testing.assert_array_equal(summary.posterior.draws, reference.draws)
+    ours, theirs = summary.as_json(wall=1.0), figures(sessions["lock-step"])
+    assert ours.keys() == theirs.keys()
+    for key in ("modes", "posterior", "windows", "duration_s"):
+        assert ours[key] == theirs[key]
 
 
 TWO_UNITS = """

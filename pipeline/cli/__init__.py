@@ -15,6 +15,7 @@ from pipeline.cli.modal import identify, modes
 from pipeline.cli.recordings import info, simulate
 from pipeline.cli.session import node, run
 from pipeline.cli.show import show
+from pipeline.cli.update import update
 from pipeline.errors import NodeFailed
 from sensors.errors import InputError
 
@@ -25,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-for command in (run, simulate, identify, modes, node, info, show):
+for command in (run, simulate, identify, modes, update, node, info, show):
     app.command()(command)
 
 

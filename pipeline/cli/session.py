@@ -9,11 +9,11 @@ import typer
 from pipeline.cli.console import (
     JsonOption,
     ScenarioOption,
-    escaped,
     output,
     progress,
     stopped_by_signals,
 )
+from pipeline.cli.results import print_results
 from sensors.errors import InputError
 
 
@@ -128,20 +128,8 @@ def _speed(text: str) -> float:
 
 
 def _print_session(session: Any) -> None:
-    from pipeline.tables import identified_modes_table, posterior_table
-
     figures = session.figures
-    output.print(identified_modes_table(session.summary.modes, figures["windows"]["identified"]))
-    if session.summary.posterior is None:
-        output.print("[bold]No posterior:[/] no window could be used.")
-    else:
-        output.print(posterior_table(figures["posterior"]))
-    for event in figures["events"]:
-        output.print(f"[bold]change:[/] {escaped(event['text'])}")
-    for rejected in figures["windows"]["rejected"]:
-        output.print(f"window at {rejected['start']:.0f} s not used: {rejected['reason']}")
-    for warning in figures["warnings"]:
-        output.print(f"[yellow]{warning['code']}[/]: {escaped(warning['text'])}")
+    print_results(session.summary, figures)
     stream, timing = figures["stream"], figures["timing"]
     output.print(
         f"{stream['published']} blocks published, {stream['recorded']} recorded, "
