@@ -44,6 +44,35 @@ def _acknowledge(on_their_way: deque[int] | None, sequence: int) -> None:
         pass
 
 
+class Quiet:
+    """Knows when nodes have nothing left to do, where their counts cannot tell: after a restart a
+    node counts anew, and the transport gives it again what it had already.
+
+    A node says how it is every second and whenever it has caught up, but never while it is busy
+    with a message. One that has said the same often enough has been waiting in between.
+    """
+
+    ENOUGH = 4  # statuses in a row: at least three seconds; lost messages are asked for each half
+
+    def __init__(self) -> None:
+        self._latest: dict[str, NodeStatus] = {}
+        self._alike: dict[str, int] = {}
+
+    def note(self, status: NodeStatus) -> None:
+        """Take note of a node's next status."""
+        before = self._latest.get(status.node)
+        alike = before is not None and before.received == status.received
+        self._alike[status.node] = self._alike.get(status.node, 1) + 1 if alike else 1
+        self._latest[status.node] = status
+
+    def of_all(self, nodes: Iterable[str]) -> bool:
+        """Whether all of these nodes have been waiting."""
+        return all(
+            self._alike.get(node, 0) >= self.ENOUGH and self._latest[node].state == "running"
+            for node in nodes
+        )
+
+
 def is_drained(statuses: Iterable[NodeStatus], consumers: Mapping[str, Sequence[type]]) -> bool:
     """Whether every message that was published has been handled by every node that takes it.
 

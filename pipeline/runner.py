@@ -12,11 +12,10 @@ so many blocks unacknowledged, and the run is over when every message has been h
 """
 
 import logging
-import subprocess
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Protocol
@@ -24,7 +23,7 @@ from typing import Protocol
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import NodeFailed
-from pipeline.flow import Credit, is_drained
+from pipeline.flow import Credit, Quiet, is_drained
 from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.nodes.account import NodeAccount, message_counts
 from pipeline.nodes.node import Node
@@ -80,8 +79,14 @@ class Worker(Protocol):
 
     def start(self) -> None: ...
 
+    @property
+    def restarts(self) -> int:
+        """How often the node had to be started again."""
+        ...
+
     def check(self) -> None:
-        """Raise NodeFailed where the node has ended before it was told to."""
+        """See to a node that has ended before it was told to: start it again or raise
+        NodeFailed."""
         ...
 
     def stop(self) -> None:
@@ -130,6 +135,8 @@ def run_workers(
 class NodeThread(threading.Thread):
     """Serves one node until it is stopped; keeps the exception that ended it, if one did."""
 
+    restarts = 0  # a thread that fails ends the session: what it shares may be broken
+
     def __init__(self, node: Node, open_bus: Callable[[], Bus], turbine: str) -> None:
         super().__init__(name=node.name, daemon=True)
         self.inputs = tuple(node.inputs)
@@ -158,34 +165,6 @@ class NodeThread(threading.Thread):
         """Let the node finish what it has, close it, and wait for it."""
         self._stopping.set()
         self.join()
-
-
-class NodeProcess:
-    """A node in a process of its own, started with a command; SIGTERM ends it cleanly."""
-
-    def __init__(self, node: type[Node], command: Sequence[str]) -> None:
-        self.name: str = node.name  # type: ignore[assignment]  # a class attribute of every node
-        self.inputs: tuple[type, ...] = node.inputs  # type: ignore[assignment]
-        self._command = command
-        self._process: subprocess.Popen[bytes] | None = None
-        self._told_to_stop = False
-
-    def start(self) -> None:
-        """Start the command."""
-        self._process = subprocess.Popen(self._command, start_new_session=True)
-
-    def check(self) -> None:
-        """Raise NodeFailed where the process has ended by itself, or with an error."""
-        code = None if self._process is None else self._process.poll()
-        if code is not None and (code != 0 or not self._told_to_stop):
-            raise NodeFailed(f"node {self.name} ended by itself with exit code {code}")
-
-    def stop(self) -> None:
-        """Send SIGTERM and wait until files are closed."""
-        self._told_to_stop = True
-        if self._process is not None and self._process.poll() is None:
-            self._process.terminate()
-            self._process.wait()
 
 
 def serve(
@@ -263,6 +242,7 @@ class SourceFeed:
         self._inbox = Inbox()
         self._subscription = bus.subscribe((NodeStatus,), self._inbox)
         self._latest: dict[str, NodeStatus] = {}  # by node
+        self._quiet = Quiet()
 
     def wait_until_ready(self) -> None:
         """Return when every worker has subscribed. Raises NodeFailed after START_TIMEOUT."""
@@ -295,7 +275,13 @@ class SourceFeed:
         finished = source_status(turbine, published)
         self._bus.publish(finished)
         consumers = {worker.name: worker.inputs for worker in self._workers}
-        self.wait(lambda: is_drained([finished, *self._latest.values()], consumers))
+        self._quiet = Quiet()
+        self.wait(lambda: self._all_handled(finished, consumers))
+
+    def _all_handled(self, finished: NodeStatus, consumers: Mapping[str, Sequence[type]]) -> bool:
+        if any(worker.restarts for worker in self._workers):  # their counts began anew
+            return self._quiet.of_all(consumers)
+        return is_drained([finished, *self._latest.values()], consumers)
 
     def wait(self, condition: Callable[[], bool]) -> None:
         """Return when the condition on the workers' statuses holds.
@@ -311,6 +297,7 @@ class SourceFeed:
         while (status := self._inbox.get(timeout)) is not None:
             assert isinstance(status, NodeStatus)
             self._latest[status.node] = status
+            self._quiet.note(status)
             timeout = 0
 
     def _may_send(self, credit: Credit, sequence: int) -> bool:

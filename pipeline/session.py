@@ -22,6 +22,7 @@ from pipeline.recording.parts import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.sources import Source
 from pipeline.summary import Json, SessionSummary
+from pipeline.supervisor import SupervisedProcess
 from pipeline.transport.bus import Bus
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, peer_of
 from pipeline.viewer.outputs import ConnectedViewer, RrdFile, ViewerOutput, require_rerun
@@ -134,7 +135,7 @@ def _run(
     for plan in graph:
         if options.way == "processes":
             command = node_command(plan.name, source, options, endpoint, scenario_option)
-            workers.append(runner.NodeProcess(plan.node, command))
+            workers.append(SupervisedProcess(plan.node, command))
         else:
             workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
     workers.append(runner.NodeThread(summary, open_bus, turbine))
@@ -155,7 +156,7 @@ def node_command(
     name: str, source: Source, options: SessionOptions, endpoint: str, scenario: str | None
 ) -> list[str]:
     """`pilewatch node` as another process, for the same graph as this session's."""
-    command = [sys.executable, "-m", "pipeline", "node", name, "--connect", endpoint]
+    command = [sys.executable, "-m", "pipeline", "node", name, "--tied", "--connect", endpoint]
     command += ["--out", str(options.out)]
     if source.recording is not None:
         command += ["--recording", str(source.recording)]
@@ -183,6 +184,8 @@ def run_node(name: str, source: Source, options: SessionOptions, stopping: threa
     options.out.mkdir(parents=True, exist_ok=True)
     if options.fresh and name == "updating":
         set_checkpoints_aside(options.out)
+    if name == "viewer" and (options.out / PICTURES).exists():
+        _set_aside(options.out / PICTURES)  # of the viewer that this one follows
     node = plans[name].make()
     with runner.one_blas_thread(), runner.open_session(lambda: ZenohBus(options.zenoh)) as bus:
         runner.serve(node, bus, turbine=source.layout.turbine, stopping=stopping)

@@ -40,7 +40,9 @@ class Stream:
 
 
 STREAMS = (
-    Stream(AccelerationBlock, "pilewatch/{turbine}/{unit}/acceleration", period=1.0, cached=600),
+    # An identification that is started again refills its ten minutes from what is cached, and has
+    # as many again until it is ready.
+    Stream(AccelerationBlock, "pilewatch/{turbine}/{unit}/acceleration", period=1.0, cached=1200),
     Stream(SensorLayout, "pilewatch/{turbine}/{unit}/layout"),
     Stream(ScadaSample, "pilewatch/{turbine}/scada", period=10.0, cached=100),
     Stream(StreamGap, "pilewatch/{turbine}/{unit}/gap", cached=100),

@@ -7,7 +7,7 @@ from sensors.blocks import AccelerationBlock
 from sensors.layout import SensorLayout
 from sensors.scada import ScadaSample
 
-LATEST_BLOCKS = 600  # a recorded block may come that many blocks too late: the publisher's cache
+LATEST_BLOCKS = 1200  # a recorded block may come that many blocks too late: the publisher's cache
 
 
 class ReplayedTower:

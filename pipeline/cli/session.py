@@ -156,6 +156,9 @@ def node(
     view: Annotated[str | None, typer.Option(help="For the viewer: spawn or connect=URL.")] = None,
     rrd: Annotated[bool, typer.Option(help="For the viewer: write session.rrd.")] = True,
     sampler: Annotated[str | None, typer.Option(help="For updating: as in `run`.")] = None,
+    tied: Annotated[
+        bool, typer.Option("--tied", help="Stop when standard input ends: the parent has gone.")
+    ] = False,
     fresh: Annotated[
         bool,
         typer.Option("--fresh", help="Begin with nothing seen, even where a checkpoint exists."),
@@ -164,6 +167,7 @@ def node(
     """Run one node of the graph by itself until it is told to stop (Ctrl-C or SIGTERM)."""
     from pipeline.session import run_node
     from pipeline.sources import open_source
+    from pipeline.supervisor import stopped_with_parent
 
     options = _session_options(
         out=out,
@@ -178,4 +182,6 @@ def node(
     opened = open_source("live" if recording is None else f"replay:{recording}", scenario)
     source = opened.with_sampler(sampler)
     with stopped_by_signals() as stopping:
+        if tied:
+            stopped_with_parent(stopping)
         run_node(name, source, options, stopping)

@@ -85,6 +85,7 @@ def test_a_node_in_another_process_is_told_the_same(short_recording: Path) -> No
     assert command[3:] == [
         "node",
         "updating",
+        "--tied",
         "--connect",
         "tcp/127.0.0.1:1",
         "--out",

@@ -141,6 +141,9 @@ def test_accounts_come_from_the_nodes_themselves() -> None:
         "recorded": 2,
         "lost": 1,
         "late": 0,
+        "duplicate": 0,
+        "gaps": 0,
+        "gap_s": 0.0,
     }
 
 
