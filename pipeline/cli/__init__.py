@@ -12,7 +12,7 @@ from rich.logging import RichHandler
 
 from pipeline.cli.console import escaped, people
 from pipeline.cli.modal import identify, modes
-from pipeline.cli.recordings import info, simulate
+from pipeline.cli.recordings import info, salvage, simulate
 from pipeline.cli.session import node, run
 from pipeline.cli.show import show
 from pipeline.cli.update import update
@@ -26,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-for command in (run, simulate, identify, modes, update, node, info, show):
+for command in (run, simulate, identify, modes, update, node, info, salvage, show):
     app.command()(command)
 
 

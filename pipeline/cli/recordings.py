@@ -1,4 +1,4 @@
-"""`pilewatch simulate` and `pilewatch info`: recordings made and looked at."""
+"""`pilewatch simulate`, `info` and `salvage`: recordings made, looked at and mended."""
 
 from pathlib import Path
 from typing import Annotated
@@ -61,3 +61,20 @@ def info(
         for key, text in texts.items():
             if "\n" not in text:
                 output.print(f"{section}.{key} = {escaped(text)}", soft_wrap=True)
+
+
+def salvage(
+    file: Annotated[Path, typer.Argument(help="A cut or damaged recording; it stays as it is.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="The file to write; FILE.salvaged.mcap unless given."),
+    ] = None,
+) -> None:
+    """Bring back every complete chunk of a recording that was cut off or damaged."""
+    from pipeline.recording.salvage import salvage as salvaged
+    from pipeline.recording.salvage import salvaged_name
+
+    target = salvaged_name(file) if out is None else out
+    with people.status(f"reading {file}"):
+        remains = salvaged(file, target)
+    output.print(f"{target}: {remains.recovered}", soft_wrap=True)

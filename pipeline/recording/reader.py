@@ -79,7 +79,9 @@ def _opened_whole(path: Path) -> BinaryIO:
     if not is_closed_properly(file):
         with file:
             left = describe_what_is_left(file)
-        raise RecordingError(f"{path} was cut off before its end: {left}")
+        raise RecordingError(
+            f"{path} was cut off before its end: {left}; `pilewatch salvage {path}` does it"
+        )
     return file
 
 

@@ -16,7 +16,7 @@ from pipeline.recording.mcap_file import (
     metadata_section,
     open_recording,
 )
-from pipeline.recording.writer import Recorder
+from pipeline.recording.writer import ACTIVE_SUFFIX, Recorder
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
 from sensors.blocks import NANOSECONDS, AccelerationBlock
@@ -33,11 +33,29 @@ class Remains:
     duration: float  # from the first sample of any unit to the last of any [s]
 
     def __str__(self) -> str:
-        damaged = f" ({self.damaged_chunks} more are damaged)" if self.damaged_chunks else ""
+        return f"{self._what}, can be salvaged{self._damage}"
+
+    @property
+    def recovered(self) -> str:
+        """For people, once it is done."""
+        return f"{self._what}{self._damage}"
+
+    @property
+    def _what(self) -> str:
         return (
             f"{self.chunks} complete chunks with {self.messages} messages, "
-            f"{self.duration:.1f} s of samples, can be salvaged{damaged}"
+            f"{self.duration:.1f} s of samples"
         )
+
+    @property
+    def _damage(self) -> str:
+        return f" ({self.damaged_chunks} more are damaged)" if self.damaged_chunks else ""
+
+
+def salvaged_name(source: Path) -> Path:
+    """Where the remains of a recording go unless somebody says otherwise."""
+    name = source.name.removesuffix(ACTIVE_SUFFIX)
+    return source.with_name(f"{name}.salvaged.mcap")
 
 
 def salvage(source: Path, target: Path) -> Remains:

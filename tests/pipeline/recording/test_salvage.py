@@ -4,14 +4,17 @@ import multiprocessing
 import os
 import random
 import signal
+import sys
 from pathlib import Path
 
 import pytest
 
+from pipeline.cli import main
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.salvage import salvage
 from pipeline.recording.writer import Recorder
+from tests.benchmarks.trials import DamageOutcome, damage_trial
 from tests.pipeline.example_messages import LAYOUT, START_NS, all_same, block
 from tests.pipeline.recording.test_recording import METADATA, SECOND, record
 
@@ -120,3 +123,28 @@ def test_a_recorder_that_is_killed_loses_at_most_two_seconds(tmp_path: Path) -> 
     sequences = [message.sequence for message in read_messages(left)]
     assert sequences == list(range(len(sequences)))
     assert len(sequences) >= 98
+
+
+def test_the_command_brings_back_what_is_left_and_leaves_the_source(
+    recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut = recording.read_bytes()[:-3000]
+    recording.write_bytes(cut)
+    monkeypatch.setattr(sys, "argv", ["pilewatch", "salvage", str(recording)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+    target = recording.with_name("tower.mcap.salvaged.mcap")
+    left = list(read_messages(target))
+    assert all_same(left, MINUTE[: len(left)])
+    assert f"{len(left)} messages" in capsys.readouterr().out.replace("\n", "")
+    assert recording.read_bytes() == cut
+    with pytest.raises(RecordingError, match="pilewatch salvage"):
+        list(read_messages(recording))
+
+
+def test_random_cuts_and_flips_crash_nothing_and_go_unnoticed_nowhere(
+    recording: Path, tmp_path: Path
+) -> None:
+    outcome = damage_trial(tmp_path, recording, cuts=60, flips=60, seed=6)
+    assert outcome == DamageOutcome(files=120, crashes=0, fewer=0, unnoticed=0)

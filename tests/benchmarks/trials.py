@@ -1,0 +1,232 @@
+"""What the pipeline survives, with real processes: `python -m tests.benchmarks trials NAME`.
+
+kill         a session in processes; its nodes are killed one after the other. Blocks missing from
+             the recording; the posteriors beside those of the undisturbed session
+truncation   a recording cut at random bytes, and with flipped bytes: chunks that come back
+"""
+
+import argparse
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.messages import FoundationPosterior
+from pipeline.recording.errors import RecordingError
+from pipeline.recording.parts import parts_of
+from pipeline.recording.reader import read_messages
+from pipeline.recording.salvage import salvage
+from pipeline.scenario import scenario_from_text
+from pipeline.sources import record_simulation, simulated
+from sensors.blocks import AccelerationBlock
+
+SCENARIO = """
+title = "A small tower for what must survive"
+seed = 5
+
+[simulation]
+duration = {duration}
+transient = 60.0
+
+[oma]
+window_duration = 60.0
+hop = 60.0
+
+[updating.pairing]
+search_draws = 100
+refined = 2
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class KillOutcome:
+    """What a session with killed nodes left behind."""
+
+    kills: tuple[str, ...]  # nodes, in order
+    published: int  # blocks
+    missing: int  # of them not in the recording
+    windows: int  # with a posterior in both sessions
+    differing: int  # of them not bit-identical
+    lost: int  # as the session itself said
+
+
+def kill_trial(
+    folder: Path, *, duration: float, speed: float, kills: Sequence[str], seed: int
+) -> KillOutcome:
+    """A session in processes, its nodes killed (SIGKILL) at random moments; and one undisturbed."""
+    recording = folder / "source.mcap"
+    text = SCENARIO.format(duration=duration)
+    record_simulation(simulated(scenario_from_text(text, "trial.toml")), recording)
+    _run(recording, folder / "whole", "--lock-step")
+    session = _started(recording, folder / "killed", "--processes", "--speed", f"{speed:g}")
+    done: list[str] = []
+    generator = random.Random(seed)
+    _wait_for_nodes(session, folder / "killed")
+    pause = duration / speed / (len(kills) + 1)
+    for name in kills:
+        time.sleep(pause * generator.uniform(0.7, 1.1))
+        if _kill_node(session.pid, name):
+            done.append(name)
+    _, errors = session.communicate(timeout=duration / speed + 300)
+    if session.returncode:
+        raise RuntimeError(f"the session ended with {session.returncode}: {errors[-2000:]}")
+    published = {block.sequence for block in _blocks([recording])}
+    recorded = {block.sequence for block in _blocks(parts_of(folder / "killed" / "session.mcap"))}
+    ours, theirs = (_posteriors(folder / name) for name in ("killed", "whole"))
+    common = ours.keys() & theirs.keys()
+    figures = json.loads((folder / "killed" / "summary.json").read_text())
+    return KillOutcome(
+        kills=tuple(done),
+        published=len(published),
+        missing=len(published - recorded),
+        windows=len(common),
+        differing=sum(
+            not np.array_equal(ours[window].draws, theirs[window].draws) for window in common
+        )
+        + len(theirs.keys() - common),
+        lost=figures["stream"]["lost"],
+    )
+
+
+def _command(recording: Path, out: Path, *options: str) -> list[str]:
+    source = ["--source", f"replay:{recording}", "--out", str(out), "--no-rrd"]
+    return [sys.executable, "-m", "pipeline", "run", *source, *options]
+
+
+def _run(recording: Path, out: Path, *options: str) -> None:
+    subprocess.run(_command(recording, out, *options), check=True, capture_output=True)
+
+
+def _started(recording: Path, out: Path, *options: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        _command(recording, out, *options),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _wait_for_nodes(session: "subprocess.Popen[str]", out: Path) -> None:
+    """Until the recorder has begun to write samples."""
+    active = out / "session.mcap.active"
+    while session.poll() is None:
+        if active.exists() and active.stat().st_size > 20_000:
+            return
+        time.sleep(0.05)
+
+
+def _kill_node(parent: int, name: str) -> bool:
+    """Kill the child of a session that runs this node; False where it is not up just now."""
+    for pid in _children(parent):
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+        if b"node" in words and words[words.index(b"node") + 1] == name.encode():
+            os.kill(pid, signal.SIGKILL)
+            return True
+    return False
+
+
+def _children(parent: int) -> list[int]:
+    found: list[int] = []
+    for task in Path(f"/proc/{parent}/task").iterdir():
+        found += [int(pid) for pid in (task / "children").read_text().split()]
+    return found
+
+
+def _blocks(paths: Sequence[Path]) -> Iterator[AccelerationBlock]:
+    for path in paths:
+        for message in read_messages(path, (AccelerationBlock,)):
+            assert isinstance(message, AccelerationBlock)
+            yield message
+
+
+def _posteriors(out: Path) -> dict[int, FoundationPosterior]:
+    """By time; of several with one time the last."""
+    return {
+        message.time_ns: message
+        for path in parts_of(out / "session.mcap")
+        for message in read_messages(path, (FoundationPosterior,))
+        if isinstance(message, FoundationPosterior)
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class DamageOutcome:
+    """What came back of damaged recordings."""
+
+    files: int
+    crashes: int  # exceptions other than RecordingError
+    fewer: int  # files of which less came back than their complete chunks held
+    unnoticed: int  # files read to the end as if nothing had happened
+
+
+def damage_trial(
+    folder: Path, recording: Path, *, cuts: int, flips: int, seed: int
+) -> DamageOutcome:
+    """Salvage of a recording cut at random bytes; reading and salvage with one byte flipped."""
+    whole = recording.read_bytes()
+    generator = random.Random(seed)
+    n_blocks = sum(1 for _ in _blocks([recording]))
+    crashes = fewer = unnoticed = 0
+    path, target = folder / "damaged.mcap", folder / "salvaged.mcap"
+    counts = []
+    for _ in range(cuts):
+        length = generator.randrange(8, len(whole))
+        path.write_bytes(whole[:length])
+        counts.append((length, _salvaged(path, target)))
+    in_order = [count for _, count in sorted(counts)]
+    fewer += in_order != sorted(in_order) or in_order[-1] > n_blocks
+    crashes += sum(count < 0 for count in in_order)
+    for _ in range(flips):
+        damaged = bytearray(whole)
+        damaged[generator.randrange(8, len(whole))] ^= generator.randrange(1, 256)
+        path.write_bytes(damaged)
+        try:
+            read = [block.samples.tobytes() for block in _blocks([path])]
+        except RecordingError:
+            pass
+        else:  # an index or the summary was hit, which readers of the data do not need
+            unnoticed += read != [block.samples.tobytes() for block in _blocks([recording])]
+        crashes += _salvaged(path, target) < 0
+    return DamageOutcome(cuts + flips, crashes, fewer, unnoticed)
+
+
+def _salvaged(path: Path, target: Path) -> int:
+    """Blocks that come back; −1 for a crash."""
+    target.unlink(missing_ok=True)
+    try:
+        salvage(path, target)
+        return sum(1 for _ in _blocks([target]))
+    except RecordingError:
+        return 0
+    except Exception:  # noqa: BLE001  # a crash is what is looked for
+        return -1
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run one trial and print what it shows."""
+    parser = argparse.ArgumentParser(prog="trials", description=__doc__)
+    parser.add_argument("name", choices=("kill", "truncation"))
+    parser.add_argument("--seed", type=int, default=2026)
+    chosen = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        if chosen.name == "kill":
+            nodes = ("recorder", "identification", "updating") * 3 + ("recorder",)
+            outcome = kill_trial(folder, duration=900.0, speed=10.0, kills=nodes, seed=chosen.seed)
+            print(outcome)
+        else:
+            recording = folder / "source.mcap"
+            text = SCENARIO.format(duration=120.0)
+            record_simulation(simulated(scenario_from_text(text, "trial.toml")), recording)
+            print(damage_trial(folder, recording, cuts=200, flips=200, seed=chosen.seed))
+    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
