@@ -16,6 +16,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.oma.identification import Identification, identify
+from pipeline.oma.references import settings_for_channels
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
@@ -260,11 +261,12 @@ class WindowAnswers:
     ) -> Identification:
         """present   channels to use where a unit is missing; None: all, as they were streamed"""
         if present is not None:
+            left = [names[column] for column in present]
             return identify(
                 window.samples[:, present],
                 window.sampling_rate,
-                self._settings,
-                channel_names=[names[column] for column in present],
+                settings_for_channels(self._settings, left),
+                channel_names=left,
             )
         assert self._stretch is not None  # a window without a gap lies in the running stretch
         hops = window.index - self._origin // self._stretch.hop_samples

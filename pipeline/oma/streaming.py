@@ -35,7 +35,7 @@ from pipeline.oma.identification import (
     rejection_in,
 )
 from pipeline.oma.preprocessing import decimated, n_decimated
-from pipeline.oma.references import references_among
+from pipeline.oma.references import references_among, settings_for_channels
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SignalSubspace
 
@@ -160,16 +160,20 @@ class StreamingIdentifier:
         *,
         channel_names: Sequence[str] | None = None,
     ) -> Identification:
-        """The window that begins `hops` hops after the stretch did; `samples` are its own."""
-        if not self._rings:
-            return identify(samples, self._rate, self._settings, channel_names=channel_names)
+        """The window that begins `hops` hops after the stretch did; `samples` are its own.
+
+        Reference channels that the window lacks are left out: a stream goes on without them.
+        """
         names = channel_names or default_names(samples.shape[1])
-        references = references_among(names, self._settings)
+        settings = settings_for_channels(self._settings, names)
+        if not self._rings:
+            return identify(samples, self._rate, settings, channel_names=names)
         findings = check_window(samples, self._rate, channel_names=names)
         if rejection_in(findings) is not None:
             return Identification((), (), rejection_in(findings))
         if any(finding.action == "mend" for finding in findings):
-            return identify(samples, self._rate, self._settings, channel_names=channel_names)
+            return identify(samples, self._rate, settings, channel_names=names)
+        references = references_among(names, settings)
         steady = np.asarray(samples, dtype=np.float64)
         offset = steady.mean(axis=0)
         by_band = []

@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
+from pipeline.app import Outputs, build
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.oma.covariance import ALL
 from pipeline.oma.identification import identify
@@ -84,6 +85,12 @@ def test_a_scenario_names_its_references() -> None:
     assert scenario.oma.reference_channels == ("z145-fa", "z145-ss")
     with pytest.raises(ScenarioError, match=r"reference_channels\[1\] is 3"):
         scenario_from_text('[oma]\nreference_channels = ["z145-fa", 3]', "mine.toml")
+
+
+def test_a_session_with_an_unknown_reference_does_not_begin() -> None:
+    scenario = scenario_from_text('[oma]\nreference_channels = ["z145-fa", "roof"]', "mine.toml")
+    with pytest.raises(OmaSettingsError, match="'roof'; the channels are z41-fa, "):
+        build(scenario, scenario.layout, Outputs())
 
 
 @pytest.mark.peer

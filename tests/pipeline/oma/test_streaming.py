@@ -64,3 +64,17 @@ def test_a_hop_of_no_whole_number_of_blocks_is_identified_from_its_samples(
     ours = streaming.identify(0, record[:12000]).modes
     theirs = identify(record[:12000], RATE, settings).modes
     assert [m.frequency for m in ours] == [m.frequency for m in theirs]
+
+
+def test_a_stream_goes_on_without_references_that_it_lacks(record: np.ndarray) -> None:
+    window = record[:12000]
+    settings = OmaSettings(
+        window_duration=300.0, hop=300.0, reference_channels=("channel 2", "of a silent unit")
+    )
+    streaming = StreamingIdentifier(RATE, 5, settings)
+    streaming.push(window)
+    ours = streaming.identify(0, window).modes
+    present = OmaSettings(window_duration=300.0, hop=300.0, reference_channels=("channel 2",))
+    theirs = min(identify(window, RATE, present).modes, key=lambda m: abs(m.frequency - 0.32))
+    mode = min(ours, key=lambda m: abs(m.frequency - 0.32))
+    assert abs(mode.frequency - theirs.frequency) < theirs.frequency_std
