@@ -119,7 +119,8 @@ def signal_subspace(
 
     covariances   R_τ, (n_lags = 2p, n_channels, n_references), τ = 1..n_lags
     block_rows    p
-    start         of an earlier, overlapping window: the iteration begins there
+    start         of an earlier, overlapping window: the iteration begins there (which saves at most
+                  a block or two: how large the space must be is a matter of the singular values)
 
     The leading part is iterated to a residual of 1e-9; a small matrix, or one whose singular
     values fall so slowly that the iteration does not get there, is decomposed in full.

@@ -7,6 +7,12 @@
 
 A window's result equals that of `identify` on the window's own samples: the filter's and the
 lags' first samples are taken from inside the window, never from before it.
+
+Why only covariances are carried from window to window: beyond the strongest ones, the singular
+vectors of the Hankel matrix are fitted noise, and a tenth of new samples turns them. Of a 15 MW
+tower's first sixty, two to four per cent lie outside the span of an earlier window's first two
+hundred, so that no projection of a block on a kept basis would still be right to the 1e-8 that
+poles are, or to the 1e-4 that their std is; and the poles of every order follow from all of them.
 """
 
 from collections import deque
