@@ -22,6 +22,7 @@ class StreamHealth:
     condition: Condition  # a stream without a period is never late
     silence: float  # since the last message [s]
     messages: int
+    rate: float = float("nan")  # of messages since the first [1/s]; NaN before the second
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +39,13 @@ class _Seen:
     message: Message  # the last
     time_ns: int
     count: int
+    first_ns: int
+
+    @property
+    def rate(self) -> float:
+        """Messages in a second since the first."""
+        duration = (self.time_ns - self.first_ns) / NANOSECONDS
+        return (self.count - 1) / duration if duration > 0 else float("nan")
 
 
 class Health:
@@ -54,8 +62,9 @@ class Health:
     def observe(self, message: Message, now_ns: int) -> None:
         """Take note of one message that has just come."""
         key = key_of(message)
-        count = self._seen[key].count if key in self._seen else 0
-        self._seen[key] = _Seen(message, now_ns, count + 1)
+        before = self._seen.get(key)
+        count, first_ns = (before.count, before.first_ns) if before else (0, now_ns)
+        self._seen[key] = _Seen(message, now_ns, count + 1, first_ns)
         if isinstance(message, StreamEnd):
             self._ended[message.turbine, message.unit] = message.session
         elif isinstance(message, StreamGap):
@@ -71,7 +80,9 @@ class Health:
     def streams(self, now_ns: int) -> tuple[StreamHealth, ...]:
         """Every key on which something has come, statuses left out."""
         return tuple(
-            StreamHealth(key, self._condition(seen, now_ns), _silence(seen, now_ns), seen.count)
+            StreamHealth(
+                key, self._condition(seen, now_ns), _silence(seen, now_ns), seen.count, seen.rate
+            )
             for key, seen in self._seen.items()
             if not isinstance(seen.message, NodeStatus)
         )

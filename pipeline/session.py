@@ -9,7 +9,8 @@ import logging
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,6 +22,8 @@ from pipeline.checkpoints import FOLDER as CHECKPOINTS
 from pipeline.recording.parts import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.sources import Source
+from pipeline.status import ENDPOINT_FILE, StatusDesk
+from pipeline.status import KEY as STATUS_KEY
 from pipeline.summary import Json, SessionSummary
 from pipeline.supervisor import SupervisedProcess
 from pipeline.transport.bus import Bus
@@ -140,7 +143,9 @@ def _run(
             workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
     workers.append(runner.NodeThread(summary, open_bus, turbine))
     follows = options.speed == float("inf")
-    with runner.open_session(lambda: ZenohBus(hub)) as bus:
+    desk = StatusDesk(source.text)
+    workers.append(runner.NodeThread(desk, open_bus, turbine))
+    with _hub(hub, desk, f"{STATUS_KEY}/{turbine}", options.out) as bus:
         runner.run_workers(
             None if source.is_live else source.messages(options.speed, stopping),
             workers,
@@ -150,6 +155,20 @@ def _run(
             report=report,
             stopping=stopping,
         )
+
+
+@contextmanager
+def _hub(settings: ZenohSettings, desk: StatusDesk, key: str, out: Path) -> Iterator[Bus]:
+    """The session that all others connect to; it answers for all, and its folder says where."""
+    place = out / ENDPOINT_FILE
+    bus = ZenohBus(settings)
+    try:
+        bus.answer(key, desk.answer)
+        place.write_text(f"{settings.listen[0]}\n", encoding="utf-8")
+        yield bus
+    finally:
+        place.unlink(missing_ok=True)
+        bus.close()
 
 
 def node_command(

@@ -1,6 +1,7 @@
 """What the commands print for people: rich tables of modes and posteriors."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from rich.table import Table
 
@@ -145,6 +146,37 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
             f"{status.busy_s:.2f}",
         )
     return [channels, units] + ([nodes] if info.health else [])
+
+
+def status_tables(status: Mapping[str, Any]) -> list[Table]:
+    """What a running session answered: nodes, streams, posteriors, gaps."""
+    nodes = _table(f"nodes of {status['source']}")
+    for title in ("node", "condition", "silent [s]", "behind [blocks]", "received", "lost", "late"):
+        nodes.add_column(title, justify="left" if title in ("node", "condition") else "right")
+    for each in status["nodes"]:
+        behind = "" if each["behind_blocks"] is None else str(each["behind_blocks"])
+        counts = (str(each[name]) for name in ("received", "lost", "late"))
+        nodes.add_row(each["node"], each["condition"], f"{each['silence_s']:.1f}", behind, *counts)
+    streams = _table("streams")
+    for title in ("key", "condition", "silent [s]", "messages", "rate [1/s]"):
+        streams.add_column(title, justify="left" if title in ("key", "condition") else "right")
+    for each in status["streams"]:
+        rate = "" if each["rate_hz"] is None else f"{each['rate_hz']:.2f}"
+        silence, messages = f"{each['silence_s']:.1f}", str(each["messages"])
+        streams.add_row(each["key"], each["condition"], silence, messages, rate)
+    posteriors = [posterior_table(each) for each in status["posteriors"]]
+    return [nodes, streams, *posteriors, *_gap_tables(status["gaps"])]
+
+
+def _gap_tables(gaps: Sequence[Mapping[str, Any]]) -> list[Table]:
+    if not gaps:
+        return []
+    table = _table("latest gaps")
+    for title in ("turbine", "unit", "missing [s]", "blocks"):
+        table.add_column(title)
+    for gap in gaps:
+        table.add_row(gap["turbine"], gap["unit"], f"{gap['duration_s']:.1f}", str(gap["blocks"]))
+    return [table]
 
 
 def _table(title: str) -> Table:

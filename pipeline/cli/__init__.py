@@ -15,6 +15,7 @@ from pipeline.cli.modal import identify, modes
 from pipeline.cli.recordings import info, salvage, simulate
 from pipeline.cli.session import node, run
 from pipeline.cli.show import show
+from pipeline.cli.status import status
 from pipeline.cli.update import update
 from pipeline.errors import NodeFailed
 from sensors.errors import InputError
@@ -26,7 +27,18 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-for command in (run, simulate, identify, modes, update, node, info, salvage, show):
+for command in (
+    run,
+    simulate,
+    identify,
+    modes,
+    update,
+    node,
+    status,
+    info,
+    salvage,
+    show,
+):
     app.command()(command)
 
 

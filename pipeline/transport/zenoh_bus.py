@@ -90,6 +90,7 @@ class ZenohBus:
         self._session = _opened(settings or ZenohSettings())
         self._publishers: dict[str, ext.AdvancedPublisher] = {}
         self._subscriptions: list[ZenohSubscription] = []
+        self._queryables: list[zenoh.Queryable[None]] = []  # forgotten by Zenoh unless held
         self._beginnings = _Beginnings(self._session)
 
     def publish(self, message: Message) -> None:
@@ -104,7 +105,18 @@ class ZenohBus:
         self._subscriptions.append(subscription)
         return subscription
 
+    def answer(self, key: str, reply: Callable[[], bytes]) -> None:
+        """Answer every query on this key with what `reply` gives, from one of Zenoh's threads."""
+
+        def respond(query: zenoh.Query) -> None:
+            query.reply(key, reply())
+
+        self._queryables.append(self._session.declare_queryable(key, respond))
+
     def close(self) -> None:
+        for queryable in self._queryables:
+            queryable.undeclare()
+        self._queryables.clear()
         for subscription in self._subscriptions:
             subscription.close()
         for publisher in self._publishers.values():
@@ -112,6 +124,19 @@ class ZenohBus:
         self._publishers.clear()
         self._beginnings.close()
         self._session.close()
+
+
+def asked(endpoint: str, key_expression: str) -> list[bytes]:
+    """What the sessions that can be reached through an endpoint answer on these keys.
+
+    Raises TransportError where nobody listens there.
+    """
+    session = _opened(ZenohSettings(mode="client", connect=(endpoint,)))
+    try:
+        replies = session.get(key_expression, target=zenoh.QueryTarget.ALL, timeout=FETCH_TIMEOUT)
+        return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+    finally:
+        session.close()
 
 
 class ZenohSubscription:

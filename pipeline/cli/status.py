@@ -1,0 +1,35 @@
+"""`pilewatch status`: how the sessions that run are doing."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.console import JsonOption, output
+
+
+def status(
+    connect: Annotated[
+        str | None,
+        typer.Option(help="Zenoh endpoint of a session; otherwise that of the one in --out."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the session that runs.")] = Path("out"),
+    as_json: JsonOption = False,
+) -> None:
+    """Ask a running session for its nodes, streams, gaps and last posteriors."""
+    from pipeline.status import KEY, endpoint_of
+    from pipeline.tables import status_tables
+    from pipeline.transport.zenoh_bus import asked
+    from sensors.errors import InputError
+
+    endpoint = endpoint_of(out) if connect is None else connect
+    answers = [json.loads(each) for each in asked(endpoint, f"{KEY}/*")]
+    if not answers:
+        raise InputError(f"nobody at {endpoint} answers for a session")
+    if as_json:
+        output.print_json(json.dumps(answers))
+        return
+    for answer in answers:
+        for table in status_tables(answer):
+            output.print(table)

@@ -1,0 +1,76 @@
+"""A running session says how it does to whoever asks."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pipeline.messages import StreamGap
+from pipeline.status import KEY, StatusDesk, endpoint_of
+from pipeline.tables import status_tables
+from pipeline.transport.errors import TransportError
+from pipeline.transport.zenoh_bus import ZenohBus, asked, free_endpoint, hub
+from sensors.errors import InputError
+from tests.pipeline.example_messages import START_NS, block, status
+from tests.pipeline.updating.test_checkpoint import estimate_of, updater_of
+
+SECOND = 10**9  # [ns]
+
+
+class Clock:
+    now_ns = START_NS
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+@pytest.fixture
+def desk() -> StatusDesk:
+    """After five blocks a second apart, a gap, a posterior and a node that is two behind."""
+    clock = Clock()
+    desk = StatusDesk("live", clock)
+    for sequence in range(5):
+        desk.handle(block(sequence))
+        clock.now_ns += SECOND
+    desk.handle(StreamGap("t1", "tower", "s", START_NS, START_NS + 4 * SECOND, 3, 4))
+    updater = updater_of()
+    _, posterior = updater.updated(updater.initial_state(), estimate_of(0))
+    desk.handle(posterior)
+    desk.handle(status("recorder", last_sequence=2, lost=1))
+    return desk
+
+
+def test_the_desk_knows_rates_lags_gaps_and_posteriors(desk: StatusDesk) -> None:
+    answer = desk.as_json()
+    (node,) = answer["nodes"]
+    assert (node["node"], node["condition"], node["behind_blocks"], node["lost"]) == (
+        "recorder",
+        "alive",
+        2,
+        1,
+    )
+    rates = {each["key"]: each["rate_hz"] for each in answer["streams"]}
+    assert rates["pilewatch/t1/tower/acceleration"] == pytest.approx(1.0)
+    turbine = estimate_of(0).turbine
+    assert rates[f"pilewatch/{turbine}/foundation-posterior"] is None
+    assert answer["gaps"][0]["duration_s"] == 4.0
+    assert answer["posteriors"][0]["turbine"] == turbine
+    assert len(status_tables(json.loads(desk.answer()))) == 4
+
+
+def test_whoever_connects_can_ask(desk: StatusDesk) -> None:
+    endpoint = free_endpoint()
+    bus = ZenohBus(hub(endpoint))
+    try:
+        bus.answer(f"{KEY}/t1", desk.answer)
+        (reply,) = asked(endpoint, f"{KEY}/*")
+    finally:
+        bus.close()
+    assert json.loads(reply) == desk.as_json()
+
+
+def test_nobody_there_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(TransportError, match="no Zenoh session answers"):
+        asked(free_endpoint(), f"{KEY}/*")
+    with pytest.raises(InputError, match="no session runs in"):
+        endpoint_of(tmp_path)
