@@ -10,14 +10,13 @@ supervisor is gone, whatever killed it, and stops cleanly then (`stopped_with_pa
 """
 
 import logging
+import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import BinaryIO
 
 from pipeline.errors import NodeFailed
 from pipeline.nodes.node import Node
@@ -25,6 +24,7 @@ from pipeline.nodes.node import Node
 logger = logging.getLogger(__name__)
 
 MISTAKE = 2  # exit code where a person has to mend something; to try again would not help
+STANDARD_INPUT = 0  # file descriptor
 STOP_TIMEOUT = 120.0  # for a node to finish what it has when it is told to stop [s]
 
 
@@ -132,15 +132,15 @@ def _let_go(process: "subprocess.Popen[bytes]") -> None:
         process.stdin.close()
 
 
-def stopped_with_parent(stopping: threading.Event, pipe: BinaryIO | None = None) -> None:
-    """Set `stopping` when the parent, which holds the other end of the pipe, is gone.
+def stopped_with_parent(stopping: threading.Event, descriptor: int = STANDARD_INPUT) -> None:
+    """Set `stopping` when the parent, which holds the other end of a pipe, is gone.
 
-    pipe   None: standard input
+    descriptor   of the reading end. It is read without Python's buffer, whose lock a thread that
+                 still waits would hold when the interpreter ends
     """
-    watched = sys.stdin.buffer if pipe is None else pipe
 
     def watch() -> None:
-        while watched.read(1):
+        while os.read(descriptor, 1):
             pass
         stopping.set()
 

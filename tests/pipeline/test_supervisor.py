@@ -81,6 +81,16 @@ def test_what_a_person_must_mend_is_not_tried_again() -> None:
     assert process.restarts == 0
 
 
+TOLD = """
+import signal, threading
+from pathlib import Path
+from pipeline.supervisor import stopped_with_parent
+stopping = threading.Event()
+stopped_with_parent(stopping)
+signal.signal(signal.SIGTERM, lambda *_: stopping.set())
+(Path({up!r}) / "up").touch()
+stopping.wait(60)
+"""
 PARENT = """
 import sys, time
 from pipeline.supervisor import SupervisedProcess
@@ -124,11 +134,19 @@ def _state(pid: int) -> str:
 def test_a_pipe_that_closes_is_a_parent_that_has_gone() -> None:
     reading, writing = os.pipe()
     stopping = threading.Event()
-    with os.fdopen(reading, "rb", buffering=0) as pipe:
-        stopped_with_parent(stopping, pipe)
-        assert not stopping.is_set()
-        os.close(writing)
-        assert stopping.wait(PATIENCE)
+    stopped_with_parent(stopping, reading)
+    assert not stopping.is_set()
+    os.close(writing)
+    assert stopping.wait(PATIENCE)
+    os.close(reading)
+
+
+def test_a_child_that_is_told_to_stop_ends_without_an_error(tmp_path: Path) -> None:
+    process = SupervisedProcess(Listener, [sys.executable, "-c", TOLD.format(up=str(tmp_path))])
+    process.start()
+    assert eventually(lambda: (tmp_path / "up").exists())
+    process.stop()
+    process.check()
 
 
 def test_a_node_is_quiet_after_saying_the_same_for_seconds() -> None:
