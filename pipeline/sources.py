@@ -4,14 +4,16 @@ import heapq
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.messages import FoundationTruth, Message
-from pipeline.recording.info import recording_info
+from pipeline.playback import Playback, SensorMessage, each_block_once
+from pipeline.recording.info import RecordingInfo, recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import Metadata, Recorder, RecorderSettings
 from pipeline.runner import with_end
@@ -50,7 +52,8 @@ class Source:
     layout: SensorLayout
     truth: FoundationTruth | None  # of a simulated turbine
     duration: float | None  # [s]; None: live, without end
-    recording: Path | None = None  # of a replay
+    recording: Path | None = None  # of a replay: a file, or a folder of files
+    playback: Playback = field(default_factory=Playback)  # which part of it
 
     @property
     def is_live(self) -> bool:
@@ -93,13 +96,30 @@ class Source:
             self if method is None else replace(self, scenario=with_sampler(self.scenario, method))
         )
 
+    def with_playback(self, playback: Playback) -> "Source":
+        """A part of the same replay, or several rounds of it.
+
+        Raises SourceError where there is nothing recorded, or nothing in the range.
+        """
+        if playback == Playback():
+            return self
+        if self.recording is None or self.duration is None:
+            raise SourceError(f"--from, --to and --loop are for replay:FILE, not for {self.text}")
+        duration = playback.duration(self.duration)
+        if duration <= 0:
+            raise SourceError(
+                f"--from {playback.start:g} lies behind the end of {self.recording}, which is "
+                f"{self.duration:g} s long"
+            )
+        return replace(self, playback=playback, duration=duration)
+
     def with_recording(self, path: Path) -> "Source":
         """The same replay from a file that was moved."""
         return replace(self, recording=path)
 
     def _sensor_messages(self) -> Iterator[Message]:
         if self.recording is not None:
-            measured = ReplayedTower(sensor_messages(self.recording))
+            measured = self.playback.of(partial(recorded_stream, self.recording))
             later = _later_truths(recorded_truths(self.recording), self.truth)
             yield from with_truths(measured, later)
             return
@@ -112,7 +132,31 @@ class Source:
         return with_truths(tower.messages(), _later_truths(simulated_truths(tower), self.truth))
 
 
-SensorMessage = AccelerationBlock | SensorLayout | ScadaSample
+def recordings_in(path: Path) -> list[Path]:
+    """The file itself, or every closed recording in a folder that has samples, oldest first.
+
+    Raises SourceError for a folder without one.
+    """
+    if not path.is_dir():
+        return [path]
+    begun = {}
+    for file in path.glob("*.mcap"):
+        units = recording_info(file).units
+        if units:
+            begun[file] = (min(unit.start_ns for unit in units), file.stat().st_mtime_ns, file.name)
+    if not begun:
+        raise SourceError(f"the folder {path} holds no recording with acceleration blocks")
+    return sorted(begun, key=lambda file: begun[file])
+
+
+def recorded_stream(path: Path) -> Iterator[SensorMessage]:
+    """Everything measured in a file, or in all files of a folder as one stream, in order of
+    time."""
+    files = recordings_in(path)
+    if len(files) == 1:
+        return iter(ReplayedTower(sensor_messages(files[0])))
+    joined = (message for file in files for message in sensor_messages(file))
+    return each_block_once(ReplayedTower(joined))
 
 
 def sensor_messages(path: Path) -> Iterator[SensorMessage]:
@@ -124,8 +168,13 @@ def sensor_messages(path: Path) -> Iterator[SensorMessage]:
 
 def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
     """What a recording says of the true stiffness, in order of time."""
-    found = [m for m in read_messages(path, (FoundationTruth,)) if isinstance(m, FoundationTruth)]
-    return iter(sorted(found, key=lambda truth: truth.time_ns))
+    found = {
+        (message.turbine, message.time_ns): message
+        for file in recordings_in(path)
+        for message in read_messages(file, (FoundationTruth,))
+        if isinstance(message, FoundationTruth)
+    }
+    return iter(sorted(found.values(), key=lambda truth: truth.time_ns))
 
 
 def simulated_truths(tower: SimulatedTower) -> Iterator[FoundationTruth]:
@@ -233,8 +282,10 @@ def _default_source(scenario: str | None) -> Source:
 
 
 def replayed(path: Path, scenario: str | None = None) -> Source:
-    """A recording as a source, under its own scenario unless another is named."""
-    info = recording_info(path)
+    """A recording, or all of a folder as one, as a source; under its own (the newest's) scenario
+    unless another is named."""
+    infos = [recording_info(file) for file in recordings_in(path)]
+    info = infos[-1]
     if not info.units or not info.layouts:
         raise SourceError(f"{path} holds no acceleration blocks with their layout")
     stored = info.metadata.get("scenario")
@@ -250,9 +301,15 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
         scenario=chosen,
         layout=layout,
         truth=_recorded_truth(info.metadata, layout.turbine),
-        duration=info.duration,
+        duration=_duration(infos),
         recording=path,
     )
+
+
+def _duration(infos: Sequence[RecordingInfo]) -> float:
+    units = [unit for info in infos for unit in info.units]
+    span_ns = max(unit.end_ns for unit in units) - min(unit.start_ns for unit in units)
+    return span_ns / NANOSECONDS
 
 
 def _units_of_last_turbine(layouts: Sequence[SensorLayout]) -> list[SensorLayout]:

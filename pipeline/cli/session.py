@@ -21,7 +21,7 @@ def run(
     source: Annotated[
         str | None,
         typer.Option(
-            help="replay:FILE, simulate:SCENARIO or live. "
+            help="replay:FILE (or a folder of files), simulate:SCENARIO or live. "
             "Without it, recordings/parked.mcap is replayed."
         ),
     ] = None,
@@ -30,6 +30,13 @@ def run(
         str,
         typer.Option(help="max: as fast as the nodes follow; 1: real time; 10: ten times faster."),
     ] = "max",
+    start: Annotated[
+        float, typer.Option("--from", help="Replay from here on [s from the first sample].")
+    ] = 0.0,
+    end: Annotated[
+        float | None, typer.Option("--to", help="Replay up to here [s from the first sample].")
+    ] = None,
+    loop: Annotated[int, typer.Option(help="Replay so many times, one after the other.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for session.mcap, .rrd, summary.json.")] = Path(
         "out"
     ),
@@ -63,6 +70,7 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Turn accelerations into a posterior of the foundation's stiffness."""
+    from pipeline.playback import Playback
     from pipeline.session import run_session
     from pipeline.sources import open_source
 
@@ -78,7 +86,8 @@ def run(
         connect=connect,
         fresh=fresh,
     )
-    opened = open_source(source, scenario).with_sampler(sampler)
+    playback = Playback(start, float("inf") if end is None else end, loop)
+    opened = open_source(source, scenario).with_sampler(sampler).with_playback(playback)
     with stopped_by_signals() as stopping, progress(opened.text, opened.duration) as report:
         session = run_session(
             opened, options, report=report, scenario_option=scenario, stopping=stopping
