@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 
-from pipeline.messages import NodeStatus
+from pipeline.messages import MessageCount, NodeStatus
 from sensors.blocks import AccelerationBlock
 
 
@@ -61,7 +61,7 @@ class Quiet:
     def note(self, status: NodeStatus) -> None:
         """Take note of a node's next status."""
         before = self._latest.get(status.node)
-        alike = before is not None and before.received == status.received
+        alike = before is not None and _taken(before) == _taken(status)
         self._alike[status.node] = self._alike.get(status.node, 1) + 1 if alike else 1
         self._latest[status.node] = status
 
@@ -71,6 +71,11 @@ class Quiet:
             self._alike.get(node, 0) >= self.ENOUGH and self._latest[node].state == "running"
             for node in nodes
         )
+
+
+def _taken(status: NodeStatus) -> tuple[MessageCount, ...]:
+    """What a node has taken, but for statuses, which never end."""
+    return tuple(each for each in status.received if each.message != NodeStatus.__name__)
 
 
 def is_drained(statuses: Iterable[NodeStatus], consumers: Mapping[str, Sequence[type]]) -> bool:

@@ -151,8 +151,8 @@ def test_a_child_that_is_told_to_stop_ends_without_an_error(tmp_path: Path) -> N
 
 def test_a_node_is_quiet_after_saying_the_same_for_seconds() -> None:
     quiet = Quiet()
-    for _ in range(Quiet.ENOUGH - 1):
-        quiet.note(status("recorder", received={"AccelerationBlock": 2}))
+    for others in range(Quiet.ENOUGH - 1):  # it goes on hearing how the other nodes are
+        quiet.note(status("recorder", received={"AccelerationBlock": 2, "NodeStatus": others}))
     assert not quiet.of_all(["recorder"])
     quiet.note(status("recorder", received={"AccelerationBlock": 2}))
     assert quiet.of_all(["recorder"])
