@@ -69,6 +69,9 @@ def test_a_session_loses_nothing_and_says_so(sessions: dict[str, Path]) -> None:
             "recorded": 240,
             "lost": 0,
             "late": 0,
+            "duplicate": 0,
+            "gaps": 0,
+            "gap_s": 0.0,
         }
 
 
