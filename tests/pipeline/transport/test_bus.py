@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from pipeline.messages import Message, NodeStatus, WindowRejected
-from pipeline.streams import key_of
+from pipeline.streams import key_of, stream_of
 from pipeline.transport.bus import Bus, Delivery, Inbox
 from pipeline.transport.codec import encode
 from pipeline.transport.errors import CodecError, TransportError
@@ -59,16 +59,17 @@ def test_a_subscriber_gets_what_it_asked_for_of_every_turbine(bus: Bus) -> None:
 
 
 def test_a_late_subscriber_still_gets_the_layout_and_the_last_blocks(bus: Bus) -> None:
+    cached = stream_of(AccelerationBlock).cached
     bus.publish(LAYOUT)
-    for sequence in range(700):
+    for sequence in range(cached + 100):
         bus.publish(block(sequence))
     inbox = Inbox()
     bus.subscribe([AccelerationBlock, SensorLayout], inbox)
-    received = take(inbox, 601)
+    received = take(inbox, cached + 1)
     layouts = [message for message in received if isinstance(message, SensorLayout)]
     sequences = [m.sequence for m in received if isinstance(m, AccelerationBlock)]
     assert layouts == [LAYOUT]
-    assert sequences == list(range(100, 700))
+    assert sequences == list(range(100, cached + 100))
 
 
 def test_two_subscribers_get_the_same(bus: Bus) -> None:
