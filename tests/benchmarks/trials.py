@@ -2,6 +2,7 @@
 
 kill         a session in processes; its nodes are killed one after the other. Blocks missing from
              the recording; the posteriors beside those of the undisturbed session
+day          24 h of blocks in recording parts and replayed as one: growth of memory, losses
 truncation   a recording cut at random bytes, and with flipped bytes: chunks that come back
 """
 
@@ -16,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,12 @@ from pipeline.recording.errors import RecordingError
 from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages
 from pipeline.recording.salvage import salvage
+from pipeline.recording.session_recorder import SessionRecorder
+from pipeline.recording.settings import RecordingSettings
 from pipeline.scenario import scenario_from_text
-from pipeline.sources import record_simulation, simulated
-from sensors.blocks import AccelerationBlock
+from pipeline.sources import record_simulation, recorded_stream, simulated
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.layout import biaxial_layout
 
 SCENARIO = """
 title = "A small tower for what must survive"
@@ -212,10 +216,102 @@ def _salvaged(path: Path, target: Path) -> int:
         return -1
 
 
+@dataclass(frozen=True, slots=True)
+class DayOutcome:
+    """A long stream through recorder and replay."""
+
+    blocks: int  # recorded
+    lost: int  # of them that did not come back
+    memory_growth: float  # of the resident memory, from a twelfth of each pass to its end [-]
+    seconds: float  # CPU time [s]
+
+
+def day_trial(folder: Path, *, hours: float, part: float) -> DayOutcome:
+    """Blocks of eight channels at 40 Hz, recorded in parts of `part` [s], and all replayed."""
+    n_blocks = round(hours * 3600)
+    started = time.process_time()
+    now_ns = [0]
+    first = blocks_of_noise()
+    recorder = SessionRecorder(
+        folder / "session.mcap",
+        metadata={},
+        clock=lambda: now_ns[0],
+        settings=RecordingSettings(rotate_after=part),
+        free=lambda _: 10**12,
+    )
+    writing = Memory(n_blocks // 12)
+    recorder.handle(biaxial_layout("trial-1", turbine="t1", unit="tower", elevations=(41.0, 145.0)))
+    for sequence in range(n_blocks):
+        now_ns[0] = first.start_ns + sequence * NANOSECONDS
+        shifted = np.roll(first.samples, sequence, axis=0)
+        recorder.handle(
+            replace(
+                first,
+                sequence=sequence,
+                first_sample=sequence * len(first.samples),
+                start_ns=now_ns[0],
+                samples=shifted,
+            )
+        )
+        writing.note(sequence)
+    recorder.close()
+    reading, expected, lost = Memory(n_blocks // 12), 0, 0
+    for message in recorded_stream(folder):
+        if isinstance(message, AccelerationBlock):
+            lost += message.sequence - expected
+            expected = message.sequence + 1
+            reading.note(message.sequence)
+    lost += n_blocks - expected
+    growth = max(writing.growth, reading.growth)
+    return DayOutcome(n_blocks, lost, growth, time.process_time() - started)
+
+
+def blocks_of_noise() -> AccelerationBlock:
+    """One second of a tower under ambient load, as an ADC gives it."""
+    noise = np.random.default_rng(8).normal(scale=0.07, size=(40, 8))
+    return AccelerationBlock(
+        turbine="t1",
+        unit="tower",
+        session="session-1",
+        layout_id="trial-1",
+        sequence=0,
+        first_sample=0,
+        start_ns=1_717_200_000 * NANOSECONDS,
+        sampling_rate=40.0,
+        samples=np.round(noise, 4).astype(np.float32),
+    )
+
+
+class Memory:
+    """Resident memory of this process after a beginning and at the end of a pass."""
+
+    def __init__(self, settled: int) -> None:
+        self._settled = settled
+        self._before = self._now = 0
+
+    def note(self, number: int) -> None:
+        """Look, once in a while."""
+        if number == self._settled:
+            self._before = resident_bytes()
+        if number % 1000 == 999:
+            self._now = resident_bytes()
+
+    @property
+    def growth(self) -> float:
+        """Relative [-]."""
+        return self._now / self._before - 1.0 if self._before and self._now else 0.0
+
+
+def resident_bytes() -> int:
+    """Memory of this process that is not swapped out."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize()
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one trial and print what it shows."""
     parser = argparse.ArgumentParser(prog="trials", description=__doc__)
-    parser.add_argument("name", choices=("kill", "truncation"))
+    parser.add_argument("name", choices=("kill", "day", "truncation"))
     parser.add_argument("--seed", type=int, default=2026)
     chosen = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as temporary:
@@ -224,6 +320,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             nodes = ("recorder", "identification", "updating") * 3 + ("recorder",)
             outcome = kill_trial(folder, duration=900.0, speed=10.0, kills=nodes, seed=chosen.seed)
             print(outcome)
+        elif chosen.name == "day":
+            print(day_trial(folder, hours=24.0, part=3600.0))
         else:
             recording = folder / "source.mcap"
             text = SCENARIO.format(duration=120.0)
