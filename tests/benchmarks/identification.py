@@ -90,21 +90,45 @@ def cpu(function: Callable[[], object], repetitions: int = 5) -> float:
     return float(np.median(times))
 
 
+def in_turns(functions: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """Median CPU time of each [s]. Called in turns, so that whatever else keeps the machine busy
+    meets all of them alike; the first round warms up."""
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for _ in range(rounds + 1):
+        for name, function in functions.items():
+            times[name].append(cpu(function, 1))
+    return {name: float(np.median(each[1:])) for name, each in times.items()}
+
+
+def print_against_peers(title: str, times: dict[str, float]) -> None:
+    ours, *others = times.items()
+    print(f"  {title}: pilewatch {ours[1]:.3f}")
+    for name, theirs in others:
+        print(f"    {name} {theirs:.3f}: {theirs / ours[1]:.1f} times as long")
+
+
 def speed() -> None:
     record = parked_record(FIRST_SEED, 600.0)
     thirty = record[: 600 * 30] - record[: 600 * 30].mean(axis=0)  # taken as sampled at 30 Hz
     thirty /= thirty.std(axis=0)
-    ours = cpu(lambda: every_order(thirty, rows=100, orders=range(2, 62, 2)))
     print("SSI-cov, 8 channels, 18 000 samples, all channels references, CPU s on one thread")
-    print(f"  without uncertainty, 100 block rows, orders 2..60 step 2: pilewatch {ours:.3f}")
-    for name, function in peers(thirty, rows=100, highest=60).items():
-        theirs = cpu(function, 3)
-        print(f"    {name} {theirs:.3f}: {theirs / ours:.1f} times as long")
-    with_unc = cpu(lambda: every_uncertainty(thirty, rows=30, orders=range(2, 31)))
-    print(f"  with uncertainty of every pole, 30 block rows, orders 2..30: {with_unc:.3f}")
+    plain: dict[str, Callable[[], object]] = {
+        "ours": lambda: every_order(thirty, rows=100, orders=range(2, 62, 2))
+    }
+    plain |= peers(thirty, rows=100, highest=60)
+    print_against_peers(
+        "without uncertainty, 100 block rows, orders 2..60 step 2", in_turns(plain, 5)
+    )
+    uncertain: dict[str, Callable[[], object]] = {
+        "ours": lambda: every_uncertainty(thirty, rows=30, orders=range(2, 31))
+    }
     if importlib.util.find_spec("pyoma2"):
-        theirs = cpu(lambda: run_pyoma(thirty, rows=30, highest=30, step=1, uncertain=True), 3)
-        print(f"    pyOMA-2 {theirs:.1f}: {theirs / with_unc:.0f} times as long")
+        uncertain["pyOMA-2"] = lambda: run_pyoma(
+            thirty, rows=30, highest=30, step=1, uncertain=True
+        )
+    print_against_peers(
+        "with uncertainty of every pole, 30 block rows, orders 2..30", in_turns(uncertain, 5)
+    )
     memory = peak_memory(lambda: every_uncertainty(thirty, rows=60, orders=range(2, 31)))
     print(f"  peak memory with uncertainty, 60 block rows: {memory:.0f} MB")
     if importlib.util.find_spec("pyoma2"):
