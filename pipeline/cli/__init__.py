@@ -13,6 +13,7 @@ from rich.logging import RichHandler
 from pipeline.cli.console import escaped, people
 from pipeline.cli.modal import identify, modes
 from pipeline.cli.recordings import info, salvage, simulate
+from pipeline.cli.reproduce import reproduce
 from pipeline.cli.session import node, run
 from pipeline.cli.show import show
 from pipeline.cli.status import status
@@ -33,6 +34,7 @@ for command in (
     identify,
     modes,
     update,
+    reproduce,
     node,
     status,
     info,

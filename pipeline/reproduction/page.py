@@ -1,0 +1,178 @@
+"""report.md, report.html, table1.csv and table2.csv: our figures beside the publication's."""
+
+import base64
+import csv
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.reproduction.example import Example
+from pipeline.reproduction.figures import draw_figure3
+from pipeline.reproduction.findings import findings, over_seeds
+from pipeline.reproduction.paper import MAP_ERRORS, MAP_SIGMA, TABLE_1, TABLE_2
+from pipeline.reproduction.study import PERCENT, Study, map_errors
+from sensors.errors import InputError
+
+TITLE = "The publication's numerical example, run again"
+STYLE = """
+:root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
+body { max-width: 60rem; margin: 0 auto; padding: 1rem; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+th, td { padding: .25rem .6rem; text-align: right; border-bottom: 1px solid #8886; }
+th:first-child, td:first-child { text-align: left; }
+img { max-width: 100%; background: white; }
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """A table of finished texts."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def write_report(study: Study, folder: Path) -> tuple[Path, ...]:
+    """Write everything into a folder, made where it is missing; gives the files.
+
+    Raises InputError where the folder or a file cannot be written, or matplotlib is missing.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {folder}: {error.strerror}; a folder is needed") from error
+    figure = folder / "figure3.png"
+    draw_figure3(study.first, figure)
+    first, second = table1(study.first), table2(study)
+    tables = [first, second, *_seed_tables(study)]
+    sentences = findings(study)
+    written = {
+        folder / "report.md": markdown(tables, sentences, study),
+        folder / "report.html": page(tables, sentences, study, figure.read_bytes()),
+    }
+    for path, text in written.items():
+        path.write_text(text, encoding="utf-8")
+    for name, table in (("table1.csv", first), ("table2.csv", second)):
+        with (folder / name).open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([table.head, *table.rows])
+    return (*written, figure, folder / "table1.csv", folder / "table2.csv")
+
+
+def table1(example: Example) -> TextTable:
+    """Identified and model modes at K0, printed and ours."""
+    head = (
+        "mode", "direction", "model f printed [Hz]", "model f ours [Hz]", "identified printed [Hz]",
+        "identified ours [Hz]", "std ours [Hz]", "MAC printed [-]", "MAC ours [-]",
+    )  # fmt: skip
+    rows = tuple(
+        (
+            printed.label,
+            printed.direction,
+            f"{printed.model_frequency:.4f}",
+            f"{ours.model_frequency:.4f}",
+            f"{printed.identified_frequency:.4f}",
+            _or_missing(ours.frequency, "{:.4f}"),
+            _or_missing(ours.frequency_std, "{:.4f}"),
+            f"{printed.mac:.3f}",
+            _or_missing(ours.mac, "{:.3f}"),
+        )
+        for printed, ours in zip(TABLE_1, example.modes, strict=True)
+    )
+    return TextTable(f"Table 1, seed {example.seed}", head, rows)
+
+
+def table2(study: Study) -> TextTable:
+    """Errors of the deterministic and the Bayesian estimates, printed and ours in both signs."""
+    head = ("estimate", "run", "k11 [%]", "k22 [%]", "k12 [%]", "J [-]", "σ [-]")
+    rows = []
+    for place, printed in enumerate(TABLE_2):
+        name = f"Nelder-Mead, γ = {printed.start:g}"
+        errors = tuple(f"{error:+.2f}" for error in printed.errors)
+        rows.append((name, "printed", *errors, f"{printed.objective:.3f}", ""))
+        for example in _first_of_each_sign(study):
+            descent = example.descents[place]
+            errors = tuple(f"{PERCENT * (ratio - 1):+.2f}" for ratio in descent.end)
+            rows.append((name, example.sign, *errors, f"{descent.objective:.3f}", ""))
+    errors = tuple(f"{error:+.2f}" for error in MAP_ERRORS)
+    rows.append(("MAP, TMCMC", "printed", *errors, "", f"{MAP_SIGMA:.2e}"))
+    for example in _first_of_each_sign(study):
+        errors = tuple(f"{error:+.2f}" for error in map_errors(example))
+        sigma = f"{example.published.highest[3]:.2e}"
+        rows.append(("MAP, TMCMC", example.sign, *errors, "", sigma))
+    return TextTable(f"Table 2, seed {study.first.seed}", head, tuple(rows))
+
+
+def _first_of_each_sign(study: Study) -> list[Example]:
+    return [example for example in study.examples if example.seed == study.first.seed]
+
+
+def _seed_tables(study: Study) -> list[TextTable]:
+    tables = []
+    for sign in dict.fromkeys(example.sign for example in study.examples):
+        examples = study.of(sign)
+        if len(examples) > 1:
+            title = f"{len(examples)} seeds, sign {sign}"
+            tables.append(TextTable(title, ("subject", "figures"), tuple(over_seeds(examples))))
+    return tables
+
+
+def _or_missing(value: float, form: str) -> str:
+    return form.format(value) if np.isfinite(value) else "not found"
+
+
+def markdown(tables: Sequence[TextTable], sentences: Sequence[str], study: Study) -> str:
+    """The whole report as Markdown."""
+    parts = [f"# {TITLE}", _introduction(study), "## What agrees and what differs"]
+    parts += [f"- {sentence}" for sentence in sentences]
+    for table in tables:
+        rule = "|".join(["---"] * len(table.head))
+        lines = [" | ".join(row) for row in (table.head, *table.rows)]
+        parts.append(f"## {table.title}")
+        parts.append("\n".join([f"| {lines[0]} |", f"|{rule}|", *(f"| {x} |" for x in lines[1:])]))
+    parts += ["## Figure 3", "![Posterior of the springs and σ](figure3.png)"]
+    return "\n\n".join(parts) + "\n"
+
+
+def page(tables: Sequence[TextTable], sentences: Sequence[str], study: Study, figure: bytes) -> str:
+    """The whole report as one HTML page that needs nothing else."""
+    image = base64.b64encode(figure).decode()
+    listed = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in sentences)
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{TITLE}</title>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<style>{STYLE}</style></head><body><h1>{TITLE}</h1>"
+        f"<p>{html.escape(_introduction(study))}</p>"
+        f"<h2>What agrees and what differs</h2><ul>{listed}</ul>"
+        + "".join(_html_table(table) for table in tables)
+        + '<h2>Figure 3</h2><img alt="Posterior of the springs and σ" '
+        f'src="data:image/png;base64,{image}"></body></html>\n'
+    )
+
+
+def _html_table(table: TextTable) -> str:
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in table.head)
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in row) + "</tr>"
+        for row in table.rows
+    )
+    return (
+        f'<h2>{html.escape(table.title)}</h2><div class="wide"><table><thead><tr>{head}</tr>'
+        f"</thead><tbody>{rows}</tbody></table></div>"
+    )
+
+
+def _introduction(study: Study) -> str:
+    seeds = sorted({example.seed for example in study.examples})
+    span = f"seed {seeds[0]}" if len(seeds) == 1 else f"seeds {seeds[0]} to {seeds[-1]}"
+    return (
+        "The numerical example of “Estimating the foundation parameters of offshore wind turbines "
+        "through Bayesian model updating”: the parked IEA 15 MW turbine on a monopile, 750 s of "
+        "which 150 s are dropped, eight channels, 3 % noise, SSI-cov, deterministic updating from "
+        f"three starts, TMCMC with {study.samples} samples a stage. Here: {span}, scenario "
+        "“paper”; what its loads are and why stands in the scenario's description."
+    )

@@ -1,0 +1,100 @@
+"""The example over seeds and sign conventions, in two processes, and its figures in rows."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from itertools import product
+from multiprocessing import get_context
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import gaussian_kde
+from threadpoolctl import threadpool_limits
+
+from pipeline.reproduction.example import Example, ExamplePosterior, run_example
+from pipeline.reproduction.paper import LABELS, SAMPLES
+from sensors.turbine.foundation import SPRING_SIGNS, SpringSign
+
+FloatArray = NDArray[np.float64]
+
+PROCESSES = 2
+PERCENT = 100.0
+PEAK_GRID = 200  # places where a marginal's density is looked at
+NOTABLE_PEAK = 0.1  # of the highest, below which a bump of a density estimate is none
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Study:
+    """All seeds in both signs."""
+
+    examples: tuple[Example, ...]  # by sign, then seed
+    samples: int  # of TMCMC as published
+
+    def of(self, sign: SpringSign) -> tuple[Example, ...]:
+        """The seeds of one sign, in order."""
+        return tuple(example for example in self.examples if example.sign == sign)
+
+    @property
+    def first(self) -> Example:
+        """The one that tables and figure show: the first seed in the published sign."""
+        return self.of("published")[0]
+
+
+def run_study(
+    seeds: Sequence[int],
+    *,
+    signs: Sequence[SpringSign] = SPRING_SIGNS,
+    samples: int = SAMPLES,
+    report: Callable[[], None] | None = None,
+) -> Study:
+    """Run every seed in every sign. report: called when one is done.
+
+    Raises UpdatingError where a seed shows none of the publication's modes.
+    """
+    tasks = list(product(signs, seeds))
+    found: dict[tuple[SpringSign, int], Example] = {}
+    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
+        running = {pool.submit(_one, sign, seed, samples): (sign, seed) for sign, seed in tasks}
+        for done in as_completed(running):
+            found[running[done]] = done.result()
+            if report:
+                report()
+    return Study(tuple(found[task] for task in tasks), samples)
+
+
+def _one(sign: SpringSign, seed: int, samples: int) -> Example:
+    with threadpool_limits(limits=1):
+        return run_example(seed, sign, samples=samples)
+
+
+def map_errors(example: Example) -> FloatArray:
+    """(3,) of k11, k22, k12 by the published sampler's draw of highest density [%]."""
+    return PERCENT * (example.published.highest[:3] - 1)
+
+
+def n_peaks(posterior: ExamplePosterior) -> int:
+    """Most peaks of the three marginal densities, by a kernel estimate."""
+    counts = []
+    for values in posterior.draws[:, :3].T:
+        low, high = np.quantile(values, [0.0005, 0.9995]).tolist()
+        grid = np.linspace(low, high, PEAK_GRID)
+        density = gaussian_kde(values[:: max(1, len(values) // 4000)])(grid)
+        inner = density[1:-1]
+        peaks = (inner > density[:-2]) & (inner >= density[2:])
+        counts.append(int(np.sum(peaks & (inner > NOTABLE_PEAK * density.max()))))
+    return max(counts)
+
+
+def found_counts(examples: Sequence[Example]) -> dict[str, int]:
+    """In how many seeds each of the eleven modes was found."""
+    return {
+        label: sum(np.isfinite(example.modes[row].frequency) for example in examples)
+        for row, label in enumerate(LABELS)
+    }
+
+
+def lowest_start(example: Example) -> float:
+    """γ of the start that ended lowest; of several that ended alike, the one nearest to 1."""
+    least = min(descent.objective for descent in example.descents)
+    alike = [d for d in example.descents if d.objective <= least * (1 + 1e-6) + 1e-12]
+    return float(min((d.start[0] for d in alike), key=lambda gamma: abs(np.log(gamma))))

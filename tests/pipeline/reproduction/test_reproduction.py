@@ -1,0 +1,138 @@
+"""The publication's example in a short form, and the report that is made of it."""
+
+import csv
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.reproduction.density import PublishedDensity
+from pipeline.reproduction.example import Example, run_example
+from pipeline.reproduction.findings import findings, over_seeds
+from pipeline.reproduction.page import write_report
+from pipeline.reproduction.paper import LABELS, TABLE_1
+from pipeline.reproduction.study import Study, lowest_start, n_peaks
+from pipeline.updating.density import JointDensity
+from pipeline.updating.likelihood import LikelihoodSettings
+from sensors.errors import InputError
+from tests.pipeline.updating.test_density import (
+    PRIOR,
+    TOWER,
+    TRUTH,
+    likelihood_of_one_window,
+)
+
+SAMPLES = 500  # of TMCMC; the report has 100 000
+
+
+@pytest.fixture(scope="module")
+def example() -> Example:
+    return run_example(101, "published", samples=SAMPLES)
+
+
+@pytest.fixture(scope="module")
+def study(example: Example) -> Study:
+    """Two seeds in both signs, made of one run: what is under test is the report."""
+    examples = [
+        replace(example, sign=sign, seed=seed)
+        for sign in ("published", "embedded-pile")
+        for seed in (101, 102)
+    ]
+    return Study(tuple(examples), SAMPLES)
+
+
+def test_the_publications_density_is_the_one_read_off_a_grid_of_sigma() -> None:
+    settings = LikelihoodSettings(
+        frequency_floor=0.0, shape_floor=0.0, tails="gaussian", sigma_points=400
+    )
+    likelihood = likelihood_of_one_window(settings)
+    generator = np.random.default_rng(4)
+    points = np.column_stack([TRUTH * generator.normal(1, 0.05, (50, 3)), np.full(50, 0.01)])
+    points[:, 3] *= generator.uniform(0.1, 5, 50)
+    ours = PublishedDensity(likelihood, TOWER, PRIOR)(points)[0]
+    grid = JointDensity(likelihood, TOWER, PRIOR)(points)[0]
+    inside = np.isfinite(grid)
+    assert inside.sum() > 30
+    constant = ours[inside][0] - grid[inside][0]
+    np.testing.assert_allclose(ours[inside] - grid[inside], constant, atol=0.02)
+
+
+def test_the_modes_that_were_found_are_near_those_of_the_model(example: Example) -> None:
+    found = [mode for mode in example.modes if np.isfinite(mode.frequency)]
+    assert len(found) >= 6
+    for mode in found:
+        error = abs(mode.frequency - mode.model_frequency)
+        assert error < max(5 * mode.frequency_std, 0.005 * mode.model_frequency)
+    assert tuple(mode.label for mode in example.modes) == LABELS
+
+
+def test_the_model_reproduces_table_1_within_two_percent(example: Example) -> None:
+    for ours, printed in zip(example.modes, TABLE_1, strict=True):
+        assert ours.model_frequency == pytest.approx(printed.model_frequency, rel=0.02)
+
+
+def test_the_posterior_has_one_peak_near_the_truth_and_positive_correlations(
+    example: Example,
+) -> None:
+    assert n_peaks(example.mended) == 1
+    assert np.all(example.mended.correlations > 0.3)
+    assert np.all(np.abs(example.mended.highest[:3] - 1) < 0.12)
+    assert np.all(np.abs(example.mended.draws[:, :3].mean(axis=0) - 1) < 0.12)
+
+
+def test_every_start_of_the_simplex_is_reported(example: Example) -> None:
+    assert [descent.start[0] for descent in example.descents] == [0.25, 1.0, 4.0]
+    assert lowest_start(example) in (0.25, 1.0, 4.0)
+    assert min(d.objective for d in example.descents) <= example.objective_at_truth
+
+
+def test_the_report_holds_both_tables_and_explains_every_difference(
+    study: Study, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib")
+    files = write_report(study, tmp_path / "report")
+    assert {path.name for path in files} == {
+        "report.md", "report.html", "figure3.png", "table1.csv", "table2.csv",
+    }  # fmt: skip
+    with (tmp_path / "report" / "table1.csv").open(encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert [row[0] for row in rows[1:]] == list(LABELS)
+    assert rows[5][4] == "1.0890" or rows[4][4] == "1.0890"  # mode 4 as printed
+    text = (tmp_path / "report" / "report.md").read_text(encoding="utf-8")
+    for mode in study.first.modes:
+        if not np.isfinite(mode.frequency):
+            assert f"Not mode {mode.label}:" in text
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert_stands_alone(page)
+    for sentence in findings(study):
+        assert sentence in text
+
+
+def assert_stands_alone(page: str) -> None:
+    """Nothing is fetched: every source is inside the page."""
+
+    class Sources(HTMLParser):
+        found: list[str]
+
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            self.found += [value or "" for name, value in attrs if name in ("src", "href")]
+
+    parser = Sources()
+    parser.found = []
+    parser.feed(page)
+    assert parser.found
+    assert all(source.startswith("data:") for source in parser.found)
+
+
+def test_many_seeds_are_told_in_one_table(study: Study) -> None:
+    table = dict(over_seeds(study.of("published")))
+    assert table["found, modes 1 to 11"].count(" ") == 10
+    assert table["seeds with a single peak"] == "2"
+
+
+def test_a_report_that_cannot_be_written_is_one_clear_line(study: Study, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"a folder is needed"):
+        write_report(study, tmp_path / "file")
