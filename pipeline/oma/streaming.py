@@ -21,6 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.oma.band_identification import block_length, modes_of_covariances
 from pipeline.oma.bands import Band, plan_bands
 from pipeline.oma.covariance import (
     ALL,
@@ -32,12 +33,10 @@ from pipeline.oma.covariance import (
 )
 from pipeline.oma.identification import (
     Identification,
-    block_length,
     check_window,
     concluded,
     default_names,
     identify,
-    modes_of_covariances,
     rejection_in,
 )
 from pipeline.oma.preprocessing import decimated, n_decimated

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from pipeline.messages import Mode
 from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.oma.band_identification import modes_of_covariances
 from pipeline.oma.bands import Band
 from pipeline.oma.covariance import lag_covariances
-from pipeline.oma.identification import identify, modes_of_covariances
+from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import signal_subspace, system_modes
 from pipeline.oma.streaming import CovarianceRing

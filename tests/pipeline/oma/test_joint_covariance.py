@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.oma.identification import identify, mode_from_factor
+from pipeline.oma.band_identification import mode_from_factor
+from pipeline.oma.identification import identify
 from pipeline.oma.joint_covariance import joint_covariance
 from pipeline.oma.uncertainty import (
     frequency_damping_deviations,

@@ -1,0 +1,199 @@
+"""Modes of one band of a window, from its lag covariances: one decomposition, every order."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.messages import Mode  # the field's word
+from pipeline.oma.bands import Band
+from pipeline.oma.covariance import ALL, LagCovariances, References, lag_covariances
+from pipeline.oma.mode_shapes import normalised_with_deviations
+from pipeline.oma.preprocessing import decimated
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
+from pipeline.oma.stabilization import (
+    PoleCloud,
+    PoleCluster,
+    clusters,
+    pole_cloud,
+    recurring,
+)
+from pipeline.oma.uncertainty import (
+    OrderDeviations,
+    frequency_damping_deviations,
+    order_deviations,
+    pole_deviations,
+    projected_deviations,
+    shape_deviations,
+    state_deviations,
+)
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BandIdentification:
+    """What one band of a window says."""
+
+    modes: tuple[Mode, ...]
+    poles: PoleCloud  # that came back over the orders: the band's stabilisation diagram
+    subspace: SignalSubspace  # for the next window to begin with
+
+
+def band_covariances(
+    samples: FloatArray, band: Band, settings: OmaSettings, references: References = ALL
+) -> LagCovariances:
+    """Lag covariances of a window in a band. samples: (n, n_channels) at the full rate."""
+    return lag_covariances(
+        decimated(samples, band.decimation),
+        n_lags=2 * band.block_rows,
+        block_length=block_length(len(samples), band, settings),
+        references=references,
+    )
+
+
+def block_length(n_samples: int, band: Band, settings: OmaSettings) -> int:
+    """Length of a time block of a window of n_samples at the full rate [samples of the band].
+
+    The window holds n_blocks of them; the last few lack their lags and are not used.
+    """
+    return max(1, n_samples // (settings.n_blocks * band.decimation))
+
+
+def modes_of_covariances(
+    covariances: LagCovariances,
+    band: Band,
+    settings: OmaSettings,
+    start: SignalSubspace | None = None,
+) -> BandIdentification:
+    """Modes of one band from its lag covariances.
+
+    start   the subspace of an earlier, overlapping window: saves work, changes nothing
+    """
+    subspace = signal_subspace(
+        covariances.mean,
+        block_rows=band.block_rows,
+        highest_order=max(band.orders),
+        start=start,
+    )
+    dt = 1 / band.sampling_rate
+    systems = list(system_modes(subspace, orders=band.orders, sampling_interval=dt))
+    cloud, moved = _sharp_cloud(systems, subspace, covariances, band, settings)
+    found = clusters(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
+    modes = _represented(found, cloud, moved, covariances.scales)
+    return BandIdentification(tuple(modes), cloud, subspace)
+
+
+def _sharp_cloud(
+    systems: Sequence[SystemModes],
+    subspace: SignalSubspace,
+    covariances: LagCovariances,
+    band: Band,
+    settings: OmaSettings,
+) -> tuple[PoleCloud, list[OrderDeviations]]:
+    """Plausible poles that come back over the orders and whose frequency is known well enough;
+    and how the time blocks move each order's system."""
+    cloud = pole_cloud(systems, band, settings)
+    cloud = cloud.only(
+        recurring(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
+    )
+    if not len(cloud):
+        return cloud, []
+    projected = projected_deviations(subspace, covariances.deviations)
+    frequency = np.empty((len(cloud), projected.n_blocks))
+    damping = np.empty_like(frequency)
+    by_order = []
+    for system in systems:
+        here = cloud.orders == system.order
+        if not here.any():
+            continue
+        order = order_deviations(projected, system)
+        chosen = cloud.indices[here]
+        poles = frequency_damping_deviations(
+            system.poles[chosen],
+            pole_deviations(state_deviations(order, chosen)),
+            1 / band.sampling_rate,
+        )
+        frequency[here], damping[here] = poles.frequency, poles.damping_ratio
+        by_order.append(order)
+    cloud = replace(cloud, frequency_deviations=frequency, damping_deviations=damping)
+    sharp = cloud.frequency_stds <= settings.maximum_frequency_std * cloud.frequencies
+    return cloud.only(sharp), by_order
+
+
+def _represented(
+    found: Sequence[PoleCluster],
+    cloud: PoleCloud,
+    by_order: Sequence[OrderDeviations],
+    channel_scales: FloatArray,
+) -> list[Mode]:
+    """Every cluster's representative with its joint uncertainty and the cluster's own spread."""
+    modes = []
+    for order in by_order:
+        system = order.modes
+        here = [c for c in found if cloud.orders[c.representative] == system.order]
+        if not here:
+            continue
+        chosen = np.array([cloud.indices[c.representative] for c in here])
+        shapes = shape_deviations(state_deviations(order, chosen))
+        for place, cluster in enumerate(here):
+            pole = cluster.representative
+            shape, shape_factor = normalised_with_deviations(
+                system.shapes[:, chosen[place]] * channel_scales,
+                shapes[place] * channel_scales[:, None],
+            )
+            modes.append(
+                mode_from_factor(
+                    frequency=float(cloud.frequencies[pole]),
+                    damping_ratio=float(cloud.damping_ratios[pole]),
+                    shape=shape,
+                    block_factor=np.vstack(
+                        [
+                            cloud.frequency_deviations[pole],
+                            cloud.damping_deviations[pole],
+                            shape_factor,
+                        ]
+                    ),
+                    own_factor=_spread_factor(cluster, len(shape)),
+                    phase_collinearity=float(cloud.collinearities[pole]),
+                    presence=cluster.presence,
+                )
+            )
+    return modes
+
+
+def _spread_factor(cluster: PoleCluster, n_channels: int) -> FloatArray:
+    """Columns that add the cluster's own spread of f and ζ over the orders."""
+    factor = np.zeros((2 + n_channels, 2))
+    factor[0, 0], factor[1, 1] = cluster.frequency_spread, cluster.damping_spread
+    return factor
+
+
+def mode_from_factor(
+    *,
+    frequency: float,
+    damping_ratio: float,
+    shape: FloatArray,
+    block_factor: FloatArray,
+    own_factor: FloatArray,
+    phase_collinearity: float,
+    presence: float,
+) -> Mode:
+    """A Mode whose stds follow from its covariance factors (rows f, ζ, φ)."""
+    factor = np.hstack([block_factor, own_factor])
+    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
+    return Mode(
+        name="",
+        frequency=frequency,
+        frequency_std=float(frequency_std),
+        damping_ratio=damping_ratio,
+        damping_ratio_std=float(damping_std),
+        shape=shape,
+        covariance_factor=factor,
+        n_block_columns=block_factor.shape[1],
+        phase_collinearity=phase_collinearity,
+        presence=presence,
+        quality=presence * phase_collinearity,
+    )
