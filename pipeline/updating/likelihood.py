@@ -43,6 +43,7 @@ class LikelihoodSettings:
     sigma_points: int = 60  # of the grid over which σ is integrated
     tails: Literal["gaussian", "student-t"] = "student-t"  # of each mode's discrepancy and floor
     degrees_of_freedom: float = 4.0  # of Student's t; fewer forgive an outlying mode more
+    modes: tuple[str, ...] = ()  # labels of the model's that are compared; empty: all it has
 
     def __post_init__(self) -> None:
         smallest = min(self.frequency_floor, self.shape_floor, self.resolution, self.shape_mixing)

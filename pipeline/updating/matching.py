@@ -1,0 +1,110 @@
+"""What is compared with what: the windows' modes paired with the model's, and their likelihood."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.updating.evidence import EstimateRefused, ModalEvidence
+from pipeline.updating.forward_model import FloatArray, ForwardModel
+from pipeline.updating.laplace import Peak, laplace_peak
+from pipeline.updating.likelihood import (
+    LikelihoodSettings,
+    ModalLikelihood,
+    Observation,
+    observations,
+)
+from pipeline.updating.pairing import Pairing, PairingSearch, PairingSettings, PairingTargets
+from pipeline.updating.prior import Prior, UpdatingError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """Evidence tied to the model: what is compared with what, and how well it can fit."""
+
+    pairing: Pairing
+    used: tuple[Observation, ...]
+    likelihood: ModalLikelihood
+    all_modes: ForwardModel  # every visible mode, followed from the pairing's stiffness
+    forward: ForwardModel  # only those that the likelihood asks for
+    peak: Peak
+
+
+class Matcher:
+    """Pairs the evidence with the model over the whole prior; the likelihood is of these pairs."""
+
+    def __init__(
+        self,
+        forward: ForwardModel,
+        prior: Prior,
+        *,
+        pairing: PairingSettings,
+        likelihood: LikelihoodSettings,
+        generator: np.random.Generator,
+    ) -> None:
+        """forward: the structure at the layout's sensors. generator: for the search's draws.
+
+        Raises UpdatingError where the settings name a mode that the model doesn't have.
+        """
+        _check_labels(likelihood.modes, forward.labels)
+        self._forward = forward
+        self._prior = prior
+        self._settings = likelihood
+        self._reach = float(np.max(forward.modal(prior.nominal[None]).frequencies))
+        self._search = PairingSearch(forward, prior, pairing, generator)
+
+    def matched(self, evidence: ModalEvidence, start: FloatArray | None = None) -> Match:
+        """Pairing, likelihood and its peak; the pairing is made once more at the peak.
+
+        start   (3,) ratios to look at as well, e.g. the last posterior's median
+
+        Raises EstimateRefused where no mode of the last window has a partner in the model.
+        """
+        targets = PairingTargets.of(evidence.modes, evidence.n_windows, reach=self._reach)
+        pairing = self._search.best(targets, start)
+        match = self._match(evidence, pairing)
+        again = self._search.refined(targets, match.peak.ratios)
+        if again.model_modes != pairing.model_modes and again.total_cost <= pairing.total_cost:
+            match = self._match(evidence, again)
+        latest = [mode.last_window == evidence.n_windows for mode in evidence.modes]
+        if not any(latest[each.identified] for each in match.used):
+            raise _without_partner(sum(latest))
+        return match
+
+    def _match(self, evidence: ModalEvidence, pairing: Pairing) -> Match:
+        local = self._forward.following(self._prior.stiffness(pairing.ratios))
+        frequencies = local.modal(self._prior.stiffness(pairing.ratios[None])).frequencies[0]
+        used = self._compared(observations(evidence, pairing, frequencies, self._settings))
+        if not used:
+            raise _without_partner(len(evidence.modes))
+        columns = sorted({mode for each in used for mode in each.model_modes})
+        forward = local.subset([local.labels[mode] for mode in columns])
+        likelihood = ModalLikelihood(
+            evidence,
+            used,
+            model_columns=columns,
+            settings=self._settings,
+            highest_sigma=self._prior.settings.highest_sigma,
+        )
+        peak = laplace_peak(likelihood, forward, self._prior, pairing.ratios)
+        return Match(pairing, used, likelihood, local, forward, peak)
+
+    def _compared(self, found: Sequence[Observation]) -> tuple[Observation, ...]:
+        """Those of the modes that the settings name; all where they name none."""
+        named, labels = self._settings.modes, self._forward.labels
+        return tuple(each for each in found if not named or labels[each.model_modes[0]] in named)
+
+
+def _without_partner(n_modes: int) -> EstimateRefused:
+    return EstimateRefused(
+        "no-paired-mode", f"none of the {n_modes} identified modes is a mode of the model"
+    )
+
+
+def _check_labels(named: Sequence[str], labels: Sequence[str]) -> None:
+    for name in named:
+        if name not in labels:
+            raise UpdatingError(
+                f"likelihood modes name {name!r}; the model's modes that these sensors see are "
+                f"{', '.join(labels)}"
+            )

@@ -1,0 +1,180 @@
+"""The posterior as it is published: quantiles, pairs, checks of every mode, and what to doubt."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.messages import FoundationPosterior, ModalEstimate, ModePair, ParameterSummary
+from pipeline.updating.evidence import ModalEvidence
+from pipeline.updating.forward_model import FloatArray, ModesOfStiffness
+from pipeline.updating.guards import Fit, GuardSettings, contradictions, reduced_chi_square
+from pipeline.updating.honesty import (
+    contraction,
+    misfit_doubts,
+    mode_information,
+    predictive_misfits,
+    unidentified_doubts,
+)
+from pipeline.updating.matching import Match
+from pipeline.updating.pairing import DIFFERENCE, PairingTargets, macs
+from pipeline.updating.prior import PARAMETER_NAMES, PARAMETER_UNITS, Prior
+from pipeline.updating.sampling import PosteriorDraws
+
+CHECKED_DRAWS = 50  # of the posterior, for its predictions of each mode
+MOST_DRAWS = 1000  # in a FoundationPosterior
+
+
+def posterior_message(
+    estimate: ModalEstimate,
+    evidence: ModalEvidence,
+    match: Match,
+    draws: PosteriorDraws,
+    median: FloatArray,
+    *,
+    prior: Prior,
+    guards: GuardSettings,
+) -> FoundationPosterior:
+    """The posterior after one window.
+
+    estimate   of the window that was the last to enter the evidence
+    median     (3,) ratios at which the model's modes are shown
+    """
+    modes = match.all_modes.modal(prior.stiffness(median[None]))
+    fit = _fit(match, prior.stiffness(median[None]))
+    parameters = _summaries(draws, prior)
+    pairs = _pairs(evidence, match, modes, _mode_check(match, prior, draws))
+    against = contradictions(fit, guards)
+    return FoundationPosterior(
+        turbine=estimate.turbine,
+        window=estimate.window,
+        time_ns=estimate.end_ns,
+        n_windows=evidence.n_windows,
+        parameters=parameters,
+        correlation=np.asarray(np.corrcoef(draws.flat[:, :3].T)),
+        draws=_thinned(draws, prior),
+        pairs=pairs,
+        model_labels=tuple(match.all_modes.labels),
+        model_frequencies=modes.frequencies[0],
+        model_shapes=_largest_component_one(modes.shapes[0]),
+        sampler=draws.sampler,
+        ess=draws.ess,
+        rhat=draws.rhat,
+        autocorrelation_time=draws.autocorrelation_time,
+        reduced_chi_square=fit.reduced_chi_square,
+        paired_share=fit.paired_share,
+        pairing_cost=fit.pairing_cost,
+        trusted=not against,
+        warnings=(
+            *against,
+            *draws.doubts,
+            *misfit_doubts(pairs, guards),
+            *unidentified_doubts(parameters, guards),
+        ),
+    )
+
+
+def _fit(match: Match, theta: FloatArray) -> Fit:
+    """How well the model fits at theta, (1, 3)."""
+    return Fit(
+        reduced_chi_square=reduced_chi_square(_misfits(match, theta)),
+        paired_share=match.pairing.paired_share,
+        pairing_cost=match.pairing.cost,
+    )
+
+
+def _summaries(draws: PosteriorDraws, prior: Prior) -> tuple[ParameterSummary, ...]:
+    """Quantiles of every draw, k in its own unit."""
+    values = draws.flat * np.append(prior.nominal, 1.0)
+    bounds = prior.settings
+    extents = [bounds.highest_ratio - bounds.lowest_ratio] * 3 + [bounds.highest_sigma]
+    quantiles = np.sort(np.quantile(values, [0.05, 0.5, 0.95], axis=0), axis=0)
+    return tuple(
+        ParameterSummary(
+            name=name,
+            unit=unit,
+            nominal=float(nominal),
+            median=float(median),
+            p05=float(low),
+            p95=float(high),
+            contraction=contraction((high - low) / abs(nominal), extent),
+        )
+        for name, unit, nominal, extent, (low, median, high) in zip(
+            (*PARAMETER_NAMES, "sigma"),
+            (*PARAMETER_UNITS, "-"),
+            (*prior.nominal, 1.0),
+            extents,
+            quantiles.T,
+            strict=True,
+        )
+    )
+
+
+def _thinned(draws: PosteriorDraws, prior: Prior) -> FloatArray:
+    """(n <= 1000, 4) draws spread evenly over all, k in their units."""
+    flat = draws.flat
+    chosen = np.linspace(0, len(flat) - 1, min(MOST_DRAWS, len(flat))).round().astype(int)
+    return flat[chosen] * np.append(prior.nominal, 1.0)
+
+
+def _misfits(match: Match, theta: FloatArray) -> FloatArray:
+    """(n_observations,) model minus identified frequency at theta, (1, 3), in standard deviations
+    at σ = 0; floor and neighbours' gaps included."""
+    rows = match.likelihood.frequency_components
+    errors = match.likelihood.errors(match.forward.modal(theta))[0, rows]
+    return np.asarray(errors / np.sqrt(np.diag(match.likelihood.measurement_covariance)[rows]))
+
+
+def _pairs(
+    evidence: ModalEvidence, match: Match, modes: ModesOfStiffness, check: "_ModeCheck"
+) -> tuple[ModePair, ...]:
+    mac = macs(PairingTargets.of(evidence.modes, evidence.n_windows), modes.shapes)[0]
+    return tuple(
+        ModePair(
+            identified=evidence.modes[each.identified].name,
+            model=match.all_modes.labels[each.model_modes[0]],
+            frequency=evidence.modes[each.identified].frequency,
+            frequency_std=evidence.modes[each.identified].frequency_std,
+            model_frequency=float(modes.frequencies[0, each.model_modes[0]]),
+            mac=float(mac[each.identified, each.model_modes[0]]),
+            shape_used=each.shape_used,
+            misfit=float(check.misfits[number]),
+            information=float(check.information[number]),
+        )
+        for number, each in enumerate(match.used)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ModeCheck:
+    """What each observation contributes, and how badly it fits."""
+
+    misfits: FloatArray  # (n_observations,) posterior predictive [standard deviations]
+    information: FloatArray  # (n_observations,) share
+
+
+def _mode_check(match: Match, prior: Prior, draws: PosteriorDraws) -> _ModeCheck:
+    flat = draws.flat[np.linspace(0, len(draws.flat) - 1, CHECKED_DRAWS).round().astype(int)]
+    rows = match.likelihood.frequency_components
+    modes = match.forward.modal(prior.stiffness(flat[:, :3]))
+    variances = np.diag(match.likelihood.measurement_covariance)[rows]
+    misfits = predictive_misfits(
+        match.likelihood.errors(modes)[:, rows],
+        variances,
+        np.outer(flat[:, 3] ** 2, match.likelihood.reference[rows]),
+    )
+    points = match.peak.ratios + DIFFERENCE * np.vstack([np.zeros(3), np.eye(3)])
+    errors = match.likelihood.errors(match.forward.modal(prior.stiffness(points)))
+    everything = np.diag(match.likelihood.measurement_covariance)
+    everything = everything + np.median(flat[:, 3]) ** 2 * match.likelihood.reference
+    information = mode_information(
+        (errors[1:] - errors[0]).T / DIFFERENCE,
+        1 / everything,
+        (np.searchsorted(rows, np.arange(errors.shape[1]), side="right") - 1).tolist(),
+    )
+    return _ModeCheck(misfits, information)
+
+
+def _largest_component_one(shapes: FloatArray) -> FloatArray:
+    """(n_model, n_channels) with each shape's largest component 1."""
+    largest = np.argmax(np.abs(shapes), axis=1)[:, None]
+    return shapes / np.take_along_axis(shapes, largest, axis=1)
