@@ -81,14 +81,11 @@ class JointDensity:
         steps = np.arcsinh(self._likelihood.sigma / SMALLEST_SIGMA_STEP)
         place = np.arcsinh(sigma / SMALLEST_SIGMA_STEP) / steps[-1] * (n_nodes - 1)
         first = np.clip(place.astype(int) - 1, 0, n_nodes - 4)
-        t = place - first
-        row = np.arange(len(sigma))
-        found = np.zeros(len(sigma))
-        for node in range(4):
-            others = [other for other in range(4) if other != node]
-            shares = np.prod([(t - other) / (node - other) for other in others], axis=0)
-            found += shares * values[row, first + node]
-        return np.where(np.isfinite(found), found, -np.inf)
+        nodes = np.take_along_axis(values, first[:, None] + np.arange(4), axis=1)
+        known = np.isfinite(nodes).all(axis=1)  # else the structure cannot stand: −inf at every σ
+        found = np.full(len(sigma), -np.inf)
+        found[known] = (_cubic_shares(place - first)[known] * nodes[known]).sum(axis=1)
+        return found
 
     def prior_draws(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, 4)"""
@@ -102,3 +99,12 @@ class JointDensity:
         covariance[:3, :3], covariance[3, 3] = peak.covariance, (highest / 4) ** 2
         joint = Peak(np.append(peak.ratios, highest / 4), covariance)
         return Target(self, self.prior_draws, self.log_prior_volume, joint)
+
+
+def _cubic_shares(place: FloatArray) -> FloatArray:
+    """(n, 4) Lagrange's weights of the nodes 0, 1, 2, 3 for a value at place, (n,), among them."""
+    shares = np.ones((len(place), 4))
+    for node in range(4):
+        for other in {0, 1, 2, 3} - {node}:
+            shares[:, node] *= (place - other) / (node - other)
+    return shares

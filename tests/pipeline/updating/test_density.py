@@ -1,5 +1,7 @@
 """The posterior with σ integrated out and with σ as a parameter are one posterior."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,24 @@ def test_there_is_no_density_outside_the_prior(likelihood):
     joint = JointDensity(likelihood, TOWER, PRIOR)
     outside = [[0.1, 1, 1, 0.01], [1, 1, 1, -1e-9], [1, 1, 1, 0.11], [0.5, 0.5, 1.5, 0.01]]
     assert np.all(np.isneginf(joint(np.array(outside))[0]))
+
+
+@dataclass(frozen=True)
+class FallingTower(LinearTower):
+    """Falls over where its springs are softer than nominal."""
+
+    def modal(self, theta):
+        modes = super().modal(theta)
+        falls = theta[:, 0] < self.nominal[0]
+        modes.frequencies[falls], modes.shapes[falls] = np.nan, np.nan
+        return modes
+
+
+def test_a_structure_that_falls_over_has_no_density_at_any_sigma(likelihood):
+    points = np.array([[0.9, 1, 1, 0.0], [0.9, 1, 1, 0.003], [1.1, 1, 1, 0.003], [0.9, 1, 1, 0.1]])
+    with np.errstate(all="raise"):
+        values, _ = JointDensity(likelihood, FallingTower(), PRIOR)(points)
+    assert np.isneginf(values).tolist() == [True, True, False, True]
 
 
 def test_importance_tempering_and_chains_agree_with_sigma_integrated_out_or_sampled(likelihood):
