@@ -178,7 +178,14 @@ def _windows(
         window = slice(first, first + length)
         samples = table.samples[window]
         times = None if table.times is None else table.times[window]
-        found = identify(samples, rate, settings, times=times, channel_names=table.names)
+        found = identify(
+            samples,
+            rate,
+            settings,
+            times=times,
+            channel_names=table.names,
+            quantities=table.quantities,
+        )
         yield IdentifiedWindow(number, samples, found)
 
 

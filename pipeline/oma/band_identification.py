@@ -11,6 +11,7 @@ from pipeline.oma.bands import Band
 from pipeline.oma.covariance import ALL, LagCovariances, References, lag_covariances
 from pipeline.oma.mode_shapes import normalised_with_deviations
 from pipeline.oma.preprocessing import decimated
+from pipeline.oma.quantities import to_acceleration
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
 from pipeline.oma.stabilization import (
@@ -31,6 +32,8 @@ from pipeline.oma.uncertainty import (
 )
 
 FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complexfloating]
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,10 +70,13 @@ def modes_of_covariances(
     band: Band,
     settings: OmaSettings,
     start: SignalSubspace | None = None,
+    *,
+    integrations: IntArray | None = None,
 ) -> BandIdentification:
     """Modes of one band from its lag covariances.
 
-    start   the subspace of an earlier, overlapping window: saves work, changes nothing
+    start          the subspace of an earlier, overlapping window: saves work, changes nothing
+    integrations   of channels that measure different quantities (`quantities.py`), (n_channels,)
     """
     subspace = signal_subspace(
         covariances.mean,
@@ -80,9 +86,10 @@ def modes_of_covariances(
     )
     dt = 1 / band.sampling_rate
     systems = list(system_modes(subspace, orders=band.orders, sampling_interval=dt))
-    cloud, moved = _sharp_cloud(systems, subspace, covariances, band, settings)
+    cloud, moved = _sharp_cloud(systems, subspace, covariances, band, settings, integrations)
     found = clusters(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
-    modes = _represented(found, cloud, moved, covariances.scales)
+    scales = ChannelScales(covariances.scales, integrations, dt)
+    modes = _represented(found, cloud, moved, scales)
     return BandIdentification(tuple(modes), cloud, subspace)
 
 
@@ -92,10 +99,11 @@ def _sharp_cloud(
     covariances: LagCovariances,
     band: Band,
     settings: OmaSettings,
+    integrations: IntArray | None,
 ) -> tuple[PoleCloud, list[OrderDeviations]]:
     """Plausible poles that come back over the orders and whose frequency is known well enough;
     and how the time blocks move each order's system."""
-    cloud = pole_cloud(systems, band, settings)
+    cloud = pole_cloud(systems, band, settings, integrations)
     cloud = cloud.only(
         recurring(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
     )
@@ -127,7 +135,7 @@ def _represented(
     found: Sequence[PoleCluster],
     cloud: PoleCloud,
     by_order: Sequence[OrderDeviations],
-    channel_scales: FloatArray,
+    scales: "ChannelScales",
 ) -> list[Mode]:
     """Every cluster's representative with its joint uncertainty and the cluster's own spread."""
     modes = []
@@ -141,8 +149,12 @@ def _represented(
         for place, cluster in enumerate(here):
             pole = cluster.representative
             shape, shape_factor = normalised_with_deviations(
-                system.shapes[:, chosen[place]] * channel_scales,
-                shapes[place] * channel_scales[:, None],
+                *scales.applied(
+                    system.poles[chosen[place]],
+                    system.shapes[:, chosen[place]],
+                    shapes[place],
+                    cloud.frequency_deviations[pole] / cloud.frequencies[pole],
+                )
             )
             modes.append(
                 mode_from_factor(
@@ -162,6 +174,34 @@ def _represented(
                 )
             )
     return modes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChannelScales:
+    """From the shapes of scaled channels to those of accelerations in the channels' units."""
+
+    rms: FloatArray  # what each channel was divided by, (n_channels,)
+    integrations: IntArray | None  # where channels measure different quantities, (n_channels,)
+    sampling_interval: float  # [s]
+
+    def applied(
+        self,
+        pole: complex,
+        shape: ComplexArray,
+        deviations: ComplexArray,
+        frequency_deviations: FloatArray,
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """A shape, (n_channels,), and its deviations by block, (n_channels, n_blocks).
+
+        frequency_deviations   Δf/f by block, (n_blocks,): Δ(μ^d φ) = μ^d (Δφ + d φ Δμ/μ), and
+                               Δμ/μ is Δf/f but for the damping's share
+        """
+        factors: ComplexArray = self.rms.astype(complex)
+        if self.integrations is not None and self.integrations.any():
+            to = to_acceleration(np.array([pole]), self.sampling_interval, self.integrations)
+            factors = factors * to[0]
+            deviations = deviations + np.outer(self.integrations * shape, frequency_deviations)
+        return shape * factors, deviations * factors[:, None]
 
 
 def _spread_factor(cluster: PoleCluster, n_channels: int) -> FloatArray:

@@ -21,6 +21,7 @@ from scipy import fft
 from pipeline.messages import Mode
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
 HALF_WIDTH = 2.0  # of the narrow band, in lines 1/T
@@ -39,19 +40,23 @@ class Partner:
 
 
 class NarrowBandSpectrum:
-    """Spectral matrices of a window in bands a few lines wide."""
+    """Spectral matrices of a window in bands a few lines wide, with accelerations' phases."""
 
-    def __init__(self, samples: FloatArray, sampling_rate: float):
-        """samples: (n, n_channels), free of offset"""
+    def __init__(
+        self, samples: FloatArray, sampling_rate: float, integrations: IntArray | None = None
+    ):
+        """samples: (n, n_channels), free of offset;  integrations: (n_channels,)"""
         n = len(samples)
         self.duration = n / sampling_rate
         self._scales = np.sqrt(np.mean(samples**2, axis=0))
         taper = np.hanning(n)[:, None]
-        self._lines = fft.rfft(samples / self._scales * taper, axis=0)
+        self._integrations = np.zeros(samples.shape[1]) if integrations is None else integrations
+        self._lines = fft.rfft(samples / self._scales * taper, axis=0) * 1j**self._integrations
 
     def partner_of(self, mode: Mode) -> Partner | None:
         """The hidden partner of a mode; None where the mode is alone."""
-        own = mode.shape / self._scales
+        scales = self._scales * (2 * np.pi * mode.frequency) ** self._integrations
+        own = mode.shape / scales
         own = own / np.linalg.norm(own)
         rest = self._matrix(mode.frequency, 0, HALF_WIDTH)
         power = own @ rest @ own
@@ -66,7 +71,7 @@ class NarrowBandSpectrum:
             or second < PEAK_OVER_FLANK * (direction @ flank @ direction)
         ):
             return None
-        return Partner(direction * self._scales, float(second / power), float(third / second))
+        return Partner(direction * scales, float(second / power), float(third / second))
 
     def _matrix(self, frequency: float, nearest: float, farthest: float) -> FloatArray:
         """Mean real spectral matrix of the lines whose distance from f, in 1/T, is in between."""
@@ -76,17 +81,21 @@ class NarrowBandSpectrum:
 
 
 def with_close_pairs(
-    modes: Sequence[Mode], samples: FloatArray, sampling_rate: float
+    modes: Sequence[Mode],
+    samples: FloatArray,
+    sampling_rate: float,
+    integrations: IntArray | None = None,
 ) -> tuple[Mode, ...]:
     """The modes with every unresolved pair as two entries of one `pair_id`.
 
-    samples   (n, n_channels) of the window, free of offset
+    samples        (n, n_channels) of the window, free of offset
+    integrations   of channels that measure different quantities (`quantities.py`), (n_channels,)
     """
     duration = len(samples) / sampling_rate
     candidates = [m for m in modes if m.damping_ratio * m.frequency * duration < UNRESOLVED]
     if samples.shape[1] < 3 or not candidates:
         return tuple(modes)
-    spectrum = NarrowBandSpectrum(samples, sampling_rate)
+    spectrum = NarrowBandSpectrum(samples, sampling_rate, integrations)
     result = [m for m in modes if not any(m is c for c in candidates)]
     for group in _unresolved_groups(candidates, duration):
         leader = min(group, key=lambda m: m.frequency_std)

@@ -25,11 +25,14 @@ from pipeline.oma.input_checks import (
 )
 from pipeline.oma.merging import merged
 from pipeline.oma.preprocessing import without_offset
+from pipeline.oma.quantities import integrations_of
 from pipeline.oma.references import references_among
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.stabilization import PoleCloud
+from sensors.files.table import Quantity
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 AT_BOUND = 2.0  # a frequency std of less, over the attainable bound, could hardly be smaller [-]
 
@@ -51,6 +54,7 @@ def identify(
     *,
     times: FloatArray | None = None,
     channel_names: Sequence[str] | None = None,
+    quantities: Sequence[Quantity] | None = None,
 ) -> Identification:
     """Modes of the structure that a whole array of samples, taken as one window, shows.
 
@@ -58,8 +62,10 @@ def identify(
     sampling_rate   [Hz]
     times           (n,) time stamps of the samples, if there are any [s]
     channel_names   for warnings and the references; "channel 1" and so on by default
+    quantities      what each channel measures; by default all the same
 
     Shapes are in the samples' own units: a channel in g beside one in m/s² reads accordingly.
+    Of channels that measure different quantities, they are those of the accelerations.
     A window with a gap, NaN or a dead channel is rejected, which is a value and no exception.
     Raises OmaSettingsError when the sampling rate is too low for the frequencies asked for, or a
     reference channel is unknown.
@@ -81,11 +87,17 @@ def identify(
         settings=settings,
     )
     steady = without_offset(clean)
+    integrations = integrations_of(quantities, samples.shape[1])
     by_band = [
-        modes_of_covariances(band_covariances(steady, band, settings, references), band, settings)
+        modes_of_covariances(
+            band_covariances(steady, band, settings, references),
+            band,
+            settings,
+            integrations=integrations,
+        )
         for band in bands
     ]
-    return concluded(by_band, steady, sampling_rate, findings, settings)
+    return concluded(by_band, steady, sampling_rate, findings, settings, integrations)
 
 
 def concluded(
@@ -94,6 +106,7 @@ def concluded(
     sampling_rate: float,
     findings: Sequence[Finding],
     settings: OmaSettings,
+    integrations: IntArray | None = None,
 ) -> Identification:
     """All bands' modes as one list: each once, close pairs joined; harmonics and what is known
     too vaguely for a mode left out.
@@ -117,7 +130,7 @@ def concluded(
         for mode in harmonics
     ]
     return Identification(
-        with_close_pairs(modes, steady, sampling_rate),
+        with_close_pairs(modes, steady, sampling_rate, integrations),
         tuple(warnings),
         diagrams=tuple(band.poles for band in by_band),
     )

@@ -5,7 +5,7 @@ with the same frequency and shape in most model orders.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.oma.bands import Band
 from pipeline.oma.mode_shapes import modal_phase_collinearity
+from pipeline.oma.quantities import to_acceleration
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SystemModes
 
@@ -80,8 +81,17 @@ def plausible(modes: SystemModes, band: Band, settings: OmaSettings) -> BoolArra
     )
 
 
-def pole_cloud(systems: Sequence[SystemModes], band: Band, settings: OmaSettings) -> PoleCloud:
-    """The plausible poles of all orders side by side; their std is not known yet."""
+def pole_cloud(
+    systems: Sequence[SystemModes],
+    band: Band,
+    settings: OmaSettings,
+    integrations: IntArray | None = None,
+) -> PoleCloud:
+    """The plausible poles of all orders side by side; their std is not known yet.
+
+    integrations   of channels that measure different quantities (`quantities.py`), (n_channels,)
+    """
+    systems = [_in_phase(system, band, integrations) for system in systems]
     kept = [np.flatnonzero(plausible(system, band, settings)) for system in systems]
     pairs = list(zip(systems, kept, strict=True))
     frequencies = np.concatenate([s.frequencies[index] for s, index in pairs])
@@ -94,6 +104,14 @@ def pole_cloud(systems: Sequence[SystemModes], band: Band, settings: OmaSettings
         frequency_deviations=np.empty((len(frequencies), 0)),
         damping_deviations=np.empty((len(frequencies), 0)),
     )
+
+
+def _in_phase(system: SystemModes, band: Band, integrations: IntArray | None) -> SystemModes:
+    """Shapes with the phases of accelerations; each channel keeps its own scale."""
+    if integrations is None or not integrations.any():
+        return system
+    factors = to_acceleration(system.poles, 1 / band.sampling_rate, integrations)
+    return replace(system, shapes=system.shapes * (factors / np.abs(factors)).T)
 
 
 def recurring(cloud: PoleCloud, *, n_orders: int, minimum_presence: float) -> BoolArray:

@@ -116,8 +116,9 @@ def _map(example: Example) -> str:
         f"measurement: the posterior's own std is "
         + ", ".join(f"{PERCENT * std:.1f}" for std in example.mended.stds)
         + f" %. σ is {example.published.highest[3]:.1e} at the MAP draw, printed {MAP_SIGMA:.1e}: "
-        "its density is flat towards zero, so that its MAP value says nothing; its 95 % bound, "
-        f"{np.quantile(example.mended.draws[:, 3], 0.95):.1e}, does."
+        "Eq. 11 sets each shape's largest component to 1, which has no variance; left in Eq. 9 it "
+        "drives σ to zero, so it is dropped here. The 95 % bound of σ is "
+        f"{np.quantile(example.mended.draws[:, 3], 0.95):.1e}."
     )
 
 

@@ -3,7 +3,8 @@
 One row a sample and one column a channel, under a header row. A column called `t`, `time` or
 `timestamp` holds the time: in the unit in brackets behind its name, in seconds where there is
 none, or as date and time (ISO 8601). A channel's unit stands in brackets behind its name
-(`z145-fa [g]`); accelerations are converted to m/s², other quantities stay as they are.
+(`z145-fa [g]`); accelerations are converted to m/s², velocities to
+m/s, displacements to m; other quantities stay as they are.
 """
 
 import re

@@ -1,6 +1,7 @@
 """ChannelTable: what any file of measurements gives, whatever its format."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,14 @@ ACCELERATION_UNITS = {
 }  # [m/s² per unit]
 
 
+VELOCITY_UNITS = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "µm/s": 1e-6}  # [m/s]
+DISPLACEMENT_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}  # [m]
+# Strain and tilt follow the displacement, if on a scale of their own.
+LIKE_DISPLACEMENT = ("strain", "m/m", "um/m", "µm/m", "ue", "µε", "rad", "mrad", "deg", "°")
+
+Quantity = Literal["acceleration", "velocity", "displacement"]
+
+
 class FileError(InputError):
     """A file of measurements that cannot be read; the message names file, row and column."""
 
@@ -35,10 +44,17 @@ class ChannelTable:
     """Samples of all channels of one file, with their time stamps where it has any."""
 
     names: tuple[str, ...]
-    units: tuple[str, ...]  # "m/s²" after conversion; "" = unscaled; else as the file says
+    units: tuple[str, ...]  # "m/s²", "m/s", "m" after conversion; "" = unscaled; else as given
     samples: NDArray[np.float64]  # (n_samples, n_channels), NaN where the file has nothing
     times: NDArray[np.float64] | None  # (n_samples,) seconds since the first sample, or None
     start_ns: int = 0  # first sample [ns since 1970-01-01 UTC]; 0 where the file does not say
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...] | None:
+        """What each channel measures; None where a unit does not tell."""
+        known = [quantity_of(unit) for unit in self.units]
+        told = tuple(quantity for quantity in known if quantity is not None)
+        return told if len(told) == len(known) else None
 
     @property
     def sampling_rate(self) -> float | None:
@@ -56,6 +72,22 @@ class ChannelTable:
 
 
 def in_standard_unit(unit: str) -> tuple[str, float]:
-    """Unit after conversion, and the factor to it: accelerations become m/s², the rest stays."""
-    factor = ACCELERATION_UNITS.get(unit.strip().lower())
-    return ("m/s²", factor) if factor is not None else (unit.strip(), 1.0)
+    """Unit after conversion, and the factor to it: accelerations become m/s², velocities m/s,
+    displacements m; the rest stays."""
+    given = unit.strip()
+    for standard, factors in (
+        ("m/s²", ACCELERATION_UNITS),
+        ("m/s", VELOCITY_UNITS),
+        ("m", DISPLACEMENT_UNITS),
+    ):
+        if given.lower() in factors:
+            return standard, factors[given.lower()]
+    return given, 1.0
+
+
+def quantity_of(unit: str) -> Quantity | None:
+    """What is measured in a unit (after conversion); None where it does not tell."""
+    if unit.lower() in LIKE_DISPLACEMENT:
+        return "displacement"
+    known: dict[str, Quantity] = {"m/s²": "acceleration", "m/s": "velocity", "m": "displacement"}
+    return known.get(unit)
