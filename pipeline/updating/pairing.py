@@ -5,6 +5,7 @@ stiffness, by order, or by the nearest MAC goes wrong. Here draws of the whole p
 searched first; the best few are refined with a tolerance that shrinks; the cheapest end wins.
 """
 
+from bisect import insort
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -168,43 +169,53 @@ class PairingSearch:
                 among others: a wrong one cannot win against a cheaper one.
         """
         widest, *narrower = self._settings.tolerances
-        tried = [
-            self._followed(targets, self._draws[number], (widest,))
-            for number in self._cheapest_draws(targets)
-        ]
+        tried = self._followed(targets, self._draws[self._cheapest_draws(targets)], (widest,))
         tried.sort(key=lambda pairing: pairing.total_cost)
         starts = [pairing.ratios for pairing in tried[: self._settings.refined]]
         if start is not None:
             starts.append(start)
-        ends = [self._followed(targets, ratios, narrower or (widest,)) for ratios in starts]
+        ends = self._followed(targets, np.array(starts), narrower or (widest,))
         return min(ends, key=lambda pairing: pairing.total_cost)
-
-    def _cheapest_draws(self, targets: PairingTargets) -> list[int]:
-        settings = self._settings
-        costs = pairing_costs(targets, self._modes, settings.tolerances[0], settings.mac_scale)
-        totals = [
-            assigned(each, targets, ratios, settings.rejection).total_cost
-            for each, ratios in zip(costs, self._draws, strict=True)
-        ]
-        return [int(number) for number in np.argsort(totals, kind="stable")[: settings.tried]]
 
     def refined(self, targets: PairingTargets, ratios: FloatArray) -> Pairing:
         """The pairing found by following the cost downhill from ratios, (3,), while the tolerance
         shrinks."""
-        return self._followed(targets, ratios, self._settings.tolerances)
+        return self._followed(targets, ratios[None], self._settings.tolerances)[0]
+
+    def _cheapest_draws(self, targets: PairingTargets) -> list[int]:
+        """The draws of lowest total cost, cheapest first.
+
+        No assignment costs less than each mode's cheapest partner would, whoever else wants it:
+        in the order of that bound most draws need no assignment at all.
+        """
+        settings = self._settings
+        costs = pairing_costs(targets, self._modes, settings.tolerances[0], settings.mac_scale)
+        bounds = np.minimum(costs.min(axis=2), settings.rejection) @ targets.weights
+        found: list[tuple[float, int]] = []
+        for number in np.argsort(bounds, kind="stable"):
+            if len(found) >= settings.tried and bounds[number] > found[settings.tried - 1][0]:
+                break
+            draw = assigned(costs[number], targets, self._draws[number], settings.rejection)
+            insort(found, (draw.total_cost, int(number)))
+        return [number for _, number in found[: settings.tried]]
 
     def _followed(
-        self, targets: PairingTargets, ratios: FloatArray, tolerances: Sequence[float]
-    ) -> Pairing:
-        pairing = self._pairings(targets, ratios[None], tolerances[0])[0]
+        self, targets: PairingTargets, starts: FloatArray, tolerances: Sequence[float]
+    ) -> list[Pairing]:
+        """The end of each way downhill from starts, (m, 3); the model is asked for all at once."""
+        ratios = starts
         for tolerance in tolerances:
-            pairing = self._pairings(targets, pairing.ratios[None], tolerance)[0]
+            pairings = self._pairings(targets, ratios, tolerance)
+            walking = list(range(len(pairings)))
             for _ in range(self._settings.steps):
-                better = self._step(targets, pairing, tolerance)
-                if better is pairing:
+                steps = self._steps(targets, [pairings[n] for n in walking], tolerance)
+                walking = [n for n, step in zip(walking, steps, strict=True) if step is not None]
+                for n, step in zip(walking, filter(None, steps), strict=True):
+                    pairings[n] = step
+                if not walking:
                     break
-                pairing = better
-        return pairing
+            ratios = np.array([pairing.ratios for pairing in pairings])
+        return pairings
 
     def _pairings(
         self, targets: PairingTargets, ratios: FloatArray, tolerance: float
@@ -221,37 +232,59 @@ class PairingSearch:
                 pairings[number] = assigned(each, targets, ratios[number], self._settings.rejection)
         return pairings
 
-    def _step(self, targets: PairingTargets, pairing: Pairing, tolerance: float) -> Pairing:
-        """One Gauss-Newton step on the pairs' costs in ln k; the same pairing if none is better."""
-        direction = self._direction(targets, pairing, tolerance)
-        trials = pairing.ratios * np.exp(STEP_LENGTHS[:, None] * direction)
-        best = min(self._pairings(targets, trials, tolerance), key=lambda trial: trial.total_cost)
-        return best if best.total_cost < pairing.total_cost - 1e-6 else pairing
+    def _steps(
+        self, targets: PairingTargets, pairings: Sequence[Pairing], tolerance: float
+    ) -> list[Pairing | None]:
+        """For each pairing a cheaper one, one Gauss-Newton step in ln k further; None for none."""
+        directions = self._directions(targets, pairings, tolerance)
+        ratios = np.array([pairing.ratios for pairing in pairings])
+        trials = ratios[:, None] * np.exp(STEP_LENGTHS[:, None] * directions[:, None])
+        ends = self._pairings(targets, trials.reshape(-1, 3), tolerance)
+        found: list[Pairing | None] = []
+        for number, pairing in enumerate(pairings):
+            of_one = ends[number * len(STEP_LENGTHS) : (number + 1) * len(STEP_LENGTHS)]
+            best = min(of_one, key=lambda trial: trial.total_cost)
+            found.append(best if best.total_cost < pairing.total_cost - 1e-6 else None)
+        return found
 
-    def _direction(self, targets: PairingTargets, pairing: Pairing, tolerance: float) -> FloatArray:
-        """(3,) of ln k: the least-squares step of the residuals' linearisation."""
-        points = pairing.ratios * np.exp(DIFFERENCE * np.vstack([np.zeros(3), np.eye(3)]))
+    def _directions(
+        self, targets: PairingTargets, pairings: Sequence[Pairing], tolerance: float
+    ) -> FloatArray:
+        """(m, 3) of ln k: least-squares steps of the residuals' linearisation."""
+        ratios = np.array([pairing.ratios for pairing in pairings])
+        steps = np.exp(DIFFERENCE * np.vstack([np.zeros(3), np.eye(3)]))
+        points = (ratios[:, None] * steps).reshape(-1, 3)
         modes = self._forward.modal(self._prior.stiffness(points))
-        residuals = self._residuals(targets, pairing, modes, tolerance)
-        jacobian = (residuals[1:] - residuals[0]).T / DIFFERENCE
-        if not np.all(np.isfinite(jacobian)) or not jacobian.size:
-            return np.zeros(3)
-        step = np.linalg.lstsq(jacobian, -residuals[0], rcond=1e-6)[0]
-        return step * min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-300))
+        frequencies = modes.frequencies.reshape(len(pairings), len(steps), -1)
+        mac = macs(targets, modes.shapes).reshape(
+            len(pairings), len(steps), -1, frequencies.shape[2]
+        )
+        found = np.zeros((len(pairings), 3))
+        for number, pairing in enumerate(pairings):
+            residuals = self._residuals(
+                targets, pairing, frequencies[number], mac[number], tolerance
+            )
+            jacobian = (residuals[1:] - residuals[0]).T / DIFFERENCE
+            if np.all(np.isfinite(jacobian)) and jacobian.size:
+                step = np.linalg.lstsq(jacobian, -residuals[0], rcond=1e-6)[0]
+                found[number] = step * min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-300))
+        return found
 
     def _residuals(
         self,
         targets: PairingTargets,
         pairing: Pairing,
-        modes: ModesOfStiffness,
+        frequencies: FloatArray,
+        mac: FloatArray,
         tolerance: float,
     ) -> FloatArray:
-        """(n, 2 n_paired): square roots of the pairs' costs."""
+        """(n, 2 n_paired): square roots of the pairs' costs.
+
+        frequencies, mac   (n, n_model) [Hz], (n, n_identified, n_model) [-]
+        """
         identified = np.flatnonzero(np.array(pairing.model_modes) >= 0)
         model = np.array(pairing.model_modes)[identified]
-        frequency = np.log(modes.frequencies[:, model]) - targets.log_frequencies[identified]
-        mac = macs(targets, modes.shapes)[:, identified, model]
+        frequency = np.log(frequencies[:, model]) - targets.log_frequencies[identified]
         root = np.sqrt(targets.weights[identified])
-        return np.hstack(
-            [root * frequency / tolerance, root * (1 - mac) / self._settings.mac_scale]
-        )
+        unlike = (1 - mac[:, identified, model]) / self._settings.mac_scale
+        return np.hstack([root * frequency / tolerance, root * unlike])
