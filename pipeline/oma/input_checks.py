@@ -32,6 +32,8 @@ FLAT_CREST = 3  # equal samples in a row at a crest that is cut off
 SPIKE_SIZE = 10.0  # of a lone sample over its neighbours, in robust std of that difference
 SPIKE_ALONE = 3.0  # and over the same difference of any sample around it
 SPIKE_SURROUNDINGS = 10  # samples to either side that are around it
+SPIKE_IN_PLACE = 7.0  # and in std of the differences about it, which a gust or a stop raises
+SPIKE_NEIGHBOURHOOD = 50  # samples to either side that this std is taken over
 MOST_SPIKES = 1e-3  # share of a channel's samples that is mended; more is no accident
 QUIET_TO_LOUD = 3.0  # rms of the loudest over the median tenth of a window that is stationary
 STEADY_ENVELOPE = 0.15  # std/mean of a harmonic's amplitude; 0.52 for a mode under random load
@@ -186,7 +188,16 @@ def lone_spikes(samples: NDArray[np.floating]) -> NDArray[np.bool_]:
     around = np.ones((2 * SPIKE_SURROUNDINGS + 1, 1), dtype=bool)
     around[SPIKE_SURROUNDINGS - 1 : SPIKE_SURROUNDINGS + 2] = False
     alone = size > SPIKE_ALONE * ndimage.maximum_filter(size, footprint=around)
-    return np.asarray(far_off & alone)
+    return np.asarray(far_off & alone & (size > SPIKE_IN_PLACE * _local_std(size)))
+
+
+def _local_std(size: FloatArray) -> FloatArray:
+    """Std of normal values about each place, from their mean absolute `size` there without the
+    value itself and the two that a spike throws off, (n, n_channels)."""
+    length = 2 * SPIKE_NEIGHBOURHOOD + 1
+    total = ndimage.uniform_filter1d(size, length, axis=0, mode="reflect") * length
+    own = ndimage.uniform_filter1d(size, 3, axis=0, mode="reflect") * 3
+    return np.asarray(np.sqrt(np.pi / 2) * (total - own) / (length - 3))
 
 
 def check_spikes(

@@ -1,5 +1,6 @@
 """ChannelTable: what any file of measurements gives, whatever its format."""
 
+import re
 from dataclasses import dataclass
 from typing import Literal
 
@@ -34,6 +35,12 @@ LIKE_DISPLACEMENT = ("strain", "m/m", "um/m", "µm/m", "ue", "µε", "rad", "mra
 
 Quantity = Literal["acceleration", "velocity", "displacement"]
 
+_WORDS: dict[Quantity, tuple[str, ...]] = {
+    "acceleration": ("a", "acc", "accel", "acceleration", "accelerometer"),
+    "velocity": ("v", "vel", "velocity", "geophone"),
+    "displacement": ("d", "disp", "displ", "displacement", "strain", "tilt"),
+}
+
 
 class FileError(InputError):
     """A file of measurements that cannot be read; the message names file, row and column."""
@@ -51,8 +58,9 @@ class ChannelTable:
 
     @property
     def quantities(self) -> tuple[Quantity, ...] | None:
-        """What each channel measures; None where a unit does not tell."""
-        known = [quantity_of(unit) for unit in self.units]
+        """What each channel measures; None where neither unit nor name tells."""
+        titles = zip(self.units, self.names, strict=True)
+        known = [quantity_of(unit) or quantity_named(name) for unit, name in titles]
         told = tuple(quantity for quantity in known if quantity is not None)
         return told if len(told) == len(known) else None
 
@@ -91,3 +99,12 @@ def quantity_of(unit: str) -> Quantity | None:
         return "displacement"
     known: dict[str, Quantity] = {"m/s²": "acceleration", "m/s": "velocity", "m": "displacement"}
     return known.get(unit)
+
+
+def quantity_named(name: str) -> Quantity | None:
+    """What a channel's name says that it measures: "acc_z145", "Velocity 3", "disp-x"."""
+    for word in re.split(r"[^a-z]+", name.lower()):
+        for quantity, words in _WORDS.items():
+            if word in words:
+                return quantity
+    return None

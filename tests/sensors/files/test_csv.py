@@ -82,3 +82,14 @@ def test_a_broken_file_gives_one_line(tmp_path: Path, text: str, complaint: str)
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"nothing\.csv: No such file"):
         read_csv(tmp_path / "nothing.csv")
+
+
+def test_units_or_names_say_what_a_channel_measures(tmp_path: Path) -> None:
+    table = read_csv(
+        written(tmp_path, "t,top [mm/s],vel_2,disp-x [mm],z [g]\n0,1,2,3,4\n1,1,2,3,4\n")
+    )
+    assert table.quantities == ("velocity", "velocity", "displacement", "acceleration")
+    assert table.units == ("m/s", "", "m", "m/s²")
+    assert table.samples[0, 2] == pytest.approx(3e-3)
+    unknown = read_csv(written(tmp_path, "t,vel,ch2\n0,1,2\n1,1,2\n"))
+    assert unknown.quantities is None
