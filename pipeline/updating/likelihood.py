@@ -39,6 +39,7 @@ class LikelihoodSettings:
     shape_floor: float = 0.005  # systematic, share of the shape's largest component [-]
     resolution: float = 1.5  # model modes nearer than this many 1/T cannot be told apart [-]
     shape_mixing: float = 0.012  # model modes nearer than this share of f mix their shapes [-]
+    least_mac: float = 0.95  # with the partner's shape; below, only the frequency is compared [-]
     joint_covariance: bool = False  # keep correlations between the components of one mode
     sigma_points: int = 60  # of the grid over which σ is integrated
     tails: Literal["gaussian", "student-t"] = "student-t"  # of each mode's discrepancy and floor
@@ -77,15 +78,20 @@ def observations(
     pairing: Pairing,
     model_frequencies: FloatArray,
     settings: LikelihoodSettings,
+    *,
+    mac: FloatArray | None = None,
 ) -> tuple[Observation, ...]:
     """One observation a paired mode.
 
     model_frequencies   (n_model,) of all visible modes at the pairing's stiffness [Hz]
+    mac                 (n_identified, n_model) there [-]; None: every shape is taken as it is
 
     A window of duration T does not resolve modes nearer than about 1/T: what was identified may be
     either of them or a mixture. Then only the frequency is used, with the gap as a further standard
     deviation; a close pair that the identification itself declared is compared by its mean with the
-    mean of the two. Somewhat wider, frequencies are resolved while shapes still mix.
+    mean of the two. Somewhat wider, frequencies are resolved while shapes still mix, sometimes and
+    by their excitation: a shape that is a mixture differs from the model's by a hundred of its
+    standard deviations, and one such shape would be bought off by a σ that blurs all the others.
     """
     resolved = settings.resolution / evidence.window_duration
     found = []
@@ -103,7 +109,8 @@ def observations(
             found.append(Observation(identified, (model,), shape_used=False, gap=gap))
         else:
             separate = bool(gap >= settings.shape_mixing * model_frequencies[model])
-            found.append(Observation(identified, (model,), shape_used=separate, gap=0.0))
+            alike = mac is None or bool(mac[identified, model] >= settings.least_mac)
+            found.append(Observation(identified, (model,), separate and alike, gap=0.0))
     return tuple(found)
 
 

@@ -14,7 +14,7 @@ from pipeline.updating.likelihood import (
     Observation,
     observations,
 )
-from pipeline.updating.pairing import Pairing, PairingSearch, PairingSettings, PairingTargets
+from pipeline.updating.pairing import Pairing, PairingSearch, PairingSettings, PairingTargets, macs
 from pipeline.updating.prior import Prior, UpdatingError
 
 
@@ -62,19 +62,21 @@ class Matcher:
         """
         targets = PairingTargets.of(evidence.modes, evidence.n_windows, reach=self._reach)
         pairing = self._search.best(targets, start)
-        match = self._match(evidence, pairing)
+        match = self._match(evidence, targets, pairing)
         again = self._search.refined(targets, match.peak.ratios)
         if again.model_modes != pairing.model_modes and again.total_cost <= pairing.total_cost:
-            match = self._match(evidence, again)
+            match = self._match(evidence, targets, again)
         latest = [mode.last_window == evidence.n_windows for mode in evidence.modes]
         if not any(latest[each.identified] for each in match.used):
             raise _without_partner(sum(latest))
         return match
 
-    def _match(self, evidence: ModalEvidence, pairing: Pairing) -> Match:
+    def _match(self, evidence: ModalEvidence, targets: PairingTargets, pairing: Pairing) -> Match:
         local = self._forward.following(self._prior.stiffness(pairing.ratios))
-        frequencies = local.modal(self._prior.stiffness(pairing.ratios[None])).frequencies[0]
-        used = self._compared(observations(evidence, pairing, frequencies, self._settings))
+        modes = local.modal(self._prior.stiffness(pairing.ratios[None]))
+        mac = macs(targets, modes.shapes)[0]
+        frequencies = modes.frequencies[0]
+        used = self._compared(observations(evidence, pairing, frequencies, self._settings, mac=mac))
         if not used:
             raise _without_partner(len(evidence.modes))
         columns = sorted({mode for each in used for mode in each.model_modes})
