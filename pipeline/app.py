@@ -19,6 +19,7 @@ from pipeline.nodes.updating import FoundationUpdaterNode
 from pipeline.oma.references import references_among
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Metadata
+from pipeline.resumption import ResumedIdentification, recorded_past
 from pipeline.scenario import Scenario
 from pipeline.updating.updater import FoundationUpdater
 from pipeline.viewer.outputs import ViewerOutput
@@ -36,6 +37,7 @@ class Outputs:
     views: tuple[ViewerOutput, ...] = ()
     session: str = "pilewatch"  # what the viewer calls it
     checkpoints: Path | None = None  # folder of the updating's state; None: it begins anew
+    earlier: tuple[Path, ...] = ()  # recordings that the identification goes on from
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +63,9 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
     references_among(layout.channel_names, scenario.oma)
 
     def identification() -> Node:
-        return IdentificationInContext(scenario.oma)
+        if not outputs.earlier:
+            return IdentificationInContext(scenario.oma)
+        return ResumedIdentification(scenario.oma, recorded_past(outputs.earlier, scenario.oma))
 
     def updating() -> Node:
         return UpdatingInContext(updating_of_one_turbine, layout, scenario.operation)

@@ -19,7 +19,8 @@ from typing import Literal
 from pipeline import runner
 from pipeline.app import Outputs, build
 from pipeline.checkpoints import FOLDER as CHECKPOINTS
-from pipeline.recording.parts import close_leftovers
+from pipeline.recording.parts import close_leftovers, raw_files
+from pipeline.recording.recent import files_of
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.sources import Source
 from pipeline.status import ENDPOINT_FILE, StatusDesk
@@ -80,7 +81,10 @@ def run_session(
     source = prepare_folder(source, options.out)
     if options.fresh or not source.is_live:  # a replay is an experiment of its own
         set_checkpoints_aside(options.out)
-    outputs = session_outputs(source, options)
+    goes_on = source.is_live and not options.fresh
+    outputs = session_outputs(
+        source, options, tuple(raw_files(options.out / RECORDING)) if goes_on else ()
+    )
     summary = SessionSummary(source=source.text, turbine=source.layout.turbine)
 
     def account(block: AccelerationBlock) -> None:
@@ -98,8 +102,13 @@ def run_session(
     return Session(summary, figures, tuple(path for path in files if path.exists()))
 
 
-def session_outputs(source: Source, options: SessionOptions) -> Outputs:
-    """The files and viewers of a session. Raises ViewerError where rerun is missing."""
+def session_outputs(
+    source: Source, options: SessionOptions, earlier: tuple[Path, ...] = ()
+) -> Outputs:
+    """The files and viewers of a session. Raises ViewerError where rerun is missing.
+
+    earlier   recordings that the identification goes on from
+    """
     views: tuple[ViewerOutput, ...] = (RrdFile(options.out / PICTURES),) if options.rrd else ()
     if options.view is not None:
         views += (options.view,)
@@ -107,7 +116,8 @@ def session_outputs(source: Source, options: SessionOptions) -> Outputs:
         require_rerun(views)
     name = f"{source.layout.turbine} {source.text}"
     checkpoints = None if options.way == "lock-step" else options.out / CHECKPOINTS
-    return Outputs(options.out / RECORDING, source.metadata, views, name, checkpoints)
+    recording = options.out / RECORDING
+    return Outputs(recording, source.metadata, views, name, checkpoints, earlier)
 
 
 def _run(
@@ -196,7 +206,9 @@ def run_node(name: str, source: Source, options: SessionOptions, stopping: threa
 
     Raises InputError for a node that the graph does not have, NodeFailed for one that failed.
     """
-    outputs = session_outputs(source, options)
+    outputs = session_outputs(
+        source, options, () if options.fresh else files_of(options.out / RECORDING)
+    )
     plans = {plan.name: plan for plan in build(source.scenario, source.layout, outputs)}
     if name not in plans:
         raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")

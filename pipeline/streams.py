@@ -40,8 +40,8 @@ class Stream:
 
 
 STREAMS = (
-    # An identification that is started again refills its ten minutes from what is cached, and has
-    # as many again until it is ready.
+    # A link may be cut for twenty minutes, and an identification that is started again refills its
+    # window from what is cached; what a longer window lacks it takes from the recording.
     Stream(AccelerationBlock, "pilewatch/{turbine}/{unit}/acceleration", period=1.0, cached=1200),
     Stream(SensorLayout, "pilewatch/{turbine}/{unit}/layout"),
     Stream(ScadaSample, "pilewatch/{turbine}/scada", period=10.0, cached=100),

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from pipeline.messages import Message, StreamEnd
+from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
 from pipeline.nodes.unit_sessions import JoinedSession, UnitSession
 from pipeline.oma.settings import OmaSettings
 from sensors.blocks import AccelerationBlock
@@ -37,6 +37,11 @@ class IdentificationNode:
             case StreamEnd():
                 self._ends[message.turbine, message.unit, message.session] = message
                 yield from self._finish_if_complete(message.turbine)
+
+    def recall(self, answer: ModalEstimate | WindowRejected) -> None:
+        """Take up what an identification that has ended answered; needs the turbine's session."""
+        if answer.turbine in self._sessions:
+            self._sessions[answer.turbine].recall(answer)
 
     def close(self) -> None:
         """Nothing is held."""

@@ -126,6 +126,13 @@ class IdentificationInContext:
         for answer in self._inner.handle(message):
             yield self._in_context(answer) if isinstance(answer, ModalEstimate) else answer
 
+    def recall(self, answer: ModalEstimate | WindowRejected) -> None:
+        """Take up what an identification that has ended answered, so that modes keep their names
+        and channels are compared with the last good window's."""
+        if isinstance(answer, ModalEstimate):
+            self._channels.setdefault(answer.turbine, ChannelWatch()).swap_in(answer)
+        self._inner.recall(answer)
+
     def _in_context(self, estimate: ModalEstimate) -> ModalEstimate | WindowRejected:
         estimate = self._log.with_conditions(estimate)
         still = self._still_channel(estimate)

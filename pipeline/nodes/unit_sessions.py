@@ -60,6 +60,10 @@ class UnitSession:
         yield from self._answers(self._order.flush())
         yield from self._windows.finish()
 
+    def recall(self, answer: ModalEstimate | WindowRejected) -> None:
+        """See `WindowAnswers.recall`."""
+        self._windows.recall(answer)
+
     def _answers(self, pieces: Iterable[AccelerationBlock | MissingSamples]) -> Iterator[Message]:
         for piece in pieces:
             if isinstance(piece, MissingSamples):
@@ -119,6 +123,10 @@ class JoinedSession:
         for piece in self._joiner.finish():
             yield from self._windows.push(piece)
         yield from self._windows.finish()
+
+    def recall(self, answer: ModalEstimate | WindowRejected) -> None:
+        """See `WindowAnswers.recall`."""
+        self._windows.recall(answer)
 
     def _close_order(self, following: AccelerationBlock) -> Iterator[Message]:
         """What still waits of the unit's session before this block's."""
@@ -184,6 +192,20 @@ class WindowAnswers:
     def finish(self) -> Iterator[Message]:
         for window in self._cutter.finish():
             yield self._answer(window)
+
+    def recall(self, answer: ModalEstimate | WindowRejected) -> None:
+        """Take up what an identification that has ended answered a window: its modes keep their
+        names."""
+        if isinstance(answer, WindowRejected):
+            self._tracker.missed()
+            return
+        layout = self._layouts.get(answer.layout_id)
+        names = answer.channels if layout is None else layout.channel_names
+        places = None
+        if len(answer.channels) < len(names):
+            columns = tuple(names.index(channel) for channel in answer.channels)
+            places = ChannelPlaces(columns, len(names))
+        self._tracker.recall(answer.modes, on=places)
 
     def gap(self, missing: MissingSamples, unit: str, session: str) -> StreamGap:
         return StreamGap(

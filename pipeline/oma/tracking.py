@@ -126,6 +126,24 @@ class ModeTracker:
         self._windows += 1
         return tuple(named)
 
+    def recall(self, modes: Sequence[Mode], *, on: ChannelPlaces | None = None) -> None:
+        """Take up a window that was named before this tracker began: its modes keep their names.
+
+        Of all windows of a session in order, this leaves the tracker that named them.
+        """
+        for track in self._tracks:
+            track.predict()
+        known = {track.name: track for track in self._tracks}
+        for mode in modes:
+            shape = mode.shape if on is None else on.spread(mode.shape)
+            if mode.name in known:
+                known[mode.name].update(mode, shape)
+                _drift_event(known[mode.name])  # moves the reference that drift is counted from
+            else:
+                self._birth(mode, shape, mode.name)
+        self._bury()
+        self._windows += 1
+
     def missed(self) -> None:
         """A window without an estimate: what may have changed since has grown."""
         for track in self._tracks:
@@ -149,10 +167,11 @@ class ModeTracker:
             if cost[row, column] < REJECTION_COST
         }
 
-    def _birth(self, mode: Mode, shape: FloatArray) -> _Track:
-        self._born += 1
+    def _birth(self, mode: Mode, shape: FloatArray, name: str | None = None) -> _Track:
+        """name   as a mode was called before; None: the next that is free"""
+        self._born = self._born + 1 if name is None else max(self._born, _number(name))
         track = _Track(
-            name=f"m{self._born}",
+            name=name or f"m{self._born}",
             frequency=mode.frequency,
             variance=mode.frequency_std**2,
             shape=shape.copy(),
@@ -183,6 +202,12 @@ class ModeTracker:
             for track in dead
             if track.seen >= ESTABLISHED
         ]
+
+
+def _number(name: str) -> int:
+    """7 of "m7"; 0 of a name that no tracker gave."""
+    digits = name.removeprefix("m")
+    return int(digits) if digits.isdecimal() else 0
 
 
 def _drift_event(track: _Track) -> list[TrackEvent]:

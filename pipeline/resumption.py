@@ -1,0 +1,191 @@
+"""An identification that was killed goes on where it was, from what has been recorded.
+
+    recording   layout  SCADA  blocks ▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒┐ estimates, rejections
+                               │ answered  │ open    │
+                               └───────────┴─────────┤ from the first open window's start
+    publisher's cache                            ▒▒▒▒▒▒▒▒▒▒▒ ─► goes on live
+
+A publisher keeps so many blocks, however long a window is; the rest of an open window is refilled
+from the recording. Windows that were answered are not answered again, but those of their estimates
+to which no posterior is recorded are given once more: whoever updates passes over what it knows.
+
+Why nothing is written for this: the recording holds everything already, and what it does not hold
+(a second before a kill) is answered again, with the same result. Several units of a turbine are
+joined on a clock that begins with the first of their blocks, so their windows may lie elsewhere
+after a restart; those of a single unit lie where they did.
+"""
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.messages import (
+    FoundationPosterior,
+    Message,
+    ModalEstimate,
+    StreamGap,
+    WindowRejected,
+)
+from pipeline.nodes.operation import IdentificationInContext
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.tracking import DIES_AFTER
+from pipeline.recording.recent import latest_messages
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.layout import SensorLayout
+from sensors.scada import ScadaSample
+
+logger = logging.getLogger(__name__)
+
+MARGIN = 2.0  # samples from so long before the open window, for stamps that scatter [s]
+TAKEN_UP = (
+    *(SensorLayout, AccelerationBlock, ScadaSample),
+    *(ModalEstimate, WindowRejected, FoundationPosterior),
+)
+
+WindowAnswer = ModalEstimate | WindowRejected
+
+
+def recorded_past(files: Sequence[Path], settings: OmaSettings) -> tuple[Message, ...]:
+    """What an identification needs of the recordings: an open window, and the modes that may still
+    be looked for."""
+    horizon = settings.window_duration + (DIES_AFTER + 1) * settings.hop + MARGIN
+    return latest_messages(files, TAKEN_UP, horizon=horizon)
+
+
+@dataclass(frozen=True, slots=True)
+class _OpenWindow:
+    """Which samples are still needed and which answers have been given [ns]."""
+
+    needed_ns: int = 0  # blocks that end before it are not
+    answered_ns: int = -1  # end of the last window that was answered
+
+    @classmethod
+    def after(cls, answers: Sequence[WindowAnswer], hop: float) -> "_OpenWindow":
+        """hop   from one window's start to the next one's [s]"""
+        next_ns = answers[-1].start_ns + round((hop - MARGIN) * NANOSECONDS)
+        return cls(next_ns, max(answer.end_ns for answer in answers))
+
+    def is_new(self, answer: Message) -> bool:
+        """Whether an answer is of no window that was answered before."""
+        if isinstance(answer, StreamGap):  # before the first block that is taken, all is missing
+            return answer.end_ns > self.needed_ns
+        known = isinstance(answer, ModalEstimate | WindowRejected)
+        return not known or answer.end_ns > self.answered_ns
+
+
+class ResumedIdentification:
+    """The identification, which takes up what was recorded when a turbine's first block comes.
+
+    settings   of the identification
+    past       messages in the order of recording; none: it begins anew
+    """
+
+    name = "identification"
+    inputs: tuple[type, ...] = IdentificationInContext.inputs
+
+    def __init__(self, settings: OmaSettings, past: Sequence[Message] = ()) -> None:
+        self._settings = settings
+        self._inner = IdentificationInContext(settings)
+        self._past = {turbine: _of(turbine, past) for turbine in {m.turbine for m in past}}
+        self._open: dict[str, _OpenWindow] = {}  # by turbine
+        self._to_recall: dict[str, list[WindowAnswer]] = {}  # when the turbine's session has begun
+
+    def handle(self, message: Message) -> Iterator[Message]:
+        if not isinstance(message, AccelerationBlock):
+            yield from self._inner.handle(message)
+            return
+        if message.turbine in self._past:
+            yield from self._taken_up(self._past.pop(message.turbine), message)
+        yield from self._pushed(message)
+
+    def _taken_up(self, past: Sequence[Message], block: AccelerationBlock) -> Iterator[Message]:
+        """What was recorded before this block, the first that came by itself."""
+        answers = _answers_in_session(past, block)
+        if answers:
+            self._open[block.turbine] = _OpenWindow.after(answers, self._settings.hop)
+            self._to_recall[block.turbine] = answers
+        for message in past:
+            if isinstance(message, SensorLayout | ScadaSample):
+                yield from self._inner.handle(message)
+        recorded = _blocks_before(past, block)
+        for each in recorded:
+            yield from self._pushed(each)
+        yield from _without_posterior(past, answers)
+        logger.warning(
+            "identification of %s continues after %d recorded windows and %d recorded blocks",
+            *(block.turbine, len(answers), len(recorded)),
+        )
+
+    def _pushed(self, block: AccelerationBlock) -> Iterator[Message]:
+        """The answers to a block that an open window needs."""
+        opened = self._open.get(block.turbine, _OpenWindow())
+        if block.end_ns <= opened.needed_ns:
+            return
+        yield from filter(opened.is_new, self._inner.handle(block))
+        for answer in self._to_recall.pop(block.turbine, ()):
+            self._inner.recall(answer)
+
+    def close(self) -> None:
+        self._inner.close()
+
+    @property
+    def late(self) -> int:
+        """See `IdentificationNode.late`."""
+        return self._inner.late
+
+    @property
+    def duplicate(self) -> int:
+        """See `IdentificationNode.duplicate`."""
+        return self._inner.duplicate
+
+
+def _of(turbine: str, past: Sequence[Message]) -> list[Message]:
+    return [message for message in past if message.turbine == turbine]
+
+
+def _answers_in_session(past: Sequence[Message], block: AccelerationBlock) -> list[WindowAnswer]:
+    """What the identification answered since the session of this block began, a window once.
+
+    The updating may have rejected a window that was identified; the estimate counts.
+    """
+    began_ns = block.start_ns - round(block.first_sample / block.sampling_rate * NANOSECONDS)
+    found: dict[int, WindowAnswer] = {}
+    for message in past:
+        if not isinstance(message, ModalEstimate | WindowRejected):
+            continue
+        inside = message.start_ns >= began_ns - MARGIN * NANOSECONDS
+        if inside and not isinstance(found.get(message.start_ns), ModalEstimate):
+            found[message.start_ns] = message
+    return [found[start_ns] for start_ns in sorted(found)]
+
+
+def _blocks_before(past: Sequence[Message], block: AccelerationBlock) -> list[AccelerationBlock]:
+    """The blocks of the units' present sessions that begin before a block, in order of time."""
+    recorded = [message for message in past if isinstance(message, AccelerationBlock)]
+    sessions = {each.unit: each.session for each in recorded} | {block.unit: block.session}
+    wanted = [
+        each
+        for each in recorded
+        if each.session == sessions[each.unit] and each.start_ns < block.start_ns
+    ]
+    return sorted(wanted, key=lambda each: each.start_ns)
+
+
+def _without_posterior(
+    past: Sequence[Message], answers: Sequence[WindowAnswer]
+) -> Iterator[ModalEstimate]:
+    """Estimates after the last window that the updating is known to have answered."""
+    starts = {each.start_ns for each in answers if isinstance(each, ModalEstimate)}
+    updated_ns = max(
+        (
+            message.time_ns if isinstance(message, FoundationPosterior) else message.end_ns
+            for message in past
+            if isinstance(message, FoundationPosterior)
+            or (isinstance(message, WindowRejected) and message.start_ns in starts)
+        ),
+        default=0,
+    )
+    for answer in answers:
+        if isinstance(answer, ModalEstimate) and answer.end_ns > updated_ns:
+            yield answer
