@@ -70,8 +70,9 @@ class _OpenWindow:
         """Whether an answer is of no window that was answered before."""
         if isinstance(answer, StreamGap):  # before the first block that is taken, all is missing
             return answer.end_ns > self.needed_ns
-        known = isinstance(answer, ModalEstimate | WindowRejected)
-        return not known or answer.end_ns > self.answered_ns
+        if isinstance(answer, ModalEstimate | WindowRejected):
+            return answer.end_ns > self.answered_ns
+        return True
 
 
 class ResumedIdentification:
