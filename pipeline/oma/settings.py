@@ -29,7 +29,7 @@ class OmaSettings:
     minimum_collinearity: float = 0.6  # modal phase collinearity of a structural mode [-]
     maximum_frequency_std: float = 0.03  # relative to the frequency [-]
     maximum_bound_ratio: float = 10.0  # frequency std over the attainable bound √(ζ/(2π f T)) [-]
-    maximum_shape_std: float = 0.3  # of any component; a mixture of neighbours has more [-]
+    maximum_shape_std: float = 0.25  # of any component; a mixture of neighbours has more [-]
     maximum_bandwidth_share: float = 0.6  # stds of f and ζ over the half bandwidth: ζ f and ζ [-]
 
     def __post_init__(self) -> None:
