@@ -1,21 +1,23 @@
 """Whether 90 % intervals hold the truth in 90 of 100 streams of drawn estimates.
 
-    python -m tests.benchmarks calibration [--part streams|ranks|pairing|all] [--streams 100]
+    python -m tests.benchmarks calibration [--part streams|single|ranks|pairing|all] [--streams 100]
         [--windows 72] [--runs 200] [--trials 2000] [--tails gaussian|student-t] [--first-seed 1]
 
 The likelihood as it is stated: floors and guards off, every mode's partner known. `streams` draws
 twelve hours of windows about the paper's eleven modes of a true stiffness in .8 to 1.25 of nominal:
 with errors of known size alone; with a discrepancy of .3 % that all windows share; with windows
-that overlap by nine tenths. `ranks` draws stiffness, σ and data from the prior and the likelihood
-themselves, and asks where the truth ranks among draws of the posterior: everywhere alike, or the
-posterior is not the prior's and the likelihood's (simulation-based calibration, Talts et al. 2018,
-arXiv:1804.06788). `pairing` draws all modes that the sensors see of a stiffness anywhere in the
-prior, and takes away, adds and spoils some.
+that overlap by nine tenths. `single` draws one window each and counts the error of the posterior's
+peak, floors on as a scenario has them. `ranks` draws stiffness, σ and data from the prior and the
+likelihood themselves, and asks where the truth ranks among draws of the posterior: everywhere
+alike, or the posterior is not the prior's and the likelihood's (simulation-based calibration, Talts
+et al. 2018, arXiv:1804.06788). `pairing` draws all modes that the sensors see of a stiffness
+anywhere in the prior, and takes away, adds and spoils some.
 """
 
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,6 @@ from scipy.stats import chisquare
 from pipeline.updating.density import StiffnessDensity
 from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.forward_model import ForwardModel, ModesOfStiffness
-from pipeline.updating.importance import ImportanceSettings
 from pipeline.updating.laplace import Peak, laplace_peak
 from pipeline.updating.likelihood import LikelihoodSettings, ModalLikelihood, Observation
 from pipeline.updating.prior import PARAMETER_NAMES, Prior, PriorSettings
@@ -36,6 +37,7 @@ from tests.benchmarks._drawn import DURATION, LAYOUT, TrueModes, drawn_window, t
 from tests.benchmarks._pairing_trials import pairing_part
 
 FloatArray = NDArray[np.float64]
+Tails = Literal["gaussian", "student-t"]
 
 LOWEST, HIGHEST = 0.8, 1.25  # true stiffness / nominal in `streams` [-]
 SHARED = 0.003  # discrepancy of the structure [-]
@@ -43,6 +45,11 @@ OVERLAPPING_HOP = 60.0  # [s]
 CASES = ("no model error", "shared discrepancy of .3 %", "hops of one minute")
 HIGHEST_SIGMA = 0.01  # of the prior in `ranks`: R is taken from the data, which is right as long as
 # σ is small beside 1
+PARTS = ("streams", "single", "ranks", "pairing", "all")
+HEADER = (
+    f"{'':40s}{'cover k11 k22 k12':>20s}{'rms z':>20s}{'half width %':>20s}{'peak off %':>20s}"
+    f"{'ESS':>7s}"
+)
 RANKED = 99  # draws among which the truth is ranked
 BINS = 10  # of the ranks' histogram
 SEARCHED = 400  # draws of the prior where the posterior's peak is looked for
@@ -63,20 +70,15 @@ class Posteriors:
     @classmethod
     def of(
         cls,
-        tails: str,
+        settings: LikelihoodSettings,
         *,
         highest_sigma: float = 0.1,
         model: ForwardModel | None = None,
         layout: SensorLayout = LAYOUT,
     ) -> "Posteriors":
-        """Floors off. model: the turbine with the paper's modes, if not another; at this layout."""
+        """model: the turbine with the paper's modes, if not another; at this layout."""
         model = model or turbine_model()
         prior = Prior(model.nominal, PriorSettings(highest_sigma=highest_sigma))
-        settings = LikelihoodSettings(
-            frequency_floor=0.0,
-            shape_floor=0.0,
-            tails=tails,  # type: ignore[arg-type]  # checked by argparse
-        )
         searched = prior.spread(SEARCHED, np.random.default_rng(0))
         modes = model.modal(prior.stiffness(searched))
         return cls(model, layout, prior, settings, searched, modes)
@@ -99,14 +101,15 @@ class Posteriors:
             highest_sigma=self.prior.settings.highest_sigma,
         )
 
-    def draws(self, evidence: ModalEvidence, generator: np.random.Generator) -> PosteriorDraws:
-        """The posterior by the streaming sampler, started at the prior's likeliest peak."""
+    def draws(
+        self, evidence: ModalEvidence, generator: np.random.Generator
+    ) -> tuple[Peak, PosteriorDraws]:
+        """The prior's likeliest peak, and the posterior by the streaming sampler from there."""
         likelihood = self.likelihood(evidence)
         density = StiffnessDensity(likelihood, self.model, self.prior, generator)
-        sampler = sampler_of(
-            SamplingSettings(importance=ImportanceSettings(draws=4000)), SamplerSettings()
-        )
-        return sampler(density.target(self._peak(likelihood)), generator)
+        peak = self._peak(likelihood)
+        sampler = sampler_of(SamplingSettings(), SamplerSettings())
+        return peak, sampler(density.target(peak), generator)
 
     def _peak(self, likelihood: ModalLikelihood) -> Peak:
         values = likelihood.log_likelihood(self.modes).max(axis=1)
@@ -157,6 +160,7 @@ class Coverage:
     covered: FloatArray  # (3,) share of streams whose 90 % interval holds the truth [-]
     scaled_error: FloatArray  # (3,) rms of (median − truth) / std [-]
     half_width: FloatArray  # (3,) median, share of the truth [-]
+    peak_error: FloatArray  # (3,) median, of the likeliest stiffness, share of the truth [-]
     effective_draws: float  # fewest
     by_chains: int  # streams in which importance sampling gave up
 
@@ -171,17 +175,20 @@ def covered_streams(
         ratios = true_ratios(generator, posteriors.prior)
         true = posteriors.true_modes(ratios)
         evidence = evidence_of_stream(true, case, n_windows, generator)
-        drawn = posteriors.draws(evidence, generator)
+        peak, drawn = posteriors.draws(evidence, generator)
         low, median, high = np.quantile(drawn.flat[:, :3], [0.05, 0.5, 0.95], axis=0)
         scaled = (median - ratios) / drawn.flat[:, :3].std(axis=0)
         inside = (low <= ratios) & (ratios <= high)
         by_chains = np.full(3, drawn.sampler != "importance")
-        found.append([inside, scaled**2, (high - low) / 2 / ratios, by_chains, [drawn.ess] * 3])
+        error = np.abs(peak.ratios / ratios - 1)
+        half_width = (high - low) / 2 / ratios
+        found.append([inside, scaled**2, half_width, by_chains, [drawn.ess] * 3, error])
     columns = np.array(found, dtype=float)
     return Coverage(
         covered=columns[:, 0].mean(axis=0),
         scaled_error=np.sqrt(columns[:, 1].mean(axis=0)),
         half_width=np.median(columns[:, 2], axis=0),
+        peak_error=np.median(columns[:, 5], axis=0),
         effective_draws=float(columns[:, 4].min()),
         by_chains=int(columns[:, 3, 0].sum()),
     )
@@ -209,7 +216,7 @@ def truth_ranks(posteriors: Posteriors, n_runs: int, *, first_seed: int) -> Rank
         generator = np.random.default_rng([seed, 77])
         truth = _drawn_from_prior(posteriors, generator)
         evidence = _drawn_from_likelihood(posteriors, truth, generator)
-        drawn = posteriors.draws(evidence, generator)
+        _, drawn = posteriors.draws(evidence, generator)
         chosen = generator.choice(drawn.flat, RANKED, replace=False)
         ranks.append((chosen < truth).sum(axis=0))
         by_chains += drawn.sampler != "importance"
@@ -242,25 +249,44 @@ def _drawn_from_likelihood(
     return ModalEvidence(channels=true.layout.channel_names).with_estimate(window)
 
 
-def streams_part(n_streams: int, n_windows: int, tails: Sequence[str], first_seed: int) -> None:
+def as_stated(tails: Tails) -> LikelihoodSettings:
+    """No floors: what the errors are is known."""
+    return LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0, tails=tails)
+
+
+def streams_part(n_streams: int, n_windows: int, tails: Sequence[Tails], first_seed: int) -> None:
     """Print the coverage of every case."""
     print(f"90 % intervals over {n_streams} streams of {n_windows} windows, seeds {first_seed}…")
-    print(f"{'':42s}{'cover k11 k22 k12':>20s}{'rms z':>20s}{'half width %':>20s}{'ESS':>7s}")
+    print(HEADER)
     for law in tails:
-        posteriors = Posteriors.of(law)
+        posteriors = Posteriors.of(as_stated(law))
         for case in CASES:
             found = covered_streams(posteriors, case, n_streams, n_windows, first_seed=first_seed)
-            columns = (found.covered, found.scaled_error, 100 * found.half_width)
-            text = "".join(f"{' '.join(f'{v:5.2f}' for v in each):>20s}" for each in columns)
-            chains = f"  {found.by_chains} by chains" if found.by_chains else ""
-            print(f"{case:30s}{law:12s}{text}{found.effective_draws:7.0f}{chains}", flush=True)
+            print(_row(f"{case}, {law}", found), flush=True)
 
 
-def ranks_part(n_runs: int, tails: Sequence[str], first_seed: int) -> None:
+def single_part(n_streams: int, tails: Sequence[Tails], first_seed: int) -> None:
+    """Print the same of one window each."""
+    print(f"\n{n_streams} single windows of the paper's modes, floors on, seeds {first_seed}…")
+    print(HEADER)
+    for law in tails:
+        posteriors = Posteriors.of(LikelihoodSettings(tails=law))
+        found = covered_streams(posteriors, CASES[0], n_streams, 1, first_seed=first_seed)
+        print(_row(law, found), flush=True)
+
+
+def _row(name: str, found: Coverage) -> str:
+    columns = (found.covered, found.scaled_error, 100 * found.half_width, 100 * found.peak_error)
+    text = "".join(f"{' '.join(f'{v:5.2f}' for v in each):>20s}" for each in columns)
+    chains = f"  {found.by_chains} by chains" if found.by_chains else ""
+    return f"{name:40s}{text}{found.effective_draws:7.0f}{chains}"
+
+
+def ranks_part(n_runs: int, tails: Sequence[Tails], first_seed: int) -> None:
     """Print how uniform the ranks are."""
     print(f"\nranks of the truth among {RANKED} draws, {n_runs} runs, {BINS} bins: p of chi-square")
     for law in tails:
-        posteriors = Posteriors.of(law, highest_sigma=HIGHEST_SIGMA)
+        posteriors = Posteriors.of(as_stated(law), highest_sigma=HIGHEST_SIGMA)
         found = truth_ranks(posteriors, n_runs, first_seed=first_seed)
         names = zip((*PARAMETER_NAMES, "sigma"), found.uniformity, strict=True)
         text = "  ".join(f"{name} {p:.3f}" for name, p in names)
@@ -270,7 +296,9 @@ def ranks_part(n_runs: int, tails: Sequence[str], first_seed: int) -> None:
 def main(arguments: list[str]) -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks calibration")
-    parser.add_argument("--part", choices=("streams", "ranks", "pairing", "all"), default="all")
+    parser.add_argument(
+        "--part", choices=("streams", "single", "ranks", "pairing", "all"), default="all"
+    )
     parser.add_argument("--streams", type=int, default=100)
     parser.add_argument("--windows", type=int, default=72)
     parser.add_argument("--runs", type=int, default=200)
@@ -278,9 +306,11 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--tails", choices=("gaussian", "student-t"), nargs="+")
     parser.add_argument("--first-seed", type=int, default=1)
     chosen = parser.parse_args(arguments)
-    tails = chosen.tails or ("student-t", "gaussian")
+    tails: Sequence[Tails] = chosen.tails or ("student-t", "gaussian")
     if chosen.part in ("streams", "all"):
         streams_part(chosen.streams, chosen.windows, tails, chosen.first_seed)
+    if chosen.part in ("single", "all"):
+        single_part(chosen.streams, tails, chosen.first_seed)
     if chosen.part in ("ranks", "all"):
         ranks_part(chosen.runs, tails, chosen.first_seed)
     if chosen.part in ("pairing", "all"):

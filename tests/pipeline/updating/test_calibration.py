@@ -4,12 +4,18 @@
 import pytest
 
 from tests.benchmarks._pairing_trials import pairing_counts
-from tests.benchmarks.calibration import CASES, Posteriors, covered_streams, truth_ranks
+from tests.benchmarks.calibration import (
+    CASES,
+    Posteriors,
+    as_stated,
+    covered_streams,
+    truth_ranks,
+)
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower
 
 
 def posteriors_of(tails, **options):
-    return Posteriors.of(tails, model=LinearTower(), layout=LAYOUT, **options)
+    return Posteriors.of(as_stated(tails), model=LinearTower(), layout=LAYOUT, **options)
 
 
 @pytest.mark.parametrize(("case", "n_windows"), list(zip(CASES, (6, 6, 30), strict=True)))
