@@ -2,7 +2,33 @@
 
 from pathlib import Path
 
+from tests.benchmarks._link_trials import cut_trial, frozen_trial, router_trial
 from tests.benchmarks.trials import day_trial, kill_trial
+
+
+def test_a_cable_cut_for_seconds_costs_no_block() -> None:
+    outcome = cut_trial(duration=2.0, rate=100.0, how="silent")
+    assert outcome.received == outcome.published == 400
+    assert (outcome.lost, outcome.repeated, outcome.disordered) == (0, 0, 0)
+
+
+def test_what_was_published_beyond_the_cache_while_the_cable_was_cut_is_lost_and_counted() -> None:
+    outcome = cut_trial(duration=2.0, rate=1000.0, how="reset")
+    assert 0 < outcome.lost == outcome.published - outcome.received
+    assert (outcome.repeated, outcome.disordered) == (0, 0)
+
+
+def test_a_frozen_reader_holds_nobody_up_and_misses_nothing() -> None:
+    outcome = frozen_trial(duration=3.0, rate=100.0)
+    assert outcome.received == outcome.published == 500
+    assert outcome.lost == 0
+    assert outcome.put_longest_ms < 3000.0  # no put waited until the reader went on
+
+
+def test_a_router_that_is_killed_and_comes_back_costs_no_block() -> None:
+    outcome = router_trial(away=1.0, rate=100.0)
+    assert outcome.received == outcome.published == 500
+    assert (outcome.lost, outcome.repeated) == (0, 0)
 
 
 def test_a_session_whose_nodes_are_killed_ends_with_the_same_posterior_and_nothing_missing(

@@ -1,5 +1,9 @@
 """What the pipeline survives, with real processes: `python -m tests.benchmarks trials NAME`.
 
+link         a cable cut for 2 s, for 20 s, and for longer than the publisher's cache; silently and
+             with both ends told. Blocks lost, and what the session says of it
+frozen       a subscriber that is stopped for 9 s: how long the publisher's puts take, blocks lost
+router       a router between both that is killed and back: blocks lost
 kill         a session in processes; its nodes are killed one after the other. Blocks missing from
              the recording; the posteriors beside those of the undisturbed session
 day          24 h of blocks in recording parts and replayed as one: growth of memory, losses
@@ -16,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,6 +37,8 @@ from pipeline.scenario import scenario_from_text
 from pipeline.sources import record_simulation, recorded_stream, simulated
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import biaxial_layout
+from tests.benchmarks._link_trials import block_of_noise, cut_trial, frozen_trial, router_trial
+from tests.benchmarks._relay import Cut
 
 SCENARIO = """
 title = "A small tower for what must survive"
@@ -231,7 +237,7 @@ def day_trial(folder: Path, *, hours: float, part: float) -> DayOutcome:
     n_blocks = round(hours * 3600)
     started = time.process_time()
     now_ns = [0]
-    first = blocks_of_noise()
+    first = block_of_noise()
     recorder = SessionRecorder(
         folder / "session.mcap",
         metadata={},
@@ -266,22 +272,6 @@ def day_trial(folder: Path, *, hours: float, part: float) -> DayOutcome:
     return DayOutcome(n_blocks, lost, growth, time.process_time() - started)
 
 
-def blocks_of_noise() -> AccelerationBlock:
-    """One second of a tower under ambient load, as an ADC gives it."""
-    noise = np.random.default_rng(8).normal(scale=0.07, size=(40, 8))
-    return AccelerationBlock(
-        turbine="t1",
-        unit="tower",
-        session="session-1",
-        layout_id="trial-1",
-        sequence=0,
-        first_sample=0,
-        start_ns=1_717_200_000 * NANOSECONDS,
-        sampling_rate=40.0,
-        samples=np.round(noise, 4).astype(np.float32),
-    )
-
-
 class Memory:
     """Resident memory of this process after a beginning and at the end of a pass."""
 
@@ -308,23 +298,69 @@ def resident_bytes() -> int:
     return pages * resource.getpagesize()
 
 
+def link_trials(_folder: Path, _seed: int) -> None:
+    """Cables that are cut."""
+    for how, duration, rate in CUTS:
+        outcome = cut_trial(duration=duration, rate=rate, how=how)
+        print(f"{how} cut of {duration:g} s at {rate:g} blocks/s: {outcome}")
+
+
+CUTS: tuple[tuple[Cut, float, float], ...] = (
+    ("silent", 2.0, 100.0),
+    ("reset", 2.0, 100.0),
+    ("silent", 20.0, 50.0),
+    ("reset", 20.0, 50.0),
+    ("silent", 20.0, 100.0),  # more than the cache holds
+    ("reset", 20.0, 100.0),
+)
+
+
+def frozen_trials(_folder: Path, _seed: int) -> None:
+    """A reader that stands still."""
+    print(frozen_trial(duration=9.0, rate=100.0))
+
+
+def router_trials(_folder: Path, _seed: int) -> None:
+    """A router that goes and comes back."""
+    for away in (1.0, 5.0):
+        print(f"router away for {away:g} s: {router_trial(away=away, rate=100.0)}")
+
+
+def kill_trials(folder: Path, seed: int) -> None:
+    """Nodes that are killed."""
+    nodes = ("recorder", "identification", "updating") * 3 + ("recorder",)
+    print(kill_trial(folder, duration=900.0, speed=10.0, kills=nodes, seed=seed))
+
+
+def day_trials(folder: Path, _seed: int) -> None:
+    """A day of one tower."""
+    print(day_trial(folder, hours=24.0, part=3600.0))
+
+
+def truncation_trials(folder: Path, seed: int) -> None:
+    """Recordings that are cut and damaged."""
+    recording = folder / "source.mcap"
+    text = SCENARIO.format(duration=120.0)
+    record_simulation(simulated(scenario_from_text(text, "trial.toml")), recording)
+    print(damage_trial(folder, recording, cuts=200, flips=200, seed=seed))
+
+
+TRIALS: dict[str, Callable[[Path, int], None]] = {
+    "link": link_trials,
+    "frozen": frozen_trials,
+    "router": router_trials,
+    "kill": kill_trials,
+    "truncation": truncation_trials,
+    "day": day_trials,
+}
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one trial and print what it shows."""
     parser = argparse.ArgumentParser(prog="trials", description=__doc__)
-    parser.add_argument("name", choices=("kill", "day", "truncation"))
+    parser.add_argument("name", choices=TRIALS)
     parser.add_argument("--seed", type=int, default=2026)
     chosen = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        if chosen.name == "kill":
-            nodes = ("recorder", "identification", "updating") * 3 + ("recorder",)
-            outcome = kill_trial(folder, duration=900.0, speed=10.0, kills=nodes, seed=chosen.seed)
-            print(outcome)
-        elif chosen.name == "day":
-            print(day_trial(folder, hours=24.0, part=3600.0))
-        else:
-            recording = folder / "source.mcap"
-            text = SCENARIO.format(duration=120.0)
-            record_simulation(simulated(scenario_from_text(text, "trial.toml")), recording)
-            print(damage_trial(folder, recording, cuts=200, flips=200, seed=chosen.seed))
+        TRIALS[chosen.name](Path(temporary), chosen.seed)
     print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
