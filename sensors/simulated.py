@@ -1,6 +1,7 @@
 """SimulatedTower: loads → response → noisy blocks, as one acquisition unit would send them."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from sensors.units import read_by_units, unit_layouts
 
 __all__ = [
     "LOWEST_INTEGRATION_RATE",
+    "SensedModes",
     "SimulatedTower",
     "SimulationError",
     "SimulationSettings",
@@ -38,6 +40,15 @@ FloatArray = NDArray[np.float64]
 
 SPECTRUM_CHUNK = 256  # frequencies at a time, to stay in the processor's cache
 CHUNK_DURATION = 60.0  # [s] integrated at a time; fixed, so that the blocks do not change it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensedModes:
+    """The simulated structure's modes in free motion, as the accelerometers read them."""
+
+    frequencies: FloatArray  # |λ| / 2π, rising, (n_modes,) [Hz]
+    damping_ratios: FloatArray  # (n_modes,) [-]
+    shapes: NDArray[np.complex128]  # (n_modes, n_channels), of any scale and phase
 
 
 class SimulatedTower:
@@ -94,8 +105,22 @@ class SimulatedTower:
 
     @property
     def modes(self) -> StructureModes:
-        """Undamped modes at the first sample: the truth of the identification."""
+        """Undamped modes at the first sample."""
         return self._structure.modes
+
+    @property
+    def sensed_modes(self) -> SensedModes:
+        """Every mode at the first sample as the instruments feel it: the truth of the
+        identification, with the air's damping and the axes as they were mounted."""
+        system = self._structure.at(0.0)
+        shapes = system.readings
+        if self._axes is not None:
+            yaw = np.full(len(shapes), self.course.figure("yaw", 0.0))
+            real, imaginary = (
+                self._axes.readings(part, yaw) for part in (shapes.real, shapes.imag)
+            )
+            shapes = real + 1j * imaginary
+        return SensedModes(system.frequencies, system.damping_ratios, shapes)
 
     def messages(self) -> Iterator[AccelerationBlock | ScadaSample]:
         """Blocks as the link brings them, and SCADA samples, each before the block that it is of.

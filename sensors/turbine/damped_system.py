@@ -40,6 +40,20 @@ class DampedSystem:
         """−Re λ / |λ|, (n_modes,) [-]."""
         return -self.poles.real / np.abs(self.poles)
 
+    @property
+    def readings(self) -> ComplexArray:
+        """What accelerometers read of each mode in free motion, (n_modes, n_channels).
+
+        λ² φ − g ψ, through an AC-coupled channel's s / (s + 2π f_corner) at s = λ
+        """
+        modes, poles = self.modes, self.poles
+        read = (modes.displacement @ self.vectors) * poles**2
+        read -= modes.gravity * (modes.rotation @ self.vectors)
+        coupled: ComplexArray = read.T / (
+            1.0 + 2.0 * np.pi * modes.corner_frequencies / poles[:, None]
+        )
+        return coupled
+
 
 def damped_system(
     model: StructuralModel,

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.modal_shapes import modal_assurance_criterion
+from sensors.acquisition import Instruments
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import SensorLayout, biaxial_layout
 from sensors.loads import BroadbandLoad, WaveBandLoad, tower_pattern
@@ -20,7 +22,7 @@ from sensors.simulated import (
 from sensors.turbine.assembly import assemble
 from sensors.turbine.description import load_turbine
 from sensors.turbine.foundation import TurbineError
-from sensors.turbine.modal import full_modes
+from sensors.turbine.modal import ModalModel, full_modes
 from sensors.turbine.response import AccelerationResponse
 from sensors.turbine.structure_modes import ModalDamping, observed_modes, structure_modes
 
@@ -286,3 +288,29 @@ def test_trimming_takes_exactly_the_asked_samples() -> None:
     stream = np.arange(30.0)[:, None]
     kept = list(trimmed(iter(np.split(stream, [4, 9, 15])), first=6, count=11))
     np.testing.assert_array_equal(np.concatenate(kept).ravel(), np.arange(6.0, 17.0))
+
+
+@pytest.mark.parametrize("coupling", [{}, {"coupling": "ac", "corner_frequency": 0.1}])
+def test_the_modes_that_are_sensed_are_those_of_the_updaters_model(
+    coupling: dict[str, object],
+) -> None:
+    """Another assembly, another eigensolver, real modes: all that the sensors see below 12.5 Hz."""
+    axes = layout(**coupling)
+    sensed = SimulatedTower(TURBINE, axes, SHORT).sensed_modes
+    known = ModalModel(TURBINE, axes).modal(TURBINE.nominal)
+    apart = np.abs(sensed.frequencies[:, None] / known.frequencies[0] - 1.0)
+    nearest = apart.argmin(axis=0)
+    assert apart.min(axis=0).max() < 2e-3  # twice the tube elements
+    mac = modal_assurance_criterion(sensed.shapes[nearest], known.shapes[0])
+    assert mac.diagonal().min() > 0.999
+
+
+def test_axes_off_by_ninety_degrees_sense_the_other_direction() -> None:
+    straight, turned = (
+        tower(replace(SHORT, instruments=Instruments(misalignment=(angle,) * 8))).sensed_modes
+        for angle in (0.1, 90.1)
+    )
+    fore_aft, side_side = straight.shapes[:, :4], straight.shapes[:, 4:]
+    scale = np.abs(straight.shapes).max()
+    np.testing.assert_allclose(turned.shapes[:, :4], side_side, atol=1e-9 * scale)
+    np.testing.assert_allclose(turned.shapes[:, 4:], -fore_aft, atol=1e-9 * scale)
