@@ -146,7 +146,7 @@ def main(arguments: list[str]) -> None:
     results = []
     with ProcessPoolExecutor(chosen.processes) as pool:
         for result in pool.map(partial(recovered, options=options), cases):
-            print(line(result), flush=True)
+            print(lines(result), flush=True)
             results.append(result)
     print_tables(results, chosen.windows)
 
@@ -182,20 +182,27 @@ def figures(
     return covered, median / truth - 1, (high - low) / 2 / truth
 
 
-def line(result: Recovery) -> str:
-    """One seed in words."""
-    posterior = result.posterior
-    if posterior is None:
-        return f"seed {result.seed}: no posterior; {[each.reason for each in result.rejected]}"
+def lines(result: Recovery) -> str:
+    """One seed in words: after one window, after all."""
+    every = [] if result.first is None else [_line(result, result.first)]
+    if result.posterior is None:
+        every.append(f"{result.seed}: refused; {[each.reason for each in result.rejected]}")
+    elif result.posterior is not result.first:
+        every.append(_line(result, result.posterior))
+    return "\n".join(every)
+
+
+def _line(result: Recovery, posterior: FoundationPosterior) -> str:
     covered, error, half = figures(result.truth, posterior)
     each = "  ".join(
         f"{name} {100 * e:+6.2f} ± {100 * h:4.2f} %{' ' if c else '!'}"
         for name, c, e, h in zip(PARAMETER_NAMES, covered, error, half, strict=True)
     )
     return (
-        f"seed {result.seed}: {each}  σ {100 * posterior.parameter('sigma').median:.3f} %  "
+        f"{result.seed}, {posterior.n_windows}: {each}  "
+        f"σ {100 * posterior.parameter('sigma').median:.3f} %  "
         f"χ² {posterior.reduced_chi_square:4.1f}  paired {posterior.paired_share:.2f} "
-        f"({len(posterior.pairs)})  cost {posterior.pairing_cost:4.1f}  "
+        f"({len(posterior.pairs)})  cost {posterior.pairing_cost:4.2f}  "
         f"{'trusted' if posterior.trusted else 'UNTRUSTED'}  ess {posterior.ess:.0f} of "
         f"{posterior.sampler}  {result.update_s:.1f} s"
     )
