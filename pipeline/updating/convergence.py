@@ -15,10 +15,10 @@ def split_rhat(chains: FloatArray) -> float:
 
     Source: Gelman et al., Bayesian Data Analysis, 3rd ed., §11.4. NaN for chains under 4 steps.
     """
-    half = len(chains) // 2
+    halves = _halves(chains)
+    half = len(halves)
     if half < 2:
         return float("nan")
-    halves = np.hstack([chains[:half], chains[-half:]])
     within = halves.var(axis=0, ddof=1).mean()
     between = halves.mean(axis=0).var(ddof=1)
     if within == 0:
@@ -31,16 +31,18 @@ def autocorrelation_time(chains: FloatArray) -> float:
 
         τ = 1 + 2 Σ_t ρ_t,   ρ_t = 1 − (W − mean over chains of the lag-t covariance) / V
 
-    with V the pooled variance, so that chains that have not met count as correlated; the sum runs
-    while pairs ρ_2k + ρ_2k+1 are positive, made monotone.
+    with V the pooled variance, so that chains that have not met count as correlated, and each chain
+    cut in halves, so that a drift counts too; the sum runs while pairs ρ_2k + ρ_2k+1 are positive,
+    made monotone.
     Source: Geyer (1992), Statistical Science 7; Vehtari et al. (2021), Bayesian Analysis 16.
     """
-    n_steps, n_chains = chains.shape
-    if n_steps < 4:
+    if len(chains) < 8:
         return float("nan")
-    covariances = _lag_covariances(chains).mean(axis=1)
+    halves = _halves(chains)
+    n_steps = len(halves)
+    covariances = _lag_covariances(halves).mean(axis=1)
     within = covariances[0] * n_steps / (n_steps - 1)
-    pooled = covariances[0] + (chains.mean(axis=0).var(ddof=1) if n_chains > 1 else 0.0)
+    pooled = covariances[0] + halves.mean(axis=0).var(ddof=1)
     if pooled == 0:
         return float("inf")
     correlations = 1 - (within - covariances) / pooled
@@ -54,6 +56,12 @@ def autocorrelation_time(chains: FloatArray) -> float:
 def effective_sample_size(chains: FloatArray) -> float:
     """Independent draws that would say as much about the mean: n_steps · n_chains / τ."""
     return chains.size / autocorrelation_time(chains)
+
+
+def _halves(chains: FloatArray) -> FloatArray:
+    """(n_steps // 2, 2 n_chains) the first and the second half of every chain."""
+    half = len(chains) // 2
+    return np.hstack([chains[:half], chains[len(chains) - half :]])
 
 
 def _lag_covariances(chains: FloatArray) -> FloatArray:

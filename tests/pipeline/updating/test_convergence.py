@@ -54,8 +54,14 @@ def test_chains_that_never_moved_have_no_effective_draws():
 
 
 @pytest.mark.peer
-def test_effective_draws_agree_with_arviz():
-    arviz = pytest.importorskip("arviz", reason="arviz is not installed")
-    chains = autoregressive(0.7, n_steps=1000, n_chains=16, seed=5)
-    peer = float(arviz.ess(chains.T, method="mean"))
-    assert effective_sample_size(chains) == pytest.approx(peer, rel=0.1)
+@pytest.mark.parametrize("correlation", [0.0, 0.7, 0.95])
+def test_effective_draws_and_rhat_agree_with_arviz(correlation):
+    peer = pytest.importorskip("arviz_stats.base", reason="arviz-stats is not installed")
+    chains = autoregressive(correlation, n_steps=1000, n_chains=16, seed=5)
+    drifting = chains + np.linspace(0, 1, 1000)[:, None]
+    for each in (chains, drifting):
+        counted = float(peer.array_stats.ess(each.T, method="mean"))
+        assert effective_sample_size(each) == pytest.approx(counted, rel=0.02)
+        assert split_rhat(each) == pytest.approx(
+            float(peer.array_stats.rhat(each.T, method="split")), abs=1e-6
+        )
