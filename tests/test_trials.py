@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from tests.benchmarks._disk_trial import disk_trial
 from tests.benchmarks._link_trials import cut_trial, frozen_trial, router_trial
-from tests.benchmarks.trials import day_trial, kill_trial
+from tests.benchmarks.trials import SCENARIO, day_trial, kill_trial
 
 
 def test_a_cable_cut_for_seconds_costs_no_block() -> None:
@@ -29,6 +30,15 @@ def test_a_router_that_is_killed_and_comes_back_costs_no_block() -> None:
     outcome = router_trial(away=1.0, rate=100.0)
     assert outcome.received == outcome.published == 500
     assert (outcome.lost, outcome.repeated) == (0, 0)
+
+
+def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path) -> None:
+    outcome = disk_trial(tmp_path, scenario=SCENARIO.format(duration=65.0), kilobytes=60)
+    assert outcome.exit_code == 0
+    assert outcome.warned
+    assert 0 < outcome.recorded < outcome.published == 65
+    assert outcome.told_lost == outcome.published - outcome.recorded
+    assert outcome.same_posterior
 
 
 def test_a_session_whose_nodes_are_killed_ends_with_the_same_posterior_and_nothing_missing(

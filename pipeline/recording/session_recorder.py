@@ -15,6 +15,7 @@ from pipeline.messages import FoundationTruth, Message
 from pipeline.messages import Warning as Doubt
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.parts import close_leftovers, closed_in_place, next_part, part_of, thin
+from pipeline.recording.reader import recorded_messages
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
 from pipeline.streams import key_of
@@ -30,6 +31,14 @@ STANDING = (SensorLayout, FoundationTruth)  # hold until they are said anew; eve
 def free_bytes(folder: Path) -> int:
     """Room on the disk of a folder."""
     return shutil.disk_usage(folder).free
+
+
+def blocks_in(path: Path) -> int:
+    """Acceleration blocks that can be read in a recording; 0 where there is none."""
+    try:
+        return sum(each.message_type is AccelerationBlock for each in recorded_messages(path))
+    except RecordingError:
+        return 0
 
 
 class SessionRecorder:
@@ -147,13 +156,14 @@ class SessionRecorder:
         text = f"recording to {recorder.path} has stopped: {reason}"
         self.warnings = (Doubt("recording-stopped", text),)
         logger.error(text)
-        if self._closed_by_itself(recorder):
-            return
-        recorder.abandon()
-        try:
-            closed_in_place(recorder.path.with_name(recorder.path.name + ACTIVE_SUFFIX))
-        except (OSError, RecordingError) as error:
-            logger.error("%s can only be salvaged: %s", recorder.path, error)
+        if not self._closed_by_itself(recorder):
+            recorder.abandon()
+            try:
+                closed_in_place(recorder.path.with_name(recorder.path.name + ACTIVE_SUFFIX))
+            except (OSError, RecordingError) as error:
+                logger.error("%s can only be salvaged: %s", recorder.path, error)
+        # what sat in the chunk that the disk refused was taken, and is not there
+        self.lost += recorder.recorded[AccelerationBlock] - blocks_in(recorder.path)
 
     def _closed_by_itself(self, recorder: Recorder) -> bool:
         try:

@@ -6,6 +6,8 @@ frozen       a subscriber that is stopped for 9 s: how long the publisher's puts
 router       a router between both that is killed and back: blocks lost
 kill         a session in processes; its nodes are killed one after the other. Blocks missing from
              the recording; the posteriors beside those of the undisturbed session
+disk         a session whose files the system lets grow to a size only: what was recorded until
+             then, the posterior beside that of a session with room
 day          24 h of blocks in recording parts and replayed as one: growth of memory, losses
 truncation   a recording cut at random bytes, and with flipped bytes: chunks that come back
 """
@@ -37,6 +39,7 @@ from pipeline.scenario import scenario_from_text
 from pipeline.sources import record_simulation, recorded_stream, simulated
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import biaxial_layout
+from tests.benchmarks._disk_trial import disk_trial
 from tests.benchmarks._link_trials import block_of_noise, cut_trial, frozen_trial, router_trial
 from tests.benchmarks._relay import Cut
 
@@ -326,6 +329,11 @@ def router_trials(_folder: Path, _seed: int) -> None:
         print(f"router away for {away:g} s: {router_trial(away=away, rate=100.0)}")
 
 
+def disk_trials(folder: Path, _seed: int) -> None:
+    """A disk that is full."""
+    print(disk_trial(folder, scenario=SCENARIO.format(duration=600.0), kilobytes=400))
+
+
 def kill_trials(folder: Path, seed: int) -> None:
     """Nodes that are killed."""
     nodes = ("recorder", "identification", "updating") * 3 + ("recorder",)
@@ -350,6 +358,7 @@ TRIALS: dict[str, Callable[[Path, int], None]] = {
     "frozen": frozen_trials,
     "router": router_trials,
     "kill": kill_trials,
+    "disk": disk_trials,
     "truncation": truncation_trials,
     "day": day_trials,
 }
