@@ -192,7 +192,7 @@ class FoundationEvent:
     turbine: str
     window: int  # in which it was noticed
     time_ns: int  # end of that window
-    kind: str  # "foundation": the stiffness explains it; "modal-drift": it does not
+    kind: str  # "foundation": the stiffness explains it; "modal-drift": it does not; "undecided"
     probability: float  # that there was a change at all [-]
     since_ns: int  # start of the first window after the change, most probably
     since_earliest_ns: int  # 5 % quantile
@@ -261,6 +261,7 @@ class NodeStatus:
     duplicate: int = 0  # blocks that came twice
     busy_s: float = 0.0  # time spent in handling messages [s]
     warnings: tuple[Warning, ...] = field(default=())
+    malformed: int = 0  # messages that were dropped: forged, oversized, broken
 
 
 Message = (

@@ -1,6 +1,6 @@
 """The updater's state as a small file: a restarted node goes on as if it had never stopped.
 
-    pilewatch-updating 1\n      what it is and the version of its layout, readable
+    pilewatch-updating 2\n      what it is and the version of its layout, readable
     CRC-32 of the rest          4 bytes, big-endian
     zlib(                       the rest
         length of the tree      4 bytes, big-endian
@@ -28,7 +28,7 @@ from pipeline.updating.forward_model import FloatArray
 from sensors.errors import InputError
 
 KIND = b"pilewatch-updating"
-VERSION = 1  # of the layout; another one is refused, never guessed at
+VERSION = 2  # of the layout; another one is refused, never guessed at
 LARGEST = 256 * 2**20  # [bytes] unpacked; a state of a hundred modes has some 10⁶
 
 S = TypeVar("S")

@@ -6,13 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.messages import FoundationEvent, FrequencyShift, ModalEstimate, StiffnessChange
-from pipeline.updating.change import (
-    Change,
-    ChangeState,
-    SeenFrequency,
-    Verdict,
-    WatchedWindow,
-)
+from pipeline.updating.change.detector import Change, ChangeState, Verdict
+from pipeline.updating.change.sums import SeenFrequency, Sensitivities, WatchedWindow
+from pipeline.updating.change.walk import deviation
 from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.prior import PARAMETER_NAMES
@@ -23,15 +19,21 @@ QUANTILE = 1.6449  # of the standard normal distribution at 95 %
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackSensitivity:
-    """How a tracked mode's frequency depends on the stiffness, by its model mode."""
+    """How a tracked mode's frequency depends on springs and water, by its model mode."""
 
     track: int
     model: str  # the model mode's label
     slopes: FloatArray  # ∂ ln f / ∂ ratio, (3,) [-]
+    water: FloatArray  # ∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (2,) [1/m, 1/m²]
 
 
-def watched_window(evidence: ModalEvidence, estimate: ModalEstimate) -> WatchedWindow:
-    """The frequencies of the window that entered the evidence last, by track."""
+def watched_window(
+    evidence: ModalEvidence, estimate: ModalEstimate, water_level: float = 0.0
+) -> WatchedWindow:
+    """The frequencies of the window that entered the evidence last, by track.
+
+    water_level   above the model's [m]
+    """
     latest = {
         mode.track: SeenFrequency(
             track=mode.track,
@@ -46,15 +48,19 @@ def watched_window(evidence: ModalEvidence, estimate: ModalEstimate) -> WatchedW
         duration=estimate.duration,
         seen=tuple(latest.values()),
         weight=estimate.weight,
-        water_level=estimate.water_level,
+        water_level=water_level,
     )
 
 
-def sensitivity_rows(tracks: Sequence[int], known: Sequence[TrackSensitivity]) -> FloatArray:
-    """S, (n_tracks, 3); zero for tracks that are paired with no mode of the model."""
-    slopes = {each.track: each.slopes for each in known}
-    rows = [slopes.get(track, np.zeros(3)) for track in tracks]
-    return np.array(rows).reshape(len(tracks), 3)
+def sensitivities_of(tracks: Sequence[int], known: Sequence[TrackSensitivity]) -> Sensitivities:
+    """By the order of the tracks; zero for those that are paired with no mode of the model."""
+    found = Sensitivities.unknown(len(tracks))
+    rows = {track: row for row, track in enumerate(tracks)}
+    for each in known:
+        if each.track in rows:
+            found.stiffness[rows[each.track]] = each.slopes
+            found.water[rows[each.track]] = each.water
+    return found
 
 
 def event_of(
@@ -71,8 +77,9 @@ def event_of(
     before   (3,) ratios k / nominal before it
     pairs    which tracks are which modes of the model
     """
-    starts = state.starts_ns
-    changes = _stiffness_changes(change, state, before) if change.kind == "foundation" else ()
+    starts = state.sums.starts_ns
+    drifted = change.kind == "modal-drift"
+    changes = () if drifted else _stiffness_changes(change, state, before)
     return FoundationEvent(
         turbine=estimate.turbine,
         window=estimate.window,
@@ -91,17 +98,16 @@ def event_of(
 def _stiffness_changes(
     change: Change, state: ChangeState, before: FloatArray
 ) -> tuple[StiffnessChange, ...]:
-    assert state.walk_mean is not None
-    assert state.walk_covariance is not None
-    stds = np.sqrt(np.diag(change.covariance))
-    walk_stds = np.sqrt(np.diag(state.walk_covariance))
+    ratios, walked = change.step.ratios, deviation(state.walk)
+    stds = np.sqrt(np.diag(change.step.covariance))
+    walk_stds = np.sqrt(np.diag(walked.covariance))
     return tuple(
         StiffnessChange(
             name=name,
-            median=float(change.ratios[i] / before[i]),
-            p05=float((change.ratios[i] - QUANTILE * stds[i]) / before[i]),
-            p95=float((change.ratios[i] + QUANTILE * stds[i]) / before[i]),
-            random_walk=float(state.walk_mean[i] / before[i]),
+            median=float(ratios[i] / before[i]),
+            p05=float((ratios[i] - QUANTILE * stds[i]) / before[i]),
+            p95=float((ratios[i] + QUANTILE * stds[i]) / before[i]),
+            random_walk=float(walked.mean[i] / before[i]),
             random_walk_std=float(walk_stds[i] / before[i]),
         )
         for i, name in enumerate(PARAMETER_NAMES)
@@ -114,7 +120,7 @@ def _frequency_shifts(
     labels = {each.track: each.model for each in pairs}
     return tuple(
         FrequencyShift(
-            model=labels.get(state.tracks[column], ""),
+            model=labels.get(state.sums.tracks[column], ""),
             frequency=float(np.exp(change.log_frequencies[column])),
             change=float(np.expm1(change.shifts[column])),
             change_std=float(change.shift_stds[column]),
@@ -132,19 +138,30 @@ def _sentence(
 ) -> str:
     ago = (estimate.end_ns - since_ns) / NANOSECONDS / 60
     begun = f"since about {ago:.0f} min before the end of window {estimate.window}"
-    if changes:
-        sizes = ", ".join(
-            f"{each.name} {each.median:+.1%} ({each.p05:+.1%} to {each.p95:+.1%})"
-            for each in changes
-        )
+    chance = f"with probability {verdict.probability:.3f}"
+    if change.kind == "foundation":
+        return f"the foundation has changed {begun} {chance}: {_sizes(changes)}"
+    most = _most_shifted(change)
+    if change.kind == "modal-drift":
         return (
-            f"the foundation has changed {begun} with probability {verdict.probability:.3f}: "
-            f"{sizes}"
+            f"the modes have changed {begun} {chance}, in a way that no foundation explains; most "
+            f"of all the one at {most}"
         )
+    return (
+        f"the modes have changed {begun} {chance}, most of all the one at {most}; that it was the "
+        f"foundation has a probability of {change.foundation_probability:.2f}, and would then be "
+        f"{_sizes(changes)}"
+    )
+
+
+def _sizes(changes: Sequence[StiffnessChange]) -> str:
+    return ", ".join(
+        f"{each.name} {each.median:+.1%} ({each.p05:+.1%} to {each.p95:+.1%})" for each in changes
+    )
+
+
+def _most_shifted(change: Change) -> str:
+    """The mode whose shift is the surest, with it."""
     shares = np.abs(change.shifts) / change.shift_stds
     most = int(np.nanargmax(np.nan_to_num(shares, nan=-1.0)))
-    return (
-        f"the modes have changed {begun} with probability {verdict.probability:.3f}, in a way that "
-        f"no foundation explains; most of all the one at "
-        f"{np.exp(change.log_frequencies[most]):.4g} Hz, by {np.expm1(change.shifts[most]):+.2%}"
-    )
+    return f"{np.exp(change.log_frequencies[most]):.4g} Hz, by {np.expm1(change.shifts[most]):+.2%}"

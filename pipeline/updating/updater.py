@@ -11,12 +11,9 @@ from pipeline.messages import (
     ModalEstimate,
     WindowRejected,
 )
-from pipeline.updating.change import (
-    ChangeDetector,
-    ChangeSettings,
-    ChangeState,
-    with_tracks_only,
-)
+from pipeline.updating.change.detector import ChangeDetector, ChangeState
+from pipeline.updating.change.settings import ChangeSettings
+from pipeline.updating.change.sums import with_tracks_only
 from pipeline.updating.checkpoint import (
     CheckpointOwner,
     decoded_checkpoint,
@@ -26,7 +23,7 @@ from pipeline.updating.density import StiffnessDensity
 from pipeline.updating.events import (
     TrackSensitivity,
     event_of,
-    sensitivity_rows,
+    sensitivities_of,
     watched_window,
 )
 from pipeline.updating.evidence import EstimateRefused, ModalEvidence, Sighting, diagonal
@@ -118,7 +115,7 @@ class FoundationUpdater:
 
     def initial_state(self) -> UpdatingState:
         """Nothing seen yet."""
-        return UpdatingState(self._no_evidence(), change=self._detector.initial_state())
+        return UpdatingState(self._no_evidence())
 
     def _no_evidence(self) -> ModalEvidence:
         return ModalEvidence(
@@ -179,19 +176,19 @@ class FoundationUpdater:
     ) -> tuple[UpdatingState, FoundationEvent | None]:
         """The detectors' sums with one more window, and what they say."""
         window = watched_window(state.evidence, estimate)
-        change = with_tracks_only(state.change, [mode.track for mode in state.evidence.modes])
-        change = self._detector.updated(
-            change, window, sensitivity_rows(change.tracks, state.sensitivities)
-        )
-        rows = sensitivity_rows(change.tracks, state.sensitivities)
-        verdict = self._detector.verdict(change, rows, window_duration=estimate.duration)
+        remembered = [mode.track for mode in state.evidence.modes]
+        change = replace(state.change, sums=with_tracks_only(state.change.sums, remembered))
+        known = sensitivities_of(change.sums.tracks, state.sensitivities)
+        change = self._detector.updated(change, window, known)
+        known = sensitivities_of(change.sums.tracks, state.sensitivities)
+        verdict = self._detector.verdict(change, known, window_duration=estimate.duration)
         if not verdict.alarm or state.median is None:
             return replace(state, change=change), None
-        found = self._detector.change(change, verdict, rows)
+        found = self._detector.change(change, verdict, known)
         event = event_of(
             found, verdict, change, estimate, before=state.median, pairs=state.sensitivities
         )
-        start = change.starts_ns[found.restart]
+        start = change.sums.starts_ns[found.restart]
         return replace(
             state,
             change=self._detector.restarted(change, found.restart),
@@ -252,6 +249,7 @@ class FoundationUpdater:
                 track=evidence.modes[each.identified].track,
                 model=match.all_modes.labels[each.model_modes[0]],
                 slopes=slopes[list(each.model_modes)].mean(axis=0),
+                water=np.zeros(2),
             )
             for each in match.used
         }

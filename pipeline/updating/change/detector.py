@@ -1,0 +1,165 @@
+"""Both kinds of change together: when to raise the alarm, what to call it, where to begin anew."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pipeline.updating.change.drift import log_drift
+from pipeline.updating.change.evidence_ratio import log_sum
+from pipeline.updating.change.foundation import StiffnessStep, log_foundation, stiffness_step
+from pipeline.updating.change.kind import Kind, foundation_probability, kind_of
+from pipeline.updating.change.settings import ChangeSettings
+from pipeline.updating.change.sums import (
+    UNCUT_MOMENTS,
+    ChangeSums,
+    Regression,
+    Sensitivities,
+    WatchedWindow,
+    before,
+    since,
+    steps,
+    with_tracks_of,
+    with_window,
+)
+from pipeline.updating.change.walk import WalkState, wandered
+from pipeline.updating.forward_model import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChangeState:
+    """What the detectors remember; O(1) in the number of windows."""
+
+    sums: ChangeSums = field(default_factory=ChangeSums)
+    walk: WalkState = field(default_factory=WalkState)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """What one window's look at the sums says. R is in windows; shares of candidates included."""
+
+    log_drift: FloatArray  # (K,) of a modal drift, by candidate
+    log_foundation: FloatArray  # (K,) of a change of the foundation
+    foundation_share: float  # of the changes expected beforehand [-]
+    log_threshold: float  # log A
+    hazard: float  # changes expected a window
+
+    @property
+    def log_kinds(self) -> FloatArray:
+        """(2, K) log R of drift and foundation by candidate, each with its share beforehand."""
+        return np.stack(
+            [
+                self.log_drift + np.log(1 - self.foundation_share),
+                self.log_foundation + np.log(self.foundation_share),
+            ]
+        )
+
+    @property
+    def log_total(self) -> float:
+        """log R of both kinds and all candidates."""
+        return float(log_sum(self.log_kinds.ravel()))
+
+    @property
+    def alarm(self) -> bool:
+        return self.log_total >= self.log_threshold
+
+    @property
+    def probability(self) -> float:
+        """That there was a change since the last one [-]."""
+        odds = self.hazard * np.exp(min(self.log_total, 700.0))
+        return float(odds / (1 + odds))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Change:
+    """A change that was noticed: when, which kind, how large."""
+
+    kind: Kind
+    foundation_probability: float  # given that there was a change [-]
+    candidate: int  # index of the most probable start
+    restart: int  # index of the first candidate that lies after the change almost surely
+    earliest: int  # indices of the 5 % …
+    latest: int  # … and 95 % quantiles
+    step: StiffnessStep  # if it was the foundation
+    shifts: FloatArray  # (J,) change of ln f; NaN for tracks not seen before and after
+    shift_stds: FloatArray  # (J,)
+    log_frequencies: FloatArray  # (J,) before the change, at the model's water level
+
+
+class ChangeDetector:
+    """Both detectors. Holds no state; ChangeState goes in and comes out."""
+
+    def __init__(self, settings: ChangeSettings | None = None) -> None:
+        self.settings = settings or ChangeSettings()
+
+    def updated(
+        self, state: ChangeState, window: WatchedWindow, sensitivities: Sensitivities | None = None
+    ) -> ChangeState:
+        """What is remembered after one more window.
+
+        sensitivities   of the state's tracks; those of tracks seen for the first time are unknown
+        """
+        if not window.seen:
+            return state
+        sums = with_tracks_of(state.sums, window)
+        known = _padded(sensitivities, len(sums.tracks))
+        walk = wandered(state.walk, sums, window, known)
+        most = self.settings.candidates
+        sums = with_window(sums, window, known.water, most_candidates=most)
+        return ChangeState(sums, walk)
+
+    def verdict(
+        self, state: ChangeState, sensitivities: Sensitivities, *, window_duration: float
+    ) -> Verdict:
+        """Whether there was a change. window_duration [s]"""
+        found = steps(state.sums, sensitivities.water)
+        shares = np.log(state.sums.shares)
+        a_year = self.settings.windows_per_year(window_duration)
+        return Verdict(
+            log_drift=shares + log_drift(found),
+            log_foundation=shares + log_foundation(found, sensitivities.stiffness),
+            foundation_share=self.settings.foundation_share,
+            log_threshold=float(np.log(self.settings.years_between_false_alarms * a_year)),
+            hazard=self.settings.changes_per_year / a_year,
+        )
+
+    def change(self, state: ChangeState, verdict: Verdict, sensitivities: Sensitivities) -> Change:
+        """The change behind an alarm, measured on the frequencies as they were."""
+        sums = state.sums
+        logs = log_sum(verdict.log_kinds)
+        chances = np.exp(logs - log_sum(logs))
+        candidate = int(np.argmax(chances))
+        earliest, latest = np.searchsorted(np.cumsum(chances), [0.05, 0.95])
+        latest = min(int(latest), len(chances) - 1)
+        step = steps(sums, sensitivities.water, UNCUT_MOMENTS).of(candidate)
+        line = Regression.of(before(sums, candidate), sensitivities.water)
+        probability = foundation_probability(step, sensitivities.stiffness, self.settings)
+        known = np.where(step.h[0] > 0, step.h[0], np.nan)
+        return Change(
+            kind=kind_of(probability, self.settings),
+            foundation_probability=probability,
+            candidate=candidate,
+            restart=max(candidate, latest),
+            earliest=min(int(earliest), candidate),
+            latest=latest,
+            step=stiffness_step(step, sensitivities.stiffness),
+            shifts=step.g[0] / known,
+            shift_stds=1 / np.sqrt(known),
+            log_frequencies=sums.reference + line.intercept,
+        )
+
+    def restarted(self, state: ChangeState, candidate: int) -> ChangeState:
+        """That candidate's windows as all there is: what was before is forgotten."""
+        return ChangeState(since(state.sums, candidate), WalkState())
+
+
+def _padded(sensitivities: Sensitivities | None, n_tracks: int) -> Sensitivities:
+    """With rows of zeros for the tracks that it does not know yet."""
+    if sensitivities is None:
+        return Sensitivities.unknown(n_tracks)
+    missing = n_tracks - len(sensitivities.stiffness)
+    if not missing:
+        return sensitivities
+    return Sensitivities(
+        np.pad(sensitivities.stiffness, ((0, missing), (0, 0))),
+        np.pad(sensitivities.water, ((0, missing), (0, 0))),
+    )

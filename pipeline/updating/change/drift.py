@@ -1,0 +1,31 @@
+"""Modal drift: some modes have shifted, for whatever reason.
+
+Each mode is taken to have shifted with chance p, by a step of its own, δ_j ~ N(0, τ²):
+
+    LR = Π_j (1 − p + p L(g_j, h_j; τ²)),   mixed over τ and p
+
+p = 1 / J looks for one mode alone, p = 1 for all of them, what lies between for a family of them.
+"""
+
+import numpy as np
+
+from pipeline.updating.change.evidence_ratio import log_mean, log_step
+from pipeline.updating.change.sums import Steps
+from pipeline.updating.forward_model import FloatArray
+
+SHIFTS = np.array([0.001, 0.004, 0.016])  # τ of ln f [-]
+FAMILY = 0.25  # p of a family of modes [-]
+LARGEST = 300.0  # log L of one mode, beyond which it makes no difference
+
+
+def log_drift(steps: Steps) -> FloatArray:
+    """(K,) log likelihood ratio of a modal drift that began with each candidate."""
+    watched = np.any(steps.h > 0, axis=0)
+    if not watched.any():
+        return np.zeros(len(steps.g))
+    g, h = steps.g[:, watched], steps.h[:, watched]
+    each = log_step(g, h, SHIFTS**2)  # (n_τ, K, J)
+    ratios = np.exp(np.minimum(each, LARGEST))
+    shares = (1 / g.shape[1], FAMILY)
+    some = [np.log(1 - p + p * ratios).sum(axis=2) for p in shares]
+    return log_mean(np.concatenate([each.sum(axis=2), *some]))

@@ -1,0 +1,38 @@
+"""How much may be missed for how much quiet, and what is expected beforehand."""
+
+from dataclasses import dataclass
+
+from pipeline.updating.prior import UpdatingError
+
+SECONDS_PER_YEAR = 365.25 * 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeSettings:
+    """Section [updating.change] of a scenario."""
+
+    years_between_false_alarms: float = 3.0  # on average, of all kinds together [a]
+    changes_per_year: float = 1.0  # expected beforehand; only the stated probability knows it
+    foundation_share: float = 0.5  # of these, changes of the foundation [-]
+    certainty: float = 0.95  # from which a change is called by its kind [-]
+    candidates: int = 40  # windows that a change may have begun with; older ones are thinned out
+
+    def __post_init__(self) -> None:
+        smallest = min(self.years_between_false_alarms, self.changes_per_year)
+        if not smallest > 0:
+            raise UpdatingError(
+                "years_between_false_alarms and changes_per_year must be positive; one is "
+                f"{smallest}"
+            )
+        if not 0 < self.foundation_share < 1:
+            raise UpdatingError(
+                f"foundation_share is {self.foundation_share}; it must lie between 0 and 1"
+            )
+        if not 0.5 < self.certainty < 1:
+            raise UpdatingError(f"certainty is {self.certainty}; it must lie between 0.5 and 1")
+        if self.candidates < 8:
+            raise UpdatingError(f"candidates is {self.candidates}; at least 8 are needed")
+
+    def windows_per_year(self, window_duration: float) -> float:
+        """window_duration [s]"""
+        return SECONDS_PER_YEAR / window_duration

@@ -1,0 +1,137 @@
+"""What raises an alarm, what it is called, and what is left alone."""
+
+import numpy as np
+import pytest
+
+from pipeline.updating.change.detector import ChangeDetector, ChangeState
+from pipeline.updating.change.drift import FAMILY, SHIFTS
+from pipeline.updating.change.foundation import STIFFNESS_SHIFTS
+from pipeline.updating.change.settings import ChangeSettings
+from pipeline.updating.change.sums import WatchedWindow
+from pipeline.updating.prior import UpdatingError
+from tests.pipeline.updating.change.streams import (
+    SENSITIVITIES,
+    STDS,
+    STILL,
+    WINDOW,
+    known_of,
+    run,
+    stepped,
+    window_of,
+)
+
+
+def test_alarms_come_at_most_as_often_as_the_person_allowed():
+    """One in 100 windows allowed; 20 streams of 100 windows without a change."""
+    settings = ChangeSettings(years_between_false_alarms=100 * WINDOW / (365.25 * 86400))
+    alarms = sum(
+        run([STILL] * 100, seed=[2, s], settings=settings)[2] is not None for s in range(20)
+    )
+    # at most 1 − exp(−1) = 63 % of the streams; binomial: beyond 17 of 20 once in 100
+    assert alarms <= 17
+
+
+def test_a_softer_foundation_is_found_called_so_and_measured():
+    lost = np.array([0.0, -0.1, 0.0])
+    state, verdict, alarm = run(stepped(80, 60, SENSITIVITIES.stiffness @ lost), seed=3)
+    assert alarm is not None
+    assert alarm <= 64
+    change = ChangeDetector().change(state, verdict, SENSITIVITIES)
+    assert change.kind == "foundation"
+    assert state.sums.starts_ns[change.candidate] == pytest.approx(60 * 6e11, abs=6e11)
+    widest = np.sqrt(np.diag(change.step.covariance).max())
+    assert np.abs(change.step.ratios - lost).max() < 4 * widest
+    assert verdict.probability > 0.5
+
+
+def test_a_shift_that_no_stiffness_explains_is_a_modal_drift():
+    shift = np.array([0.0, 0.0, 0.0, 0.0, 0.01])
+    state, verdict, alarm = run(stepped(90, 60, shift), seed=4)
+    assert alarm is not None
+    change = ChangeDetector().change(state, verdict, SENSITIVITIES)
+    assert change.kind == "modal-drift"
+    assert int(np.nanargmax(np.abs(change.shifts) / change.shift_stds)) == 4
+    assert change.shifts[4] == pytest.approx(0.01, abs=0.002)
+
+
+def test_a_tide_moves_every_frequency_and_is_no_change():
+    _, _, alarm = run([STILL] * 300, seed=5, tide=1.5)
+    assert alarm is None
+
+
+def test_one_outlying_estimate_is_no_change_however_far_it_lies():
+    still = [STILL] * 80
+    still[60] = np.array([0.0, 0.05, 0.0, 0.0, 0.0])
+    _, _, alarm = run(still, seed=6)
+    assert alarm is None
+
+
+def test_after_a_restart_the_sums_are_those_of_the_windows_since():
+    state, *_ = run([STILL] * 30, seed=10)
+    again = ChangeDetector().restarted(state, 20)
+    assert np.array_equal(again.sums.segments[6:], state.sums.segments[6:, 20:])
+    assert np.array_equal(again.sums.segments[4:6], state.sums.segments[6:, 20:])
+    assert again.sums.starts_ns == state.sums.starts_ns[20:]
+
+
+def test_a_window_that_saw_nothing_changes_nothing():
+    state, *_ = run([STILL] * 3, seed=11)
+    assert ChangeDetector().updated(state, WatchedWindow(0, WINDOW, ())) is state
+
+
+def drawn_change(generator):
+    """A change as the detector expects it: whether of the foundation, and the shifts of ln f."""
+    if generator.random() < 0.5:
+        size = generator.choice(STIFFNESS_SHIFTS) * generator.standard_normal(3)
+        return True, SENSITIVITIES.stiffness @ size
+    moved = generator.random(len(STDS)) < generator.choice([1 / len(STDS), FAMILY, 1.0])
+    return False, moved * generator.choice(SHIFTS) * generator.standard_normal(len(STDS))
+
+
+def test_of_changes_called_the_foundations_with_a_probability_that_share_is_one():
+    """Of 200 changes drawn as expected beforehand, six to fifteen of 25 windows ago, those that can
+    be seen; what cannot has no most probable start either."""
+    detector, stated, truths = ChangeDetector(), [], []
+    for trial in range(200):
+        generator = np.random.default_rng([12, trial])
+        foundation, shift = drawn_change(generator)
+        state, begun = ChangeState(), generator.integers(10, 20)
+        for number in range(25):
+            window = window_of(number, generator, shift=shift * (number >= begun))
+            state = detector.updated(state, window, known_of(state))
+        verdict = detector.verdict(state, SENSITIVITIES, window_duration=WINDOW)
+        if verdict.log_total < np.log(1000.0):
+            continue
+        stated.append(detector.change(state, verdict, SENSITIVITIES).foundation_probability)
+        truths.append(foundation)
+    stated, truths = np.array(stated), np.array(truths)
+    for low, high in ((0.0, 0.2), (0.2, 0.8), (0.8, 1.0)):
+        chosen = (stated >= low) & (stated <= high)
+        expected = stated[chosen].mean()
+        error = np.sqrt(max(expected * (1 - expected), 0.02) / chosen.sum())
+        assert truths[chosen].mean() == pytest.approx(expected, abs=2.6 * error)
+
+
+def test_a_shift_that_says_too_little_is_left_undecided():
+    """Two modes that one spring would move alike, by little: nobody can tell."""
+    shift = np.array([0.0, 0.0, 0.004, 0.004, 0.0])
+    settings = ChangeSettings(years_between_false_alarms=0.02, certainty=0.999)
+    state, verdict, alarm = run(stepped(70, 60, shift), seed=13, settings=settings)
+    assert alarm is not None
+    change = ChangeDetector(settings).change(state, verdict, SENSITIVITIES)
+    assert change.kind == "undecided"
+    assert 0.001 < change.foundation_probability < 0.999
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"years_between_false_alarms": 0.0}, "positive; one is 0.0"),
+        ({"foundation_share": 1.0}, "foundation_share is 1.0"),
+        ({"certainty": 0.4}, "certainty is 0.4"),
+        ({"candidates": 3}, "candidates is 3"),
+    ],
+)
+def test_settings_that_make_no_sense_are_told(settings, told):
+    with pytest.raises(UpdatingError, match=told):
+        ChangeSettings(**settings)
