@@ -78,6 +78,10 @@ def test_there_is_no_density_outside_the_prior(likelihood):
     joint = JointDensity(likelihood, TOWER, PRIOR)
     outside = [[0.1, 1, 1, 0.01], [1, 1, 1, -1e-9], [1, 1, 1, 0.11], [0.5, 0.5, 1.5, 0.01]]
     assert np.all(np.isneginf(joint(np.array(outside))[0]))
+    stiffness = StiffnessDensity(likelihood, TOWER, PRIOR, np.random.default_rng(2))
+    values, sigma = stiffness(np.array([[0.1, 1, 1], [4.1, 1, 1], [0.5, 0.5, 1.5], [1, 1, 1]]))
+    assert np.isneginf(values).tolist() == [True, True, True, False]
+    assert np.all(np.isfinite(sigma))
 
 
 @dataclass(frozen=True)
@@ -98,8 +102,9 @@ def test_a_structure_that_falls_over_has_no_density_at_any_sigma(likelihood):
     assert np.isneginf(values).tolist() == [True, True, False, True]
 
 
-def test_importance_tempering_and_chains_agree_with_sigma_integrated_out_or_sampled(likelihood):
-    settings = {"tempering": TemperingSettings(samples=8000, particles=500, pilot=1000)}
+def test_importance_tempering_and_chains_agree_with_sigma_integrated_out_or_sampled():
+    likelihood = likelihood_of_one_window(LikelihoodSettings(sigma_points=30))
+    settings = {"tempering": TemperingSettings(samples=5000, particles=500, pilot=1000)}
     routes = {}
     for name in ("tmcmc", "importance", "emcee"):
         sampler = sampler_of(SamplingSettings(method=name, **settings), SamplerSettings())
