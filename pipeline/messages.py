@@ -148,7 +148,7 @@ class FoundationPosterior:
     sampler: str  # "emcee", …
     ess: float  # smallest effective sample size over the parameters
     rhat: float  # largest split-R̂ over the parameters
-    autocorrelation_time: float  # largest τ over the parameters [steps]
+    autocorrelation_time: float  # largest τ over the parameters [steps]; NaN: there is no chain
     reduced_chi_square: float  # of the paired frequencies at σ = 0 [-]
     paired_share: float  # identified modes that found a model mode [-]
     pairing_cost: float  # mean cost per identified mode [-]
