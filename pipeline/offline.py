@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Warning, WindowRejected  # noqa: A004
 from pipeline.oma.identification import Identification, identify
+from pipeline.oma.quantities import guessed_quantities
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import ModeTracker
 from pipeline.oma.units import UnitJoiner
@@ -19,7 +20,7 @@ from pipeline.recording.reader import read_messages
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 from sensors.files.csv import read_csv
-from sensors.files.table import ChannelTable, FileError
+from sensors.files.table import ChannelTable, FileError, Quantity
 from sensors.layout import SensorLayout
 
 JOINING = 5.0  # how long a unit that is missing is waited for [s]
@@ -86,14 +87,17 @@ def identify_file(
     if window is not None and not 0 < window <= duration * (1 + 1e-9):
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
     length = len(table.samples) if window is None else round(window * rate)
+    quantities = table.quantities or guessed_quantities(table.samples, rate)
+    guessed = _guess(table, quantities)
     tracker = ModeTracker()
     estimates, rejected = [], []
     first: IdentifiedWindow | None = None
-    for window_found in _windows(table, rate, length, settings or OmaSettings()):
+    for window_found in _windows(table, rate, length, settings or OmaSettings(), quantities):
         answer = _answer(window_found, table, rate)
         if isinstance(answer, ModalEstimate):
             first = first or window_found
-            estimates.append(replace(answer, modes=tracker.named(answer.modes)))
+            named = tracker.named(answer.modes)
+            estimates.append(replace(answer, modes=named, warnings=answer.warnings + guessed))
         else:
             rejected.append(answer)
     return FileIdentification(
@@ -171,8 +175,27 @@ def _table(blocks: list[AccelerationBlock], names: dict[str, tuple[str, ...]]) -
     )
 
 
+def _guess(table: ChannelTable, quantities: tuple[Quantity, ...] | None) -> tuple[Warning, ...]:
+    """A warning where the file does not say what its channels measure, and their phases do."""
+    if quantities is None or table.quantities is not None:
+        return ()
+    slower = [
+        name for name, each in zip(table.names, quantities, strict=True) if each == "velocity"
+    ]
+    text = (
+        f"{', '.join(slower)} {'lags' if len(slower) == 1 else 'lag'} the other channels by a "
+        "quarter of a period: taken for velocities beside accelerations (or displacements beside "
+        "velocities); units in the header would tell"
+    )
+    return (Warning("quantities-guessed", text),)
+
+
 def _windows(
-    table: ChannelTable, rate: float, length: int, settings: OmaSettings
+    table: ChannelTable,
+    rate: float,
+    length: int,
+    settings: OmaSettings,
+    quantities: tuple[Quantity, ...] | None,
 ) -> Iterator[IdentifiedWindow]:
     for number, first in enumerate(range(0, len(table.samples) - length + 1, length)):
         window = slice(first, first + length)
@@ -184,7 +207,7 @@ def _windows(
             settings,
             times=times,
             channel_names=table.names,
-            quantities=table.quantities,
+            quantities=quantities,
         )
         yield IdentifiedWindow(number, samples, found)
 

@@ -1,11 +1,14 @@
 """Channels that measure accelerations, velocities and displacements of one structure."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.offline import identify_file
 from pipeline.oma.identification import identify
-from pipeline.oma.quantities import integrations_of, to_acceleration
+from pipeline.oma.quantities import guessed_quantities, integrations_of, to_acceleration
 from sensors.files.table import Quantity
 from tests.benchmarks.records import oscillator
 
@@ -59,3 +62,41 @@ def test_mixed_quantities_show_the_same_modes_as_accelerations(
         assert modal_assurance_criterion(mode.shape[None], same.shape[None])[0, 0] > 0.999
         error = np.abs(mode.shape - same.shape)
         assert np.all(error <= 4 * np.hypot(mode.shape_std, same.shape_std) + 0.01)
+
+
+@pytest.mark.parametrize(
+    ("quantities", "expected"),
+    [
+        (("acceleration",) * 3, None),
+        (
+            ("acceleration", "velocity", "acceleration"),
+            ("acceleration", "velocity", "acceleration"),
+        ),
+        (("displacement", "displacement", "velocity"), ("velocity", "velocity", "acceleration")),
+    ],
+)
+def test_phases_tell_a_derivative_where_nothing_else_does(
+    quantities: tuple[Quantity, ...], expected: tuple[Quantity, ...] | None
+) -> None:
+    """What is known is the order of the two: a displacement is to a velocity as that to an
+    acceleration."""
+    assert guessed_quantities(response(quantities), RATE) == expected
+
+
+def test_phases_say_nothing_of_noise_or_of_a_dead_channel() -> None:
+    noise = np.random.default_rng(3).standard_normal((4000, 3))
+    assert guessed_quantities(noise, RATE) is None
+    noise[:, 1] = 0.5
+    assert guessed_quantities(noise, RATE) is None
+    assert guessed_quantities(noise[:, :1], RATE) is None
+
+
+def test_a_file_without_units_says_what_its_phases_told(tmp_path: Path) -> None:
+    samples = response(("acceleration", "velocity", "acceleration"))
+    file = tmp_path / "mixed.csv"
+    np.savetxt(file, samples, delimiter=",", header="top,middle,foot", comments="")
+    found = identify_file(file, sampling_rate=RATE)
+    assert [w.text[:16] for w in found.warnings if w.code == "quantities-guessed"] == [
+        "middle lags the "
+    ]
+    assert len(found.estimates[0].modes) == 2
