@@ -52,3 +52,8 @@ class ForwardModel(Protocol):
     def following(self, theta_reference: FloatArray) -> "ForwardModel":
         """The same modes, followed by overlap from theta_reference, (3,), instead of nominal."""
         ...
+
+    def water_curves(self) -> FloatArray:
+        """How ln f follows the water where the modes are followed from: slope and curvature of the
+        level, from the one the model stands in, (m, 2) [1/m, 1/m²]; zeros on land."""
+        ...

@@ -26,6 +26,7 @@ from sensors.turbine.foundation import positive_definite, spring_matrix
 from sensors.turbine.mudline import MudlineCondensation, SpringEigenproblem, spring_modes_solver
 from sensors.turbine.observation import Observation
 from sensors.turbine.reference import ReferenceModes, visible_modes
+from sensors.turbine.water_level import water_curves
 from sensors.turbine.whole import FullModes, decoupled_groups, full_modes, solved_modes
 
 __all__ = ["FullModes", "ModalModel", "ModalParameters", "followed_by_overlap", "full_modes"]
@@ -239,6 +240,12 @@ class ModalModel:
         parameters.frequencies[admissible] = np.sqrt(squares) / (2 * np.pi)
         parameters.shapes[admissible] = shapes
         return parameters
+
+    def water_curves(self) -> FloatArray:
+        """How ln f follows the water at the reference θ: slope and curvature of the level, from
+        the description's, (n_modes, 2) [1/m, 1/m²]; zeros on land. See `water_level`."""
+        frequencies = self.modal(self.theta_reference).frequencies[0]
+        return water_curves(self.description, self._reference, frequencies)
 
     def following(self, theta_reference: ArrayLike) -> "ModalModel":
         """The same modes, followed by overlap from another θ, (3,), instead of the present one.

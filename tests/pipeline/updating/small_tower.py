@@ -61,6 +61,9 @@ class SmallTower:
     def following(self, theta_reference: FloatArray) -> "SmallTower":
         return self
 
+    def water_curves(self) -> FloatArray:
+        return np.zeros((len(self.labels), 2))  # on land
+
     def modal(self, theta: FloatArray) -> SmallModes:
         admissible = theta[:, 0] * theta[:, 1] > theta[:, 2] ** 2
         frequencies, shapes = self._all(np.where(admissible[:, None], theta, NOMINAL))
@@ -200,6 +203,7 @@ class LinearTower:
     layout: SensorLayout = LAYOUT
     n_modes: int = 6
     chosen: tuple[int, ...] = ()
+    water: tuple[float, float] = (0.0, 0.0)  # slope and curvature of every ln f [1/m, 1/m²]
 
     @property
     def nominal(self) -> FloatArray:
@@ -215,6 +219,9 @@ class LinearTower:
 
     def following(self, theta_reference: FloatArray) -> "LinearTower":
         return self
+
+    def water_curves(self) -> FloatArray:
+        return np.tile(self.water, (len(self.labels), 1))
 
     def modal(self, theta: FloatArray) -> SmallModes:
         change = theta / NOMINAL - 1
