@@ -183,7 +183,12 @@ def serve(
 
     def say(state: str) -> None:
         bus.publish(
-            account.status(state, lost=subscription.lost_of(AccelerationBlock) + inbox.dropped)
+            account.status(
+                state,
+                lost=subscription.lost_of(AccelerationBlock) + inbox.dropped,
+                malformed=inbox.malformed,
+                refusal=inbox.refusal,
+            )
         )
         beat.said(account)
 

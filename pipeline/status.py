@@ -90,6 +90,7 @@ class StatusDesk:
             "lost": status.lost,
             "late": status.late,
             "duplicate": status.duplicate,
+            "malformed": status.malformed,
             "busy_s": status.busy_s,
             "warnings": [doubt.text for doubt in status.warnings],
         }

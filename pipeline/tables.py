@@ -151,11 +151,12 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
 def status_tables(status: Mapping[str, Any]) -> list[Table]:
     """What a running session answered: nodes, streams, posteriors, gaps."""
     nodes = _table(f"nodes of {status['source']}")
-    for title in ("node", "condition", "silent [s]", "behind [blocks]", "received", "lost", "late"):
+    counted = ("received", "lost", "late", "malformed")
+    for title in ("node", "condition", "silent [s]", "behind [blocks]", *counted):
         nodes.add_column(title, justify="left" if title in ("node", "condition") else "right")
     for each in status["nodes"]:
         behind = "" if each["behind_blocks"] is None else str(each["behind_blocks"])
-        counts = (str(each[name]) for name in ("received", "lost", "late"))
+        counts = (str(each[name]) for name in counted)
         nodes.add_row(each["node"], each["condition"], f"{each['silence_s']:.1f}", behind, *counts)
     streams = _table("streams")
     for title in ("key", "condition", "silent [s]", "messages", "rate [1/s]"):

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 
 from pipeline.messages import Message, MessageCount, NodeStatus
+from pipeline.messages import Warning as Doubt
 from pipeline.nodes.node import Node
 from sensors.blocks import AccelerationBlock
 
@@ -52,8 +53,18 @@ class NodeAccount:
         finally:
             self._busy_ns += max(0, self._clock() - started)
 
-    def status(self, state: str, *, lost: int = 0) -> NodeStatus:
-        """What the node would say of itself now; `lost` is what its subscription knows of."""
+    def status(
+        self, state: str, *, lost: int = 0, malformed: int = 0, refusal: str = ""
+    ) -> NodeStatus:
+        """What the node would say of itself now.
+
+        lost        blocks that its subscription knows to be lost
+        malformed   messages that were dropped before they reached it
+        refusal     of the last of them: where it came and what was wrong
+        """
+        doubts: tuple[Doubt, ...] = getattr(self.node, "warnings", ())
+        if malformed:
+            doubts += (Doubt("malformed", f"messages were dropped, the last one {refusal}"),)
         return NodeStatus(
             turbine=self._turbine,
             node=self.node.name,
@@ -66,7 +77,8 @@ class NodeAccount:
             late=getattr(self.node, "late", 0),
             duplicate=getattr(self.node, "duplicate", 0),
             busy_s=self._busy_ns * 1e-9,
-            warnings=getattr(self.node, "warnings", ()),
+            warnings=doubts,
+            malformed=malformed,
         )
 
 

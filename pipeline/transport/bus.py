@@ -14,12 +14,13 @@ from typing import Protocol
 
 from pipeline.messages import Message
 from pipeline.streams import key_of
-from pipeline.transport.codec import decode
+from pipeline.transport.codec import LARGEST_PAYLOAD, decode
 from pipeline.transport.errors import CodecError, TransportError
 
 logger = logging.getLogger(__name__)
 
 INBOX_CAPACITY = 10_000  # messages; nearly three hours of one unit's one-second blocks
+INBOX_BYTES = 256 * 2**20  # of all messages that wait: what a flood may cost in memory
 
 _NOT_IN_A_KEY = frozenset("/*$?#")
 
@@ -78,16 +79,22 @@ class Inbox:
     """Bounded queue between a transport's threads and the one thread that takes messages out.
 
     When it is full, the oldest message makes room: what a late subscriber still needs is the end
-    of the stream. `dropped` and `malformed` count what was never handed out.
+    of the stream. `dropped` and `malformed` count what was never handed out, and `refusal` says of
+    the last malformed one where it came and what was wrong with it.
     """
 
-    def __init__(self, capacity: int = INBOX_CAPACITY) -> None:
+    def __init__(
+        self, capacity: int = INBOX_CAPACITY, *, capacity_bytes: int = INBOX_BYTES
+    ) -> None:
         self._deliveries: deque[Delivery] = deque()
         self._capacity = capacity
+        self._capacity_bytes = capacity_bytes
+        self._bytes = 0  # of the deliveries that wait
         self._changed = threading.Condition()
         self._closed = False
         self._dropped: Counter[type] = Counter()
         self.malformed = 0
+        self.refusal = ""
 
     def __len__(self) -> int:
         return len(self._deliveries)
@@ -103,10 +110,19 @@ class Inbox:
 
     def put(self, delivery: Delivery) -> None:
         """Take in one delivery. Any thread; never waits for the reader."""
+        size = len(delivery.payload)
+        if size > LARGEST_PAYLOAD:
+            self._reject(
+                delivery, CodecError(f"{size} bytes; at most {LARGEST_PAYLOAD} are allowed")
+            )
+            return
         with self._changed:
-            if len(self._deliveries) >= self._capacity:
-                self._dropped[self._deliveries.popleft().message_type] += 1
+            while len(self._deliveries) >= self._capacity or (
+                self._deliveries and self._bytes + size > self._capacity_bytes
+            ):
+                self._dropped[self._taken().message_type] += 1
             self._deliveries.append(delivery)
+            self._bytes += size
             self._changed.notify()
 
     def get(self, timeout: float | None = None) -> Message | None:
@@ -128,8 +144,15 @@ class Inbox:
             self._closed = True
             self._changed.notify_all()
 
+    def _taken(self) -> Delivery:
+        delivery = self._deliveries.popleft()
+        self._bytes -= len(delivery.payload)
+        return delivery
+
     def _reject(self, delivery: Delivery, error: CodecError) -> None:
-        self.malformed += 1
+        with self._changed:
+            self.malformed += 1
+            self.refusal = f"on {delivery.key}: {error}"
         if self.malformed.bit_count() == 1:  # the 1st, 2nd, 4th, 8th, …: a flood fills no log
             logger.warning(
                 "dropped what came on %s (%d so far): %s", delivery.key, self.malformed, error
@@ -138,7 +161,7 @@ class Inbox:
     def _next(self, timeout: float | None) -> Delivery | None:
         with self._changed:
             self._changed.wait_for(lambda: self._deliveries or self._closed, timeout)
-            return self._deliveries.popleft() if self._deliveries else None
+            return self._taken() if self._deliveries else None
 
 
 def publishing_key(message: Message) -> str:

@@ -43,6 +43,7 @@ logger = logging.getLogger(__name__)
 LOOPBACK = "127.0.0.1"
 HEARTBEAT = 0.5  # a publisher says how far it is [s]
 FETCH_TIMEOUT = 2.0  # for the beginning of a stream; it is held back so long at most [s]
+LARGEST_MESSAGE = 16 * 2**20  # that a link takes in [bytes]: twice what the codec does
 FIRST_RETRY_MS = 100  # to connect to a hub that is not there yet
 LONGEST_RETRY_MS = 1000
 
@@ -343,7 +344,10 @@ def _configuration(settings: ZenohSettings) -> zenoh.Config:
 
 def _entries(settings: ZenohSettings) -> dict[str, Any]:
     """What is laid over Zenoh's defaults, or over the file where it leaves no choice."""
-    entries: dict[str, Any] = {"timestamping/enabled": True}  # what is cached needs its time
+    entries: dict[str, Any] = {
+        "timestamping/enabled": True,  # what is cached needs its time
+        "transport/link/rx/max_message_size": LARGEST_MESSAGE,
+    }
     if settings.listen:
         entries["listen/endpoints"] = settings.listen
     if settings.connect:

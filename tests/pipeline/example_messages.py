@@ -276,5 +276,6 @@ messages = st.one_of(
         duplicate=counts,
         busy_s=numbers,
         warnings=warnings,
+        malformed=counts,
     ),
 )

@@ -270,7 +270,7 @@ class ModePair(_message.Message):
     shape_used: bool
     misfit: float
     information: float
-    def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: _Optional[bool] = ..., misfit: _Optional[float] = ..., information: _Optional[float] = ...) -> None: ...
+    def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: bool = ..., misfit: _Optional[float] = ..., information: _Optional[float] = ...) -> None: ...
 
 class FoundationPosterior(_message.Message):
     __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings")
@@ -314,7 +314,7 @@ class FoundationPosterior(_message.Message):
     pairing_cost: float
     trusted: bool
     warnings: _containers.RepeatedCompositeFieldContainer[Warning]
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: _Optional[bool] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ...) -> None: ...
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: bool = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ...) -> None: ...
 
 class StiffnessChange(_message.Message):
     __slots__ = ("name", "median", "p05", "p95", "random_walk", "random_walk_std")
@@ -379,7 +379,7 @@ class MessageCount(_message.Message):
     def __init__(self, message: _Optional[str] = ..., count: _Optional[int] = ...) -> None: ...
 
 class NodeStatus(_message.Message):
-    __slots__ = ("turbine", "node", "time_ns", "state", "last_sequence", "received", "published", "lost", "late", "duplicate", "busy_s", "warnings")
+    __slots__ = ("turbine", "node", "time_ns", "state", "last_sequence", "received", "published", "lost", "late", "duplicate", "busy_s", "warnings", "malformed")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     NODE_FIELD_NUMBER: _ClassVar[int]
     TIME_NS_FIELD_NUMBER: _ClassVar[int]
@@ -392,6 +392,7 @@ class NodeStatus(_message.Message):
     DUPLICATE_FIELD_NUMBER: _ClassVar[int]
     BUSY_S_FIELD_NUMBER: _ClassVar[int]
     WARNINGS_FIELD_NUMBER: _ClassVar[int]
+    MALFORMED_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     node: str
     time_ns: int
@@ -404,4 +405,5 @@ class NodeStatus(_message.Message):
     duplicate: int
     busy_s: float
     warnings: _containers.RepeatedCompositeFieldContainer[Warning]
-    def __init__(self, turbine: _Optional[str] = ..., node: _Optional[str] = ..., time_ns: _Optional[int] = ..., state: _Optional[str] = ..., last_sequence: _Optional[int] = ..., received: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., published: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., lost: _Optional[int] = ..., late: _Optional[int] = ..., duplicate: _Optional[int] = ..., busy_s: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ...) -> None: ...
+    malformed: int
+    def __init__(self, turbine: _Optional[str] = ..., node: _Optional[str] = ..., time_ns: _Optional[int] = ..., state: _Optional[str] = ..., last_sequence: _Optional[int] = ..., received: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., published: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., lost: _Optional[int] = ..., late: _Optional[int] = ..., duplicate: _Optional[int] = ..., busy_s: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., malformed: _Optional[int] = ...) -> None: ...

@@ -10,7 +10,7 @@ import pytest
 from pipeline.messages import Message, NodeStatus, WindowRejected
 from pipeline.streams import key_of, stream_of
 from pipeline.transport.bus import Bus, Delivery, Inbox
-from pipeline.transport.codec import encode
+from pipeline.transport.codec import LARGEST_PAYLOAD, encode
 from pipeline.transport.errors import CodecError, TransportError
 from pipeline.transport.memory_bus import MemoryBus
 from pipeline.transport.zenoh_bus import ZenohBus
@@ -150,3 +150,30 @@ def test_closing_an_inbox_wakes_its_reader_and_keeps_what_is_queued() -> None:
     inbox.close()
     reader.join(PATIENCE)
     assert taken == [status("updating"), None]
+
+
+def test_what_is_too_large_or_no_message_is_dropped_counted_and_explained() -> None:
+    inbox = Inbox()
+    key = key_of(block(0))
+    inbox.put(Delivery(AccelerationBlock, key, bytes(LARGEST_PAYLOAD + 1)))
+    assert len(inbox) == 0
+    assert inbox.malformed == 1
+    assert inbox.refusal.startswith(f"on {key}: {LARGEST_PAYLOAD + 1} bytes")
+    inbox.put(Delivery(AccelerationBlock, key, b"\xff\xff"))
+    inbox.put(Delivery(AccelerationBlock, key, encode(block(1))))
+    received = inbox.get(timeout=0)
+    assert isinstance(received, AccelerationBlock)
+    assert received.sequence == 1
+    assert inbox.malformed == 2
+    assert "no AccelerationBlock" in inbox.refusal
+
+
+def test_a_flood_of_large_messages_costs_no_more_memory_than_is_allowed() -> None:
+    payload = encode(block(0))
+    inbox = Inbox(capacity_bytes=10 * len(payload))
+    for sequence in range(25):
+        inbox.put(Delivery(AccelerationBlock, key_of(block(0)), encode(block(sequence))))
+    assert len(inbox) <= 10
+    assert inbox.dropped_of(AccelerationBlock) == 25 - len(inbox)
+    last = [message.sequence for _ in range(len(inbox)) if (message := inbox.get(timeout=0))]
+    assert last[-1] == 24
