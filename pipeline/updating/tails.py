@@ -3,6 +3,7 @@
 Both work on whitened errors, of unit variance at σ = 0, and on a whole grid of σ at once.
 """
 
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.stats import invgamma
 from pipeline.updating.forward_model import FloatArray
 
 TAIL_NODES = 5  # of the distribution of λ
-CHUNK = 256  # rows at once: (rows, groups, σ, λ) must stay within the processor's cache
+CHUNK = 256  # rows at once: (rows, σ, λ) must stay within the processor's cache
 
 
 class ErrorModel(Protocol):
@@ -93,13 +94,16 @@ class StudentErrors:
         self._stds = np.sqrt(variances + floors)
         systematic = sigma[:, None] ** 2 * reference + floors  # (n_sigma, p)
         ratios = (variances + scales[:, None, None] * systematic) / self._stds**2
-        self._n_sigma = len(sigma)
-        self._starts = np.flatnonzero(np.diff(groups, prepend=-1))
+        starts = np.flatnonzero(np.diff(groups, prepend=-1))
+        self._spans = [slice(*each) for each in pairwise([*starts.tolist(), len(groups)])]
         self._groups = groups
-        self._precisions = (1 / ratios).reshape(-1, ratios.shape[2])  # (λ·σ, p)
-        logs = np.add.reduceat(np.log(ratios), self._starts, axis=2)  # (λ, σ, groups)
-        self._offsets = (np.log(shares)[:, None, None] - 0.5 * logs).reshape(-1, logs.shape[2])
-        self._n_scales = len(scales)
+        self._precisions = 1 / ratios  # (λ, σ, p)
+        logs = np.add.reduceat(np.log(ratios), starts, axis=2)  # (λ, σ, groups)
+        self._offsets = np.log(shares)[:, None, None] - 0.5 * logs  # (λ, σ, groups)
+        self._widest = self._precisions[-1].T / 2, self._offsets[-1].sum(axis=1)  # of largest λ
+        others = (self._precisions[:-1] - self._precisions[-1]) / 2
+        self._others = np.moveaxis(others, 2, 0).reshape(len(groups), -1)  # (p, λ·σ)
+        self._other_offsets = (self._offsets[:-1] - self._offsets[-1]).reshape(-1, len(starts)).T
 
     def whitened(self, errors: FloatArray) -> FloatArray:
         """η / √(S + F)"""
@@ -111,32 +115,25 @@ class StudentErrors:
         return np.concatenate([self._rows(squares[start : start + CHUNK]) for start in starts])
 
     def _rows(self, squares: FloatArray) -> FloatArray:
-        values = self._by_group(squares)
-        highest = values.max(axis=1)
-        summed = np.exp(values - highest[:, None]).sum(axis=1)
-        with np.errstate(invalid="ignore"):  # NaN where θ is not admissible
-            return np.asarray((highest + np.log(summed)).sum(axis=2))
-
-    def _by_group(self, squares: FloatArray) -> FloatArray:
-        """(n, λ, σ, groups) log p(λ) N(η_g; …)"""
-        ends = np.append(self._starts[1:], squares.shape[1])
-        exponents = np.stack(
-            [
-                squares[:, start:end] @ self._precisions[:, start:end].T
-                for start, end in zip(self._starts, ends, strict=True)
-            ],
-            axis=2,
-        )
-        values = self._offsets - 0.5 * exponents
-        return values.reshape(len(squares), self._n_scales, self._n_sigma, -1)
+        """The sum over λ as the largest λ's term times 1 + the others' ratios to it: an error, as
+        large as it may be, only makes the others smaller, so that no exponent can overflow."""
+        precisions, offsets = self._widest
+        total = offsets - squares @ precisions
+        with np.errstate(invalid="ignore", under="ignore"):  # NaN where θ is not admissible
+            for span, offset in zip(self._spans, self._other_offsets, strict=True):
+                others = np.exp(offset - squares[:, span] @ self._others[span])
+                total += np.log1p(others.reshape(len(squares), -1, total.shape[1]).sum(axis=1))
+        return np.asarray(total)
 
     def weights(self, squares: FloatArray) -> FloatArray:
         """E[1 / (1 + …) | η] over λ at the likeliest σ: the weights of iterated least squares."""
         best = int(np.argmax(self.log_density(squares[None])[0]))
-        logs = self._by_group(squares[None])[0, :, best]  # (λ, groups)
+        precisions = self._precisions[:, best]  # (λ, p)
+        starts = [span.start for span in self._spans]
+        exponents = np.add.reduceat(squares * precisions, starts, axis=1)
+        logs = self._offsets[:, best] - 0.5 * exponents  # (λ, groups)
         chances = np.exp(logs - logs.max(axis=0))
         chances /= chances.sum(axis=0)
-        precisions = self._precisions.reshape(self._n_scales, self._n_sigma, -1)[:, best]
         return np.asarray((chances[:, self._groups] * precisions).sum(axis=0))
 
 
