@@ -36,6 +36,8 @@ FloatArray = NDArray[np.float64]
 OVERSAMPLING = 4  # of the simulation over the record
 EDGE = 0.4  # of the sampling rate; above it an anti-alias filter lies
 FEWEST_PERIODS = 100
+LONGEST = 400_000  # samples of a record
+EXPECTED = {"uneven-clock": "uneven clock", "non-stationary": "shut-down"}  # code: difficulty
 PEAK_OVER_NOISE = 10.0  # of power spectral densities
 QUANTITIES = ("acceleration", "velocity", "displacement")
 UNITS = {"acceleration": "m/s^2", "velocity": "m/s", "displacement": "m"}
@@ -113,13 +115,14 @@ LOADS: dict[str, Callable[[FloatArray, float, np.random.Generator], FloatArray]]
 }
 
 
-def draw_record(seed: int) -> Record:
-    """The record of a seed; seeds in turn go through the difficulties."""
+def draw_record(seed: int, longest: int = LONGEST) -> Record:
+    """The record of a seed, of `longest` samples at most; seeds in turn go through the
+    difficulties."""
     generator = np.random.default_rng(seed)
     difficulty = list(LOADS)[seed % len(LOADS)]
     rate = float(np.exp(generator.uniform(np.log(15), np.log(425))))
     duration = float(np.exp(generator.uniform(np.log(60), np.log(3600))))
-    duration = min(duration, 400_000 / rate)
+    duration = min(duration, longest / rate)
     first = float(
         np.exp(generator.uniform(np.log(max(rate / 200, 60 / duration)), np.log(rate / 8)))
     )
@@ -223,6 +226,7 @@ class Judged:
     modes: int = 0
     spurious: int = 0
     rejected: int = 0
+    false_alarms: int = 0  # warnings of what the record has not
 
     def __add__(self, other: "Judged") -> "Judged":
         return Judged(*(getattr(self, n) + getattr(other, n) for n in self.__slots__))
@@ -240,6 +244,11 @@ def judge(record: Record, modes: tuple[Mode, ...]) -> Judged:
             covered += abs(mode.frequency - record.frequencies[place]) <= 1.96 * mode.frequency_std
     spurious = sum(not any(_near(mode, f, 0.02) for f in record.frequencies) for mode in free)
     return Judged(int(record.findable.sum()), found, covered, len(modes), spurious)
+
+
+def false_alarms(record: Record, found: FileIdentification) -> int:
+    """Warnings of a difficulty that the record does not have."""
+    return sum(EXPECTED.get(w.code) != record.difficulty for w in found.warnings)
 
 
 def _near(mode: Mode, frequency: float, tolerance: float) -> bool:
@@ -277,18 +286,23 @@ def main(arguments: list[str]) -> None:
             found = run(record, Path(folder))
             spent = time.process_time() - began
             modes = found.estimates[0].modes if found.estimates else ()
-            judged = replace(judge(record, modes), rejected=len(found.rejected))
+            judged = replace(
+                judge(record, modes),
+                rejected=len(found.rejected),
+                false_alarms=false_alarms(record, found),
+            )
             kinds = set(record.quantities)
             quantity = kinds.pop() if len(kinds) == 1 else "mixed"
             for key in (record.difficulty, quantity, "all"):
                 sums[key] += judged
             if options.list:
                 _print_record(seed, record, quantity, judged, found, spent)
-    print(f"{'':16s} findable found  cover spurious rejected")
+    print(f"{'':16s} findable found  cover spurious rejected false alarms")
     for key, s in sums.items():
         print(
             f"{key:16s} {s.findable:8d} {s.found / max(1, s.findable):5.2f} "
-            f"{s.covered / max(1, s.found):6.2f} {s.spurious:8d} {s.rejected:8d}"
+            f"{s.covered / max(1, s.found):6.2f} {s.spurious:8d} {s.rejected:8d} "
+            f"{s.false_alarms:12d}"
         )
 
 
