@@ -1,6 +1,6 @@
 """The publication's example over many seeds: what one draw of the measurement cannot say.
 
-    python -m tests.benchmarks reproduction [--seeds 20] [--first-seed 101] [--samples 20000]
+    python -m tests.benchmarks reproduction [--seeds 20] [--first-seed 101] [--samples 5000]
         [--sign published|embedded-pile]
 
 Each seed is one window of the scenario `paper`, its modes taken by label where they were found:
@@ -32,7 +32,7 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks reproduction")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=101)
-    parser.add_argument("--samples", type=int, default=20_000, help="of TMCMC, a stage")
+    parser.add_argument("--samples", type=int, default=5_000, help="of TMCMC, a stage")
     parser.add_argument("--sign", choices=SPRING_SIGNS, default="published")
     options = parser.parse_args(arguments)
     seeds = range(options.first_seed, options.first_seed + options.seeds)
