@@ -4,6 +4,7 @@ A wrong structure widens σ a little and moves the stiffness a lot; the interval
 itself. What tells is how badly the frequencies fit, and how many modes find no partner.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from pipeline.updating.prior import UpdatingError
 
 LARGEST_MISFIT = 3.0  # that one mode counts for [standard deviations]
 N_STIFFNESSES = 3
+UNCONVERGED = ("chain-short", "not-converged")  # codes of doubts
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,14 +25,21 @@ class GuardSettings:
     reduced_chi_square: float = 3.0  # of the frequencies at σ = 0 [-]
     paired_share: float = 0.8  # least share of identified modes with a partner [-]
     pairing_cost: float = 2.5  # per identified mode [-]
+    refused_share: float = 0.5  # below, there is no posterior at all [-]
+    refused_cost: float = 4.5  # above, likewise [-]
     rhat: float = 1.05  # chains that disagree more have not converged [-]
     mode_misfit: float = 4.0  # of one mode's frequency: beyond, it is named [standard deviations]
     interval_share: float = 0.8  # of the prior's 90 % interval: above, nothing was learned [-]
 
     def __post_init__(self) -> None:
-        for name in ("reduced_chi_square", "paired_share", "pairing_cost", "rhat"):
+        for name in ("reduced_chi_square", "paired_share", "pairing_cost", "rhat", "refused_cost"):
             if not getattr(self, name) > 0:
                 raise UpdatingError(f"guard {name} is {getattr(self, name)}; it must be positive")
+        if not 0 <= self.refused_share <= self.paired_share:
+            raise UpdatingError(
+                f"guard refused_share is {self.refused_share}; it must lie between 0 and "
+                f"paired_share ({self.paired_share})"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +59,33 @@ def reduced_chi_square(misfits: FloatArray) -> float:
     """
     counted = np.minimum(misfits**2, LARGEST_MISFIT**2)
     return float(counted.sum() / max(len(misfits) - N_STIFFNESSES, 1))
+
+
+def refusal(paired_share: float, pairing_cost: float, settings: GuardSettings) -> Doubt | None:
+    """Why these modes are not this structure's; None where a posterior is worth computing.
+
+    Where most identified modes find no partner, the few pairs there are have been found by chance,
+    and what they say of the stiffness is not even roughly right.
+    """
+    share_needed, cost_allowed = settings.refused_share, settings.refused_cost
+    if paired_share < share_needed:
+        return Doubt(
+            "few-pairs",
+            f"only {paired_share:.0%} of the identified modes are modes of the model (at least "
+            f"{share_needed:.0%} needed): no posterior",
+        )
+    if pairing_cost > cost_allowed:
+        return Doubt(
+            "pairing-cost",
+            f"identified and model modes hardly resemble each other (mean cost {pairing_cost:.1f}, "
+            f"at most {cost_allowed:g} allowed): no posterior",
+        )
+    return None
+
+
+def unconverged(doubts: Sequence[Doubt]) -> bool:
+    """Whether a sampler says of itself that its quantiles are rough."""
+    return any(doubt.code in UNCONVERGED for doubt in doubts)
 
 
 def contradictions(fit: Fit, settings: GuardSettings) -> tuple[Doubt, ...]:

@@ -7,7 +7,13 @@ import numpy as np
 from pipeline.messages import FoundationPosterior, ModalEstimate, ModePair, ParameterSummary
 from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.forward_model import FloatArray, ModesOfStiffness
-from pipeline.updating.guards import Fit, GuardSettings, contradictions, reduced_chi_square
+from pipeline.updating.guards import (
+    Fit,
+    GuardSettings,
+    contradictions,
+    reduced_chi_square,
+    unconverged,
+)
 from pipeline.updating.honesty import (
     contraction,
     misfit_doubts,
@@ -63,7 +69,7 @@ def posterior_message(
         reduced_chi_square=fit.reduced_chi_square,
         paired_share=fit.paired_share,
         pairing_cost=fit.pairing_cost,
-        trusted=not against,
+        trusted=not against and not unconverged(draws.doubts),
         warnings=(
             *against,
             *draws.doubts,

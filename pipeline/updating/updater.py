@@ -29,7 +29,7 @@ from pipeline.updating.events import (
 from pipeline.updating.evidence import EstimateRefused, ModalEvidence, Sighting, diagonal
 from pipeline.updating.evidence import sightings as sightings_of
 from pipeline.updating.forward_model import FloatArray, ForwardModel
-from pipeline.updating.guards import GuardSettings
+from pipeline.updating.guards import GuardSettings, refusal
 from pipeline.updating.likelihood import LikelihoodSettings
 from pipeline.updating.matching import Match, Matcher
 from pipeline.updating.pairing import DIFFERENCE, PairingSettings
@@ -159,7 +159,8 @@ class FoundationUpdater:
         after have no stiffness in common.
 
         An estimate that cannot be used leaves the state as it was, and the answer is a
-        WindowRejected: the last good posterior stands.
+        WindowRejected: the last good posterior stands. It stands too where the guards refuse the
+        new one, but what the window said is remembered: later ones may make sense of it.
         """
         try:
             seen = sightings_of(estimate, self._layout.channel_names)
@@ -207,9 +208,13 @@ class FoundationUpdater:
 
     def _refreshed(
         self, state: UpdatingState, estimate: ModalEstimate
-    ) -> tuple[UpdatingState, FoundationPosterior]:
+    ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
         generator = np.random.default_rng([self._seed, estimate.window])
         match = self._matcher.matched(state.evidence, state.median)
+        pairing, guards = match.pairing, self.settings.guards
+        against = refusal(pairing.paired_share, pairing.cost, guards)
+        if against is not None:
+            return state, _rejected(estimate, EstimateRefused(against.code, against.text))
         density = StiffnessDensity(match.likelihood, match.forward, self._prior, generator)
         target = Target(
             log_density=density,
@@ -227,7 +232,7 @@ class FoundationUpdater:
             draws,
             median,
             prior=self._prior,
-            guards=self.settings.guards,
+            guards=guards,
         )
         # contiguous, as a checkpoint gives it back: BLAS may round by layout
         ensemble = np.ascontiguousarray(draws.ensemble)

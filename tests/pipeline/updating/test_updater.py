@@ -29,7 +29,7 @@ from tests.pipeline.updating.test_likelihood import evidence_of, likelihood_of
 TRUTH = np.array([1.1, 0.9, 0.95])
 NAMES = ("k11", "k22", "k12")
 QUICK = UpdatingSettings(
-    pairing=PairingSettings(search_draws=60, tried=2, refined=1),
+    pairing=PairingSettings(search_draws=200, tried=6, refined=2),
     likelihood=LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0, sigma_points=40),
     sampling=SamplingSettings(
         importance=ImportanceSettings(effective_draws=300, pilot=100, draws=2000)
