@@ -9,6 +9,12 @@ Why summed information is enough: with the model's discrepancy b one vector shar
 the likelihood of all windows in θ and σ is exactly, up to a constant,
     N(d̄; m(θ), Σ_G(σ) + S),   S = (Σ_t w_t Σ_t⁻¹)⁻¹,   d̄ = S Σ_t w_t Σ_t⁻¹ d_t.
 w_t = hop / window duration counts samples shared by overlapping windows once.
+
+The same holds for what is known to differ between windows. With the water l_t above the model's
+level, f_t = f (1 + a l_t + b l_t²) and m_t(θ) = m(θ) + v₁ l_t + v₂ l_t²; then
+    d̄ = m(θ) + b + S (Σ_t w_t l_t Σ_t⁻¹ v₁ + Σ_t w_t l_t² Σ_t⁻¹ v₂) + ē,
+so that two more sums for each mode bring the combined estimate to the model's level, whichever mode
+of the model turns out to be its partner.
 """
 
 from collections.abc import Sequence
@@ -177,6 +183,9 @@ class ModeEvidence:
     unit_component: int  # channel index
     information: FloatArray  # Σ w Σ_t⁻¹, (1 + n_channels, 1 + n_channels)
     information_mean: FloatArray  # Σ w Σ_t⁻¹ d_t, (1 + n_channels,)
+    level_information: (
+        FloatArray  # Σ w l Σ_t⁻¹ and Σ w l² Σ_t⁻¹, their row of f, (2, 1 + n_channels)
+    )
     track: int  # stays with the mode, also through a jump of its frequency
     n_windows: int  # windows that saw this mode
     last_window: int  # the accepted window that saw it last, counted from 1
@@ -193,6 +202,7 @@ class ModeEvidence:
             unit_component=sighting.unit_component,
             information=np.zeros((n_rows, n_rows)),
             information_mean=np.zeros(n_rows),
+            level_information=np.zeros((2, n_rows)),
             track=track,
             n_windows=0,
             last_window=0,
@@ -200,9 +210,18 @@ class ModeEvidence:
         )
 
     def with_sighting(
-        self, sighting: Sighting, *, window: int, weight: float, joint_covariance: bool
+        self,
+        sighting: Sighting,
+        *,
+        window: int,
+        weight: float,
+        joint_covariance: bool,
+        rise: float = 0.0,
     ) -> "ModeEvidence":
-        """Evidence after one more window, its information multiplied by weight."""
+        """Evidence after one more window, its information multiplied by weight.
+
+        rise   of the water above the model's level [m]
+        """
         sighting = sighting.normalised_to(self.unit_component)
         known = np.flatnonzero(np.linalg.norm(sighting.factor, axis=1) > 0)
         precision = weight * _precision(sighting.factor[known], sighting.n_blocks, joint_covariance)
@@ -210,15 +229,28 @@ class ModeEvidence:
         information[np.ix_(known, known)] += precision
         information_mean = self.information_mean.copy()
         information_mean[known] += precision @ sighting.values[known]
+        level_information = self.level_information.copy()
+        level_information[:, known] += np.outer([rise, rise**2], precision[0])
         return replace(
             self,
             name=sighting.name or self.name,
             information=information,
             information_mean=information_mean,
+            level_information=level_information,
             n_windows=self.n_windows + 1,
             last_window=window,
             last_frequency=sighting.frequency,
             last_frequency_std=float(np.linalg.norm(sighting.factor[0])),
+        )
+
+    def at_model_level(self, slope: float, curvature: float) -> "ModeEvidence":
+        """The evidence as if every window had had the model's water level.
+
+        slope, curvature   a [1/m] and b [1/m²] of ln f = ln f₀ + a l + b l²
+        """
+        change = np.array([slope, curvature + slope**2 / 2]) * self.frequency
+        return replace(
+            self, information_mean=self.information_mean - change @ self.level_information
         )
 
     def forgotten(self, n_windows: int) -> bool:
@@ -305,14 +337,17 @@ class ModalEvidence:
     n_tracks: int = 0  # begun so far
     window_duration: float = 0.0  # of the shortest window [s]
 
-    def with_estimate(self, estimate: ModalEstimate) -> "ModalEvidence":
-        """The evidence after one more window. Raises EstimateRefused; self never changes."""
+    def with_estimate(self, estimate: ModalEstimate, *, rise: float = 0.0) -> "ModalEvidence":
+        """The evidence after one more window. Raises EstimateRefused; self never changes.
+
+        rise   of the water above the model's level [m]
+        """
         return self.with_sightings(
-            sightings(estimate, self.channels), estimate.weight, estimate.duration
+            sightings(estimate, self.channels), estimate.weight, estimate.duration, rise=rise
         )
 
     def with_sightings(
-        self, seen: Sequence[Sighting], weight: float, duration: float
+        self, seen: Sequence[Sighting], weight: float, duration: float, *, rise: float = 0.0
     ) -> "ModalEvidence":
         """The same from the sightings of a window of that weight and duration [s]."""
         window = self.n_windows + 1
@@ -327,7 +362,11 @@ class ModalEvidence:
             else:
                 known, n_tracks = ModeEvidence.empty(sighting, n_tracks), n_tracks + 1
             updated = known.with_sighting(
-                sighting, window=window, weight=weight, joint_covariance=self.joint_covariance
+                sighting,
+                window=window,
+                weight=weight,
+                joint_covariance=self.joint_covariance,
+                rise=rise,
             )
             if number >= 0:
                 modes[number] = updated
@@ -340,6 +379,22 @@ class ModalEvidence:
             n_tracks=n_tracks,
             window_duration=min(self.window_duration or np.inf, duration),
         )
+
+    @property
+    def level_varied(self) -> bool:
+        """Whether any window had another water level than the model's."""
+        return any(mode.level_information.any() for mode in self.modes)
+
+    def at_model_level(self, curves: FloatArray) -> "ModalEvidence":
+        """The evidence as if every window had had the model's water level.
+
+        curves   each mode's slope and curvature of ln f, (n_modes, 2) [1/m, 1/m²]
+        """
+        modes = [
+            mode.at_model_level(float(slope), float(curvature))
+            for mode, (slope, curvature) in zip(self.modes, curves, strict=True)
+        ]
+        return replace(self, modes=tuple(modes))
 
     def with_tracks_of(self, other: "ModalEvidence") -> "ModalEvidence":
         """The same modes under the tracks that `other`, of the same last window, knows them by."""
@@ -399,14 +454,13 @@ def _followed(modes: Sequence[ModeEvidence], seen: Sequence[Sighting]) -> list[i
     """For each sighting the mode it continues, or −1 where it opens a new one.
 
     Assignment on (Δ ln f / s)² + ((1 − MAC) / .15)², beyond 9 a new mode; s is .3 % and both
-    standard deviations together, at most 1 %. Names given by the identification are not asked: a
-    swap of names would mix two modes for good.
+    standard deviations together, at most 1 %. Δ is to the mean of all windows or to the last that
+    saw the mode, whichever is nearer: a tide moves some modes by 1 % and more. Names given by the identification
+    are not asked: a swap of names would mix two modes for good.
     """
     if not modes or not seen:
         return [-1] * len(seen)
-    log_known = np.log([mode.frequency for mode in modes])
-    log_seen = np.log([sighting.frequency for sighting in seen])
-    cost = (log_seen[:, None] - log_known) ** 2 / _following_variance(seen, modes)
+    cost = _nearest_squares(seen, modes) / _following_variance(seen, modes)
     cost += ((1 - _macs(seen, modes)) / FOLLOWING_MAC_SCALE) ** 2
     same_kind = np.equal.outer(
         [sighting.close_pair for sighting in seen], [mode.close_pair for mode in modes]
@@ -417,6 +471,14 @@ def _followed(modes: Sequence[ModeEvidence], seen: Sequence[Sighting]) -> list[i
         if cost[row, column] < FOLLOWING_REJECTION:
             followed[row] = int(column)
     return followed
+
+
+def _nearest_squares(seen: Sequence[Sighting], modes: Sequence[ModeEvidence]) -> FloatArray:
+    """(n_seen, n_modes) squared distances of ln f."""
+    logs = np.log([sighting.frequency for sighting in seen])
+    means = np.log([mode.frequency for mode in modes])
+    last = np.log([mode.last_frequency for mode in modes])
+    return np.minimum((logs[:, None] - means) ** 2, (logs[:, None] - last) ** 2)
 
 
 def _following_variance(seen: Sequence[Sighting], modes: Sequence[ModeEvidence]) -> FloatArray:

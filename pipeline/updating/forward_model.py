@@ -41,6 +41,11 @@ class ForwardModel(Protocol):
         """Names of the m modes, the same for every stiffness."""
         ...
 
+    @property
+    def water_level(self) -> float:
+        """Level of the water that the model stands in, above mean [m]; 0 on land."""
+        ...
+
     def modal(self, theta: FloatArray) -> ModesOfStiffness:
         """Modes for theta, (n, 3) in the units of `nominal`."""
         ...

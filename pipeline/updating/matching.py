@@ -23,6 +23,7 @@ class Match:
     """Evidence tied to the model: what is compared with what, and how well it can fit."""
 
     pairing: Pairing
+    evidence: ModalEvidence  # at the water level that the model stands in
     used: tuple[Observation, ...]
     likelihood: ModalLikelihood
     all_modes: ForwardModel  # every visible mode, followed from the pairing's stiffness
@@ -60,19 +61,28 @@ class Matcher:
 
         Raises EstimateRefused where no mode of the last window has a partner in the model.
         """
-        targets = PairingTargets.of(evidence.modes, evidence.n_windows, reach=self._reach)
-        pairing = self._search.best(targets, start)
-        match = self._match(evidence, targets, pairing)
-        again = self._search.refined(targets, match.peak.ratios)
-        if again.model_modes != pairing.model_modes and again.total_cost <= pairing.total_cost:
-            match = self._match(evidence, targets, again)
+        match = self._match(evidence, self._search.best(self._targets(evidence), start))
+        again, first = self._search.refined(self._targets(match.evidence), match.peak.ratios), match
+        other = again.model_modes != first.pairing.model_modes
+        if other and again.total_cost <= first.pairing.total_cost:
+            match = self._match(evidence, again)
         latest = [mode.last_window == evidence.n_windows for mode in evidence.modes]
         if not any(latest[each.identified] for each in match.used):
             raise _without_partner(sum(latest))
         return match
 
-    def _match(self, evidence: ModalEvidence, targets: PairingTargets, pairing: Pairing) -> Match:
+    def _targets(self, evidence: ModalEvidence) -> PairingTargets:
+        return PairingTargets.of(evidence.modes, evidence.n_windows, reach=self._reach)
+
+    def _match(self, measured: ModalEvidence, pairing: Pairing) -> Match:
         local = self._forward.following(self._prior.stiffness(pairing.ratios))
+        evidence = measured
+        if measured.level_varied:
+            curves = local.water_curves()
+            evidence = measured.at_model_level(_of_partners(curves, pairing))
+            pairing = self._search.refined(self._targets(evidence), pairing.ratios)
+            evidence = measured.at_model_level(_of_partners(curves, pairing))
+        targets = self._targets(evidence)
         modes = local.modal(self._prior.stiffness(pairing.ratios[None]))
         mac = macs(targets, modes.shapes)[0]
         frequencies = modes.frequencies[0]
@@ -89,12 +99,18 @@ class Matcher:
             highest_sigma=self._prior.settings.highest_sigma,
         )
         peak = laplace_peak(likelihood, forward, self._prior, pairing.ratios)
-        return Match(pairing, used, likelihood, local, forward, peak)
+        return Match(pairing, evidence, used, likelihood, local, forward, peak)
 
     def _compared(self, found: Sequence[Observation]) -> tuple[Observation, ...]:
         """Those of the modes that the settings name; all where they name none."""
         named, labels = self._settings.modes, self._forward.labels
         return tuple(each for each in found if not named or labels[each.model_modes[0]] in named)
+
+
+def _of_partners(curves: FloatArray, pairing: Pairing) -> FloatArray:
+    """(n_identified, 2) of each identified mode's partner, zeros where it has none."""
+    partners = np.array(pairing.model_modes, dtype=np.intp)
+    return np.where((partners >= 0)[:, None], curves[partners], 0.0)
 
 
 def _without_partner(n_modes: int) -> EstimateRefused:

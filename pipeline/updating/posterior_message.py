@@ -32,22 +32,25 @@ MOST_DRAWS = 1000  # in a FoundationPosterior
 
 def posterior_message(
     estimate: ModalEstimate,
-    evidence: ModalEvidence,
     match: Match,
     draws: PosteriorDraws,
     median: FloatArray,
     *,
+    now: FloatArray,
     prior: Prior,
     guards: GuardSettings,
 ) -> FoundationPosterior:
     """The posterior after one window.
 
     estimate   of the window that was the last to enter the evidence
-    median     (3,) ratios at which the model's modes are shown
+    draws      of the stiffness that all windows have in common, with which their modes are compared
+    median     (3,) ratios of the same, at which the model's modes are shown
+    now        (n_draws, 4) draws of the stiffness in the estimate's window: what is published
     """
+    evidence = match.evidence
     modes = match.all_modes.modal(prior.stiffness(median[None]))
     fit = _fit(match, prior.stiffness(median[None]))
-    parameters = _summaries(draws, prior)
+    parameters = _summaries(now, prior)
     pairs = _pairs(evidence, match, modes, _mode_check(match, prior, draws))
     against = contradictions(fit, guards)
     return FoundationPosterior(
@@ -56,8 +59,8 @@ def posterior_message(
         time_ns=estimate.end_ns,
         n_windows=evidence.n_windows,
         parameters=parameters,
-        correlation=np.asarray(np.corrcoef(draws.flat[:, :3].T)),
-        draws=_thinned(draws, prior),
+        correlation=np.asarray(np.corrcoef(now[:, :3].T)),
+        draws=_thinned(now, prior),
         pairs=pairs,
         model_labels=tuple(match.all_modes.labels),
         model_frequencies=modes.frequencies[0],
@@ -88,9 +91,9 @@ def _fit(match: Match, theta: FloatArray) -> Fit:
     )
 
 
-def _summaries(draws: PosteriorDraws, prior: Prior) -> tuple[ParameterSummary, ...]:
+def _summaries(drawn: FloatArray, prior: Prior) -> tuple[ParameterSummary, ...]:
     """Quantiles of every draw, k in its own unit."""
-    values = draws.flat * np.append(prior.nominal, 1.0)
+    values = drawn * np.append(prior.nominal, 1.0)
     bounds = prior.settings
     extents = [bounds.highest_ratio - bounds.lowest_ratio] * 3 + [bounds.highest_sigma]
     quantiles = np.sort(np.quantile(values, [0.05, 0.5, 0.95], axis=0), axis=0)
@@ -115,9 +118,8 @@ def _summaries(draws: PosteriorDraws, prior: Prior) -> tuple[ParameterSummary, .
     )
 
 
-def _thinned(draws: PosteriorDraws, prior: Prior) -> FloatArray:
+def _thinned(flat: FloatArray, prior: Prior) -> FloatArray:
     """(n <= 1000, 4) draws spread evenly over all, k in their units."""
-    flat = draws.flat
     chosen = np.linspace(0, len(flat) - 1, min(MOST_DRAWS, len(flat))).round().astype(int)
     return flat[chosen] * np.append(prior.nominal, 1.0)
 

@@ -14,6 +14,7 @@ from pipeline.messages import (
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
 from pipeline.updating.change.settings import ChangeSettings
 from pipeline.updating.change.sums import with_tracks_only
+from pipeline.updating.change.walk import deviation
 from pipeline.updating.checkpoint import (
     CheckpointOwner,
     decoded_checkpoint,
@@ -63,6 +64,7 @@ class RecentWindow:
     start_ns: int
     duration: float  # [s]
     weight: float  # hop / window duration [-]
+    rise: float  # of the water above the model's level [m]
     sightings: tuple[Sighting, ...]
 
 
@@ -153,7 +155,8 @@ class FoundationUpdater:
     def watched(
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, tuple[FoundationEvent | FoundationPosterior | WindowRejected, ...]]:
-        """State after one more window; an event where the structure has changed, and the posterior.
+        """State after one more window; an event where the structure has changed, and the posterior
+        of the stiffness in this window.
 
         After an event the evidence begins anew with the first window after the change: before and
         after have no stiffness in common.
@@ -164,8 +167,11 @@ class FoundationUpdater:
         """
         try:
             seen = sightings_of(estimate, self._layout.channel_names)
-            evidence = state.evidence.with_sightings(seen, estimate.weight, estimate.duration)
-            after = replace(state, evidence=evidence, recent=_with_recent(state, estimate, seen))
+            evidence = state.evidence.with_sightings(
+                seen, estimate.weight, estimate.duration, rise=self._rise(estimate)
+            )
+            recent = self._with_recent(state, estimate, seen)
+            after = replace(state, evidence=evidence, recent=recent)
             after, event = self._looked_for_change(after, estimate)
             after, posterior = self._refreshed(after, estimate)
         except EstimateRefused as refusal:
@@ -176,7 +182,7 @@ class FoundationUpdater:
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationEvent | None]:
         """The detectors' sums with one more window, and what they say."""
-        window = watched_window(state.evidence, estimate)
+        window = watched_window(state.evidence, estimate, self._rise(estimate))
         remembered = [mode.track for mode in state.evidence.modes]
         change = replace(state.change, sums=with_tracks_only(state.change.sums, remembered))
         known = sensitivities_of(change.sums.tracks, state.sensitivities)
@@ -203,7 +209,9 @@ class FoundationUpdater:
         evidence = replace(self._no_evidence(), n_tracks=state.evidence.n_tracks)
         for window in state.recent:
             if window.start_ns >= start_ns:
-                evidence = evidence.with_sightings(window.sightings, window.weight, window.duration)
+                evidence = evidence.with_sightings(
+                    window.sightings, window.weight, window.duration, rise=window.rise
+                )
         return evidence.with_tracks_of(state.evidence)
 
     def _refreshed(
@@ -227,10 +235,10 @@ class FoundationUpdater:
         median = self._representative(draws)
         posterior = posterior_message(
             estimate,
-            state.evidence,
             match,
             draws,
             median,
+            now=self._in_this_window(draws, state.change, estimate),
             prior=self._prior,
             guards=guards,
         )
@@ -242,10 +250,44 @@ class FoundationUpdater:
             posterior,
         )
 
+    def _in_this_window(
+        self, draws: PosteriorDraws, change: ChangeState, estimate: ModalEstimate
+    ) -> FloatArray:
+        """(n_draws, 4) draws of the stiffness in the estimate's window and of σ.
+
+        The windows together speak of their mean stiffness; to it comes what this window's differs
+        from it by. A draw that the prior does not allow then stays as it was.
+        """
+        generator = np.random.default_rng([self._seed, estimate.window, 1])
+        now = draws.flat.copy()
+        now[:, :3] += deviation(change.walk).draws(len(now), generator)
+        return np.where(self._prior.supports(now[:, :3])[:, None], now, draws.flat)
+
+    def _rise(self, estimate: ModalEstimate) -> float:
+        """Of the water above the model's in the window [m]; 0 where the level is not known."""
+        return float(np.nan_to_num(estimate.water_level - self._forward.water_level))
+
+    def _with_recent(
+        self, state: UpdatingState, estimate: ModalEstimate, seen: Sequence[Sighting]
+    ) -> tuple[RecentWindow, ...]:
+        """The last windows one by one. Where correlations aren't used, variances are all that is
+        kept of a covariance."""
+        if not state.evidence.joint_covariance:
+            seen = [diagonal(sighting) for sighting in seen]
+        latest = RecentWindow(
+            start_ns=estimate.start_ns,
+            duration=estimate.duration,
+            weight=estimate.weight,
+            rise=self._rise(estimate),
+            sightings=tuple(seen),
+        )
+        return (*state.recent, latest)[-RECENT_WINDOWS:]
+
     def _sensitivities(
         self, evidence: ModalEvidence, match: Match, median: FloatArray
     ) -> tuple[TrackSensitivity, ...]:
-        """∂ ln f / ∂ ratio at the median of every paired mode's track."""
+        """How every paired mode's track depends on springs, at the median, and on the water."""
+        water = match.all_modes.water_curves() if evidence.level_varied else None
         points = median + DIFFERENCE * np.vstack([np.zeros(3), np.eye(3)])
         logs = np.log(match.all_modes.modal(self._prior.stiffness(points)).frequencies)
         slopes = (logs[1:] - logs[0]).T / DIFFERENCE  # (n_model, 3)
@@ -254,7 +296,7 @@ class FoundationUpdater:
                 track=evidence.modes[each.identified].track,
                 model=match.all_modes.labels[each.model_modes[0]],
                 slopes=slopes[list(each.model_modes)].mean(axis=0),
-                water=np.zeros(2),
+                water=np.zeros(2) if water is None else water[each.model_modes[0]],
             )
             for each in match.used
         }
@@ -270,17 +312,6 @@ class FoundationUpdater:
             return median
         distances = (((flat - median) / flat.std(axis=0)) ** 2).sum(axis=1)
         return flat[int(np.argmin(distances))]
-
-
-def _with_recent(
-    state: UpdatingState, estimate: ModalEstimate, seen: Sequence[Sighting]
-) -> tuple[RecentWindow, ...]:
-    """The last windows one by one. Where correlations aren't used, variances are all that is
-    kept of a covariance."""
-    if not state.evidence.joint_covariance:
-        seen = [diagonal(sighting) for sighting in seen]
-    latest = RecentWindow(estimate.start_ns, estimate.duration, estimate.weight, tuple(seen))
-    return (*state.recent, latest)[-RECENT_WINDOWS:]
 
 
 def _rejected(estimate: ModalEstimate, refusal: EstimateRefused) -> WindowRejected:

@@ -194,6 +194,11 @@ class ModalModel:
         """θ at which the labels are defined, (3,) [N/m, N·m/rad, N/rad]."""
         return self._reference.theta
 
+    @property
+    def water_level(self) -> float:
+        """Of the description, above mean [m]; 0 on land."""
+        return 0.0 if self.description.water is None else self.description.water.level
+
     def admissible(self, theta: ArrayLike) -> NDArray[np.bool_]:
         """Whether springs are positive definite and hold the structure against gravity.
 

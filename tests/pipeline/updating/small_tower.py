@@ -43,6 +43,7 @@ class SmallTower:
     n_modes: int = 6  # a direction
     chosen: tuple[int, ...] = ()  # of all 2 n_modes; () for all
     stiffening: float = 1.0  # of the tube, to make a structure that the updater gets wrong
+    water_level: float = 0.0  # on land
 
     @property
     def nominal(self) -> FloatArray:
@@ -203,6 +204,7 @@ class LinearTower:
     layout: SensorLayout = LAYOUT
     n_modes: int = 6
     chosen: tuple[int, ...] = ()
+    water_level: float = 0.0  # [m]
     water: tuple[float, float] = (0.0, 0.0)  # slope and curvature of every ln f [1/m, 1/m²]
 
     @property

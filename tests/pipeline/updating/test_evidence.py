@@ -238,3 +238,29 @@ def test_a_close_sister_seen_in_the_same_window_is_no_jump():
     sister = replace(estimate.modes[0], frequency=estimate.modes[0].frequency * 1.02)
     after = evidence.with_estimate(replace(estimate, modes=(*estimate.modes, sister)))
     assert len({mode.track for mode in after.modes}) == len(LABELS) + 1
+
+
+def under_water(estimate, rise, slope, curvature):
+    """The estimate with every frequency as the water moves it."""
+    factor = np.exp(slope * rise + curvature * rise**2)
+    modes = [replace(mode, frequency=factor * mode.frequency) for mode in estimate.modes]
+    return replace(estimate, modes=tuple(modes), water_level=rise)
+
+
+@pytest.mark.parametrize("joint_covariance", [False, True])
+def test_windows_of_any_water_level_say_what_they_would_have_said_at_the_models(joint_covariance):
+    """Up to 1.5 m at .5 % a metre; the errors are the same in both."""
+    rises = [1.5, 1.0, 0.4, -0.1, 0.5, 1.0]
+    still = combined(windows(6, seed=41), joint_covariance=joint_covariance)
+    evidence = empty(joint_covariance)
+    for estimate, rise in zip(windows(6, seed=41), rises, strict=True):
+        risen = under_water(estimate, rise, -0.005, -0.0008)
+        evidence = evidence.with_estimate(risen, rise=rise)
+    assert evidence.level_varied
+    assert not still.level_varied
+    reduced = evidence.at_model_level(np.tile([-0.005, -0.0008], (3, 1)))
+    for before, one, other in zip(evidence.modes, reduced.modes, still.modes, strict=True):
+        assert abs(before.frequency / other.frequency - 1) > 0.003
+        assert one.frequency == pytest.approx(other.frequency, rel=3e-5)  # 1 % of what was moved
+        assert one.shape == pytest.approx(other.shape, abs=2e-3)
+        assert one.covariance == pytest.approx(other.covariance, nan_ok=True)
