@@ -455,8 +455,8 @@ def _followed(modes: Sequence[ModeEvidence], seen: Sequence[Sighting]) -> list[i
 
     Assignment on (Δ ln f / s)² + ((1 − MAC) / .15)², beyond 9 a new mode; s is .3 % and both
     standard deviations together, at most 1 %. Δ is to the mean of all windows or to the last that
-    saw the mode, whichever is nearer: a tide moves some modes by 1 % and more. Names given by the identification
-    are not asked: a swap of names would mix two modes for good.
+    saw the mode, whichever is nearer: a tide moves some modes by 1 % and more. Names given by the
+    identification are not asked: a swap of names would mix two modes for good.
     """
     if not modes or not seen:
         return [-1] * len(seen)
