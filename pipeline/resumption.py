@@ -25,6 +25,7 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     StreamGap,
+    Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
 from pipeline.nodes.operation import IdentificationInContext
@@ -139,6 +140,11 @@ class ResumedIdentification:
     def duplicate(self) -> int:
         """See `IdentificationNode.duplicate`."""
         return self._inner.duplicate
+
+    @property
+    def warnings(self) -> tuple[Warning, ...]:
+        """See `IdentificationInContext.warnings`."""
+        return self._inner.warnings
 
 
 def _of(turbine: str, past: Sequence[Message]) -> list[Message]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 
 from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
+from pipeline.nodes.gate import BlockGate
 from pipeline.nodes.unit_sessions import JoinedSession, UnitSession
 from pipeline.oma.settings import OmaSettings
 from sensors.blocks import AccelerationBlock
@@ -26,6 +27,7 @@ class IdentificationNode:
         self._settings = settings or OmaSettings()
         self._layouts: dict[str, SensorLayout] = {}
         self._sessions: dict[str, Session] = {}  # by turbine
+        self._gates: dict[tuple[str, str], BlockGate] = {}  # by turbine and unit
         self._ends: dict[tuple[str, str, str], StreamEnd] = {}  # announced, blocks still missing
 
     def handle(self, message: Message) -> Iterable[Message]:
@@ -33,7 +35,7 @@ class IdentificationNode:
             case SensorLayout():
                 self._layouts[message.layout_id] = message
             case AccelerationBlock():
-                yield from self._take(message)
+                yield from self._admitted(message)
             case StreamEnd():
                 self._ends[message.turbine, message.unit, message.session] = message
                 yield from self._finish_if_complete(message.turbine)
@@ -45,6 +47,14 @@ class IdentificationNode:
 
     def close(self) -> None:
         """Nothing is held."""
+
+    def _admitted(self, block: AccelerationBlock) -> Iterator[Message]:
+        gate = self._gates.setdefault((block.turbine, block.unit), BlockGate())
+        admission = gate.admit(block)
+        if admission.anew and block.turbine in self._sessions:
+            yield from self._sessions.pop(block.turbine).finish()
+        for each in admission.blocks:
+            yield from self._take(each)
 
     def _take(self, block: AccelerationBlock) -> Iterator[Message]:
         session = self._sessions.get(block.turbine)
@@ -92,3 +102,8 @@ class IdentificationNode:
     def duplicate(self) -> int:
         """Blocks of the present sessions that came twice."""
         return sum(session.duplicate for session in self._sessions.values())
+
+    @property
+    def unfit(self) -> int:
+        """Blocks that did not fit their unit's session and were dropped."""
+        return sum(gate.unfit for gate in self._gates.values())

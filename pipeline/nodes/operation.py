@@ -179,6 +179,15 @@ class IdentificationInContext:
         """See `IdentificationNode.duplicate`."""
         return self._inner.duplicate
 
+    @property
+    def warnings(self) -> tuple[Warning, ...]:
+        """What the node says in its status beside its counts."""
+        unfit = self._inner.unfit
+        if not unfit:
+            return ()
+        text = "blocks of another rate, shape or time than their session's were dropped"
+        return (Warning("unfit-blocks", f"{unfit} {text}"),)
+
 
 class UpdatingInContext:
     """The updating, one updater a turbine, fed with windows of the allowed states alone.

@@ -105,6 +105,8 @@ class JoinedSession:
         return block.unit in self._joiner.units
 
     def push(self, block: AccelerationBlock) -> Iterator[Message]:
+        if block.samples.shape[1] != len(self._joiner.columns(block.unit)):
+            return  # other channels than the unit's layout names
         name, newest_ns = self.newest.get(block.unit, (block.session, 0))
         if block.unit not in self._orders or name != block.session:
             yield from self._close_order(block)

@@ -23,7 +23,7 @@ class BlockWatch:
 
     def __init__(self, lateness: float) -> None:
         self._lateness = lateness
-        self._session = ""
+        self._session: str | None = None  # none yet
         self._seen: deque[int] = deque(maxlen=REMEMBERED)
         self._newest: AccelerationBlock | None = None
         self._counts: Counter[str] = Counter()

@@ -7,6 +7,7 @@ pieces   0 1 2 3 4 5 6 7 ▒ 9 …       in order, each sample once, gaps known
 windows  |—— 0 ——|—— 1 ——|—▒ 2 ——|   from the session's first sample; the third is rejected
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 
 FloatArray = NDArray[np.float64]
+
+TOLD_WINDOWS = 100  # that lie in one gap and are still rejected one by one
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,10 +148,20 @@ class WindowCutter:
             self._gaps.append(piece)
             return  # the block after the gap follows at once and closes the windows
         self._newest = piece
+        self._skip_to(piece.first_sample)
         self._pieces.append(_Piece(piece.first_sample, piece.start_ns, piece.samples, piece.status))
         self._reached = piece.first_sample + len(piece.samples)
         while self._reached >= self._bounds(self._index)[1]:
             yield self._cut(complete=True)
+
+    def _skip_to(self, sample: int) -> None:
+        """After a gap of very many windows, leave out those that lie in it: the gap says it."""
+        assert self._newest is not None
+        hop = self.hop * self._newest.sampling_rate
+        overlapping = math.ceil(self.window_duration / self.hop)
+        reached = math.floor(sample / hop) - overlapping
+        if reached - self._index > TOLD_WINDOWS:
+            self._index = reached
 
     def finish(self) -> Iterator[Window]:
         """The session is over: the window it ended in, if it holds samples that no other had."""

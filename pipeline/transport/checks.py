@@ -15,6 +15,7 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     NodeStatus,
+    ParameterSummary,
     StreamEnd,
     StreamGap,
     WindowRejected,
@@ -27,6 +28,7 @@ from sensors.scada import ScadaSample
 LOWEST_SAMPLING_RATE = 1e-3  # [Hz]
 HIGHEST_SAMPLING_RATE = 1e7  # [Hz]
 LATEST_NS = 2**62  # [ns since 1970], the year 2116: times and their differences fit into 64 bits
+PARAMETERS = ("k11", "k22", "k12", "sigma")  # of a posterior, in this order
 HIGHEST_COUNT = 2**62  # of blocks or samples: 10⁹ years at 100 Hz, and sums fit into 64 bits
 
 
@@ -98,8 +100,25 @@ def _check_estimate(estimate: ModalEstimate) -> None:
         )
 
 
+def _check_parameter(parameter: ParameterSummary) -> None:
+    nominal = parameter.nominal
+    _require(
+        math.isfinite(nominal) and nominal != 0.0,
+        f"{parameter.name}: nominal is {nominal}; ratios need a finite value other than 0",
+    )
+    for value in (parameter.median, parameter.p05, parameter.p95):
+        _require(
+            math.isfinite(value) and math.isfinite(value / nominal),
+            f"{parameter.name}: {value} of nominal {nominal} is no finite quantile",
+        )
+
+
 def _check_posterior(posterior: FoundationPosterior) -> None:
     _check_time("time_ns", posterior.time_ns)
+    names = tuple(parameter.name for parameter in posterior.parameters)
+    _require(names == PARAMETERS, f"parameters are {names} instead of {PARAMETERS}")
+    for parameter in posterior.parameters:
+        _check_parameter(parameter)
     n_labels = len(posterior.model_labels)
     _require(
         posterior.correlation.shape == (3, 3),

@@ -186,17 +186,22 @@ def estimates(draw: st.DrawFn) -> ModalEstimate:
     )
 
 
+def summaries(name: str) -> st.SearchStrategy[ParameterSummary]:
+    nominal = st.floats(1e-3, 1e15) | st.floats(-1e15, -1e-3)
+    quantiles = [st.floats(-1e20, 1e20)] * 3
+    return st.builds(ParameterSummary, st.just(name), texts, nominal, *quantiles, numbers)
+
+
 @st.composite
 def posteriors(draw: st.DrawFn) -> FoundationPosterior:
     labels = draw(st.lists(texts, max_size=3).map(tuple))
-    summaries = st.builds(ParameterSummary, texts, texts, *[numbers] * 5)
     pairs = st.builds(ModePair, texts, texts, *[numbers] * 4, st.booleans(), *[numbers] * 2)
     return FoundationPosterior(
         turbine=draw(texts),
         window=draw(counts),
         time_ns=draw(times),
         n_windows=draw(counts),
-        parameters=draw(st.lists(summaries, max_size=4).map(tuple)),
+        parameters=tuple(draw(summaries(name)) for name in ("k11", "k22", "k12", "sigma")),
         correlation=draw(float_arrays(3, 3)),
         draws=draw(float_arrays(draw(st.integers(0, 3)), 4)),
         pairs=draw(st.lists(pairs, max_size=2).map(tuple)),

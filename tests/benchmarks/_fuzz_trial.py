@@ -1,0 +1,276 @@
+"""Random and mutated messages on every key of a running session, sent past our own encoder.
+
+    example messages (hypothesis) ──► mutated bytes ──► key of the stream ──► a session in threads
+                                                                             asked how it does
+
+Every stream gets messages that are whole but mean nothing, whole ones of other streams, damaged
+ones and noise, on keys of turbines that exist.
+"""
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import zenoh
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from pipeline.messages import Message
+from pipeline.status import KEY
+from pipeline.streams import STREAMS, Stream, key_of
+from pipeline.transport.codec import encode
+from pipeline.transport.errors import CodecError
+from pipeline.transport.zenoh_bus import asked, free_endpoint
+from sensors.blocks import AccelerationBlock
+from sensors.errors import InputError
+from sensors.layout import SensorLayout
+from tests.pipeline.example_messages import LAYOUT, block, messages
+
+TURBINES = ("t1", "t2")
+NAMES = {"turbine": TURBINES, "unit": ("tower", "lower"), "node": ("recorder", "forger")}
+PATIENCE = 90.0  # for what another process does [s]
+GOOD = 30  # blocks before and after
+
+
+@dataclass(frozen=True, slots=True)
+class FuzzOutcome:
+    """What a session made of a flood of nonsense."""
+
+    sent: int
+    keys: int
+    malformed: int  # dropped by the node that hears everything, as it says
+    alive: bool  # every node still says that it runs
+    recorded_after: int  # of the good blocks that followed
+    memory_growth: float  # of the session's process, from a fifth of the flood to its end [-]
+    exit_code: int  # when it was told to stop
+
+
+def fuzz_trial(folder: Path, *, examples: int, rate: float, seed: int) -> FuzzOutcome:
+    """So many examples and their mutants on every key, so many messages a second."""
+    endpoint = free_endpoint()
+    payloads = list(nonsense(examples, seed))
+    with running_session(folder / "out", endpoint) as session:
+        wait_for_nodes(endpoint)
+        with closing(_raw(endpoint)) as sender:
+            put = paced_put(sender, rate)
+            for sequence in range(GOOD):
+                put(key_of(block(sequence)), encode(block(sequence)))
+            before = 0
+            for number, (key, payload) in enumerate(payloads):
+                put(key, payload)
+                if number == len(payloads) // 5:
+                    before = resident_bytes(session.pid)
+            settled(endpoint)
+            growth = resident_bytes(session.pid) / before - 1.0
+            after = [replace(block(sequence), turbine="t9") for sequence in range(GOOD)]
+            for message in after:
+                put(key_of(message), encode(message))
+            status = settled(endpoint)
+        session.send_signal(signal.SIGTERM)
+        exit_code = session.wait(PATIENCE)
+    nodes = status["nodes"]
+    counts = {each["key"]: each["messages"] for each in status["streams"]}
+    said = {each["node"]: each for each in nodes if each["turbine"] == "iea15mw"}
+    return FuzzOutcome(
+        sent=len(payloads),
+        keys=len({key for key, _ in payloads}),
+        malformed=max(each["malformed"] for each in said.values()),
+        alive=all(each["condition"] == "alive" for each in said.values()),
+        recorded_after=counts.get(key_of(after[0]), 0),
+        memory_growth=growth,
+        exit_code=exit_code,
+    )
+
+
+@contextmanager
+def running_session(out: Path, endpoint: str) -> Iterator["subprocess.Popen[bytes]"]:
+    """`pilewatch run --source live` in a process of its own."""
+    command = [sys.executable, "-m", "pipeline", "run", "--source", "live", "--no-rrd"]
+    session = subprocess.Popen([*command, "--listen", endpoint, "--out", str(out)])
+    try:
+        yield session
+    finally:
+        session.kill()
+        session.wait()
+
+
+def wait_for_nodes(endpoint: str) -> None:
+    """Until somebody answers for the session and every node has spoken."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        try:
+            answers = asked(endpoint, f"{KEY}/*")
+        except InputError:
+            answers = []
+        if answers and len(json.loads(answers[0])["nodes"]) >= 4:
+            return
+        time.sleep(0.2)
+    raise RuntimeError("the session did not become ready")
+
+
+def settled(endpoint: str) -> dict[str, Any]:
+    """What the session says when it has nothing more to take."""
+    before: list[int] = []
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        status: dict[str, Any] = json.loads(asked(endpoint, f"{KEY}/*")[0])
+        now = [each["messages"] for each in status["streams"]]
+        if now == before:
+            return status
+        before = now
+        time.sleep(1.5)
+    raise RuntimeError("the session is still busy")
+
+
+def _raw(endpoint: str) -> "zenoh.Session":
+    config = zenoh.Config()
+    for entry, value in (
+        ("mode", "client"),
+        ("connect/endpoints", [endpoint]),
+        ("scouting/multicast/enabled", False),
+    ):
+        config.insert_json5(entry, json.dumps(value))
+    return zenoh.open(config)
+
+
+def paced_put(session: "zenoh.Session", rate: float) -> Callable[[str, bytes], None]:
+    """Puts that follow each other at a rate [1/s] and are never dropped on the way out."""
+    started, count = time.monotonic(), 0
+
+    def put(key: str, payload: bytes) -> None:
+        nonlocal count
+        time.sleep(max(0.0, started + count / rate - time.monotonic()))
+        session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+        count += 1
+
+    return put
+
+
+def nonsense(examples: int, seed: int) -> Iterator[tuple[str, bytes]]:
+    """(key, payload): for every stream so many payloads, on keys of turbines that exist.
+
+    Whole messages, good ones with one field of another, messages of another stream, damaged ones
+    and noise.
+    """
+    generator = random.Random(seed)
+    made = example_messages(examples)
+    by_type = {s.message: [m for m in made if type(m) is s.message] for s in STREAMS}
+    good = good_messages()
+    for stream in STREAMS:
+        own = by_type[stream.message]
+        for _ in range(examples):
+            message = with_names(generator.choice(own), generator)
+            match generator.randrange(4):
+                case 0:
+                    pass
+                case 1:
+                    one = generator.choice(good.get(stream.message, own))
+                    message = with_names(crossed(one, message, generator), generator)
+                case 2:
+                    message = generator.choice(made)
+                case _:
+                    yield from _sent(stream, message, generator, damaged=True)
+                    continue
+            yield from _sent(stream, message, generator, damaged=False)
+
+
+def _sent(
+    stream: Stream, message: Message, generator: random.Random, *, damaged: bool
+) -> Iterator[tuple[str, bytes]]:
+    try:
+        payload = encode(message)
+    except CodecError:
+        payload = generator.randbytes(40)
+    names = {name: generator.choice(chosen) for name, chosen in NAMES.items()}
+    own_key = type(message) is stream.message and all(getattr(message, n, "x") for n in NAMES)
+    key = key_of(message) if own_key else stream.key.format(**names)
+    if not any(each in key for each in "*$?# "):
+        yield key, mutated(payload, generator) if damaged else payload
+
+
+def good_messages() -> dict[type, list[Message]]:
+    """What a tower that exists says."""
+    towers = [replace(block(sequence), turbine=t) for t in TURBINES for sequence in range(GOOD)]
+    return {AccelerationBlock: list(towers), SensorLayout: [LAYOUT]}
+
+
+def crossed(good: Message, strange: Message, generator: random.Random) -> Message:
+    """A good message with one field of a strange one."""
+    name = generator.choice(fields(good)).name
+    return replace(good, **{name: getattr(strange, name)})
+
+
+def example_messages(count: int) -> list[Message]:
+    """Messages of every type, as hypothesis makes them up."""
+    made: list[Message] = []
+
+    @settings(
+        max_examples=3 * count,
+        database=None,
+        derandomize=True,
+        deadline=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(st.one_of(messages))
+    def take(message: Message) -> None:
+        made.append(message)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        take()
+    return made
+
+
+def with_names(message: Message, generator: random.Random) -> Message:
+    """The message as one of a turbine, unit and node that exist."""
+    own = {field.name for field in fields(message)}
+    chosen = {name: generator.choice(all_) for name, all_ in NAMES.items() if name in own}
+    return replace(message, **chosen)
+
+
+def mutated(payload: bytes, generator: random.Random) -> bytes:
+    """The bytes damaged in one of several ways."""
+    data = bytearray(payload or b"\0")
+    at = generator.randrange(len(data))
+    match generator.randrange(6):
+        case 0:
+            for _ in range(generator.randint(1, 8)):
+                data[generator.randrange(len(data))] ^= generator.randrange(1, 256)
+        case 1:
+            del data[at:]
+        case 2:
+            del data[at : at + generator.randint(1, 16)]
+        case 3:
+            data[at:at] = data[: generator.randint(1, 64)]
+        case 4:
+            data[at : at + 10] = b"\xff" * 9 + b"\x01"  # the largest number there is
+        case _:
+            data = bytearray(generator.randbytes(generator.randint(0, 200)))
+    return bytes(data)
+
+
+def resident_bytes(pid: int) -> int:
+    """Memory of a process that is not swapped out."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * resource.getpagesize()
+
+
+def main_decoder(seconds: int) -> None:
+    """Coverage-guided: atheris on the decoder, for so long; raises what it finds."""
+    subprocess.run(
+        [sys.executable, "-m", "tests.benchmarks._fuzz_decoder", f"-max_total_time={seconds}"],
+        check=True,
+        env=os.environ | {"PYTHONWARNINGS": "ignore"},
+    )
