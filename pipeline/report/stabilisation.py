@@ -1,7 +1,4 @@
-"""The stabilisation diagram of an identified window over its spectrum, as a PNG.
-
-matplotlib is an optional dependency (extra `plot`) and imported only here, when a figure is drawn.
-"""
+"""The stabilisation diagram of an identified window over its spectrum, as a PNG."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from pipeline.oma.identification import Identification
+from pipeline.report.canvas import new_figure
 from sensors.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +35,7 @@ def draw_stabilisation(
     title           of what was identified, for the heading
     Raises InputError when matplotlib is not installed or the file cannot be written.
     """
-    figure = _figure(path)
+    figure = new_figure((11, 8), str(path))
     poles_axes, spectrum_axes = figure.subplots(2, 1, sharex=True)
     _draw_poles(poles_axes, identification)
     _draw_spectrum(spectrum_axes, samples, sampling_rate)
@@ -55,16 +53,6 @@ def draw_stabilisation(
     except (OSError, ValueError) as error:  # ValueError: a suffix that no picture has
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"cannot write the figure {path}: {reason}") from error
-
-
-def _figure(path: Path) -> Any:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise InputError(
-            f"cannot draw {path}: matplotlib is not installed; pip install 'pilewatch[plot]'"
-        ) from error
-    return Figure(figsize=(11, 8), layout="constrained")
 
 
 def _log_ticks() -> Any:

@@ -1,13 +1,11 @@
-"""Figure 3: marginals and pairs of the posterior, by both samplers, with MAP and truth.
-
-matplotlib is an optional dependency (extra `plot`) and imported only here, when a figure is drawn.
-"""
+"""Figure 3: marginals and pairs of the posterior, by both samplers, with MAP and truth."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipeline.report.canvas import new_figure
 from pipeline.reproduction.example import Example
 from sensors.errors import InputError
 
@@ -19,7 +17,7 @@ DOTS_PER_INCH = 130
 
 def draw_figure3(example: Example, path: Path) -> None:
     """Write the corner plot as a PNG. Raises InputError where it cannot be drawn or written."""
-    figure = _figure(path)
+    figure = new_figure((9, 9), str(path))
     grid = figure.subplots(4, 4, sharex="col")
     clouds = ((example.published, PUBLISHED), (example.mended, MENDED))
     for row in range(4):
@@ -40,16 +38,6 @@ def draw_figure3(example: Example, path: Path) -> None:
         figure.savefig(path, dpi=DOTS_PER_INCH)
     except OSError as error:
         raise InputError(f"cannot write the figure {path}: {error.strerror or error}") from error
-
-
-def _figure(path: Path) -> Any:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise InputError(
-            f"cannot draw {path}: matplotlib is not installed; pip install 'pilewatch[plot]'"
-        ) from error
-    return Figure(figsize=(9, 9), layout="constrained")
 
 
 def _marginal(axes: Any, values: np.ndarray, colour: str) -> None:

@@ -1,14 +1,13 @@
 """report.md, report.html, table1.csv and table2.csv: our figures beside the publication's."""
 
-import base64
 import csv
-import html
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from pipeline.report.html import TextTable, document, heading, listed, paragraph, png, table_of
 from pipeline.reproduction.example import Example
 from pipeline.reproduction.figures import draw_figure3
 from pipeline.reproduction.findings import findings, over_seeds
@@ -17,24 +16,6 @@ from pipeline.reproduction.study import PERCENT, Study, map_errors
 from sensors.errors import InputError
 
 TITLE = "The publication's numerical example, run again"
-STYLE = """
-:root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
-body { max-width: 60rem; margin: 0 auto; padding: 1rem; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .25rem .6rem; text-align: right; border-bottom: 1px solid #8886; }
-th:first-child, td:first-child { text-align: left; }
-img { max-width: 100%; background: white; }
-"""
-
-
-@dataclass(frozen=True, slots=True)
-class TextTable:
-    """A table of finished texts."""
-
-    title: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 def write_report(study: Study, folder: Path) -> tuple[Path, ...]:
@@ -140,30 +121,11 @@ def markdown(tables: Sequence[TextTable], sentences: Sequence[str], study: Study
 
 def page(tables: Sequence[TextTable], sentences: Sequence[str], study: Study, figure: bytes) -> str:
     """The whole report as one HTML page that needs nothing else."""
-    image = base64.b64encode(figure).decode()
-    listed = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in sentences)
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{TITLE}</title>'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<style>{STYLE}</style></head><body><h1>{TITLE}</h1>"
-        f"<p>{html.escape(_introduction(study))}</p>"
-        f"<h2>What agrees and what differs</h2><ul>{listed}</ul>"
-        + "".join(_html_table(table) for table in tables)
-        + '<h2>Figure 3</h2><img alt="Posterior of the springs and σ" '
-        f'src="data:image/png;base64,{image}"></body></html>\n'
-    )
-
-
-def _html_table(table: TextTable) -> str:
-    head = "".join(f"<th>{html.escape(text)}</th>" for text in table.head)
-    rows = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in row) + "</tr>"
-        for row in table.rows
-    )
-    return (
-        f'<h2>{html.escape(table.title)}</h2><div class="wide"><table><thead><tr>{head}</tr>'
-        f"</thead><tbody>{rows}</tbody></table></div>"
-    )
+    parts = [paragraph(_introduction(study)), heading("What agrees and what differs")]
+    parts.append(listed(sentences))
+    parts += [heading(each.title) + table_of(replace(each, title="")) for each in tables]
+    parts += [heading("Figure 3"), png(figure, "Posterior of the springs and σ")]
+    return document(TITLE, "".join(parts))
 
 
 def _introduction(study: Study) -> str:

@@ -1,0 +1,127 @@
+"""A page that needs nothing else: its frame, its tables, its pictures.
+
+One file, no script, nothing loaded from anywhere: it can be sent by mail, opened on a phone, in
+the dark, and printed. What is wider than the screen (a table, a listing) scrolls by itself.
+"""
+
+import base64
+import html
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+STYLE = """
+:root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
+body { max-width: 62rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word; }
+h1 { line-height: 1.2; margin-bottom: .25rem; }
+h2 { margin-top: 2.5rem; border-bottom: 1px solid #8886; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+th, td { padding: .25rem .6rem; text-align: right; border-bottom: 1px solid #8886; }
+th:first-child, td:first-child { text-align: left; }
+caption { text-align: left; font-weight: 600; padding: .25rem 0; }
+td.words { text-align: left; min-width: 14rem; }
+img { max-width: 100%; background: white; }
+figure { margin: 1rem 0; break-inside: avoid; }
+figure svg { display: block; width: 100%; height: auto; }
+figcaption, .quiet { font-size: .875rem; opacity: .8; }
+pre { overflow-x: auto; font-size: .8rem; }
+@media print {
+  :root { color-scheme: light; font-size: 11px; }
+  body { max-width: none; padding: 0; }
+  .wide, pre { overflow: visible; }
+  pre { white-space: pre-wrap; }
+  h2, h3 { break-after: avoid; }
+  tr { break-inside: avoid; }
+}
+"""
+
+_NO_ICON = '<link rel="icon" href="data:,">'  # or a browser asks its server for one
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """A table of finished texts."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    words: tuple[int, ...] = ()  # columns that hold sentences rather than figures
+
+
+def document(title: str, body: str, style: str = "") -> str:
+    """The whole page. body: HTML; style: rules beside `STYLE`."""
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f"<title>{html.escape(title)}</title>"
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"{_NO_ICON}<style>{STYLE}{style}</style></head>\n<body><h1>{html.escape(title)}</h1>\n"
+        f"{body}</body></html>\n"
+    )
+
+
+def heading(text: str, level: int = 2, *, anchor: str = "") -> str:
+    """A heading; `anchor` is what links within the page jump to."""
+    place = f' id="{html.escape(anchor)}"' if anchor else ""
+    return f"<h{level}{place}>{html.escape(text)}</h{level}>\n"
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """A paragraph of plain text; `kind` is a class of the style."""
+    return f"<p{_class(kind)}>{html.escape(text)}</p>\n"
+
+
+def listed(texts: Iterable[str], kind: str = "") -> str:
+    """A list of plain sentences; nothing where there are none."""
+    items = "".join(f"<li>{html.escape(text)}</li>" for text in texts)
+    return f"<ul{_class(kind)}>{items}</ul>\n" if items else ""
+
+
+def table_of(content: TextTable, links: Sequence[str] = ()) -> str:
+    """A table that scrolls by itself where it is wider than the screen.
+
+    links   where the first cell of each row leads, e.g. "#t1"; none: nowhere
+    """
+    head = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in content.head)
+    rows = []
+    for number, row in enumerate(content.rows):
+        cells = [
+            f"<td{_class('words' if column in content.words else '')}>{html.escape(text)}</td>"
+            for column, text in enumerate(row)
+        ]
+        if links:
+            link = f'<a href="{html.escape(links[number])}">{html.escape(row[0])}</a>'
+            cells[0] = f"<td>{link}</td>"
+        rows.append("<tr>" + "".join(cells) + "</tr>")
+    caption = f"<caption>{html.escape(content.title)}</caption>" if content.title else ""
+    return (
+        f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>\n"
+    )
+
+
+def listing(text: str) -> str:
+    """Text as it stands, e.g. a file of settings."""
+    return f"<pre>{html.escape(text)}</pre>\n"
+
+
+def png(picture: bytes, description: str) -> str:
+    """A PNG inside the page. description: for those who cannot see it."""
+    encoded = base64.b64encode(picture).decode()
+    return f'<img alt="{html.escape(description)}" src="data:image/png;base64,{encoded}">\n'
+
+
+def drawing(svg: str, description: str, *, caption: str = "", name: str) -> str:
+    """An SVG inside the page, its inner names made the page's own by `name`.
+
+    svg   a whole SVG file; what comes before its root element is left out
+    """
+    root = svg[svg.index("<svg") :].strip()
+    own = re.sub(r'(\bid="|xlink:href="#|href="#|url\(#)', rf"\g<1>{name}-", root)
+    labelled = own.replace("<svg", f'<svg role="img" aria-label="{html.escape(description)}"', 1)
+    below = f"<figcaption>{html.escape(caption)}</figcaption>" if caption else ""
+    return f"<figure>{labelled}{below}</figure>\n"
+
+
+def _class(kind: str) -> str:
+    return f' class="{kind}"' if kind else ""

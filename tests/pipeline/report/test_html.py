@@ -1,0 +1,84 @@
+"""Pages stand alone, and what people write into names and texts stays text."""
+
+from html.parser import HTMLParser
+
+from pipeline.report.html import (
+    TextTable,
+    document,
+    drawing,
+    heading,
+    listed,
+    listing,
+    paragraph,
+    png,
+    table_of,
+)
+
+SVG = (
+    '<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="x">'
+    '<path id="a"/><use xlink:href="#a" clip-path="url(#b)"/></svg>'
+)
+VOID = {"meta", "link", "img", "br"}
+
+
+class Outline(HTMLParser):
+    """Sources that a page names, and whether its elements close."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.sources: list[str] = []
+        self.open: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def assert_stands_alone(page: str) -> None:
+    """Nothing is fetched, and every element is closed where it should be."""
+    outline = Outline(page)
+    assert outline.open == []
+    assert outline.sources
+    assert all(source.startswith(("data:", "#")) for source in outline.sources)
+
+
+def test_a_page_of_all_parts_stands_alone() -> None:
+    table = TextTable("t", ("a", "b"), (("1", "2"),), words=(1,))
+    parts = [
+        heading("h", anchor="there"),
+        paragraph("p", "quiet"),
+        listed(["one", "two"]),
+        table_of(table, ["#there"]),
+        listing("x = 1\ny = 2"),
+        png(b"\x89PNG", "picture"),
+        drawing(SVG, "drawing", caption="c", name="first"),
+    ]
+    assert_stands_alone(document("title", "".join(parts)))
+
+
+def test_what_people_write_stays_text() -> None:
+    written = "<script>alert('k22 & k12')</script>"
+    table = TextTable(written, (written,), ((written,),))
+    page = document(
+        written,
+        heading(written) + paragraph(written) + listed([written]) + table_of(table)
+        + listing(written) + drawing(SVG, f'"{written}', caption=written, name="d"),
+    )  # fmt: skip
+    assert "<script" not in page
+    assert page.count("k22 &amp; k12") >= 9
+
+
+def test_two_drawings_on_one_page_keep_their_own_names() -> None:
+    page = drawing(SVG, "one", name="one") + drawing(SVG, "two", name="two")
+    assert 'id="one-a"' in page
+    assert 'xlink:href="#two-a" clip-path="url(#two-b)"' in page
+    assert "<?xml" not in page
+
+
+def test_an_empty_list_is_nothing() -> None:
+    assert listed([]) == ""
