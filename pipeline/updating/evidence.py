@@ -25,11 +25,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.modal_shapes import (
-    modal_assurance_criterion,
-    normalised_to,
-    renormalised_factor,
-)
+from pipeline.modal_shapes import normalised_to, renormalised_factor
 from pipeline.updating.forward_model import FloatArray
 
 FOLLOWING_FREQUENCY_STD = 0.003  # relative scatter of one mode's f between windows [-]
@@ -491,13 +487,11 @@ def _following_variance(seen: Sequence[Sighting], modes: Sequence[ModeEvidence])
 
 def _macs(seen: Sequence[Sighting], modes: Sequence[ModeEvidence]) -> FloatArray:
     """(n_seen, n_modes) MAC on the channels both have; 1 where there are none."""
-    shapes = [mode.shape for mode in modes]
-    macs = np.ones((len(seen), len(modes)))
-    for row, sighting in enumerate(seen):
-        for column, shape in enumerate(shapes):
-            common = np.isfinite(shape) & np.isfinite(sighting.shape)
-            if common.any():
-                macs[row, column] = modal_assurance_criterion(
-                    sighting.shape[None, common], shape[None, common]
-                )[0, 0]
-    return macs
+    shapes = np.array([sighting.shape for sighting in seen])[:, None]
+    known = np.array([mode.shape for mode in modes])[None]
+    common = np.isfinite(shapes) & np.isfinite(known)
+    shapes, known = np.where(common, shapes, 0.0), np.where(common, known, 0.0)
+    products = (shapes * known).sum(axis=2) ** 2
+    norms = (shapes**2).sum(axis=2) * (known**2).sum(axis=2)
+    macs = np.divide(products, norms, out=np.zeros_like(products), where=norms > 0)
+    return np.where(common.any(axis=2), macs, 1.0)
