@@ -1,7 +1,9 @@
 """ChannelTable: what any file of measurements gives, whatever its format."""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -10,28 +12,53 @@ from numpy.typing import NDArray
 from sensors.errors import InputError
 
 STANDARD_GRAVITY = 9.80665  # [m/s²], by definition (CGPM 1901)
+EXACT = 1e-9  # relative doubt about a rate whose stamps are exact: rounding of doubles [-]
 
+# Every unit as `_plain` writes it: lower case, no blanks, powers as plain digits, "u" for micro.
 ACCELERATION_UNITS = {
     "m/s2": 1.0,
-    "m/s^2": 1.0,
-    "m/s²": 1.0,
-    "m/s**2": 1.0,
+    "m/s/s": 1.0,
+    "ms-2": 1.0,
     "mm/s2": 1e-3,
-    "mm/s^2": 1e-3,
-    "mm/s²": 1e-3,
+    "mm/s/s": 1e-3,
+    "mms-2": 1e-3,
     "cm/s2": 1e-2,
-    "cm/s^2": 1e-2,
-    "cm/s²": 1e-2,
+    "um/s2": 1e-6,
+    "nm/s2": 1e-9,
+    "ft/s2": 0.3048,
+    "in/s2": 0.0254,
     "gal": 1e-2,
+    "mgal": 1e-5,
     "g": STANDARD_GRAVITY,
+    "gn": STANDARD_GRAVITY,
+    "g_n": STANDARD_GRAVITY,
     "mg": 1e-3 * STANDARD_GRAVITY,
+    "ug": 1e-6 * STANDARD_GRAVITY,
 }  # [m/s² per unit]
-
-
-VELOCITY_UNITS = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "µm/s": 1e-6}  # [m/s]
-DISPLACEMENT_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}  # [m]
+VELOCITY_UNITS = {
+    "m/s": 1.0,
+    "ms-1": 1.0,
+    "cm/s": 1e-2,
+    "mm/s": 1e-3,
+    "um/s": 1e-6,
+    "nm/s": 1e-9,
+    "ft/s": 0.3048,
+    "in/s": 0.0254,
+}  # [m/s per unit]
+DISPLACEMENT_UNITS = {
+    "m": 1.0,
+    "cm": 1e-2,
+    "mm": 1e-3,
+    "um": 1e-6,
+    "nm": 1e-9,
+    "ft": 0.3048,
+    "in": 0.0254,
+}  # [m per unit]
 # Strain and tilt follow the displacement, if on a scale of their own.
-LIKE_DISPLACEMENT = ("strain", "m/m", "um/m", "µm/m", "ue", "µε", "rad", "mrad", "deg", "°")
+LIKE_DISPLACEMENT = (
+    "strain", "m/m", "mm/m", "um/m", "ue", "uε", "ustrain", "microstrain", "ε",
+    "rad", "mrad", "urad", "deg", "°",
+)  # fmt: skip
 
 Quantity = Literal["acceleration", "velocity", "displacement"]
 
@@ -48,54 +75,112 @@ class FileError(InputError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelTable:
-    """Samples of all channels of one file, with their time stamps where it has any."""
+    """Samples of all channels of one file or of a piece of it, time-stamped where it says when."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]  # "m/s²", "m/s", "m" after conversion; "" = unscaled; else as given
     samples: NDArray[np.float64]  # (n_samples, n_channels), NaN where the file has nothing
-    times: NDArray[np.float64] | None  # (n_samples,) seconds since the first sample, or None
-    start_ns: int = 0  # first sample [ns since 1970-01-01 UTC]; 0 where the file does not say
+    times: NDArray[np.float64] | None  # (n_samples,) seconds since the file's first sample, or None
+    start_ns: int = 0  # the file's first sample [ns since 1970-01-01 UTC]; 0: it does not say
+    stated_rate: float | None = None  # [Hz], where the file says it in so many words
+    stated_quantities: tuple[Quantity | None, ...] = ()  # where file or layout say it; () = neither
 
     @property
     def quantities(self) -> tuple[Quantity, ...] | None:
-        """What each channel measures; None where neither unit nor name tells."""
-        titles = zip(self.units, self.names, strict=True)
-        known = [quantity_of(unit) or quantity_named(name) for unit, name in titles]
+        """What each channel measures; None where nothing tells."""
+        stated = self.stated_quantities or (None,) * len(self.names)
+        titles = zip(stated, self.units, self.names, strict=True)
+        known = [told or quantity_of(unit) or quantity_named(name) for told, unit, name in titles]
         told = tuple(quantity for quantity in known if quantity is not None)
         return told if len(told) == len(known) else None
 
     @property
     def sampling_rate(self) -> float | None:
-        """From the time stamps [Hz]; None without them.
+        """As stated, else from the time stamps [Hz]; None without either."""
+        if self.stated_rate is not None or self.times is None:
+            return self.stated_rate
+        return rate_of_stamps(self.times)
 
-        The mean step, not the median: stamps rounded to the millisecond have a median that is
-        wrong by up to half a millisecond. Steps over a gap do not count.
-        """
-        if self.times is None or len(self.times) < 2:
-            return None
-        steps = np.diff(self.times)
-        typical = max(float(np.median(steps)), float(np.mean(steps)) / 2)
-        step = float(np.mean(steps[steps <= 3 * typical]))
-        return 1.0 / step if step > 0 else None
+
+def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
+    """The sampling rate that time stamps tell [Hz]; None of fewer than two, or of standing time.
+
+    The mean step, not the median: stamps rounded to the millisecond have a median that is wrong by
+    up to half a millisecond. Steps over a gap do not count. Of the rates that the stamps' scatter
+    about an even clock allows, the one with the fewest digits, as a rate or as its period: stamps
+    of 25.000 and 50.001 ms tell 40 Hz, not 39.9992.
+
+    times   (n,) [s]
+    """
+    if len(times) < 2:
+        return None
+    steps = np.diff(times)
+    typical = max(float(np.median(steps)), float(np.mean(steps)) / 2)
+    steps = steps[steps <= 3 * typical]
+    step = float(np.mean(steps))
+    if not step > 0:
+        return None
+    clock = np.cumsum(steps - step)  # how far the stamps stray from an even clock [s]
+    doubt = float(np.ptp(clock)) / (step * len(steps)) + EXACT
+    return _plainest(1.0 / step, doubt)
+
+
+def _plainest(rate: float, doubt: float) -> float:
+    """The number of fewest digits within a relative `doubt` of a rate, or of its period."""
+    for digits in range(1, 12):
+        for value in (rate, 1.0 / rate):
+            plain = float(f"{value:.{digits}g}")
+            if abs(plain / value - 1.0) <= doubt:
+                return plain if value == rate else 1.0 / plain
+    return rate
+
+
+def whole(pieces: Iterable[ChannelTable], path: Path) -> ChannelTable:
+    """The pieces of one file, in their order, as one table.
+
+    Raises FileError: fewer than two samples, only NaN, a time that ends before it starts.
+    """
+    parts = list(pieces)
+    count = sum(len(part.samples) for part in parts)
+    if count < 2:
+        raise FileError(f"{path}: {count} sample(s); at least two are needed")
+    samples = np.concatenate([part.samples for part in parts])
+    if not np.isfinite(samples).any():
+        raise FileError(f"{path}: only NaN in {', '.join(parts[0].names)}; numbers are needed")
+    stamps = [part.times for part in parts if part.times is not None]
+    times = np.concatenate(stamps) if len(stamps) == len(parts) else None
+    if times is not None and times[-1] <= times[0]:
+        raise FileError(
+            f"{path}: the time does not increase (the last sample is stamped "
+            f"{times[0] - times[-1]:g} s before the first)"
+        )
+    return replace(parts[0], samples=samples, times=times)
 
 
 def in_standard_unit(unit: str) -> tuple[str, float]:
     """Unit after conversion, and the factor to it: accelerations become m/s², velocities m/s,
     displacements m; the rest stays."""
-    given = unit.strip()
     for standard, factors in (
         ("m/s²", ACCELERATION_UNITS),
         ("m/s", VELOCITY_UNITS),
         ("m", DISPLACEMENT_UNITS),
     ):
-        if given.lower() in factors:
-            return standard, factors[given.lower()]
-    return given, 1.0
+        if _plain(unit) in factors:
+            return standard, factors[_plain(unit)]
+    return unit.strip(), 1.0
+
+
+def _plain(unit: str) -> str:
+    """ "m·s⁻²", "m/s^2" and "M / S²" as one spelling each of what is meant."""
+    return unit.lower().translate(_SPELLING).replace("**", "").replace("*", "")
+
+
+_SPELLING = str.maketrans("²³⁻¹µμ", "23-1uu", " ·.^")
 
 
 def quantity_of(unit: str) -> Quantity | None:
     """What is measured in a unit (after conversion); None where it does not tell."""
-    if unit.lower() in LIKE_DISPLACEMENT:
+    if _plain(unit) in LIKE_DISPLACEMENT:
         return "displacement"
     known: dict[str, Quantity] = {"m/s²": "acceleration", "m/s": "velocity", "m": "displacement"}
     return known.get(unit)

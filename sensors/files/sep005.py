@@ -1,0 +1,185 @@
+"""SEP005: how programs of structural dynamics hand on a measured channel → ChannelTable.
+
+A channel is a dictionary; a file is a list of them. Source: SDyPy enhancement proposal 5, "A
+unified timeseries model", https://github.com/sdypy (its checker: the package sdypy-sep005).
+"""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NotRequired, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.blocks import NANOSECONDS
+from sensors.files.columns import ABSOLUTE, distinct
+from sensors.files.table import ChannelTable, FileError, Quantity, in_standard_unit
+
+FloatArray = NDArray[np.float64]
+
+TOGETHER = 0.05  # channels whose samples lie less apart are sampled together [samples]
+MOST_PADDED = 100  # times the samples that a file has: more is a wrong start, and no gap [-]
+
+_QUANTITIES: dict[str, Quantity] = {
+    "a": "acceleration",
+    "v": "velocity",
+    "d": "displacement",
+    "e": "displacement",  # strain
+}
+
+
+class Channel(TypedDict):
+    """One measured channel as SEP005 has it. With neither `fs` nor `time` its rate is unknown."""
+
+    data: Any  # (n,) samples
+    name: str
+    unit_str: str
+    fs: NotRequired[float | None]  # [Hz]
+    time: NotRequired[Any]  # (n,) [s]: since `start_timestamp` where there is one
+    start_timestamp: NotRequired[str | datetime | None]  # of the first sample, ISO 8601; UTC
+    quantity: NotRequired[str | None]  # "a", "v", "d" or "e" (strain)
+
+
+def table_of_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
+    """The channels of one file side by side.
+
+    Channels of one rate that begin or end at different times are put on one clock, NaN where one
+    has nothing; where none has anything, there is a gap in `times`.
+
+    Raises FileError: no channel; data that are no series of numbers; channels that differ in rate,
+    in their time vectors, or by a part of a sample.
+    """
+    if not channels:
+        raise FileError(f"{path}: there is no channel of numbers in it")
+    columns = [_samples(channel, path) for channel in channels]
+    times, start_ns, samples = _on_one_clock(channels, columns, path)
+    rate = channels[0].get("fs")
+    units, factors = zip(
+        *(in_standard_unit(str(channel.get("unit_str") or "")) for channel in channels),
+        strict=True,
+    )
+    return ChannelTable(
+        names=tuple(distinct([str(channel.get("name") or "") for channel in channels])),
+        units=units,
+        samples=samples * np.array(factors),
+        times=times,
+        start_ns=start_ns,
+        stated_rate=None if rate is None else float(rate),
+        stated_quantities=tuple(_QUANTITIES.get(str(each.get("quantity"))) for each in channels),
+    )
+
+
+def _samples(channel: Channel, path: Path) -> FloatArray:
+    name = channel.get("name")
+    try:
+        samples = np.ma.filled(np.ma.asarray(channel["data"], dtype=np.float64), np.nan)
+    except (KeyError, TypeError, ValueError):
+        raise FileError(f"{path}: channel {name!r} holds no series of numbers") from None
+    if samples.ndim != 1:
+        raise FileError(
+            f"{path}: channel {name!r} has {samples.ndim} dimensions; one series is needed"
+        )
+    return samples
+
+
+def _on_one_clock(
+    channels: Sequence[Channel], columns: list[FloatArray], path: Path
+) -> tuple[FloatArray | None, int, FloatArray]:
+    """Seconds since the first sample (None: unknown), that sample [ns since 1970; 0: unknown],
+    and (n, n_channels) samples."""
+    rates = {channel.get("fs") for channel in channels}
+    if len(rates) > 1:
+        raise FileError(
+            f"{path}: channels differ in sampling rate ({_rates_in_words(channels)}); a layout "
+            "file (--layout) that lists channels of one rate chooses them"
+        )
+    (rate,) = rates
+    stamps = channels[0].get("time")
+    if stamps is None and rate is not None:
+        if not 0 < float(rate) < float("inf"):
+            raise FileError(f"{path}: the sampling rate is {rate} Hz; it must be positive")
+        return _on_grid(channels, columns, float(rate), path)
+    _require_alike(channels, columns, path)
+    start_ns = timestamp_ns(channels[0].get("start_timestamp"), path)
+    if stamps is None:
+        return None, start_ns, np.column_stack(columns)
+    times = np.asarray(stamps, dtype=np.float64)
+    if not start_ns and times[0] > ABSOLUTE:
+        return times - times[0], round(float(times[0]) * NANOSECONDS), np.column_stack(columns)
+    begin_ns = start_ns + round(float(times[0]) * NANOSECONDS) if start_ns else 0
+    return times - times[0], begin_ns, np.column_stack(columns)
+
+
+def _rates_in_words(channels: Sequence[Channel]) -> str:
+    first: dict[Any, str] = {}
+    for channel in channels:
+        first.setdefault(channel.get("fs"), channel["name"])
+    said = [
+        f"{name} {'of unknown rate' if rate is None else f'{rate:g} Hz'}"
+        for rate, name in first.items()
+    ]
+    return ", ".join(said)
+
+
+def _require_alike(channels: Sequence[Channel], columns: list[FloatArray], path: Path) -> None:
+    first = channels[0]
+    for channel, column in zip(channels, columns, strict=True):
+        stamps = channel.get("time")
+        length = len(column) if stamps is None else len(stamps)
+        same = stamps is first.get("time") or _equal(stamps, first.get("time"))
+        if len(column) != len(columns[0]) or length != len(column) or not same:
+            raise FileError(
+                f"{path}: channels {first['name']!r} ({len(columns[0])} samples) and "
+                f"{channel['name']!r} ({len(column)} samples) do not share their time stamps; a "
+                "layout file (--layout) that lists those that do chooses them"
+            )
+
+
+def _equal(a: Any, b: Any) -> bool:
+    return a is not None and b is not None and bool(np.array_equal(a, b))
+
+
+def _on_grid(
+    channels: Sequence[Channel], columns: list[FloatArray], rate: float, path: Path
+) -> tuple[FloatArray, int, FloatArray]:
+    starts = [timestamp_ns(channel.get("start_timestamp"), path) for channel in channels]
+    start_ns = min(starts)
+    offsets = [(start - start_ns) * rate / NANOSECONDS for start in starts]
+    for channel, offset in zip(channels, offsets, strict=True):
+        if abs(offset - round(offset)) > TOGETHER:
+            raise FileError(
+                f"{path}: channel {channel['name']!r} is sampled {offset - np.floor(offset):.2f} "
+                f"of a sample after {channels[starts.index(start_ns)]['name']!r}; channels that "
+                "are not sampled together cannot be compared"
+            )
+    firsts = [round(offset) for offset in offsets]
+    ends = [first + len(column) for first, column in zip(firsts, columns, strict=True)]
+    if max(ends) > MOST_PADDED * max(len(column) for column in columns):
+        raise FileError(f"{path}: its channels begin {max(firsts) / rate:g} s apart")
+    samples = np.full((max(ends), len(columns)), np.nan)
+    for number, (first, column) in enumerate(zip(firsts, columns, strict=True)):
+        samples[first : first + len(column), number] = column
+    present = ~np.isnan(samples).all(axis=1)
+    return np.flatnonzero(present) / rate, start_ns, samples[present]
+
+
+def timestamp_ns(stamp: str | datetime | None, path: Path) -> int:
+    """Nanoseconds since 1970 of an ISO 8601 time, UTC where it has no zone; 0 for None.
+
+    Raises FileError where it is no such time.
+    """
+    if stamp is None:
+        return 0
+    if isinstance(stamp, datetime):
+        stamp = stamp.isoformat()
+    seconds, _, rest = stamp.strip().replace("Z", "+00:00").partition(".")
+    digits = rest[: len(rest) - len(rest.lstrip("0123456789"))]
+    try:
+        moment = datetime.fromisoformat(seconds + rest[len(digits) :])
+    except ValueError:
+        raise FileError(
+            f"{path}: start_timestamp is {stamp!r}; a time like 2024-12-31T23:59:59.5 is needed"
+        ) from None
+    aware = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    return round(aware.timestamp()) * NANOSECONDS + int(f"{digits:0<9}"[:9])
