@@ -30,7 +30,8 @@ def draw_recording(
     Raises RecordingError, SourceError or ViewerError, one line each.
     """
     source = replayed(recording)
-    viewer = Viewer(outputs, source.scenario.structure, session=f"{recording.name}")
+    structure = source.scenario.structure
+    viewer = Viewer(outputs, structure, session=f"{recording.name}", unhurried=True)
     try:
         for message in read_messages(recording):
             _draw(viewer, message, report)
@@ -63,8 +64,7 @@ def open_pictures(path: Path) -> None:
 
     Raises ViewerError where the viewer cannot be started.
     """
-    if not path.exists():
-        raise ViewerError(f"{path} does not exist")
+    require_pictures(path)
     command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(path)]
     ended = subprocess.run(command, check=False, stderr=subprocess.PIPE, text=True)
     if ended.returncode:
@@ -72,3 +72,9 @@ def open_pictures(path: Path) -> None:
         raise ViewerError(
             f"the viewer ended with exit code {ended.returncode} ({last[0]}); is there a display?"
         )
+
+
+def require_pictures(path: Path) -> None:
+    """ViewerError where there is no such file."""
+    if not path.exists():
+        raise ViewerError(f"{path} does not exist")

@@ -1,6 +1,7 @@
 """`pilewatch run` and `pilewatch node`: a session, and one node of it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +15,7 @@ from pipeline.cli.console import (
     stopped_by_signals,
 )
 from pipeline.cli.results import print_results
+from pipeline.cli.viewing import VIEW_HELP, viewing
 from sensors.errors import InputError
 
 
@@ -42,7 +44,7 @@ def run(
     ),
     view: Annotated[
         str | None,
-        typer.Option(help="spawn: open the Rerun viewer; connect=URL: stream to one that runs."),
+        typer.Option(help=VIEW_HELP),
     ] = None,
     rrd: Annotated[bool, typer.Option(help="Write out/session.rrd for the Rerun viewer.")] = True,
     sampler: Annotated[
@@ -81,21 +83,26 @@ def run(
         speed=speed,
         way="processes" if processes else "lock-step" if lock_step else "threads",
         rrd=rrd,
-        view=view,
         listen=listen,
         connect=connect,
         fresh=fresh,
     )
     playback = Playback(start, float("inf") if end is None else end, loop)
     opened = open_source(source, scenario).with_sampler(sampler).with_playback(playback)
-    with stopped_by_signals() as stopping, progress(opened.text, opened.duration) as report:
-        session = run_session(
-            opened, options, report=report, scenario_option=scenario, stopping=stopping
-        )
-    if as_json:
-        output.print_json(json.dumps(session.figures))
-    else:
-        _print_session(session)
+    with stopped_by_signals() as stopping, viewing(view) as shown:
+        with progress(opened.text, opened.duration) as report:
+            session = run_session(
+                opened,
+                replace(options, view=shown.output),
+                report=report,
+                scenario_option=scenario,
+                stopping=stopping,
+            )
+        if as_json:
+            output.print_json(json.dumps(session.figures))
+        else:
+            _print_session(session)
+        shown.stay(stopping)
 
 
 def _session_options(
@@ -104,21 +111,18 @@ def _session_options(
     speed: str,
     way: Any,
     rrd: bool,
-    view: str | None,
     listen: str | None,
     connect: list[str] | None,
     fresh: bool,
 ) -> Any:
     from pipeline.session import SessionOptions
     from pipeline.transport.zenoh_bus import ZenohSettings
-    from pipeline.viewer.outputs import parse_view
 
     return SessionOptions(
         out=out,
         speed=_speed(speed),
         way=way,
         rrd=rrd,
-        view=None if view is None else parse_view(view),
         fresh=fresh,
         zenoh=ZenohSettings(
             listen=() if listen is None else (listen,), connect=tuple(connect or ())
@@ -162,7 +166,7 @@ def node(
         typer.Option(help="Take sensor layout (and scenario, unless given) from this recording."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for what the node writes.")] = Path("out"),
-    view: Annotated[str | None, typer.Option(help="For the viewer: spawn or connect=URL.")] = None,
+    view: Annotated[str | None, typer.Option(help="For the viewer: as in `run`.")] = None,
     rrd: Annotated[bool, typer.Option(help="For the viewer: write session.rrd.")] = True,
     sampler: Annotated[str | None, typer.Option(help="For updating: as in `run`.")] = None,
     tied: Annotated[
@@ -183,14 +187,13 @@ def node(
         speed="max",
         way="processes",
         rrd=rrd,
-        view=view,
         listen=listen,
         connect=connect,
         fresh=fresh,
     )
     opened = open_source("live" if recording is None else f"replay:{recording}", scenario)
     source = opened.with_sampler(sampler)
-    with stopped_by_signals() as stopping:
+    with stopped_by_signals() as stopping, viewing(view) as shown:
         if tied:
             stopped_with_parent(stopping)
-        run_node(name, source, options, stopping)
+        run_node(name, source, replace(options, view=shown.output), stopping)

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.console import output, progress
+from pipeline.cli.console import output, progress, stopped_by_signals
+from pipeline.cli.viewing import VIEW_HELP, viewing
 
 
 def show(
@@ -18,19 +19,39 @@ def show(
     ] = None,
     view: Annotated[
         str | None,
-        typer.Option(help="spawn: a viewer's window; connect=URL: a viewer that runs; no file."),
+        typer.Option(help=f"{VIEW_HELP} No file is then written."),
     ] = None,
 ) -> None:
     """Draw a recorded session for the Rerun viewer, or open pictures that exist."""
-    from pipeline.recording.info import recording_info
-    from pipeline.showing import PICTURES, draw_recording, open_pictures, pictures_of
-    from pipeline.viewer.outputs import RrdFile, parse_view
+    from pipeline.showing import PICTURES, open_pictures
 
-    if file.suffix == PICTURES:
+    if file.suffix != PICTURES:
+        _draw(file, out, view)
+    elif view == "web":
+        _serve(file)
+    else:
         open_pictures(file)
-        return
-    drawn = pictures_of(file, out) if view is None else parse_view(view)
-    with progress(f"drawing {file}", recording_info(file).duration) as report:
-        draw_recording(file, (drawn,), report=report)
-    if isinstance(drawn, RrdFile):
-        output.print(f"Look at it: rerun {drawn.path}", soft_wrap=True)
+
+
+def _draw(recording: Path, out: Path | None, view: str | None) -> None:
+    from pipeline.recording.info import recording_info
+    from pipeline.showing import draw_recording, pictures_of
+    from pipeline.viewer.outputs import RrdFile
+
+    duration = recording_info(recording).duration
+    with viewing(view) as shown:
+        drawn = shown.output or pictures_of(recording, out)
+        with progress(f"drawing {recording}", duration) as report:
+            draw_recording(recording, (drawn,), report=report)
+        if isinstance(drawn, RrdFile):
+            output.print(f"Look at it: rerun {drawn.path}", soft_wrap=True)
+        with stopped_by_signals() as stopping:
+            shown.stay(stopping)
+
+
+def _serve(pictures: Path) -> None:
+    from pipeline.showing import require_pictures
+
+    require_pictures(pictures)
+    with viewing("web", pictures) as shown, stopped_by_signals() as stopping:
+        shown.stay(stopping)

@@ -1,6 +1,7 @@
 """Rerun: the session as pictures, into a .rrd file or a viewer. The only package that imports it.
 
     outputs           where to: RrdFile, SpawnedViewer, ConnectedViewer; needs no rerun
+    viewer_process    a viewer's window or a page for browsers, as a process on loopback
     display_signals   accelerations at 20 Hz
     scene, corner, spectrum, mac_matrix
                       what is drawn, as plain figures

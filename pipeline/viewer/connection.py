@@ -1,11 +1,7 @@
 """A Rerun recording stream to where it was asked to go: file, started or running viewer."""
 
 import logging
-import os
 import socket
-import subprocess
-import sys
-import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -19,9 +15,9 @@ from pipeline.viewer.outputs import (
     ViewerError,
     ViewerOutput,
 )
+from pipeline.viewer.viewer_process import spawn_viewer
 
 APPLICATION = "pilewatch"
-START_PATIENCE = 20.0  # for a viewer's window to come up [s]
 CONNECT_PATIENCE = 3.0  # for a running viewer to answer [s]
 FILE_TICK = 30.0  # between two hand-overs to a file [s]: what a kill costs it; MCAP loses less
 _log = logging.getLogger(__name__)
@@ -90,55 +86,6 @@ def free_path(path: Path) -> Path:
         number += 1
         free = path.with_name(f"{path.stem}-{number}{path.suffix}")
     return free
-
-
-def spawn_viewer(port: int, *, headless: bool = False) -> str:
-    """Start a viewer that outlives this process and listens on loopback only; its address.
-
-    `rr.spawn` has no say in the interface and would listen on all of them. An already listening
-    port is an error: another viewer, or another program, has it.
-    """
-    if _is_listening(port):
-        raise ViewerError(
-            f"--view spawn: port {port} is in use; close the viewer that has it, or show the "
-            f"session in it with --view connect=rerun+http://127.0.0.1:{port}/proxy"
-        )
-    command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
-    command += ["--expect-data-soon", "--hide-welcome-screen"]
-    if headless:
-        command.append("--headless")
-    viewer = subprocess.Popen(
-        command,
-        env=os.environ | {"RERUN_ANALYTICS": "0"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    _await_listening(viewer, port)
-    return f"rerun+http://127.0.0.1:{port}/proxy"
-
-
-def _await_listening(viewer: "subprocess.Popen[bytes]", port: int) -> None:
-    deadline = time.monotonic() + START_PATIENCE
-    while not _is_listening(port):
-        if viewer.poll() is not None:
-            raise ViewerError(
-                f"--view spawn: the viewer ended at once (exit code {viewer.returncode}); "
-                "is there a display? A session can be written with --rrd FILE instead"
-            )
-        if time.monotonic() > deadline:
-            viewer.terminate()
-            raise ViewerError(
-                f"--view spawn: no viewer on port {port} after {START_PATIENCE:g} s; "
-                "a session can be written with --rrd FILE instead"
-            )
-        time.sleep(0.05)
-
-
-def _is_listening(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def close_recording(recording: rr.RecordingStream, *, patience: float) -> None:

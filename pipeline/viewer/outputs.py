@@ -1,4 +1,4 @@
-"""Where the pictures go: a file, a viewer that is started, a viewer that is already there.
+"""Where the pictures go: a file, a viewer that is started, one that is already there, a web page.
 
 Importable without rerun; `require_rerun` says in one line what is missing.
 """
@@ -10,6 +10,7 @@ from pathlib import Path
 from sensors.errors import InputError
 
 DEFAULT_PORT = 9876  # the Rerun viewer's own [-]
+DEFAULT_PAGE_PORT = 9090  # the web viewer's own [-]
 
 
 class ViewerError(InputError):
@@ -52,10 +53,35 @@ class ConnectedViewer:
 ViewerOutput = RrdFile | SpawnedViewer | ConnectedViewer
 
 
-def parse_view(text: str) -> SpawnedViewer | ConnectedViewer:
-    """The output meant by `--view spawn` or `--view connect=URL`; ViewerError for anything else."""
+@dataclass(frozen=True, slots=True)
+class WebPage:
+    """A page to be served to browsers on this machine; `viewer_process.served_page` does it.
+
+    Ports that are taken are replaced by free ones.
+    """
+
+    port: int = DEFAULT_PORT  # where the session is sent to
+    page_port: int = DEFAULT_PAGE_PORT  # where the browser finds the page
+
+    @property
+    def option(self) -> str:
+        return "--view web"
+
+
+@dataclass(frozen=True, slots=True)
+class ShownPage:
+    """A page that is served."""
+
+    output: ConnectedViewer  # what a session draws on
+    address: str  # what a browser opens, http://…
+
+
+def parse_view(text: str) -> SpawnedViewer | ConnectedViewer | WebPage:
+    """What is meant by `--view spawn`, `web` or `connect=URL`; ViewerError for anything else."""
     if text == "spawn":
         return SpawnedViewer()
+    if text == "web":
+        return WebPage()
     word, _, url = text.partition("=")
     if word == "connect" and _is_viewer_address(url):
         return ConnectedViewer(url)
@@ -64,7 +90,7 @@ def parse_view(text: str) -> SpawnedViewer | ConnectedViewer:
             f"--view connect={url}: not the address of a Rerun viewer; "
             f"it looks like connect=rerun+http://127.0.0.1:{DEFAULT_PORT}/proxy"
         )
-    raise ViewerError(f"--view {text}: neither 'spawn' nor 'connect=URL'")
+    raise ViewerError(f"--view {text}: none of 'spawn', 'web' and 'connect=URL'")
 
 
 def _is_viewer_address(url: str) -> bool:
@@ -72,7 +98,7 @@ def _is_viewer_address(url: str) -> bool:
     return url.startswith(schemes) and url.endswith("/proxy")
 
 
-def require_rerun(outputs: tuple[ViewerOutput, ...]) -> None:
+def require_rerun(outputs: tuple[ViewerOutput | WebPage, ...]) -> None:
     """ViewerError where rerun is not installed, naming the option that needs it."""
     if find_spec("rerun") is None:
         needed_for = " and ".join(output.option for output in outputs)

@@ -26,6 +26,8 @@ class Viewer:
                   hangs holds neither a file nor the session
     description   the turbine's geometry and its reference modes
     session       names the recording in the viewer
+    unhurried     True: a viewer is waited for as a file is, so that nothing is left out. Only
+                  where no measurement can be held up: a recording that is drawn afterwards
     strict        True (tests): an exception while drawing to a file goes to the caller; else it
                   is logged once and that output stays as it is
 
@@ -51,6 +53,7 @@ class Viewer:
         description: TurbineDescription,
         *,
         session: str,
+        unhurried: bool = False,
         strict: bool = False,
     ) -> None:
         require_rerun(tuple(outputs))
@@ -58,7 +61,9 @@ class Viewer:
 
         shows = [(output, Show(output, description, session=session)) for output in outputs]
         self._stages: tuple[DirectStage | ThreadedStage, ...] = tuple(
-            DirectStage(show, strict=strict) if isinstance(output, RrdFile) else ThreadedStage(show)
+            DirectStage(show, strict=strict)
+            if unhurried or isinstance(output, RrdFile)
+            else ThreadedStage(show)
             for output, show in shows
         )
 

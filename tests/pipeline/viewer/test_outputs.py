@@ -10,19 +10,23 @@ from pipeline.viewer.outputs import (
     RrdFile,
     SpawnedViewer,
     ViewerError,
+    WebPage,
     parse_view,
 )
 from pipeline.viewer.sink import Viewer
 from tests.pipeline.viewer.session import DESCRIPTION
 
 
-def test_spawn_and_connect_are_understood():
+def test_spawn_web_and_connect_are_understood():
     assert parse_view("spawn") == SpawnedViewer()
+    assert parse_view("web") == WebPage()
     address = "rerun+http://127.0.0.1:9876/proxy"
     assert parse_view(f"connect={address}") == ConnectedViewer(address)
 
 
-@pytest.mark.parametrize("text", ["", "window", "connect", "connect=", "connect=127.0.0.1:9876"])
+@pytest.mark.parametrize(
+    "text", ["", "window", "web=1", "connect", "connect=", "connect=127.0.0.1:9876"]
+)
 def test_any_other_word_is_one_line_that_says_what_would_be_right(text: str):
     with pytest.raises(ViewerError) as error:
         parse_view(text)
@@ -56,5 +60,6 @@ def test_opening_nothing_needs_no_rerun_at_import():
         "status",
         "stages",
         "sink",
+        "viewer_process",
     ):
         assert "import rerun" not in (source / f"{name}.py").read_text("utf-8")
