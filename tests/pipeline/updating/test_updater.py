@@ -151,6 +151,26 @@ def test_yesterdays_posterior_is_never_todays_prior(updater, three_windows):
         assert warm.p95 - warm.p05 == pytest.approx(width, rel=0.2)
 
 
+def test_windows_at_high_water_say_what_they_would_have_said_at_the_models_level():
+    tower = LinearTower(water=(-0.005, -0.0008))
+    updater = FoundationUpdater(tower, LAYOUT, QUICK, seed=4)
+    dry = windows(3, seed=13, tower=LinearTower())
+    rises = (1.5, -0.5, 2.0)  # [m]
+    wet = [at_level(each, rise, tower.water) for each, rise in zip(dry, rises, strict=True)]
+    (_, ours), (_, expected) = after(updater, wet), after(updater, dry)
+    for name in NAMES:
+        risen, level = ours[-1].parameter(name), expected[-1].parameter(name)
+        # 300 effective draws; without the water's curves it would be ten widths
+        assert abs(risen.median - level.median) < 0.25 * (level.p95 - level.p05)
+
+
+def at_level(estimate, rise, water):
+    """The estimate with every frequency as the water moves it: ln f by a l + b l²."""
+    times = np.exp(water[0] * rise + water[1] * rise**2)
+    modes = [replace(mode, frequency=mode.frequency * times) for mode in estimate.modes]
+    return replace(estimate, modes=tuple(modes), water_level=rise)
+
+
 def test_an_estimate_without_a_partner_in_the_model_is_rejected_and_leaves_no_trace(
     updater, three_windows
 ):
