@@ -90,6 +90,24 @@ class ModalEstimate:
         return (self.end_ns - self.start_ns) / NANOSECONDS
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StabilisationDiagram:
+    """Poles of an identified window that came back over the model orders; for people to look at.
+
+    Where such a pole stands at the same frequency in most orders, there is a mode.
+    """
+
+    turbine: str
+    window: int  # the ModalEstimate's
+    start_ns: int
+    end_ns: int
+    orders: NDArray[np.float32]  # model order, (n_poles,) [-]
+    bands: NDArray[np.float32]  # frequency band it was identified in, slowest 0, (n_poles,) [-]
+    frequencies: NDArray[np.float32]  # (n_poles,) [Hz]
+    frequency_stds: NDArray[np.float32]  # (n_poles,) [Hz]
+    damping_ratios: NDArray[np.float32]  # (n_poles,) [-]
+
+
 @dataclass(frozen=True, slots=True)
 class WindowRejected:
     """A window that was not identified, or an estimate that was not used, and why."""
@@ -269,6 +287,7 @@ Message = (
     | SensorLayout
     | ScadaSample
     | ModalEstimate
+    | StabilisationDiagram
     | WindowRejected
     | FoundationPosterior
     | FoundationEvent

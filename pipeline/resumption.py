@@ -24,6 +24,7 @@ from pipeline.messages import (
     FoundationPosterior,
     Message,
     ModalEstimate,
+    StabilisationDiagram,
     StreamGap,
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
@@ -71,7 +72,7 @@ class _OpenWindow:
         """Whether an answer is of no window that was answered before."""
         if isinstance(answer, StreamGap):  # before the first block that is taken, all is missing
             return answer.end_ns > self.needed_ns
-        if isinstance(answer, ModalEstimate | WindowRejected):
+        if isinstance(answer, ModalEstimate | StabilisationDiagram | WindowRejected):
             return answer.end_ns > self.answered_ns
         return True
 

@@ -9,6 +9,7 @@ import logging
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -29,6 +30,7 @@ from pipeline.summary import Json, SessionSummary
 from pipeline.supervisor import SupervisedProcess
 from pipeline.transport.bus import Bus
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, peer_of
+from pipeline.transport.zenoh_settings import ANY_LOCAL_PORT
 from pipeline.viewer.outputs import ConnectedViewer, RrdFile, ViewerOutput, require_rerun
 from sensors.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -138,16 +140,15 @@ def _run(
         messages = source.messages(options.speed, stopping)
         runner.run_lock_step(messages, nodes, turbine=turbine, report=report)
         return
-    endpoint = options.zenoh.listen[0] if options.zenoh.listen else free_endpoint()
-    hub = replace(options.zenoh, listen=(endpoint,))
+    meeting = meeting_point(options.zenoh)
 
     def open_bus() -> Bus:
-        return ZenohBus(peer_of(endpoint))
+        return ZenohBus(meeting.nodes)
 
     workers: list[runner.Worker] = []
     for plan in graph:
         if options.way == "processes":
-            command = node_command(plan.name, source, options, endpoint, scenario_option)
+            command = node_command(plan.name, source, options, meeting.nodes, scenario_option)
             workers.append(SupervisedProcess(plan.node, command))
         else:
             workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
@@ -155,7 +156,7 @@ def _run(
     follows = options.speed == float("inf")
     desk = StatusDesk(source.text)
     workers.append(runner.NodeThread(desk, open_bus, turbine))
-    with _hub(hub, desk, f"{STATUS_KEY}/{turbine}", options.out) as bus:
+    with _hub(meeting, desk, f"{STATUS_KEY}/{turbine}", options.out) as bus:
         runner.run_workers(
             None if source.is_live else source.messages(options.speed, stopping),
             workers,
@@ -167,14 +168,49 @@ def _run(
         )
 
 
+@dataclass(frozen=True, slots=True)
+class MeetingPoint:
+    """How the parts of one session find each other."""
+
+    hub: ZenohSettings  # of the one that the source speaks through and that answers for all
+    nodes: ZenohSettings  # of every node
+    endpoint: str  # where the session can be asked from this machine; "" where it listens nowhere
+
+
+def meeting_point(settings: ZenohSettings) -> MeetingPoint:
+    """peer: the hub listens and the nodes find it and each other; router: the nodes are clients of
+    the hub, which routes between them and everybody else; client: all are clients of one router.
+
+    Raises TransportError for a configuration file that is none.
+    """
+    match settings.role:
+        case "client":
+            return MeetingPoint(settings, settings, next(iter(settings.endpoints), ""))
+        case "router":
+            local = free_endpoint()
+            nodes = ZenohSettings(mode="client", connect=(local,))
+            return MeetingPoint(replace(settings, local=local), nodes, local)
+        case _ if settings.config_file is not None:
+            local = free_endpoint()
+            nodes = replace(
+                settings, listen=(ANY_LOCAL_PORT,), connect=(*settings.endpoints, local)
+            )
+            return MeetingPoint(replace(settings, local=local), nodes, local)
+        case _:
+            endpoint = settings.listen[0] if settings.listen else free_endpoint()
+            hub = replace(settings, listen=settings.listen or (endpoint,))
+            return MeetingPoint(hub, peer_of(endpoint), endpoint)
+
+
 @contextmanager
-def _hub(settings: ZenohSettings, desk: StatusDesk, key: str, out: Path) -> Iterator[Bus]:
+def _hub(meeting: MeetingPoint, desk: StatusDesk, key: str, out: Path) -> Iterator[Bus]:
     """The session that all others connect to; it answers for all, and its folder says where."""
     place = out / ENDPOINT_FILE
-    bus = ZenohBus(settings)
+    bus = ZenohBus(meeting.hub)
+    desk.connections = lambda: Counter(link.name or link.address for link in bus.links())
     try:
         bus.answer(key, desk.answer)
-        place.write_text(f"{settings.listen[0]}\n", encoding="utf-8")
+        place.write_text(f"{meeting.endpoint}\n", encoding="utf-8")
         yield bus
     finally:
         place.unlink(missing_ok=True)
@@ -182,10 +218,10 @@ def _hub(settings: ZenohSettings, desk: StatusDesk, key: str, out: Path) -> Iter
 
 
 def node_command(
-    name: str, source: Source, options: SessionOptions, endpoint: str, scenario: str | None
+    name: str, source: Source, options: SessionOptions, bus: ZenohSettings, scenario: str | None
 ) -> list[str]:
     """`pilewatch node` as another process, for the same graph as this session's."""
-    command = [sys.executable, "-m", "pipeline", "node", name, "--tied", "--connect", endpoint]
+    command = [sys.executable, "-m", "pipeline", "node", name, "--tied", *bus_options(bus)]
     command += ["--out", str(options.out)]
     if source.recording is not None:
         command += ["--recording", str(source.recording)]
@@ -199,6 +235,17 @@ def node_command(
     elif options.view is not None:
         command += ["--view", "spawn"]
     return command + ([] if options.rrd else ["--no-rrd"])
+
+
+def bus_options(settings: ZenohSettings) -> list[str]:
+    """The settings of a bus as they are given on the command line."""
+    given = [("--connect", endpoint) for endpoint in settings.connect]
+    given += [("--listen", endpoint) for endpoint in settings.listen]
+    if settings.mode != "peer":
+        given.append(("--mode", settings.mode))
+    if settings.config_file is not None:
+        given.append(("--zenoh-config", str(settings.config_file)))
+    return [word for option in given for word in option]
 
 
 def run_node(name: str, source: Source, options: SessionOptions, stopping: threading.Event) -> None:

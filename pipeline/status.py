@@ -37,6 +37,7 @@ class StatusDesk:
     inputs: tuple[type, ...] = tuple(stream.message for stream in STREAMS)
 
     def __init__(self, source: str, clock: Callable[[], int] = time.time_ns) -> None:
+        self.connections: Callable[[], Json] = dict  # → certificate's name or address → links
         self._source = source
         self._clock = clock
         self._health = Health()
@@ -63,6 +64,7 @@ class StatusDesk:
         with self._asked:
             return {
                 "source": self._source,
+                "connections": self.connections(),
                 "time_ns": now_ns,
                 "nodes": [self._node(each) for each in self._health.nodes(now_ns)],
                 "streams": [_stream(each) for each in self._health.streams(now_ns)],
@@ -70,7 +72,7 @@ class StatusDesk:
                 "posteriors": [_posterior(each) for each in self._posteriors.values()],
             }
 
-    def answer(self) -> bytes:
+    def answer(self, _asked: bytes = b"") -> bytes:
         """`as_json` as it travels."""
         return json.dumps(self.as_json(), allow_nan=False).encode()
 

@@ -9,6 +9,7 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     NodeStatus,
+    StabilisationDiagram,
     StreamEnd,
     StreamGap,
     WindowRejected,
@@ -49,6 +50,7 @@ STREAMS = (
     Stream(StreamEnd, "pilewatch/{turbine}/{unit}/end"),
     Stream(FoundationTruth, "pilewatch/{turbine}/truth"),
     Stream(ModalEstimate, "pilewatch/{turbine}/modal-estimate", period=600.0, cached=100),
+    Stream(StabilisationDiagram, "pilewatch/{turbine}/stabilisation-diagram", period=600.0),
     Stream(WindowRejected, "pilewatch/{turbine}/window-rejected", cached=100),
     Stream(
         FoundationPosterior, "pilewatch/{turbine}/foundation-posterior", period=600.0, cached=10

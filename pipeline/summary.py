@@ -142,8 +142,9 @@ def _weighted_mean(
     values: Sequence[float], stds: Sequence[float], weights: np.ndarray
 ) -> tuple[float, float]:
     """Mean and std of independent estimates; `weights` count overlapping windows once."""
-    precisions = weights / np.square(stds)
-    if not np.all(np.isfinite(precisions)):
+    with np.errstate(all="ignore"):
+        precisions = weights / np.square(stds)
+    if not np.all(np.isfinite(precisions)) or not np.all(precisions > 0):
         return float(np.mean(values)), float("nan")
     total = float(precisions.sum())
     return float(np.dot(precisions, values) / total), total**-0.5

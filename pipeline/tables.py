@@ -166,7 +166,13 @@ def status_tables(status: Mapping[str, Any]) -> list[Table]:
         silence, messages = f"{each['silence_s']:.1f}", str(each["messages"])
         streams.add_row(each["key"], each["condition"], silence, messages, rate)
     posteriors = [posterior_table(each) for each in status["posteriors"]]
-    return [nodes, streams, *posteriors, *_gap_tables(status["gaps"])]
+    links = _table("connections, by certificate or address")
+    links.add_column("who")
+    links.add_column("links", justify="right")
+    for who, count in status["connections"].items():
+        links.add_row(who, str(count))
+    connected = [links] if status["connections"] else []
+    return [nodes, streams, *connected, *posteriors, *_gap_tables(status["gaps"])]
 
 
 def _gap_tables(gaps: Sequence[Mapping[str, Any]]) -> list[Table]:

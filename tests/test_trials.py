@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from tests.benchmarks._disk_trial import disk_trial
+from tests.benchmarks._fuzz_trial import fuzz_trial
 from tests.benchmarks._link_trials import cut_trial, frozen_trial, router_trial
 from tests.benchmarks.trials import SCENARIO, day_trial, kill_trial
 
@@ -39,6 +40,14 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path) -> None
     assert 0 < outcome.recorded < outcome.published == 65
     assert outcome.told_lost == outcome.published - outcome.recorded
     assert outcome.same_posterior
+
+
+def test_a_flood_of_nonsense_ends_no_node_and_is_counted(tmp_path: Path) -> None:
+    outcome = fuzz_trial(tmp_path, examples=40, rate=400.0, seed=3)
+    assert outcome.alive
+    assert outcome.malformed > 0.3 * outcome.sent
+    assert outcome.recorded_after == 30
+    assert outcome.exit_code == 0
 
 
 def test_a_session_whose_nodes_are_killed_ends_with_the_same_posterior_and_nothing_missing(

@@ -4,11 +4,14 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from sensors.errors import InputError
 
 if TYPE_CHECKING:
     from sensors.blocks import AccelerationBlock
@@ -21,6 +24,40 @@ ScenarioOption = Annotated[
     typer.Option(help="A shipped scenario (e.g. parked) or a TOML file of your own."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+
+
+ZenohConfigOption = Annotated[
+    Path | None,
+    typer.Option("--zenoh-config", help="A Zenoh configuration (JSON5), as zenohd reads it."),
+]
+ModeOption = Annotated[
+    str,
+    typer.Option("--mode", help="peer: find each other; client: of a router; router: be one."),
+]
+ListenOption = Annotated[
+    list[str] | None,
+    typer.Option("--listen", help="Zenoh endpoint to listen on, e.g. tcp/127.0.0.1:7447."),
+]
+ConnectOption = Annotated[
+    list[str] | None,
+    typer.Option("--connect", help="Zenoh endpoint to connect to; repeatable."),
+]
+
+
+def zenoh_settings(
+    mode: str, listen: list[str] | None, connect: list[str] | None, config: Path | None
+) -> Any:
+    """How the command's session finds the others. Raises InputError for a mode that is none, or
+    one that a file decides."""
+    from pipeline.transport.zenoh_bus import ZenohSettings
+
+    match mode:
+        case "peer" | "client" | "router" if config is None or mode == "peer":
+            return ZenohSettings(mode, tuple(listen or ()), tuple(connect or ()), False, config)
+        case "peer" | "client" | "router":
+            raise InputError(f"--mode {mode} and --zenoh-config {config}: the file says the mode")
+        case _:
+            raise InputError(f"--mode {mode} is none of peer, client and router")
 
 
 def escaped(text: str) -> str:

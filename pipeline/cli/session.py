@@ -8,11 +8,16 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.cli.console import (
+    ConnectOption,
     JsonOption,
+    ListenOption,
+    ModeOption,
     ScenarioOption,
+    ZenohConfigOption,
     output,
     progress,
     stopped_by_signals,
+    zenoh_settings,
 )
 from pipeline.cli.results import print_results
 from pipeline.cli.viewing import VIEW_HELP, viewing
@@ -57,14 +62,10 @@ def run(
     lock_step: Annotated[
         bool, typer.Option("--lock-step", help="One thread, no transport; for checks.")
     ] = False,
-    listen: Annotated[
-        str | None,
-        typer.Option(help="Zenoh endpoint to listen on, e.g. tcp/127.0.0.1:7447."),
-    ] = None,
-    connect: Annotated[
-        list[str] | None,
-        typer.Option(help="Zenoh endpoint to connect to, e.g. tcp/10.0.0.5:7447; repeatable."),
-    ] = None,
+    listen: ListenOption = None,
+    connect: ConnectOption = None,
+    mode: ModeOption = "peer",
+    zenoh_config: ZenohConfigOption = None,
     fresh: Annotated[
         bool,
         typer.Option("--fresh", help="Begin with nothing seen, even where a checkpoint exists."),
@@ -83,8 +84,7 @@ def run(
         speed=speed,
         way="processes" if processes else "lock-step" if lock_step else "threads",
         rrd=rrd,
-        listen=listen,
-        connect=connect,
+        zenoh=zenoh_settings(mode, listen, connect, zenoh_config),
         fresh=fresh,
     )
     playback = Playback(start, float("inf") if end is None else end, loop)
@@ -111,12 +111,10 @@ def _session_options(
     speed: str,
     way: Any,
     rrd: bool,
-    listen: str | None,
-    connect: list[str] | None,
+    zenoh: Any,
     fresh: bool,
 ) -> Any:
     from pipeline.session import SessionOptions
-    from pipeline.transport.zenoh_bus import ZenohSettings
 
     return SessionOptions(
         out=out,
@@ -124,9 +122,7 @@ def _session_options(
         way=way,
         rrd=rrd,
         fresh=fresh,
-        zenoh=ZenohSettings(
-            listen=() if listen is None else (listen,), connect=tuple(connect or ())
-        ),
+        zenoh=zenoh,
     )
 
 
@@ -156,10 +152,10 @@ def _print_session(session: Any) -> None:
 
 def node(
     name: Annotated[str, typer.Argument(help="identification, updating, recorder or viewer.")],
-    connect: Annotated[
-        list[str] | None, typer.Option(help="Zenoh endpoint to connect to; repeatable.")
-    ] = None,
-    listen: Annotated[str | None, typer.Option(help="Zenoh endpoint to listen on.")] = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    mode: ModeOption = "peer",
+    zenoh_config: ZenohConfigOption = None,
     scenario: ScenarioOption = None,
     recording: Annotated[
         Path | None,
@@ -187,8 +183,7 @@ def node(
         speed="max",
         way="processes",
         rrd=rrd,
-        listen=listen,
-        connect=connect,
+        zenoh=zenoh_settings(mode, listen, connect, zenoh_config),
         fresh=fresh,
     )
     opened = open_source("live" if recording is None else f"replay:{recording}", scenario)

@@ -2,11 +2,11 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from pipeline.cli.console import JsonOption, output
+from pipeline.cli.console import JsonOption, ZenohConfigOption, output, zenoh_settings
 
 
 def status(
@@ -14,6 +14,7 @@ def status(
         str | None,
         typer.Option(help="Zenoh endpoint of a session; otherwise that of the one in --out."),
     ] = None,
+    zenoh_config: ZenohConfigOption = None,
     out: Annotated[Path, typer.Option(help="Folder of the session that runs.")] = Path("out"),
     as_json: JsonOption = False,
 ) -> None:
@@ -23,10 +24,13 @@ def status(
     from pipeline.transport.zenoh_bus import asked
     from sensors.errors import InputError
 
-    endpoint = endpoint_of(out) if connect is None else connect
-    answers = [json.loads(each) for each in asked(endpoint, f"{KEY}/*")]
+    whom: Any = zenoh_settings("peer", None, None, zenoh_config)
+    place = str(zenoh_config)
+    if zenoh_config is None:
+        whom = place = endpoint_of(out) if connect is None else connect
+    answers = [json.loads(each) for each in asked(whom, f"{KEY}/*")]
     if not answers:
-        raise InputError(f"nobody at {endpoint} answers for a session")
+        raise InputError(f"nobody at {place} answers for a session")
     if as_json:
         output.print_json(json.dumps(answers))
         return

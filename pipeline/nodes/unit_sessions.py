@@ -15,6 +15,7 @@ from pipeline.messages import (
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
+from pipeline.nodes.diagram import stabilisation_diagram
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.references import settings_for_channels
 from pipeline.oma.settings import OmaSettings
@@ -189,11 +190,11 @@ class WindowAnswers:
         else:
             self._feed(piece)
         for window in self._cutter.push(piece):
-            yield self._answer(window)
+            yield from self._answers(window)
 
     def finish(self) -> Iterator[Message]:
         for window in self._cutter.finish():
-            yield self._answer(window)
+            yield from self._answers(window)
 
     def recall(self, answer: ModalEstimate | WindowRejected) -> None:
         """Take up what an identification that has ended answered a window: its modes keep their
@@ -233,16 +234,26 @@ class WindowAnswers:
         # Samples of a unit that is missing are never used: its channels are left out of the window.
         self._stretch.push(np.nan_to_num(samples) if self._columns else samples)
 
-    def _answer(self, window: Window) -> ModalEstimate | WindowRejected:
-        refusal = self._refusal(window)
-        if refusal is not None:
-            return self._rejected(window, refusal)
+    def _answers(self, window: Window) -> Iterator[Message]:
+        """A rejection; or an estimate, and the diagram behind it."""
         missing = self._missing_units(window)
-        if len(missing) == len(self._columns) > 0:
-            return self._rejected(window, Warning("gap", _missing_text(missing, "every unit")))
+        refusal = self._refusal(window, missing)
+        if refusal is not None:
+            yield self._rejected(window, refusal)
+            return
         present = self._present(window, missing)
         names = self._names(window)
         result = self._identified(window, names, present if missing else None)
+        answer = self._concluded(window, result, missing, present)
+        yield answer
+        if isinstance(answer, ModalEstimate):
+            yield stabilisation_diagram(answer, result.diagrams)
+
+    def _concluded(
+        self, window: Window, result: Identification, missing: dict[str, float], present: list[int]
+    ) -> ModalEstimate | WindowRejected:
+        """missing   units that lack samples [s];   present   channels that were identified"""
+        names = self._names(window)
         if result.rejection is not None:
             return self._rejected(window, result.rejection)
         doubts = tuple(
@@ -318,7 +329,7 @@ class WindowAnswers:
                 doubts.append(_clock_doubt(unit, reference, offset))
         return tuple(doubts)
 
-    def _refusal(self, window: Window) -> Warning | None:
+    def _refusal(self, window: Window, missing: dict[str, float]) -> Warning | None:
         """Why a window cannot be identified at all, before its samples are looked at."""
         if window.gaps:
             gap = max(window.gaps, key=lambda g: g.n_samples)
@@ -336,6 +347,8 @@ class WindowAnswers:
             )
         if window.status & BlockStatus.SENSOR_FAULT:
             return Warning("sensor-fault", f"unit {self._unit} reports a faulty channel")
+        if len(missing) == len(self._columns) > 0:
+            return Warning("gap", _missing_text(missing, "every unit"))
         return None
 
     def _rejected(self, window: Window, why: Warning) -> WindowRejected:

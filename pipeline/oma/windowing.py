@@ -93,7 +93,7 @@ class BlockOrder:
             n_samples=n_samples,
             first_sequence=first_sequence,
             n_blocks=max(0, block.sequence - first_sequence),
-            start_ns=block.start_ns - duration_ns,
+            start_ns=max(0, block.start_ns - duration_ns),
             end_ns=block.start_ns,
         )
 
@@ -209,7 +209,7 @@ class WindowCutter:
         assert self._newest is not None
         before = [p for p in self._pieces if p.first_sample <= sample] or self._pieces[:1]
         offset = (sample - before[-1].first_sample) / self._newest.sampling_rate
-        return before[-1].start_ns + round(offset * NANOSECONDS)
+        return max(0, before[-1].start_ns + round(offset * NANOSECONDS))
 
     def _forget_before(self, sample: int) -> None:
         """One piece before the next window stays, for its time."""

@@ -16,6 +16,7 @@ from pipeline.messages import (
     ModalEstimate,
     NodeStatus,
     ParameterSummary,
+    StabilisationDiagram,
     StreamEnd,
     StreamGap,
     WindowRejected,
@@ -28,6 +29,7 @@ from sensors.scada import ScadaSample
 LOWEST_SAMPLING_RATE = 1e-3  # [Hz]
 HIGHEST_SAMPLING_RATE = 1e7  # [Hz]
 LATEST_NS = 2**62  # [ns since 1970], the year 2116: times and their differences fit into 64 bits
+LATEST_SAMPLE_NS = LATEST_NS - 2**59  # 18 years before: windows and gaps end later than samples
 PARAMETERS = ("k11", "k22", "k12", "sigma")  # of a posterior, in this order
 HIGHEST_COUNT = 2**62  # of blocks or samples: 10⁹ years at 100 Hz, and sums fit into 64 bits
 
@@ -69,6 +71,10 @@ def _check_block(block: AccelerationBlock) -> None:
     _check_count("sequence", block.sequence)
     _check_count("first_sample", block.first_sample)
     _check_span(block.start_ns, block.end_ns)
+    _require(
+        block.end_ns < LATEST_SAMPLE_NS,
+        f"end_ns is {block.end_ns}; samples end before {LATEST_SAMPLE_NS} ns",
+    )
 
 
 def _check_layout(layout: SensorLayout) -> None:
@@ -98,6 +104,14 @@ def _check_estimate(estimate: ModalEstimate) -> None:
             0 <= mode.n_block_columns <= factor.shape[1],
             f"mode {mode.name!r}: {mode.n_block_columns} of {factor.shape[1]} columns are common",
         )
+
+
+def _check_diagram(diagram: StabilisationDiagram) -> None:
+    _check_span(diagram.start_ns, diagram.end_ns)
+    n_poles = len(diagram.frequencies)
+    for name in ("orders", "bands", "frequency_stds", "damping_ratios"):
+        n_values = len(getattr(diagram, name))
+        _require(n_values == n_poles, f"{n_values} {name} for {n_poles} poles")
 
 
 def _check_parameter(parameter: ParameterSummary) -> None:
@@ -166,6 +180,7 @@ _CHECKS: dict[type, Callable[[Any], None]] = {
     AccelerationBlock: _check_block,
     SensorLayout: _check_layout,
     ModalEstimate: _check_estimate,
+    StabilisationDiagram: _check_diagram,
     WindowRejected: _check_rejected,
     FoundationPosterior: _check_posterior,
     FoundationEvent: _check_event,

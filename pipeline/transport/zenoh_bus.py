@@ -13,21 +13,16 @@ comes up while samples are being published, the first that gets through opens th
 before it are passed over in silence. So a stream that does not begin with its first sample is held
 back until the samples before have been fetched too (`_Beginnings`).
 
-This is the only module that imports zenoh. Its advanced publisher and subscriber are labelled
-unstable, hence the narrow version range in pyproject.toml.
+This module and `zenoh_settings` are the only ones that import zenoh. Its advanced publisher and
+subscriber are labelled unstable, hence the narrow version range in pyproject.toml.
 """
 
-import json
 import logging
 import queue
-import re
-import socket
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal
 
 import zenoh
 from zenoh import ext
@@ -37,46 +32,39 @@ from pipeline.streams import Stream, stream_of
 from pipeline.transport.bus import Delivery, Inbox, publishing_key
 from pipeline.transport.codec import encode
 from pipeline.transport.errors import TransportError
+from pipeline.transport.zenoh_settings import (
+    ZenohSettings,
+    configuration,
+    explained,
+    free_endpoint,
+    hub,
+    peer_of,
+    without_source,
+)
+
+__all__ = [
+    "ZenohBus",
+    "ZenohSettings",
+    "ZenohSubscription",
+    "asked",
+    "free_endpoint",
+    "hub",
+    "peer_of",
+]
 
 logger = logging.getLogger(__name__)
 
-LOOPBACK = "127.0.0.1"
 HEARTBEAT = 0.5  # a publisher says how far it is [s]
 FETCH_TIMEOUT = 2.0  # for the beginning of a stream; it is held back so long at most [s]
-LARGEST_MESSAGE = 16 * 2**20  # that a link takes in [bytes]: twice what the codec does
-FIRST_RETRY_MS = 100  # to connect to a hub that is not there yet
-LONGEST_RETRY_MS = 1000
-
-_MESSAGE_OF_ERROR = re.compile(r'msg: "(.*)", location', re.DOTALL)
-_SOURCE_OF_ERROR = re.compile(r"( at /\S+?:\d+\.?| \(os error \d+\))")  # inside zenoh's own code
 
 
 @dataclass(frozen=True, slots=True)
-class ZenohSettings:
-    """How one session finds the others. Endpoints are like "tcp/127.0.0.1:7447"."""
+class Link:
+    """One connection of a session."""
 
-    mode: Literal["peer", "client", "router"] = "peer"
-    listen: tuple[str, ...] = ()  # none: a peer takes any free port of the loopback interface
-    connect: tuple[str, ...] = ()
-    scouting: bool = False  # find other sessions by multicast
-    config_file: Path | None = None  # Zenoh's own JSON5; the settings above are laid over it
-
-
-def hub(endpoint: str) -> ZenohSettings:
-    """The one session that listens where all others look."""
-    return ZenohSettings(listen=(endpoint,))
-
-
-def peer_of(endpoint: str) -> ZenohSettings:
-    """A session that finds the others through the hub at this endpoint."""
-    return ZenohSettings(connect=(endpoint,))
-
-
-def free_endpoint() -> str:
-    """A loopback endpoint that nobody listens on at this moment."""
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        return f"tcp/{LOOPBACK}:{probe.getsockname()[1]}"
+    zid: str  # Zenoh's id of the other end
+    address: str  # of the other end
+    name: str  # in the certificate that the other end showed; "" without one
 
 
 class ZenohBus:
@@ -106,13 +94,22 @@ class ZenohBus:
         self._subscriptions.append(subscription)
         return subscription
 
-    def answer(self, key: str, reply: Callable[[], bytes]) -> None:
-        """Answer every query on this key with what `reply` gives, from one of Zenoh's threads."""
+    def answer(self, key: str, reply: Callable[[bytes], bytes]) -> None:
+        """Answer every query on this key with what `reply` gives for the query's payload, from one
+        of Zenoh's threads."""
 
         def respond(query: zenoh.Query) -> None:
-            query.reply(key, reply())
+            asked_with = b"" if query.payload is None else query.payload.to_bytes()
+            query.reply(key, reply(asked_with))
 
         self._queryables.append(self._session.declare_queryable(key, respond))
+
+    def links(self) -> tuple[Link, ...]:
+        """Who this session is connected with now."""
+        return tuple(
+            Link(str(link.zid), str(link.dst), link.auth_identifier or "")
+            for link in self._session.info.links()
+        )
 
     def close(self) -> None:
         for queryable in self._queryables:
@@ -127,17 +124,24 @@ class ZenohBus:
         try:
             self._session.close()
         except zenoh.ZError as error:  # a link that hangs; what was published has been handed over
-            logger.warning("a Zenoh session was not closed: %s", _without_source(str(error)))
+            logger.warning("a Zenoh session was not closed: %s", without_source(str(error)))
 
 
-def asked(endpoint: str, key_expression: str) -> list[bytes]:
+def asked(whom: str | ZenohSettings, key_expression: str, payload: bytes = b"") -> list[bytes]:
     """What the sessions that can be reached through an endpoint answer on these keys.
 
     Raises TransportError where nobody listens there.
     """
-    session = _opened(ZenohSettings(mode="client", connect=(endpoint,)))
+    if isinstance(whom, str):
+        whom = ZenohSettings(mode="client", connect=(whom,))
+    session = _opened(whom)
     try:
-        replies = session.get(key_expression, target=zenoh.QueryTarget.ALL, timeout=FETCH_TIMEOUT)
+        replies = session.get(
+            key_expression,
+            target=zenoh.QueryTarget.ALL,
+            timeout=FETCH_TIMEOUT,
+            payload=payload or None,
+        )
         return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
     finally:
         session.close()
@@ -277,7 +281,7 @@ class _Beginnings:
             except zenoh.ZError as error:
                 logger.warning(
                     "the beginning of %s, %d messages, could not be fetched: %s",
-                    *(publisher.key, first_number, _without_source(str(error))),
+                    *(publisher.key, first_number, without_source(str(error))),
                 )
             begin(publisher, earlier)
 
@@ -328,71 +332,6 @@ def _subscriber(
 
 def _opened(settings: ZenohSettings) -> zenoh.Session:
     try:
-        return zenoh.open(_configuration(settings))
+        return zenoh.open(configuration(settings))
     except zenoh.ZError as error:
-        raise TransportError(_explained(settings, str(error))) from error
-
-
-def _configuration(settings: ZenohSettings) -> zenoh.Config:
-    config = zenoh.Config()
-    if settings.config_file is not None:
-        config = _configuration_file(settings.config_file)
-    for entry, value in _entries(settings).items():
-        config.insert_json5(entry, json.dumps(value))
-    return config
-
-
-def _entries(settings: ZenohSettings) -> dict[str, Any]:
-    """What is laid over Zenoh's defaults, or over the file where it leaves no choice."""
-    entries: dict[str, Any] = {
-        "timestamping/enabled": True,  # what is cached needs its time
-        "transport/link/rx/max_message_size": LARGEST_MESSAGE,
-    }
-    if settings.listen:
-        entries["listen/endpoints"] = settings.listen
-    if settings.connect:
-        entries["connect/endpoints"] = settings.connect
-    if settings.config_file is not None:
-        return entries
-    if not settings.listen and settings.mode != "client":
-        entries["listen/endpoints"] = [f"tcp/{LOOPBACK}:0"]
-    return entries | {
-        "mode": settings.mode,
-        "scouting/multicast/enabled": settings.scouting,
-        "connect/retry": {
-            "period_init_ms": FIRST_RETRY_MS,
-            "period_max_ms": LONGEST_RETRY_MS,
-            "period_increase_factor": 2,
-        },
-    }
-
-
-def _configuration_file(path: Path) -> zenoh.Config:
-    if not path.is_file():
-        raise TransportError(f"there is no Zenoh configuration {path}")
-    try:
-        return zenoh.Config.from_file(path)
-    except zenoh.ZError as error:
-        raise TransportError(
-            f"{path} is no Zenoh configuration: {_without_source(str(error))}"
-        ) from error
-
-
-def _explained(settings: ZenohSettings, error: str) -> str:
-    if "Address already in use" in error:
-        return (
-            f"cannot listen on {_listed(settings.listen)}: the port is in use; "
-            "stop the other program or choose another endpoint"
-        )
-    if "Unable to connect" in error:
-        return f"no Zenoh session answers at {_listed(settings.connect)}; a client needs a router"
-    return f"cannot open a Zenoh session: {_without_source(error)}"
-
-
-def _listed(endpoints: tuple[str, ...]) -> str:
-    return ", ".join(endpoints) or "the endpoints of its configuration file"
-
-
-def _without_source(error: str) -> str:
-    message = _MESSAGE_OF_ERROR.search(error)
-    return " ".join(_SOURCE_OF_ERROR.sub("", message[1] if message else error).split())
+        raise TransportError(explained(settings, str(error))) from error

@@ -4,6 +4,9 @@ link         a cable cut for 2 s, for 20 s, and for longer than the publisher's 
              with both ends told. Blocks lost, and what the session says of it
 frozen       a subscriber that is stopped for 9 s: how long the publisher's puts take, blocks lost
 router       a router between both that is killed and back: blocks lost
+fuzz         10 000 random, forged and damaged messages on every stream of a running session: do its
+             nodes live, is its memory flat; then a coverage-guided fuzzer on the decoder, where
+             atheris is installed
 kill         a session in processes; its nodes are killed one after the other. Blocks missing from
              the recording; the posteriors beside those of the undisturbed session
 disk         a session whose files the system lets grow to a size only: what was recorded until
@@ -13,6 +16,7 @@ truncation   a recording cut at random bytes, and with flipped bytes: chunks tha
 """
 
 import argparse
+import importlib.util
 import json
 import os
 import random
@@ -40,6 +44,7 @@ from pipeline.sources import record_simulation, recorded_stream, simulated
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import biaxial_layout
 from tests.benchmarks._disk_trial import disk_trial
+from tests.benchmarks._fuzz_trial import fuzz_decoder, fuzz_trial
 from tests.benchmarks._link_trials import block_of_noise, cut_trial, frozen_trial, router_trial
 from tests.benchmarks._relay import Cut
 
@@ -334,6 +339,13 @@ def disk_trials(folder: Path, _seed: int) -> None:
     print(disk_trial(folder, scenario=SCENARIO.format(duration=600.0), kilobytes=400))
 
 
+def fuzz_trials(folder: Path, seed: int) -> None:
+    """A flood of nonsense."""
+    print(fuzz_trial(folder, examples=10_000, rate=1000.0, seed=seed))
+    if importlib.util.find_spec("atheris") is not None:
+        fuzz_decoder(seconds=60)
+
+
 def kill_trials(folder: Path, seed: int) -> None:
     """Nodes that are killed."""
     nodes = ("recorder", "identification", "updating") * 3 + ("recorder",)
@@ -359,6 +371,7 @@ TRIALS: dict[str, Callable[[Path, int], None]] = {
     "router": router_trials,
     "kill": kill_trials,
     "disk": disk_trials,
+    "fuzz": fuzz_trials,
     "truncation": truncation_trials,
     "day": day_trials,
 }

@@ -21,6 +21,7 @@ from pipeline.messages import (
     ModePair,
     NodeStatus,
     ParameterSummary,
+    StabilisationDiagram,
     StiffnessChange,
     StreamEnd,
     StreamGap,
@@ -186,6 +187,13 @@ def estimates(draw: st.DrawFn) -> ModalEstimate:
     )
 
 
+@st.composite
+def diagrams(draw: st.DrawFn) -> StabilisationDiagram:
+    n_poles = draw(st.integers(0, 3))
+    poles = [draw(float_arrays(n_poles, dtype=np.float32)) for _ in range(5)]
+    return StabilisationDiagram(draw(texts), draw(counts), *draw(spans), *poles)
+
+
 def summaries(name: str) -> st.SearchStrategy[ParameterSummary]:
     nominal = st.floats(1e-3, 1e15) | st.floats(-1e15, -1e-3)
     quantiles = [st.floats(-1e20, 1e20)] * 3
@@ -265,6 +273,7 @@ messages = st.one_of(
     blocks(),
     layouts(),
     estimates(),
+    diagrams(),
     posteriors(),
     events(),
     _spanned(),

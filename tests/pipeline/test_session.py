@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.session import SessionOptions, node_command, prepare_folder
 from pipeline.sources import Source, SourceError, open_source, replayed, simulated
+from pipeline.transport.zenoh_bus import peer_of
 from pipeline.viewer.outputs import ConnectedViewer
 from sensors.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -81,7 +82,7 @@ def test_a_source_that_is_none_is_named(text: str) -> None:
 def test_a_node_in_another_process_is_told_the_same(short_recording: Path) -> None:
     source = replayed(short_recording)
     options = SessionOptions(out=Path("o"), rrd=False, view=ConnectedViewer("rerun+http://h/proxy"))
-    command = node_command("updating", source, options, "tcp/127.0.0.1:1", None)
+    command = node_command("updating", source, options, peer_of("tcp/127.0.0.1:1"), None)
     assert command[3:] == [
         "node",
         "updating",
@@ -99,4 +100,4 @@ def test_a_node_in_another_process_is_told_the_same(short_recording: Path) -> No
         "--no-rrd",
     ]
     live = replace(source, recording=None)
-    assert "--scenario" in node_command("updating", live, options, "tcp/127.0.0.1:1", None)
+    assert "--scenario" in node_command("updating", live, options, peer_of("tcp/127.0.0.1:1"), None)

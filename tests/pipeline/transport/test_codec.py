@@ -173,7 +173,14 @@ def test_a_mode_with_fewer_components_than_channels_is_refused() -> None:
 
 
 def test_a_posterior_without_its_correlation_is_refused() -> None:
+    named = [
+        pilewatch_pb2.ParameterSummary(name=name, nominal=1.0)
+        for name in ("k11", "k22", "k12", "sigma")
+    ]
     written = pilewatch_pb2.FoundationPosterior(turbine="t1", time_ns=START_NS)
+    with pytest.raises(CodecError, match="parameters are"):
+        decode(FoundationPosterior, written.SerializeToString())
+    written.parameters.extend(named)
     with pytest.raises(CodecError, match="correlation"):
         decode(FoundationPosterior, written.SerializeToString())
 

@@ -1,0 +1,150 @@
+"""How a Zenoh session is set up: by a few settings, or by the file that zenohd reads too."""
+
+import json
+import re
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import zenoh
+
+from pipeline.transport.errors import TransportError
+
+LOOPBACK = "127.0.0.1"
+ANY_LOCAL_PORT = f"tcp/{LOOPBACK}:0"
+LARGEST_MESSAGE = 16 * 2**20  # that a link takes in [bytes]: twice what the codec does
+FIRST_RETRY_MS = 100  # to connect to a hub that is not there yet
+LONGEST_RETRY_MS = 1000
+
+_MESSAGE_OF_ERROR = re.compile(r'msg: "(.*)", location', re.DOTALL)
+_SOURCE_OF_ERROR = re.compile(r"( at /\S+?:\d+\.?| \(os error \d+\))")  # inside zenoh's own code
+
+
+@dataclass(frozen=True, slots=True)
+class ZenohSettings:
+    """How one session finds the others. Endpoints are like "tcp/127.0.0.1:7447"."""
+
+    mode: Literal["peer", "client", "router"] = "peer"
+    listen: tuple[str, ...] = ()  # none: a peer takes any free port of the loopback interface
+    connect: tuple[str, ...] = ()
+    scouting: bool = False  # find other sessions by multicast
+    config_file: Path | None = None  # Zenoh's own JSON5; the settings above are laid over it
+    local: str = ""  # an endpoint on this machine that is listened on too, for nodes of its own
+
+    @property
+    def role(self) -> str:
+        """The mode that the session will have: the file's where there is one.
+
+        Raises TransportError for a file that is no configuration.
+        """
+        if self.config_file is None:
+            return self.mode
+        return str(json.loads(configuration_file(self.config_file).get_json("mode")) or "peer")
+
+    @property
+    def endpoints(self) -> tuple[str, ...]:
+        """What is connected to."""
+        if self.connect or self.config_file is None:
+            return self.connect
+        return _in_file(configuration_file(self.config_file), "connect/endpoints")
+
+
+def hub(endpoint: str) -> ZenohSettings:
+    """The one session that listens where all others look."""
+    return ZenohSettings(listen=(endpoint,))
+
+
+def peer_of(endpoint: str) -> ZenohSettings:
+    """A session that finds the others through the hub at this endpoint."""
+    return ZenohSettings(connect=(endpoint,))
+
+
+def free_endpoint() -> str:
+    """A loopback endpoint that nobody listens on at this moment."""
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        return f"tcp/{LOOPBACK}:{probe.getsockname()[1]}"
+
+
+def configuration(settings: ZenohSettings) -> zenoh.Config:
+    config = zenoh.Config()
+    if settings.config_file is not None:
+        config = configuration_file(settings.config_file)
+    for entry, value in _entries(settings).items():
+        config.insert_json5(entry, json.dumps(value))
+    return config
+
+
+def _entries(settings: ZenohSettings) -> dict[str, Any]:
+    """What is laid over Zenoh's defaults, or over the file where it leaves no choice."""
+    entries: dict[str, Any] = {
+        "timestamping/enabled": True,  # what is cached needs its time
+        "transport/link/rx/max_message_size": LARGEST_MESSAGE,
+    }
+    listen = settings.listen
+    if settings.local:
+        if not listen and settings.config_file is not None:
+            listen = _in_file(configuration_file(settings.config_file), "listen/endpoints")
+        listen = (*listen, settings.local)
+    if listen:
+        entries["listen/endpoints"] = listen
+    if settings.connect:
+        entries["connect/endpoints"] = settings.connect
+    if settings.config_file is not None:
+        return entries
+    if not listen and settings.mode != "client":
+        entries["listen/endpoints"] = [ANY_LOCAL_PORT]
+    return entries | {
+        "mode": settings.mode,
+        "scouting/multicast/enabled": settings.scouting,
+        "connect/retry": {
+            "period_init_ms": FIRST_RETRY_MS,
+            "period_max_ms": LONGEST_RETRY_MS,
+            "period_increase_factor": 2,
+        },
+    }
+
+
+def configuration_file(path: Path) -> zenoh.Config:
+    if not path.is_file():
+        raise TransportError(f"there is no Zenoh configuration {path}")
+    try:
+        return zenoh.Config.from_file(path)
+    except zenoh.ZError as error:
+        raise TransportError(
+            f"{path} is no Zenoh configuration: {without_source(str(error))}"
+        ) from error
+
+
+def _in_file(config: zenoh.Config, key: str) -> tuple[str, ...]:
+    """Endpoints of a configuration, which Zenoh also allows to differ by mode."""
+    endpoints = json.loads(config.get_json(key))
+    if isinstance(endpoints, dict):
+        endpoints = endpoints.get(json.loads(config.get_json("mode")) or "peer") or []
+    return tuple(str(each) for each in endpoints or [])
+
+
+def explained(settings: ZenohSettings, error: str) -> str:
+    if "Address already in use" in error:
+        return (
+            f"cannot listen on {_listed(settings.listen)}: the port is in use; "
+            "stop the other program or choose another endpoint"
+        )
+    if "Unable to connect" in error:
+        return (
+            f"no Zenoh session answers at {_listed(settings.endpoints)}; a client needs a router, "
+            "and one with TLS needs certificates that it knows"
+            if settings.config_file is not None
+            else f"no Zenoh session answers at {_listed(settings.connect)}; a client needs a router"
+        )
+    return f"cannot open a Zenoh session: {without_source(error)}"
+
+
+def _listed(endpoints: tuple[str, ...]) -> str:
+    return ", ".join(endpoints) or "the endpoints of its configuration file"
+
+
+def without_source(error: str) -> str:
+    message = _MESSAGE_OF_ERROR.search(error)
+    return " ".join(_SOURCE_OF_ERROR.sub("", message[1] if message else error).split())
