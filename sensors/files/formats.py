@@ -1,0 +1,88 @@
+"""Which reader reads which file.
+
+    file ─► reader of its suffix ─► SEP005 channels ─┐
+    text, Parquet ─► pieces ─────────────────────────┴► ChannelTables
+
+Other formats plug in as an entry point of the group `pilewatch.files`: its name is the suffix
+("dxd"), its object any function from a path to a list of SEP005 channels, as the readers called
+sep005-io-… have it.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+
+from sensors.files.csv import csv_pieces
+from sensors.files.hdf5 import read_hdf5
+from sensors.files.miniseed import read_miniseed
+from sensors.files.npz import read_npz
+from sensors.files.optional import existing
+from sensors.files.parquet import parquet_pieces
+from sensors.files.sep005 import Channel, table_of_channels
+from sensors.files.table import ChannelTable, FileError, whole
+from sensors.files.tdms import read_tdms
+
+GROUP = "pilewatch.files"  # of entry points
+
+PieceReader = Callable[[Path], Iterable[ChannelTable]]
+ChannelReader = Callable[[Path], list[Channel]]
+
+IN_PIECES: dict[str, PieceReader] = {
+    "csv": csv_pieces,
+    "tsv": csv_pieces,
+    "txt": csv_pieces,
+    "parquet": parquet_pieces,
+    "pq": parquet_pieces,
+}
+AS_CHANNELS: dict[str, ChannelReader] = {
+    "npz": read_npz,
+    "h5": read_hdf5,
+    "hdf5": read_hdf5,
+    "tdms": read_tdms,
+    "mseed": read_miniseed,
+    "miniseed": read_miniseed,
+    "msd": read_miniseed,
+}
+
+
+def read_file(path: Path, reader: str | None = None) -> ChannelTable:
+    """All channels of a file. Raises FileError, as its reader does."""
+    return whole(file_pieces(path, reader), path)
+
+
+def file_pieces(path: Path, reader: str | None = None) -> Iterator[ChannelTable]:
+    """The channels of a file, in pieces where its format allows it.
+
+    reader   "package.module:function" that gives SEP005 channels; None: the one of its suffix,
+             plugged in or ours; a suffix that nobody knows is read as text
+
+    Raises FileError: no such reader; a file that it cannot read.
+    """
+    suffix = path.suffix.lower().removeprefix(".")
+    entries = [each for each in entry_points(group=GROUP) if each.name == suffix]
+    if reader is not None:
+        entries = [EntryPoint("--reader", reader, GROUP)]
+    if entries:
+        yield table_of_channels(_by_entry(entries[0], path), path)
+    elif suffix in AS_CHANNELS:
+        yield table_of_channels(AS_CHANNELS[suffix](path), path)
+    else:
+        yield from IN_PIECES.get(suffix, csv_pieces)(path)
+
+
+def _by_entry(entry: EntryPoint, path: Path) -> list[Channel]:
+    """What a reader of somebody else's gives; whatever it raises becomes one line."""
+    try:
+        read = entry.load()
+    except (ImportError, AttributeError, ValueError) as error:
+        raise FileError(
+            f"{path}: its reader {entry.value!r} cannot be loaded ({error}); "
+            "package.module:function is needed"
+        ) from error
+    try:
+        return list(read(existing(path)))
+    except FileError:
+        raise
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise FileError(f"{path}: its reader {entry.value!r} failed: {reason}") from error

@@ -1,0 +1,36 @@
+"""NumPy's archive of named arrays (`np.savez`) → SEP005 channels.
+
+Scalars and texts among the arrays are notes (`fs`, `start_timestamp`, `names`, `units`); see
+`named_arrays`. A name may carry its unit in brackets. Pickled objects are not read: a file could
+run anything.
+"""
+
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.files.named_arrays import NamedArray, channels_of_arrays
+from sensors.files.optional import existing
+from sensors.files.sep005 import Channel
+from sensors.files.table import FileError
+
+
+def read_npz(path: Path) -> list[Channel]:
+    """The channels of an NPZ file. Raises FileError where it is missing, damaged or holds none."""
+    if not zipfile.is_zipfile(existing(path)):
+        raise FileError(f"{path}: no archive of arrays as np.savez writes it, or cut off")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays: dict[str, NDArray[Any]] = dict(archive)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise FileError(f"{path}: no readable NPZ file: {reason}") from error
+    notes = {
+        name: each for name, each in arrays.items() if each.ndim == 0 or each.dtype.kind in "US"
+    }
+    series = [NamedArray(name, each, notes) for name, each in arrays.items() if name not in notes]
+    return channels_of_arrays(series, path)

@@ -1,0 +1,49 @@
+"""National Instruments' TDMS → SEP005 channels.
+
+Properties of the file, of a group and of the channel are its notes, the nearest first: LabVIEW
+writes `wf_increment` [s], `wf_start_time` and `unit_string`; see `named_arrays`. Needs npTDMS
+(extra `tdms`).
+"""
+
+import logging
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sensors.files.named_arrays import NamedArray, channels_of_arrays
+from sensors.files.optional import existing, needed
+from sensors.files.sep005 import Channel
+from sensors.files.table import FileError
+
+DAMAGE = (OSError, ValueError, KeyError, IndexError, EOFError, struct.error)
+
+
+def read_tdms(path: Path) -> list[Channel]:
+    """The channels of a TDMS file.
+
+    Raises FileError where it is missing, damaged or holds none, or npTDMS is not installed.
+    """
+    nptdms = needed("nptdms", "tdms", path)
+    logging.getLogger("nptdms").setLevel(logging.ERROR)  # a cut file is told below, once
+    try:
+        with nptdms.TdmsFile.open(existing(path)) as file:
+            arrays = list(_arrays(file))
+            cut = file.file_status.incomplete_final_segment
+    except FileError:
+        raise
+    except DAMAGE as error:
+        reason = " ".join(str(error).split())
+        raise FileError(f"{path}: no readable TDMS file: {reason}") from error
+    if cut:
+        raise FileError(f"{path}: the TDMS file was cut off before its end")
+    return channels_of_arrays(arrays, path)
+
+
+def _arrays(file: Any) -> Iterator[NamedArray]:
+    for group in file.groups():
+        for channel in group.channels():
+            notes = {**file.properties, **group.properties, **channel.properties}
+            yield NamedArray(f"{group.name}/{channel.name}", np.asarray(channel[:]), notes)

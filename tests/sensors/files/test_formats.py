@@ -1,0 +1,118 @@
+"""One measurement in every format; broken files of every format; formats of others."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sensors.files import formats, optional
+from sensors.files.formats import file_pieces, read_file
+from sensors.files.table import FileError
+from tests.sensors.files.conftest import NAMES, RATE, SAMPLES, SECONDS, START_NS, WRITERS
+
+
+def test_every_format_gives_the_same_samples_times_and_units(measurement: Path) -> None:
+    table = read_file(measurement)
+    np.testing.assert_array_equal(table.samples, SAMPLES)
+    assert table.times is not None
+    np.testing.assert_allclose(table.times, SECONDS, rtol=0, atol=1e-9)
+    assert abs(table.start_ns - START_NS) <= 1
+    assert table.sampling_rate == RATE
+    assert table.quantities == ("acceleration", "acceleration")
+    if measurement.suffix == ".mseed":  # knows codes and counts only
+        assert table.names == ("OW.T1..BNX", "OW.T1..BNY")
+        assert table.units == ("", "")
+    else:
+        assert table.names == NAMES
+        assert table.units == ("m/s²", "m/s²")
+
+
+def test_a_file_that_is_cut_off_gives_one_line(measurement: Path) -> None:
+    content = measurement.read_bytes()
+    is_text = measurement.suffix == ".csv"  # which is cut behind a comma: a column is missing
+    kept = content.rindex(b",") if is_text else len(content) - 701
+    measurement.write_bytes(content[:kept])
+    _assert_one_line(measurement)
+
+
+def test_a_file_of_something_else_gives_one_line(measurement: Path) -> None:
+    measurement.write_bytes(b"\x00\x01 something else \xff" * 60)
+    _assert_one_line(measurement)
+
+
+def test_an_empty_file_gives_one_line(measurement: Path) -> None:
+    measurement.write_bytes(b"")
+    _assert_one_line(measurement)
+
+
+def test_a_missing_file_gives_one_line(measurement: Path) -> None:
+    measurement.unlink()
+    _assert_one_line(measurement)
+
+
+def _assert_one_line(path: Path) -> None:
+    with pytest.raises(FileError) as error:
+        read_file(path)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "module", "extra"),
+    [("h5", "h5py", "hdf5"), ("tdms", "nptdms", "tdms"), ("mseed", "obspy", "miniseed")],
+)
+def test_a_package_that_is_missing_is_named_with_its_extra(
+    suffix: str, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(
+        FileError, match=rf"{module} is needed .* pip install 'pilewatch\[{extra}\]'"
+    ):
+        read_file(tmp_path / f"measured.{suffix}")
+    assert optional.needed("json", "x", tmp_path).dumps([]) == "[]"
+
+
+def test_a_reader_of_somebody_else_plugs_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sep005_io_mine.py").write_text(
+        "def read_mine(path):\n"
+        "    return [{'data': [1.0, 2.0, 3.0], 'name': 'top', 'unit_str': 'g', 'fs': 50.0,\n"
+        "             'start_timestamp': '2024-03-01T12:00:00Z'}]\n"
+        "def broken(path):\n"
+        "    raise KeyError('header')\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    path = tmp_path / "measured.mine"
+    path.write_bytes(b"\x07")
+    entry = formats.EntryPoint("mine", "sep005_io_mine:read_mine", formats.GROUP)
+    monkeypatch.setattr(formats, "entry_points", lambda group: [entry])
+    table = read_file(path)
+    assert table.names == ("top",)
+    assert table.units == ("m/s²",)
+    assert table.sampling_rate == 50.0
+    assert table.samples[0, 0] == pytest.approx(9.80665)
+    by_name = read_file(path, "sep005_io_mine:read_mine")
+    np.testing.assert_array_equal(by_name.samples, table.samples)
+    with pytest.raises(FileError, match=r"'sep005_io_mine:broken' failed: KeyError: 'header'"):
+        read_file(path, "sep005_io_mine:broken")
+    with pytest.raises(FileError, match=r"cannot be loaded .*package\.module:function is needed"):
+        read_file(path, "sep005_io_mine.nothing")
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_long_file_comes_in_pieces_that_join_without_a_seam(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"measured.{suffix}"
+    WRITERS[suffix](path)
+    monkeypatch.setattr("sensors.files.csv.PIECE_BYTES", 4096)
+    monkeypatch.setattr("sensors.files.parquet.ROWS", 64)
+    pieces = list(file_pieces(path))
+    assert len(pieces) > 3
+    assert {piece.start_ns for piece in pieces} == {START_NS}
+    assert all(piece.times is not None for piece in pieces)
+    times = np.concatenate([piece.times for piece in pieces if piece.times is not None])
+    np.testing.assert_allclose(times, SECONDS, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(np.concatenate([piece.samples for piece in pieces]), SAMPLES)
