@@ -11,7 +11,7 @@ the likelihood of all windows in θ and σ is exactly, up to a constant,
 w_t = hop / window duration counts samples shared by overlapping windows once.
 
 The same holds for what is known to differ between windows. With the water l_t above the model's
-level, f_t = f (1 + a l_t + b l_t²) and m_t(θ) = m(θ) + v₁ l_t + v₂ l_t²; then
+level, frequency and shape of a mode are m_t(θ) = m(θ) + v₁ l_t + v₂ l_t²; then
     d̄ = m(θ) + b + S (Σ_t w_t l_t Σ_t⁻¹ v₁ + Σ_t w_t l_t² Σ_t⁻¹ v₂) + ē,
 so that two more sums for each mode bring the combined estimate to the model's level, whichever mode
 of the model turns out to be its partner.
@@ -166,6 +166,33 @@ def _pair_sighting(group: list[Mode], n_rows: int) -> Sighting:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PartnerInWater:
+    """A mode of the model with the water one metre lower, as it is, one metre higher."""
+
+    log_frequencies: FloatArray  # ln f, (3,)
+    shapes: FloatArray  # (3, n_channels) [-], scale arbitrary
+
+    @property
+    def curve(self) -> FloatArray:
+        """∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (2,) [1/m, 1/m²]"""
+        return _parabola(self.log_frequencies)
+
+    def parabola(self, frequency: float, unit_component: int) -> tuple[FloatArray, FloatArray]:
+        """v₁ and v₂, (1 + n_channels,) each, of f [Hz] and of φ [-] normalised to that channel."""
+        units = self.shapes[:, [unit_component]]
+        shapes = np.divide(self.shapes, units, out=np.zeros_like(self.shapes), where=units != 0)
+        ratios = np.exp(self.log_frequencies - self.log_frequencies[1])
+        slope, curvature = _parabola(np.column_stack([frequency * ratios, shapes]))
+        return slope, curvature
+
+
+def _parabola(values: FloatArray) -> FloatArray:
+    """(2, …) slope and curvature through values at −1, 0 and 1, (3, …)."""
+    low, middle, high = values
+    return np.array([(high - low) / 2, (high + low) / 2 - middle])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ModeEvidence:
     """One mode's sightings combined. Vectors have the rows f [Hz], then φ [-] of every channel.
 
@@ -198,7 +225,7 @@ class ModeEvidence:
             unit_component=sighting.unit_component,
             information=np.zeros((n_rows, n_rows)),
             information_mean=np.zeros(n_rows),
-            level_information=np.zeros((2, n_rows)),
+            level_information=np.zeros((2, n_rows, n_rows)),
             track=track,
             n_windows=0,
             last_window=0,
@@ -226,7 +253,8 @@ class ModeEvidence:
         information_mean = self.information_mean.copy()
         information_mean[known] += precision @ sighting.values[known]
         level_information = self.level_information.copy()
-        level_information[:, known] += np.outer([rise, rise**2], precision[0])
+        level_information[0][np.ix_(known, known)] += rise * precision
+        level_information[1][np.ix_(known, known)] += rise**2 * precision
         return replace(
             self,
             name=sighting.name or self.name,
@@ -239,15 +267,11 @@ class ModeEvidence:
             last_frequency_std=float(np.linalg.norm(sighting.factor[0])),
         )
 
-    def at_model_level(self, slope: float, curvature: float) -> "ModeEvidence":
-        """The evidence as if every window had had the model's water level.
-
-        slope, curvature   a [1/m] and b [1/m²] of ln f = ln f₀ + a l + b l²
-        """
-        change = np.array([slope, curvature + slope**2 / 2]) * self.frequency
-        return replace(
-            self, information_mean=self.information_mean - change @ self.level_information
-        )
+    def at_model_level(self, partner: "PartnerInWater") -> "ModeEvidence":
+        """The evidence as if every window had had the model's water level."""
+        slope, curvature = partner.parabola(self.frequency, self.unit_component)
+        moved = self.level_information[0] @ slope + self.level_information[1] @ curvature
+        return replace(self, information_mean=self.information_mean - moved)
 
     def forgotten(self, n_windows: int) -> bool:
         """Whether it has not been seen for so long, after n_windows in all, that it was a mistake
@@ -381,14 +405,14 @@ class ModalEvidence:
         """Whether any window had another water level than the model's."""
         return any(mode.level_information.any() for mode in self.modes)
 
-    def at_model_level(self, curves: FloatArray) -> "ModalEvidence":
+    def at_model_level(self, partners: Sequence["PartnerInWater | None"]) -> "ModalEvidence":
         """The evidence as if every window had had the model's water level.
 
-        curves   each mode's slope and curvature of ln f, (n_modes, 2) [1/m, 1/m²]
+        partners   of each mode; None for one that has no partner in the model
         """
         modes = [
-            mode.at_model_level(float(slope), float(curvature))
-            for mode, (slope, curvature) in zip(self.modes, curves, strict=True)
+            mode if partner is None else mode.at_model_level(partner)
+            for mode, partner in zip(self.modes, partners, strict=True)
         ]
         return replace(self, modes=tuple(modes))
 

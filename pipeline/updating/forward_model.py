@@ -58,7 +58,7 @@ class ForwardModel(Protocol):
         """The same modes, followed by overlap from theta_reference, (3,), instead of nominal."""
         ...
 
-    def water_curves(self) -> FloatArray:
-        """How ln f follows the water where the modes are followed from: slope and curvature of the
-        level, from the one the model stands in, (m, 2) [1/m, 1/m²]; zeros on land."""
+    def in_water(self, rises: Sequence[float]) -> ModesOfStiffness:
+        """The modes where they are followed from with the water risen above `water_level`, row by
+        row [m]; on land they stay as they are."""
         ...

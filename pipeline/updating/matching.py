@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.updating.evidence import EstimateRefused, ModalEvidence
+from pipeline.updating.evidence import EstimateRefused, ModalEvidence, PartnerInWater
 from pipeline.updating.forward_model import FloatArray, ForwardModel
 from pipeline.updating.laplace import Peak, laplace_peak
 from pipeline.updating.likelihood import (
@@ -78,10 +78,10 @@ class Matcher:
         local = self._forward.following(self._prior.stiffness(pairing.ratios))
         evidence = measured
         if measured.level_varied:
-            curves = local.water_curves()
-            evidence = measured.at_model_level(_of_partners(curves, pairing))
+            partners = partners_in_water(local)
+            evidence = measured.at_model_level(_of_each(partners, pairing))
             pairing = self._search.refined(self._targets(evidence), pairing.ratios)
-            evidence = measured.at_model_level(_of_partners(curves, pairing))
+            evidence = measured.at_model_level(_of_each(partners, pairing))
         targets = self._targets(evidence)
         modes = local.modal(self._prior.stiffness(pairing.ratios[None]))
         mac = macs(targets, modes.shapes)[0]
@@ -107,10 +107,16 @@ class Matcher:
         return tuple(each for each in found if not named or labels[each.model_modes[0]] in named)
 
 
-def _of_partners(curves: FloatArray, pairing: Pairing) -> FloatArray:
-    """(n_identified, 2) of each identified mode's partner, zeros where it has none."""
-    partners = np.array(pairing.model_modes, dtype=np.intp)
-    return np.where((partners >= 0)[:, None], curves[partners], 0.0)
+def partners_in_water(forward: ForwardModel) -> list[PartnerInWater]:
+    """Each mode of the model in deeper and shallower water."""
+    modes = forward.in_water([-1.0, 0.0, 1.0])
+    logs = np.log(modes.frequencies)
+    return [PartnerInWater(logs[:, j], modes.shapes[:, j]) for j in range(len(forward.labels))]
+
+
+def _of_each(partners: Sequence[PartnerInWater], pairing: Pairing) -> list[PartnerInWater | None]:
+    """Each identified mode's partner."""
+    return [partners[mode] if mode >= 0 else None for mode in pairing.model_modes]
 
 
 def _without_partner(n_modes: int) -> EstimateRefused:

@@ -32,7 +32,7 @@ from pipeline.updating.evidence import sightings as sightings_of
 from pipeline.updating.forward_model import FloatArray, ForwardModel
 from pipeline.updating.guards import GuardSettings, refusal
 from pipeline.updating.likelihood import LikelihoodSettings
-from pipeline.updating.matching import Match, Matcher
+from pipeline.updating.matching import Match, Matcher, partners_in_water
 from pipeline.updating.pairing import DIFFERENCE, PairingSettings
 from pipeline.updating.posterior_message import posterior_message
 from pipeline.updating.prior import Prior, PriorSettings, modal_where_supported
@@ -287,7 +287,7 @@ class FoundationUpdater:
         self, evidence: ModalEvidence, match: Match, median: FloatArray
     ) -> tuple[TrackSensitivity, ...]:
         """How every paired mode's track depends on springs, at the median, and on the water."""
-        water = match.all_modes.water_curves() if evidence.level_varied else None
+        water = partners_in_water(match.all_modes) if evidence.level_varied else None
         points = median + DIFFERENCE * np.vstack([np.zeros(3), np.eye(3)])
         logs = np.log(match.all_modes.modal(self._prior.stiffness(points)).frequencies)
         slopes = (logs[1:] - logs[0]).T / DIFFERENCE  # (n_model, 3)
@@ -296,7 +296,7 @@ class FoundationUpdater:
                 track=evidence.modes[each.identified].track,
                 model=match.all_modes.labels[each.model_modes[0]],
                 slopes=slopes[list(each.model_modes)].mean(axis=0),
-                water=np.zeros(2) if water is None else water[each.model_modes[0]],
+                water=np.zeros(2) if water is None else water[each.model_modes[0]].curve,
             )
             for each in match.used
         }

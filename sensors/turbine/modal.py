@@ -26,7 +26,7 @@ from sensors.turbine.foundation import positive_definite, spring_matrix
 from sensors.turbine.mudline import MudlineCondensation, SpringEigenproblem, spring_modes_solver
 from sensors.turbine.observation import Observation
 from sensors.turbine.reference import ReferenceModes, visible_modes
-from sensors.turbine.water_level import water_curves
+from sensors.turbine.water_level import modes_in_water
 from sensors.turbine.whole import FullModes, decoupled_groups, full_modes, solved_modes
 
 __all__ = ["FullModes", "ModalModel", "ModalParameters", "followed_by_overlap", "full_modes"]
@@ -246,11 +246,22 @@ class ModalModel:
         parameters.shapes[admissible] = shapes
         return parameters
 
-    def water_curves(self) -> FloatArray:
-        """How ln f follows the water at the reference θ: slope and curvature of the level, from
-        the description's, (n_modes, 2) [1/m, 1/m²]; zeros on land. See `water_level`."""
-        frequencies = self.modal(self.theta_reference).frequencies[0]
-        return water_curves(self.description, self._reference, frequencies)
+    def in_water(self, rises: Sequence[float]) -> ModalParameters:
+        """The modes at the reference θ with the water risen above the description's level, row by
+        row [m]; on land they stay. See `water_level`."""
+        still = self.modal(self.theta_reference)
+        rows = [
+            modes_in_water(
+                self.description, self.layout, self._reference, still.frequencies[0], rise
+            )
+            for rise in rises
+        ]
+        return ModalParameters(
+            labels=self.labels,
+            frequencies=np.array([frequencies for frequencies, _ in rows]),
+            shapes=np.array([shapes for _, shapes in rows]),
+            admissible=np.full(len(rows), bool(still.admissible[0])),
+        )
 
     def following(self, theta_reference: ArrayLike) -> "ModalModel":
         """The same modes, followed by overlap from another θ, (3,), instead of the present one.

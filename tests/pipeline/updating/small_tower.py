@@ -62,8 +62,8 @@ class SmallTower:
     def following(self, theta_reference: FloatArray) -> "SmallTower":
         return self
 
-    def water_curves(self) -> FloatArray:
-        return np.zeros((len(self.labels), 2))  # on land
+    def in_water(self, rises: Sequence[float]) -> SmallModes:
+        return self.modal(np.tile(NOMINAL, (len(rises), 1)))  # on land
 
     def modal(self, theta: FloatArray) -> SmallModes:
         admissible = theta[:, 0] * theta[:, 1] > theta[:, 2] ** 2
@@ -222,8 +222,13 @@ class LinearTower:
     def following(self, theta_reference: FloatArray) -> "LinearTower":
         return self
 
-    def water_curves(self) -> FloatArray:
-        return np.tile(self.water, (len(self.labels), 1))
+    def in_water(self, rises: Sequence[float]) -> SmallModes:
+        slope, curvature = self.water
+        still = self.modal(np.tile(NOMINAL, (len(rises), 1)))
+        levels = np.array(rises)[:, None]
+        return replace(
+            still, frequencies=still.frequencies * np.exp(slope * levels + curvature * levels**2)
+        )
 
     def modal(self, theta: FloatArray) -> SmallModes:
         change = theta / NOMINAL - 1

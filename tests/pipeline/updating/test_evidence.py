@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.messages import ModalEstimate
 from pipeline.updating import evidence as evidence_module
-from pipeline.updating.evidence import EstimateRefused, ModalEvidence, sightings
+from pipeline.updating.evidence import EstimateRefused, ModalEvidence, PartnerInWater, sightings
 from tests.pipeline.updating.small_tower import LAYOUT, drawn_estimate, drawn_mode
 
 TRUTH = np.array([1.1, 0.9, 0.95])
@@ -258,9 +258,28 @@ def test_windows_of_any_water_level_say_what_they_would_have_said_at_the_models(
         evidence = evidence.with_estimate(risen, rise=rise)
     assert evidence.level_varied
     assert not still.level_varied
-    reduced = evidence.at_model_level(np.tile([-0.005, -0.0008], (3, 1)))
+    levels = np.array([-1.0, 0.0, 1.0])
+    partner = PartnerInWater(-0.005 * levels - 0.0008 * levels**2, np.ones((3, 8)))
+    reduced = evidence.at_model_level([partner] * 3)
     for before, one, other in zip(evidence.modes, reduced.modes, still.modes, strict=True):
         assert abs(before.frequency / other.frequency - 1) > 0.003
         assert one.frequency == pytest.approx(other.frequency, rel=3e-5)  # 1 % of what was moved
         assert one.shape == pytest.approx(other.shape, abs=2e-3)
         assert one.covariance == pytest.approx(other.covariance, nan_ok=True)
+
+
+def test_a_shape_that_turns_with_the_water_is_turned_back():
+    """Two windows, at 1 m and at 2 m, whose shapes lie on the partner's line of the level."""
+    estimate = windows(1, seed=42, shape_std=1e-4)[0]
+    mode = estimate.modes[0]
+    turning = np.linspace(0.0, 0.02, 8)  # of φ a metre
+    evidence = empty()
+    for rise in (1.0, 2.0):
+        shape = mode.shape + rise * turning
+        risen = replace(estimate, modes=(replace(mode, shape=shape / shape[mode.unit_component]),))
+        evidence = evidence.with_estimate(risen, rise=rise)
+    levels = np.array([-1.0, 0.0, 1.0])[:, None]
+    partner = PartnerInWater(np.zeros(3), mode.shape + levels * turning)
+    assert np.abs(evidence.modes[0].shape - mode.shape).max() > 0.01
+    reduced = evidence.at_model_level([partner])
+    assert reduced.modes[0].shape == pytest.approx(mode.shape, abs=1e-3)

@@ -23,22 +23,35 @@ def model():
 
 
 @pytest.mark.parametrize("rise", [-1.5, 0.6, 1.5])
-def test_the_parabola_is_what_a_structure_in_deeper_water_does(model, rise):
-    """Every mode of the whole model, solved in the risen water."""
-    slope, curvature = model.water_curves().T
-    risen = full_modes(TURBINE.with_water_level(rise), LAYOUT)
-    still = model.modal(model.nominal)
+def test_modes_in_risen_water_are_those_of_a_structure_built_in_it(model, rise):
+    """Every mode of the whole model, solved in the risen water: frequencies and shapes."""
+    found = model.in_water([rise])
+    built = full_modes(TURBINE.with_water_level(rise), LAYOUT)
     for column in map(model.labels.index, WATCHED):
-        f = still.frequencies[0, column]
-        expected = np.log(f) + slope[column] * rise + curvature[column] * rise**2
-        near = risen.frequencies[np.argmin(np.abs(np.log(risen.frequencies) - expected))]
-        assert np.log(near) == pytest.approx(expected, abs=2e-4)
+        f = found.frequencies[0, column]
+        near = int(np.argmin(np.abs(built.frequencies / f - 1)))
+        assert built.frequencies[near] == pytest.approx(f, rel=2e-4)
+        assert built.shapes[near] == pytest.approx(found.shapes[0, column], abs=0.01)
+
+
+def test_water_turns_the_shapes_of_the_modes_that_bend_the_monopile(model):
+    """By several hundredths of the largest component over the tide: it cannot be left out."""
+    low, high = model.in_water([-1.5, 1.5]).shapes[:, model.labels.index("30")]
+    assert np.abs(high - low).max() > 0.05
+
+
+def test_still_water_leaves_the_modes_as_they_are(model):
+    found, still = model.in_water([0.0]), model.modal(model.nominal)
+    assert found.frequencies == pytest.approx(still.frequencies, rel=1e-9)
+    assert found.shapes == pytest.approx(still.shapes, abs=1e-5)
 
 
 def test_higher_water_is_more_mass_and_lowers_every_frequency(model):
-    assert np.all(model.water_curves()[:, 0] <= 0)
+    low, high = model.in_water([0.0, 1.0]).frequencies
+    assert np.all(high <= low * (1 + 1e-12))
 
 
 def test_a_turbine_on_land_does_not_know_the_water():
     dry = ModalModel(replace(TURBINE, water=None), LAYOUT)
-    assert np.all(dry.water_curves() == 0)
+    low, high = dry.in_water([-1.0, 1.0]).frequencies
+    assert np.array_equal(low, high)
