@@ -216,6 +216,28 @@ class ModalEstimate(_message.Message):
     water_level: float
     def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., layout_id: _Optional[str] = ..., channels: _Optional[_Iterable[str]] = ..., modes: _Optional[_Iterable[_Union[Mode, _Mapping]]] = ..., weight: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., operating_state: _Optional[str] = ..., wind_speed: _Optional[float] = ..., rotor_speed: _Optional[float] = ..., yaw: _Optional[float] = ..., water_level: _Optional[float] = ...) -> None: ...
 
+class StabilisationDiagram(_message.Message):
+    __slots__ = ("turbine", "window", "start_ns", "end_ns", "orders", "bands", "frequencies", "frequency_stds", "damping_ratios")
+    TURBINE_FIELD_NUMBER: _ClassVar[int]
+    WINDOW_FIELD_NUMBER: _ClassVar[int]
+    START_NS_FIELD_NUMBER: _ClassVar[int]
+    END_NS_FIELD_NUMBER: _ClassVar[int]
+    ORDERS_FIELD_NUMBER: _ClassVar[int]
+    BANDS_FIELD_NUMBER: _ClassVar[int]
+    FREQUENCIES_FIELD_NUMBER: _ClassVar[int]
+    FREQUENCY_STDS_FIELD_NUMBER: _ClassVar[int]
+    DAMPING_RATIOS_FIELD_NUMBER: _ClassVar[int]
+    turbine: str
+    window: int
+    start_ns: int
+    end_ns: int
+    orders: _containers.RepeatedScalarFieldContainer[float]
+    bands: _containers.RepeatedScalarFieldContainer[float]
+    frequencies: _containers.RepeatedScalarFieldContainer[float]
+    frequency_stds: _containers.RepeatedScalarFieldContainer[float]
+    damping_ratios: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., orders: _Optional[_Iterable[float]] = ..., bands: _Optional[_Iterable[float]] = ..., frequencies: _Optional[_Iterable[float]] = ..., frequency_stds: _Optional[_Iterable[float]] = ..., damping_ratios: _Optional[_Iterable[float]] = ...) -> None: ...
+
 class WindowRejected(_message.Message):
     __slots__ = ("turbine", "window", "start_ns", "end_ns", "code", "reason")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
