@@ -1,6 +1,7 @@
 """Streams of samples cut and joined: what a simulation hands on, in any piece length."""
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -21,14 +22,19 @@ def trimmed(pieces: Iterator[FloatArray], *, first: int, count: int) -> Iterator
             yield kept
 
 
-def one_ahead(pieces: Iterator[FloatArray]) -> Iterator[FloatArray]:
-    """An endless stream, its next piece made in another thread while this one is worked on."""
-    with ThreadPoolExecutor(1, thread_name_prefix="loads") as pool:
-        following = pool.submit(next, pieces)
-        while True:
-            piece = following.result()
-            following = pool.submit(next, pieces)
+def made_ahead(pieces: Iterator[FloatArray], depth: int) -> Generator[FloatArray]:
+    """A stream whose next `depth` pieces are made in another thread while one is worked on.
+
+    Closed early, it makes no further piece than the one that is being made.
+    """
+    pool = ThreadPoolExecutor(1, thread_name_prefix="loads")
+    try:
+        waiting = deque(pool.submit(next, pieces, None) for _ in range(depth))
+        while (piece := waiting.popleft().result()) is not None:
+            waiting.append(pool.submit(next, pieces, None))
             yield piece
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def in_blocks(pieces: Iterator[NDArray[np.float32]], size: int) -> Iterator[NDArray[np.float32]]:

@@ -1,7 +1,9 @@
 """SimulatedTower: loads → response → noisy blocks, as one acquisition unit would send them."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.faults import with_faults
 from sensors.layout import SensorLayout
 from sensors.loads import RandomStream, generator
-from sensors.pieces import in_blocks, one_ahead, trimmed
+from sensors.pieces import in_blocks, made_ahead, trimmed
 from sensors.scada import ScadaSample, scada_samples
 from sensors.simulated_loads import course_of, loads_on, true_springs
 from sensors.simulated_structure import ChangingStructure
@@ -21,6 +23,7 @@ from sensors.simulation_settings import (
     SimulationSettings,
 )
 from sensors.turbine.damped_response import DampedResponse
+from sensors.turbine.damped_system import DampedSystem
 from sensors.turbine.description import TurbineDescription, load_turbine
 from sensors.turbine.foundation import FoundationSprings
 from sensors.turbine.response import AccelerationResponse
@@ -40,6 +43,7 @@ FloatArray = NDArray[np.float64]
 
 SPECTRUM_CHUNK = 256  # frequencies at a time, to stay in the processor's cache
 CHUNK_DURATION = 60.0  # [s] integrated at a time; fixed, so that the blocks do not change it
+CHUNKS_AHEAD = 8  # of each load: a wind or a sea is drawn ten chunks at once meanwhile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,10 +113,15 @@ class SimulatedTower:
         return self._structure.modes
 
     @property
+    def system(self) -> DampedSystem:
+        """The modal model at the first sample, with the air's damping."""
+        return self._structure.at(0.0)
+
+    @property
     def sensed_modes(self) -> SensedModes:
         """Every mode at the first sample as the instruments feel it: the truth of the
         identification, with the air's damping and the axes as they were mounted."""
-        system = self._structure.at(0.0)
+        system = self.system
         shapes = system.readings
         if self._axes is not None:
             yaw = np.full(len(shapes), self.course.figure("yaw", 0.0))
@@ -172,7 +181,8 @@ class SimulatedTower:
         noise_rms = self.noise_rms()
         dropped = round(settings.transient * settings.sampling_rate)
         first = 0
-        for readings in trimmed(self.readings(), first=dropped, count=settings.n_samples):
+        needed = self.readings(settings.transient + settings.duration)
+        for readings in trimmed(needed, first=dropped, count=settings.n_samples):
             times = (first + np.arange(len(readings))) / settings.sampling_rate
             first += len(readings)
             if self._axes is not None:
@@ -185,17 +195,20 @@ class SimulatedTower:
     def _yaw(self, times: FloatArray) -> FloatArray:
         return np.array([self.course.figure("yaw", time) for time in times.tolist()])
 
-    def readings(self) -> Iterator[FloatArray]:
-        """What perfect accelerometers read at the sampling rate, from rest and without end.
+    def readings(self, duration: float | None = None) -> Iterator[FloatArray]:
+        """What perfect accelerometers read at the sampling rate, from rest.
 
-        Each (n, n_channels) [m/s²]; where the axes turn against the nacelle, readings in x and
-        then in y of the nacelle at every channel's place.
+        duration   that is needed at least [s]; None: without end
+        yields     (n, n_channels) [m/s²]; where the axes turn against the nacelle, readings in x
+                   and then in y of the nacelle at every channel's place
         """
-        response = self._response()
+        response = self.response()
         decimator = Decimator(self.settings.decimation, response.n_channels)
         chunk = round(CHUNK_DURATION * self._rate)
         time, motion = -self.settings.transient, 0.0
-        for forces in one_ahead(self._forces(chunk)):
+        # one chunk more, for the decimator's delay
+        n_chunks = None if duration is None else int(duration // CHUNK_DURATION) + 2
+        for forces in self._forces(chunk, n_chunks):
             if isinstance(response, DampedResponse):
                 self._structure.update(response, time, motion)
             yield decimator.advance(response.advance(forces))
@@ -203,14 +216,18 @@ class SimulatedTower:
             if isinstance(response, DampedResponse) and self.course.foundation.softening:
                 motion = self._structure.mudline_motion(response)
 
-    def _forces(self, chunk: int) -> Iterator[FloatArray]:
-        """Of all loads without end, (chunk, n_series) each."""
-        series = [load.series(self.settings.seed, chunk) for load in self._loads]
-        while True:
-            yield np.concatenate([next(one) for one in series], axis=1)
+    def _forces(self, chunk: int, n_chunks: int | None) -> Iterator[FloatArray]:
+        """Of all loads, (chunk, n_series) each; every load is made in a thread of its own."""
+        with ExitStack() as threads:
+            series = []
+            for load in self._loads:
+                own = islice(load.series(self.settings.seed, chunk), n_chunks)
+                series.append(threads.enter_context(closing(made_ahead(own, CHUNKS_AHEAD))))
+            for parts in zip(*series, strict=True):
+                yield np.concatenate(parts, axis=1)
 
-    def _response(self) -> AccelerationResponse | DampedResponse:
-        """A new one, at rest; modes one by one where nothing couples or changes them."""
+    def response(self) -> AccelerationResponse | DampedResponse:
+        """The integrator, at rest; modes one by one where nothing couples or changes them."""
         if self._structure.is_simple:
             return AccelerationResponse(self._structure.observed, self._rate)
         return DampedResponse(self._structure.at(-self.settings.transient), self._rate)
@@ -234,7 +251,7 @@ class SimulatedTower:
             S_y(f) = Σ_l H_l(f) S_l(f) H_l(f)ᴴ |D(f)|²,   H the recursion's own response, D the
             filter's, S_l the cross-spectrum of the linear part of load l
         """
-        response = self._response()
+        response = self.response()
         decimator = Decimator(self.settings.decimation, response.n_channels)
         columns = np.cumsum([load.n_series for load in self._loads])[:-1]
         spectrum = np.zeros((len(frequencies), response.n_channels))

@@ -79,10 +79,16 @@ class SegmentedNoise:
         n = 2 * self._half
         drawn = self._rng.standard_normal((2, *self._size))
         coloured = self._colouring(middle, drawn[0] + 1j * drawn[1])
-        spectrum = np.zeros((len(coloured), n // 2 + 1), dtype=np.complex128)
+        moving = coloured.any(axis=1)  # a long-crested sea has nothing across
+        spectrum = np.zeros((np.count_nonzero(moving), n // 2 + 1), dtype=np.complex128)
         # x = Σ √(S Δf) Re[w exp(iωt)], Δf = 1/(2T); irfft divides by n and doubles
-        spectrum[:, 1 : self._size[1] + 1] = coloured * (0.5 * n * (2 * OVERLAP) ** -0.5)
-        return irfft(spectrum, n, axis=1)
+        spectrum[:, 1 : self._size[1] + 1] = coloured[moving]
+        spectrum[:, 1 : self._size[1] + 1] *= 0.5 * n * (2 * OVERLAP) ** -0.5
+        if moving.all():
+            return irfft(spectrum, n, axis=1)
+        series = np.zeros((len(coloured), n))
+        series[moving] = irfft(spectrum, n, axis=1)
+        return series
 
 
 def in_chunks(pieces: Iterator[FloatArray], chunk: int) -> Iterator[FloatArray]:

@@ -236,14 +236,17 @@ class WaveLoad:
         heights, weights = _column()
         column = depth + surface if self.sea.surface == "instantaneous" else depth
         column = np.clip(column, 0.0, self.top - self.mudline)
-        speed = np.hypot(motion[0, 0], motion[1, 0])
         place = self._place(np.multiply.outer(heights, column))
-        drag = self._drag[:, None] * speed
-        forces = []
-        for velocity, acceleration in motion:
-            per_metre = self._inertia[:, None] * acceleration + drag * velocity
-            forces.append(per_metre * weights[:, None] * column)
-        return _legendre_sums(place, np.array(forces)).reshape(-1, len(surface)).T
+        moving = np.flatnonzero([part.any() for part in motion])  # nothing across a long crest
+        drag = self._drag[:, None] * np.sqrt(np.sum(motion[moving, 0] ** 2, axis=0))
+        forces = np.empty((len(moving), N_HEIGHTS, len(surface)))
+        for force, (velocity, acceleration) in zip(forces, motion[moving], strict=True):
+            np.multiply(self._inertia[:, None], acceleration, out=force)
+            force += drag * velocity
+            force *= weights[:, None] * column
+        sums = np.zeros((_X_AND_Y, N_PATTERNS, len(surface)))
+        sums[moving] = _legendre_sums(place, forces)
+        return sums.reshape(-1, len(surface)).T
 
 
 def wave_load(

@@ -1,101 +1,127 @@
 """What simulating costs, beside SciPy's integrator on the same modal model.
 
-python -m tests.benchmarks simulate [--hours H] [--scenario parked]
+python -m tests.benchmarks simulate [--hours 24] [--scenario parked paper]
 
-The processor's time is that of both threads: one makes the loads, the other integrates.
+Eight channels at 40 Hz. The processor's time is that of all threads: each load is drawn in one of
+its own while another integrates. SciPy's `lsim` gets the forces for nothing and integrates a short
+stretch; what it takes is proportional.
 """
 
 import argparse
 import resource
 import time
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import lsim
 
-from pipeline.scenario import load_scenario
-from sensors.layout import SensorLayout, biaxial_layout
-from sensors.loads import BroadbandLoad, WaveBandLoad, random_loads
-from sensors.simulated import LOWEST_INTEGRATION_RATE, SimulatedTower
-from sensors.turbine.assembly import assemble
-from sensors.turbine.description import TurbineDescription, load_turbine
-from sensors.turbine.response import AccelerationResponse, FloatArray
-from sensors.turbine.structure_modes import (
-    ModalDamping,
-    ObservedModes,
-    observed_modes,
-    structure_modes,
-)
+from pipeline.scenario import Scenario, load_scenario
+from sensors.layout import biaxial_layout
+from sensors.simulated import SimulatedTower
+from sensors.turbine.damped_system import DampedSystem
+from sensors.turbine.description import load_turbine
+
+FloatArray = NDArray[np.float64]
+T = TypeVar("T")
 
 ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # [m]
-LSIM_DURATION = 30.0  # [s]; what it takes is proportional
+LSIM_DURATION = 30.0  # [s]
+DAY = 86400.0  # [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a simulation took."""
+
+    cpu: float  # per simulated day [s]
+    wall: float  # per simulated day [s]
+    memory: float  # the process' peak [MB]
+    blocks: int
+
+
+@dataclass(frozen=True, slots=True)
+class Integration:
+    """The same forces through this package's integrator and through lsim."""
+
+    own: float  # CPU per simulated day [s]
+    scipy: float  # CPU per simulated day [s]
+    difference: float  # largest, over the largest reading [-]
 
 
 def main(arguments: list[str]) -> None:
-    """Print CPU time and memory of a simulation, and of its integration by scipy.signal.lsim."""
+    """Print CPU time, wall time and memory of simulations, and lsim's time."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks simulate")
-    parser.add_argument(
-        "--hours", type=float, default=1.0, help="simulated time, 8 channels, 40 Hz"
-    )
-    parser.add_argument("--scenario", default="parked", help="the environment to simulate")
+    parser.add_argument("--hours", type=float, default=24.0, help="simulated time")
+    parser.add_argument("--scenario", nargs="+", default=["parked", "paper"])
     options = parser.parse_args(arguments)
-    hours, scenario = options.hours, load_scenario(options.scenario)
-    description = load_turbine("iea15mw_monopile")
+    for name in options.scenario:
+        tower = eight_channels(load_scenario(name), duration=3600.0 * options.hours)
+        cost, integration = simulation_cost(tower), integration_cost(tower)
+        print(f"{name}: {options.hours:g} h of 8 channels at 40 Hz, {cost.blocks} blocks")
+        print(f"  per simulated day {cost.cpu:6.1f} s CPU, {cost.wall:6.1f} s wall")
+        print(f"  peak memory {cost.memory:.0f} MB")
+        print(
+            f"  of it, integration of {len(tower.modes.frequencies)} modes {integration.own:.1f} s"
+        )
+        print(f"  lsim on the same modal model, forces given: {integration.scipy:.0f} s CPU a day,")
+        print(
+            f"    {integration.scipy / integration.own:.0f} x the integration, "
+            f"{integration.scipy / cost.cpu:.0f} x the whole simulation; largest difference "
+            f"{integration.difference:.0e} of the largest reading"
+        )
+
+
+def eight_channels(scenario: Scenario, *, duration: float) -> SimulatedTower:
+    """The scenario's tower for a duration [s]."""
     layout = biaxial_layout("tower", turbine="iea15mw", unit="tower", elevations=ELEVATIONS)
-    settings = replace(scenario.simulation, duration=3600.0 * hours, seed=scenario.seed)
-    start, clock = time.process_time(), time.perf_counter()
-    blocks = sum(1 for _ in SimulatedTower(description, layout, settings))
-    cpu, wall = time.process_time() - start, time.perf_counter() - clock
+    settings = replace(scenario.simulation, duration=duration, seed=scenario.seed)
+    return SimulatedTower(load_turbine("iea15mw_monopile"), layout, settings)
+
+
+def simulation_cost(tower: SimulatedTower) -> Cost:
+    """Of all its blocks."""
+    days = tower.settings.duration / DAY
+    clock = time.perf_counter()
+    blocks, cpu = timed(lambda: sum(1 for _ in tower))
+    wall = time.perf_counter() - clock
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(
-        f"{scenario.name}: {hours:g} h of 8 channels at 40 Hz, {blocks} blocks: "
-        f"{cpu:.1f} s CPU, {wall:.1f} s wall"
-    )
-    print(f"per simulated hour {cpu / hours:.2f} s CPU; peak memory {memory:.0f} MB")
-    _print_integration(_modal_model(description, layout))
+    return Cost(cpu / days, wall / days, memory, blocks)
 
 
-def _print_integration(modes: ObservedModes) -> None:
-    """The integration alone, the same forces through this package and through lsim."""
-    rate = LOWEST_INTEGRATION_RATE
-    n = round(LSIM_DURATION * rate)
-    forces = np.random.default_rng(1).standard_normal((n, modes.participation.shape[1]))
-    forces[0] = 0.0
-    start = time.process_time()
-    ours = AccelerationResponse(modes, rate).advance(forces)
-    own_time = time.process_time() - start
-    start = time.process_time()
-    _, theirs, _ = lsim(_state_space(modes), forces, np.arange(n) / rate, interp=True)
-    lsim_time = time.process_time() - start
+def integration_cost(tower: SimulatedTower) -> Integration:
+    """Of the modal model at the first sample under white forces."""
+    rate = tower.settings.sampling_rate * tower.settings.decimation
+    n, days = round(LSIM_DURATION * rate), LSIM_DURATION / DAY
+    system = tower.system
+    forces = np.random.default_rng(1).standard_normal((n, system.modes.participation.shape[1]))
+    forces[0] = 0.0  # both begin at rest
+    response = tower.response()
+    ours, own = timed(lambda: response.advance(forces))
+    space = state_space(system)
+    (_, theirs, _), scipy = timed(lambda: lsim(space, forces, np.arange(n) / rate, interp=True))
     difference = np.abs(ours - theirs).max() / np.abs(theirs).max()
-    print(f"integration of {len(modes.frequencies)} modes, CPU per simulated hour:")
-    print(f"  exact recursion {own_time * 3600 / LSIM_DURATION:8.2f} s")
-    print(
-        f"  lsim            {lsim_time * 3600 / LSIM_DURATION:8.2f} s, {lsim_time / own_time:.0f} x"
-    )
-    print(f"  largest difference {difference:.1e} of the largest reading")
+    return Integration(own / days, scipy / days, float(difference))
 
 
-def _modal_model(description: TurbineDescription, layout: SensorLayout) -> ObservedModes:
-    model = assemble(description, tube_refinement=2)
-    loads = random_loads(
-        model,
-        broadband=BroadbandLoad(),
-        waves=WaveBandLoad(),
-        sampling_rate=LOWEST_INTEGRATION_RATE,
-    )
-    distribution = np.concatenate([load.distribution for load in loads], axis=1)
-    modes = structure_modes(model, ModalDamping(), highest_frequency=0.5 * LOWEST_INTEGRATION_RATE)
-    return observed_modes(model, modes, layout, distribution)
+def timed(work: Callable[[], T]) -> tuple[T, float]:
+    """What the work gives, and its CPU time [s]."""
+    start = time.process_time()
+    result = work()
+    return result, time.process_time() - start
 
 
-def _state_space(modes: ObservedModes) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """(A, B, C, D) of the same modes, state (q, q'), output u'' − g ψ."""
-    omega = 2 * np.pi * modes.frequencies
-    n = len(omega)
-    spring, damper = np.diag(-(omega**2)), np.diag(-2 * modes.damping_ratios * omega)
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [spring, damper]])
+def state_space(system: DampedSystem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """(A, B, C, D) of the undamped modes' coordinates q and q', output u'' − g ψ."""
+    modes = system.modes
+    n = len(modes.frequencies)
+    spring = np.diag(-((2 * np.pi * modes.frequencies) ** 2))
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [spring, -system.damping]])
     B = np.concatenate([np.zeros_like(modes.participation), modes.participation])
     tilt = modes.gravity * modes.rotation
-    C = np.concatenate([modes.displacement @ spring - tilt, modes.displacement @ damper], axis=1)
+    C = np.concatenate(
+        [modes.displacement @ spring - tilt, -modes.displacement @ system.damping], axis=1
+    )
     return A, B, C, modes.displacement @ modes.participation

@@ -80,7 +80,7 @@ def test_a_stronger_wind_takes_more_from_every_motion() -> None:
     calm, windy = (
         simulated(wind=Wind(speed=speed), sea=Sea())._structure.at(0.0) for speed in (2.0, 20.0)
     )
-    assert isinstance(simulated(wind=Wind())._response(), DampedResponse)
+    assert isinstance(simulated(wind=Wind()).response(), DampedResponse)
     added = np.linalg.eigvalsh(windy.damping - calm.damping)
     assert added.min() > -1e-9 * added.max()
     assert windy.damping_ratios[:12].max() > 0.05
