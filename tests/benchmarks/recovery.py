@@ -56,7 +56,7 @@ class Recovery:
     posterior: FoundationPosterior | None  # after the last one
     rejected: tuple[WindowRejected, ...]
     identify_s: float  # CPU a window
-    update_s: float  # CPU of a refresh
+    update_s: float  # CPU of the last refresh
     wrong_pairs: int  # in the last posterior
 
 
@@ -71,21 +71,24 @@ class Options:
 
 def answers(
     windows: Sequence[Window], case: Case, options: Options
-) -> list[FoundationPosterior | WindowRejected]:
-    """What the updater says to the windows it is asked about."""
+) -> tuple[list[FoundationPosterior | WindowRejected], float]:
+    """What the updater says to the windows it is asked about, and the last refresh's CPU [s]."""
     forward = ModalModel(described(case.sign), LAYOUT)
     updater = FoundationUpdater(forward, LAYOUT, options.settings, seed=case.seed)
     state = updater.initial_state()
     found: list[FoundationPosterior | WindowRejected] = []
+    seconds = 0.0
     for number, window in enumerate(windows):
         if not isinstance(window, ModalEstimate):
             found.append(window)
         elif options.every_window or number in (0, len(windows) - 1):
+            begun = time.process_time()
             state, answer = updater.updated(state, window)
+            seconds = time.process_time() - begun
             found.append(answer)
         else:
             state = replace(state, evidence=state.evidence.with_estimate(window))
-    return found
+    return found, seconds
 
 
 def recovered(case: Case, options: Options) -> Recovery:
@@ -93,8 +96,7 @@ def recovered(case: Case, options: Options) -> Recovery:
     begun = time.process_time()
     windows = kept(case, options.keep)
     identified = time.process_time()
-    found = answers(windows, case, options)
-    ended = time.process_time()
+    found, seconds = answers(windows, case, options)
     posteriors = [each for each in found if isinstance(each, FoundationPosterior)]
     last = found[-1] if found else None
     return Recovery(
@@ -104,7 +106,7 @@ def recovered(case: Case, options: Options) -> Recovery:
         posterior=last if isinstance(last, FoundationPosterior) else None,
         rejected=tuple(each for each in found if isinstance(each, WindowRejected)),
         identify_s=(identified - begun) / case.windows,
-        update_s=(ended - identified) / max(len(found), 1),
+        update_s=seconds,
         wrong_pairs=wrong_pairs(last, case) if isinstance(last, FoundationPosterior) else 0,
     )
 
