@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from sensors.layout import SensorLayout
-from sensors.turbine.assembly import assemble
+from sensors.turbine.assembly import StructuralModel, assemble
 from sensors.turbine.description import TurbineDescription
 from sensors.turbine.observation import Observation
 from sensors.turbine.reference import ReferenceModes
@@ -26,18 +26,32 @@ def modes_in_water(
     reference     modes at one θ, mass-normalised
     frequencies   of these modes at that θ, (n_modes,) [Hz]
 
-    With the modes V as a basis, K = Λ and M = 1 + Vᵀ ΔM V. Of first order that is the perturbation
-    Δ ln f = −½ φᵀ ΔM φ; the mixing of all visible modes gives the rest (of a few modes alone it is
-    less exact): 2e-4 of f is left at 1.5 m.
+    The basis is that of the modes V and of the static responses to a force on each degree of
+    freedom whose mass changes. Of first order the change is Δ ln f = −½ φᵀ ΔM φ; shapes mix.
     """
     model = assemble(description, stiffness=reference.theta)
-    observation = Observation.of(model, layout).in_basis(reference.vectors)
+    observation = Observation.of(model, layout)
     squares = (2 * np.pi * frequencies) ** 2
     if description.water is None or rise == 0:
-        return frequencies, observation.shapes(np.eye(len(squares)), squares)
+        return frequencies, observation.shapes(reference.vectors.T, squares)
     risen = description.with_water_level(description.water.level + rise)
     mass = assemble(risen, stiffness=reference.theta).mass
-    found, vectors = eigh(np.diag(squares), reference.vectors.T @ mass @ reference.vectors)
-    following = np.argmax(vectors**2, axis=1)  # of each mode: nearly all of one solution's vector
-    found, coordinates = found[following], vectors[:, following].T
-    return np.sqrt(found) / (2 * np.pi), observation.shapes(coordinates, found)
+    basis = np.hstack([reference.vectors, _static_responses(model, mass, reference.vectors)])
+    found, coordinates = eigh(basis.T @ model.stiffness @ basis, basis.T @ mass @ basis)
+    overlap = reference.vectors.T @ model.mass @ basis @ coordinates
+    following = np.argmax(overlap**2, axis=1)
+    found, vectors = found[following], basis @ coordinates[:, following]
+    return np.sqrt(found) / (2 * np.pi), observation.shapes(vectors.T, found)
+
+
+def _static_responses(model: StructuralModel, mass: FloatArray, modes: FloatArray) -> FloatArray:
+    """(n_dofs, n): to forces where `mass` differs from the model's, what the modes hold of them
+    taken out, independent of each other."""
+    changed = np.flatnonzero(np.abs(mass - model.mass).max(axis=0) > 0)
+    forces = np.zeros((len(mass), len(changed)))
+    forces[changed, np.arange(len(changed))] = 1.0
+    responses = np.linalg.solve(model.stiffness, forces)
+    responses -= modes @ (modes.T @ model.mass @ responses)
+    responses /= np.sqrt(np.einsum("ij,ij->j", responses, model.mass @ responses))
+    independent, strength, _ = np.linalg.svd(responses, full_matrices=False)
+    return np.asarray(independent[:, strength > 1e-6 * strength[0]])
