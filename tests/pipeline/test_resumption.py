@@ -12,7 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.messages import Message, ModalEstimate, StreamGap, WindowRejected
+from pipeline.messages import (
+    Message,
+    ModalEstimate,
+    StabilisationDiagram,
+    StreamGap,
+    WindowRejected,
+)
 from pipeline.nodes.operation import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.recent import files_of, latest_messages
@@ -40,7 +46,9 @@ def undisturbed(measured: list[Message]) -> list[ModalEstimate]:
 
 
 def answers_of(node: object, messages: Iterable[Message]) -> list[Message]:
-    return [answer for message in messages for answer in node.handle(message)]
+    """What is said of windows and gaps; diagrams are for people."""
+    said = [answer for message in messages for answer in node.handle(message)]
+    return [answer for answer in said if not isinstance(answer, StabilisationDiagram)]
 
 
 def blocks(messages: Iterable[Message], since: int, until: int) -> list[Message]:

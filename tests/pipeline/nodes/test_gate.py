@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.messages import Message, ModalEstimate, StreamGap, WindowRejected
+from pipeline.messages import (
+    Message,
+    ModalEstimate,
+    StabilisationDiagram,
+    StreamGap,
+    WindowRejected,
+)
 from pipeline.nodes.gate import STUBBORN, BlockGate
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.operation import IdentificationInContext
@@ -35,7 +41,8 @@ def strange(block: AccelerationBlock) -> list[AccelerationBlock]:
 
 
 def answers(node: IdentificationInContext, blocks: list[AccelerationBlock]) -> list[Message]:
-    return [answer for message in (LAYOUT, *blocks) for answer in node.handle(message)]
+    said = [answer for message in (LAYOUT, *blocks) for answer in node.handle(message)]
+    return [answer for answer in said if not isinstance(answer, StabilisationDiagram)]
 
 
 def test_blocks_that_do_not_fit_their_session_change_nothing_and_are_counted(blocks) -> None:

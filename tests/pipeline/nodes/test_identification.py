@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.messages import Message, ModalEstimate, StreamEnd, StreamGap, WindowRejected
+from pipeline.messages import (
+    Message,
+    ModalEstimate,
+    StabilisationDiagram,
+    StreamEnd,
+    StreamGap,
+    WindowRejected,
+)
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from sensors.blocks import NANOSECONDS, AccelerationBlock
@@ -46,6 +53,11 @@ def cut(samples: np.ndarray, session: str = "s1") -> list[AccelerationBlock]:
 
 
 def answers(blocks: Iterable[AccelerationBlock]) -> list[Message]:
+    """What is said of windows and gaps; diagrams are for people."""
+    return [a for a in everything_said(blocks) if not isinstance(a, StabilisationDiagram)]
+
+
+def everything_said(blocks: Iterable[AccelerationBlock]) -> list[Message]:
     node = IdentificationNode(SETTINGS)
     said = list(node.handle(LAYOUT))
     last = None
@@ -83,6 +95,31 @@ def test_every_minute_gives_one_estimate_on_sensor_time(blocks: list[Acceleratio
         assert estimate.end_ns == START + 60 * (k + 1) * NANOSECONDS
         assert estimate.channels == ("z80-fa", "z80-ss")
         assert estimate.modes[0].frequency == pytest.approx(1.0, rel=0.02)
+
+
+def n_orders(diagram: StabilisationDiagram, chosen: np.ndarray) -> int:
+    return len(np.unique(diagram.orders[chosen]))
+
+
+def test_every_estimate_comes_with_the_poles_it_was_found_among(
+    blocks: list[AccelerationBlock],
+) -> None:
+    said = everything_said(blocks)
+    estimates = [each for each in said if isinstance(each, ModalEstimate)]
+    diagrams = [each for each in said if isinstance(each, StabilisationDiagram)]
+    assert [(d.window, d.start_ns, d.end_ns) for d in diagrams] == [
+        (e.window, e.start_ns, e.end_ns) for e in estimates
+    ]
+    for estimate, diagram in zip(estimates, diagrams, strict=True):
+        for mode in estimate.modes:
+            near = np.abs(diagram.frequencies / mode.frequency - 1) < 0.02  # as alike as poles get
+            bands = [diagram.bands == band for band in np.unique(diagram.bands)]
+            shares = [n_orders(diagram, near & band) / n_orders(diagram, band) for band in bands]
+            assert max(shares) >= mode.presence
+            assert (diagram.frequency_stds[near] > 0).all()
+            assert np.median(diagram.damping_ratios[near]) == pytest.approx(
+                mode.damping_ratio, abs=3 * mode.damping_ratio_std
+            )
 
 
 def test_a_lost_block_rejects_its_window_and_no_other(blocks: list[AccelerationBlock]) -> None:
@@ -148,7 +185,7 @@ def test_an_end_that_overtakes_the_last_blocks_waits_for_them(
     end = StreamEnd("t1", "tower", "s1", blocks[-1].end_ns, len(blocks))
     order = [LAYOUT, *blocks[:-8], end, *blocks[-8:]]
     said = [answer for message in order for answer in node.handle(message)]
-    assert outline(said) == outline(answers(blocks))
+    assert outline(said) == outline(everything_said(blocks))
 
 
 def test_a_new_session_begins_with_window_zero(blocks: list[AccelerationBlock]) -> None:
