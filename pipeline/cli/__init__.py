@@ -10,9 +10,11 @@ import sys
 import typer
 from rich.logging import RichHandler
 
+from pipeline.cli.certificates import certificates
 from pipeline.cli.console import escaped, people
 from pipeline.cli.modal import identify, modes
 from pipeline.cli.recordings import info, salvage, simulate
+from pipeline.cli.report import report
 from pipeline.cli.reproduce import reproduce
 from pipeline.cli.session import node, run
 from pipeline.cli.show import show
@@ -37,9 +39,11 @@ for command in (
     reproduce,
     node,
     status,
+    certificates,
     info,
     salvage,
     show,
+    report,
 ):
     app.command()(command)
 

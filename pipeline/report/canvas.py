@@ -1,8 +1,21 @@
-"""Where figures are drawn. matplotlib is an optional dependency (extra `plot`), imported here."""
+"""Where figures are drawn. matplotlib is an optional dependency (extra `plot`), imported here.
 
+Pictures for a page are SVG, so that they stay sharp on every screen and on paper and their words
+can be searched; their ink is the page's own text colour, dark or light. Clouds of points are
+pixels inside them: a thousand points as lines would be larger than the rest of the page.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import StringIO
 from typing import Any
 
+from pipeline.viewer.colours import Colour
 from sensors.errors import InputError
+
+INK = "#010203"  # stands for the page's text colour until the SVG is written
+WIDTH = 4.2  # of a figure on a page [inch]: readable on a phone without zooming
+DOTS_PER_INCH = 200  # of what is drawn as pixels
 
 
 def new_figure(size: tuple[float, float], purpose: str) -> Any:
@@ -20,3 +33,66 @@ def new_figure(size: tuple[float, float], purpose: str) -> Any:
             f"cannot draw {purpose}: matplotlib is not installed; pip install 'pilewatch[plot]'"
         ) from error
     return Figure(figsize=size, layout="constrained")
+
+
+@contextmanager
+def page_figure(height: float) -> Iterator["PageFigure"]:
+    """A figure for a page, drawn and written within the `with` block.
+
+    height   [inch]
+    """
+    figure = new_figure((WIDTH, height), "a report")
+    from matplotlib import rc_context
+
+    with rc_context(_STYLE):
+        yield PageFigure(figure)
+
+
+class PageFigure:
+    """A matplotlib figure and the SVG that it becomes."""
+
+    def __init__(self, figure: Any) -> None:
+        self.figure = figure
+
+    def svg(self) -> str:
+        """The figure as SVG, its ink `currentColor`; the same figure gives the same text."""
+        written = StringIO()
+        self.figure.savefig(
+            written, format="svg", dpi=DOTS_PER_INCH, transparent=True, metadata={"Date": None}
+        )
+        return written.getvalue().replace(INK, "currentColor")
+
+
+def paint(colour: Colour) -> str:
+    """A colour of the viewer as matplotlib and CSS write it."""
+    red, green, blue = colour
+    return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+_STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "pilewatch",
+    "font.family": "sans-serif",
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "text.color": INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": INK,
+    "grid.alpha": 0.15,
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.3,
+}

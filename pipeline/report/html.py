@@ -17,10 +17,11 @@ h1 { line-height: 1.2; margin-bottom: .25rem; }
 h2 { margin-top: 2.5rem; border-bottom: 1px solid #8886; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .25rem .6rem; text-align: right; border-bottom: 1px solid #8886; }
+th, td { padding: .25rem .6rem; text-align: right; border-bottom: 1px solid #8886;
+  white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; }
 caption { text-align: left; font-weight: 600; padding: .25rem 0; }
-td.words { text-align: left; min-width: 14rem; }
+.words { text-align: left; min-width: 14rem; white-space: normal; }
 img { max-width: 100%; background: white; }
 figure { margin: 1rem 0; break-inside: avoid; }
 figure svg { display: block; width: 100%; height: auto; }
@@ -31,6 +32,7 @@ pre { overflow-x: auto; font-size: .8rem; }
   body { max-width: none; padding: 0; }
   .wide, pre { overflow: visible; }
   pre { white-space: pre-wrap; }
+  td { white-space: normal; }
   h2, h3 { break-after: avoid; }
   tr { break-inside: avoid; }
 }
@@ -82,7 +84,11 @@ def table_of(content: TextTable, links: Sequence[str] = ()) -> str:
 
     links   where the first cell of each row leads, e.g. "#t1"; none: nowhere
     """
-    head = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in content.head)
+    head = "".join(
+        f'<th scope="col"{_class("words" if column in content.words else "")}>'
+        f"{html.escape(text)}</th>"
+        for column, text in enumerate(content.head)
+    )
     rows = []
     for number, row in enumerate(content.rows):
         cells = [

@@ -1,0 +1,268 @@
+"""The pictures of a report: stiffness and frequencies over time, the joint posterior, the windows.
+
+Every function gives an SVG text, or "" where there is nothing to draw. Times are UTC.
+"""
+
+import importlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    ModalEstimate,
+    StreamGap,
+    WindowRejected,
+)
+from pipeline.report.canvas import page_figure, paint
+from pipeline.report.recorded_session import TurbineRecord
+from pipeline.report.sentences import ratios
+from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_telling
+from pipeline.updating.prior import PARAMETER_NAMES
+from pipeline.viewer import colours
+
+FloatArray = NDArray[np.float64]
+Times = NDArray[np.datetime64]
+_Spanned = ModalEstimate | WindowRejected | StreamGap
+
+QUANTILE = 1.6449  # of the standard normal distribution at 95 %
+FEW = 40  # windows that are drawn one by one, with bars; more are drawn as a band
+TRACKS = 8  # modes that have a picture of their own
+VECTOR_POINTS = 1500  # more of them are drawn as pixels
+
+
+def stiffness_over_time(record: TurbineRecord) -> str:
+    """Median and 90 % interval of k11, k22, k12 after every window, over nominal, with the truth
+    where it is known and the changes that were found."""
+    history = sorted(record.posteriors.values(), key=lambda posterior: posterior.time_ns)
+    if not history:
+        return ""
+    times = moments([posterior.time_ns for posterior in history])
+    with page_figure(4.6) as page:
+        panels = page.figure.subplots(len(PARAMETER_NAMES), 1, sharex=True)
+        for axes, name in zip(panels, PARAMETER_NAMES, strict=True):
+            bands = np.array([ratios(posterior.parameter(name)) for posterior in history])
+            _band(axes, times, bands, colours.POSTERIOR)
+            _mark_distrust(axes, times, bands, [posterior.trusted for posterior in history])
+            _mark_truth(axes, record, name, times)
+            _mark_events(axes, record.summary.events, axes is panels[0])
+            axes.set_ylabel(f"{name} ÷ nominal")
+        _legend(panels[0])
+        _time_axis(panels[-1])
+        return page.svg()
+
+
+def joint_posterior(posterior: FoundationPosterior | None, record: TurbineRecord) -> str:
+    """The last posterior's draws in pairs, their marginals on the diagonal, over nominal."""
+    if posterior is None or len(posterior.draws) < 2:
+        return ""
+    nominal = np.array([posterior.parameter(name).nominal for name in PARAMETER_NAMES])
+    draws = posterior.draws[:, : len(nominal)] / nominal
+    truth = record.summary.truth
+    true = None if truth is None else np.array([truth.k11, truth.k22, truth.k12]) / nominal
+    with page_figure(4.6) as page:
+        grid = page.figure.subplots(3, 3, sharex="col")
+        for row in range(3):
+            for column in range(3):
+                _corner_panel(grid[row, column], draws, true, row, column)
+        return page.svg()
+
+
+def _corner_panel(
+    axes: Any, draws: FloatArray, true: FloatArray | None, row: int, column: int
+) -> None:
+    if column > row:
+        axes.remove()
+        return
+    if row == column:
+        axes.hist(
+            draws[:, row], bins=30, histtype="stepfilled", alpha=0.6, color=_POSTERIOR, linewidth=0
+        )
+        axes.set_yticks([])
+    else:
+        axes.plot(
+            draws[:, column], draws[:, row], ".", markersize=2, alpha=0.5, color=_POSTERIOR,
+            markeredgewidth=0, rasterized=True,
+        )  # fmt: skip
+        axes.locator_params(axis="y", nbins=4)
+    axes.locator_params(axis="x", nbins=3)
+    if true is not None:
+        axes.axvline(true[column], color=_TRUTH, linewidth=1)
+        if row != column:
+            axes.axhline(true[row], color=_TRUTH, linewidth=1)
+    if row == 2:
+        axes.set_xlabel(f"{PARAMETER_NAMES[column]} ÷ nominal")
+    if column == 0 and row > 0:
+        axes.set_ylabel(f"{PARAMETER_NAMES[row]} ÷ nominal")
+    elif column != row:
+        axes.tick_params(labelleft=False)
+
+
+def telling_frequencies(record: TurbineRecord) -> str:
+    """The modes that say most of the stiffness, one picture each: frequency with its 90 %
+    interval in every window, and where the last posterior has it."""
+    chosen = most_telling(frequency_tracks(record), TRACKS)
+    if not chosen:
+        return ""
+    rows = (len(chosen) + 1) // 2
+    with page_figure(0.4 + 1.25 * rows) as page:
+        panels = page.figure.subplots(rows, 2, sharex=True, squeeze=False)
+        for axes, track in zip(panels.flat, chosen, strict=False):
+            _track_panel(axes, track)
+            _mark_events(axes, record.summary.events, named=False)
+        for axes in panels.flat[len(chosen) :]:
+            axes.remove()
+        for axes in panels.flat[max(0, len(chosen) - 2) : len(chosen)]:
+            axes.tick_params(labelbottom=True)
+            _time_axis(axes, label=False)
+        return page.svg()
+
+
+def _track_panel(axes: Any, track: FrequencyTrack) -> None:
+    half = QUANTILE * track.stds
+    bands = np.column_stack([track.frequencies, track.frequencies - half, track.frequencies + half])
+    _band(axes, moments(track.times_ns), bands, colours.MEASURED)
+    if np.isfinite(track.model_frequency):
+        axes.axhline(track.model_frequency, color=paint(colours.MODEL), linestyle="--", linewidth=1)
+    axes.set_title(f"{track.label} [Hz]")
+    axes.locator_params(axis="y", nbins=3)
+    axes.ticklabel_format(axis="y", useOffset=False)
+
+
+def all_frequencies(record: TurbineRecord) -> str:
+    """Every identified mode of every window over time, frequencies on a logarithmic scale."""
+    tracks = frequency_tracks(record)
+    if not tracks:
+        return ""
+    times = moments(np.concatenate([track.times_ns for track in tracks]))
+    frequencies = np.concatenate([track.frequencies for track in tracks])
+    with page_figure(3.4) as page:
+        axes = page.figure.subplots()
+        axes.plot(
+            times, frequencies, "_", markersize=4, color=paint(colours.MEASURED),
+            rasterized=len(times) > VECTOR_POINTS,
+        )  # fmt: skip
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(_log_ticks())
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("")
+        axes.set_ylabel("natural frequency [Hz]")
+        _mark_events(axes, record.summary.events, named=False)
+        _time_axis(axes)
+        return page.svg()
+
+
+def windows_over_time(record: TurbineRecord) -> str:
+    """Which windows were identified, which were not used, where samples are missing."""
+    summary = record.summary
+    rows: tuple[tuple[str, Sequence[_Spanned], colours.Colour], ...] = (
+        ("identified", summary.estimates, colours.MEASURED),
+        ("not used", summary.rejected, colours.TROUBLE),
+        ("gaps", summary.gaps, colours.QUIET),
+    )
+    with page_figure(1.5) as page:
+        axes = page.figure.subplots()
+        many = sum(len(spans) for _, spans, _ in rows) > VECTOR_POINTS
+        for place, (_, spans, colour) in enumerate(rows):
+            starts, ends = moments([s.start_ns for s in spans]), moments([s.end_ns for s in spans])
+            axes.hlines(
+                [-place] * len(spans), starts, ends, color=paint(colour), linewidth=9,
+                alpha=0.75, rasterized=many,
+            )  # fmt: skip
+        axes.set_yticks([0, -1, -2], [name for name, _, _ in rows])
+        axes.set_ylim(-2.6, 0.6)
+        axes.set_xlim(*moments(record.span_ns))
+        axes.grid(False, axis="y")
+        _time_axis(axes)
+        return page.svg()
+
+
+def moments(times_ns: Sequence[int] | NDArray[np.int64]) -> Times:
+    """(n,) as matplotlib takes times."""
+    return np.asarray(times_ns, dtype=np.int64).astype("datetime64[ns]")
+
+
+def _band(axes: Any, times: Times, bands: FloatArray, colour: colours.Colour) -> None:
+    """bands: (n, 3) middle, low, high. A few windows are points with bars, many are a band that
+    breaks where windows are missing."""
+    middle, low, high = bands.T
+    if len(times) <= FEW:
+        axes.errorbar(
+            times, middle, yerr=[middle - low, high - middle], fmt="o", markersize=2.5,
+            elinewidth=1.2, color=paint(colour),
+        )  # fmt: skip
+        return
+    steps = np.diff(times).astype(np.int64)
+    behind_holes = 1 + np.flatnonzero(steps > 1.5 * np.median(steps))
+    for piece in np.split(np.arange(len(times)), behind_holes):
+        axes.fill_between(
+            times[piece], low[piece], high[piece], color=paint(colour), alpha=0.35, linewidth=0
+        )
+        axes.plot(times[piece], middle[piece], color=paint(colour))
+
+
+def _mark_distrust(axes: Any, times: Times, bands: FloatArray, trusted: Sequence[bool]) -> None:
+    doubted = ~np.array(trusted)
+    if doubted.any():
+        axes.plot(
+            times[doubted], bands[doubted, 0], "x", color=paint(colours.TROUBLE), markersize=4,
+            label="not trusted",
+        )  # fmt: skip
+
+
+def _mark_truth(axes: Any, record: TurbineRecord, name: str, times: Times) -> None:
+    """A step at every time from which another truth holds."""
+    if not record.truths:
+        return
+    truths = sorted(record.truths.values(), key=lambda truth: truth.time_ns)
+    posterior = record.summary.posterior
+    nominal = posterior.parameter(name).nominal if posterior else float("nan")
+    begun = moments([max(truth.time_ns, int(times[0].astype(np.int64))) for truth in truths])
+    values = [getattr(truth, name) / nominal for truth in truths]
+    end = max(times[-1], begun[-1])
+    axes.step(
+        np.append(begun, end), [*values, values[-1]], where="post", color=_TRUTH, label="truth"
+    )
+
+
+def _mark_events(axes: Any, events: Sequence[FoundationEvent], named: bool) -> None:
+    """A line where a change most probably began, its 90 % interval shaded."""
+    for number, event in enumerate(events):
+        since, first, last = moments(
+            [event.since_ns, event.since_earliest_ns, event.since_latest_ns]
+        )
+        axes.axvspan(first, last, color=_CHANGE, alpha=0.2, linewidth=0)
+        label = "change" if named and number == 0 else None
+        axes.axvline(since, color=_CHANGE, linestyle=":", label=label)
+
+
+def _legend(axes: Any) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        axes.legend(
+            handles, labels, loc="lower right", bbox_to_anchor=(1, 1), ncols=len(handles),
+            borderaxespad=0.2,
+        )  # fmt: skip
+
+
+def _time_axis(axes: Any, *, label: bool = True) -> None:
+    dates: Any = importlib.import_module("matplotlib.dates")  # its classes have no types
+    locator = dates.AutoDateLocator(minticks=3, maxticks=7 if label else 5)
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator, show_offset=label))
+    if label:
+        axes.set_xlabel("UTC")
+
+
+def _log_ticks() -> Any:
+    from matplotlib.ticker import LogLocator
+
+    return LogLocator(subs=(1.0, 2.0, 5.0))
+
+
+_POSTERIOR = paint(colours.POSTERIOR)
+_TRUTH = paint(colours.TRUTH)
+_CHANGE = paint(colours.TROUBLE)

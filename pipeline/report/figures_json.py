@@ -1,0 +1,61 @@
+"""The report's figures for machines: `pilewatch report --json`. Names are stable: more may come."""
+
+from typing import Any
+
+from pipeline.report.recorded_session import RecordedSession, TurbineRecord
+from pipeline.report.sentences import condition, distrust, findings, headline
+from pipeline.report.tracks import FrequencyTrack, frequency_tracks
+from pipeline.summary import known
+from pipeline.updating.summary import stiffness_summary
+
+Json = dict[str, Any]
+
+
+def session_json(session: RecordedSession) -> Json:
+    """Everything that the page shows; times [ns since 1970-01-01 UTC], unknown values None."""
+    return {
+        "session": session.name,
+        "files": [str(file) for file in session.files],
+        "settings": {section: dict(texts) for section, texts in session.metadata.items()},
+        "turbines": [_turbine(record) for record in session.turbines],
+    }
+
+
+def _turbine(record: TurbineRecord) -> Json:
+    """As in `summary.json` but for the timing, with what is told over time."""
+    summary = record.summary.as_json(wall=0.0)
+    del summary["timing"], summary["source"]
+    start_ns, end_ns = record.span_ns
+    return summary | {
+        "condition": condition(record),
+        "headline": headline(record),
+        "distrust": distrust(record.summary.posterior),
+        "findings": findings(record),
+        "start_ns": start_ns,
+        "end_ns": end_ns,
+        "stiffness_over_time": _stiffness_over_time(record),
+        "frequency_tracks": [_track(track) for track in frequency_tracks(record)],
+    }
+
+
+def _stiffness_over_time(record: TurbineRecord) -> list[Json]:
+    return [
+        {"time_ns": posterior.time_ns, "window": posterior.window, "trusted": posterior.trusted}
+        | {
+            spring.name: stiffness_summary(spring, record.true_stiffness(spring.name, time_ns))
+            for spring in posterior.parameters
+            if spring.name != "sigma"
+        }
+        for time_ns, posterior in sorted(record.posteriors.items())
+    ]
+
+
+def _track(track: FrequencyTrack) -> Json:
+    return {
+        "name": track.name,
+        "model": track.model or None,
+        "model_frequency_hz": known(track.model_frequency),
+        "time_ns": track.times_ns.tolist(),
+        "frequency_hz": [known(each) for each in track.frequencies],
+        "frequency_std_hz": [known(each) for each in track.stds],
+    }

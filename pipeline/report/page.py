@@ -1,0 +1,288 @@
+"""The report of a session: one page with sentences, figures, pictures and settings.
+
+Most important first: is the foundation known and has it changed (for the manager), then how well
+and from what (for the engineer), last with which settings (for whoever runs it again).
+"""
+
+import html
+from collections.abc import Sequence
+from pathlib import Path
+
+from pipeline.report import figures
+from pipeline.report.canvas import paint
+from pipeline.report.html import (
+    TextTable,
+    document,
+    drawing,
+    heading,
+    listed,
+    listing,
+    paragraph,
+    table_of,
+)
+from pipeline.report.recorded_session import RecordedSession, TurbineRecord
+from pipeline.report.sentences import condition, distrust, findings, headline
+from pipeline.report.tables import (
+    doubts_table,
+    events_table,
+    gaps_table,
+    modes_table,
+    nodes_table,
+    overview_table,
+    plus_minus,
+    rejected_table,
+    springs_table,
+)
+from pipeline.report.wording import counted, instant, span
+from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
+from pipeline.viewer import colours
+from sensors.blocks import NANOSECONDS
+from sensors.errors import InputError
+
+STYLE = f"""
+.verdict {{ font-size: 1.25rem; padding: .5rem .75rem; border-left: .4rem solid; }}
+.good {{ border-color: {paint(colours.TRUTH)}; }}
+.doubt {{ border-color: {paint(colours.MODEL)}; }}
+.bad {{ border-color: {paint(colours.TROUBLE)}; }}
+.unknown {{ border-color: {paint(colours.QUIET)}; }}
+.cards {{ display: grid; gap: .75rem; grid-template-columns: repeat(auto-fit, minmax(10.5rem, 1fr));
+  margin: 1rem 0; }}
+.cards div {{ border: 1px solid #8886; border-radius: .4rem; padding: .5rem .75rem; }}
+.cards dt {{ font-size: .875rem; opacity: .8; }}
+.cards dd {{ margin: 0; white-space: nowrap; font-size: 1.15rem;
+  font-variant-numeric: tabular-nums; }}
+.pair {{ display: grid; gap: 0 1.5rem; align-items: start;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 24rem), 1fr)); }}
+.pair figure {{ max-width: 36rem; }}
+"""
+SIGNS = {
+    "good": "✓",
+    "doubt": "!",
+    "bad": "✕",
+    "unknown": "?",
+}  # beside the colour, not by it alone
+
+Key = tuple[str, str]  # name, figure
+
+
+def write_page(session: RecordedSession, out: Path) -> None:
+    """Write the report of a session as one HTML file.
+
+    Raises InputError where matplotlib is missing or the file cannot be written.
+    """
+    text = page(session)
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write the report {out}: {error.strerror or error}") from error
+
+
+def page(session: RecordedSession) -> str:
+    """The whole report as HTML."""
+    records = session.turbines
+    several = len(records) > 1
+    parts = [_provenance(session)]
+    if several:
+        links = [f"#{_anchor(number)}" for number in range(len(records))]
+        parts += [heading("All turbines"), table_of(overview_table(records), links)]
+    for number, record in enumerate(records):
+        if several:
+            parts.append(heading(record.turbine, anchor=_anchor(number)))
+        parts.append(_turbine(record, session.prior, f"t{number}", level=3 if several else 2))
+    parts.append(_settings(session))
+    title = f"Foundation of {records[0].turbine}" if not several else f"{len(records)} foundations"
+    return document(title, "".join(parts), STYLE)
+
+
+def _anchor(number: int) -> str:
+    return f"turbine-{number + 1}"
+
+
+def _provenance(session: RecordedSession) -> str:
+    spans = [record.span_ns for record in session.turbines]
+    start_ns, end_ns = min(span_[0] for span_ in spans), max(span_[1] for span_ in spans)
+    made = session.metadata.get("pilewatch", {})
+    version = f" pilewatch {made['version']}." if "version" in made else ""
+    files = f" in {counted(len(session.files), 'file')}" if len(session.files) > 1 else ""
+    text = f"{session.name}{files}, {instant(start_ns)} to {instant(end_ns)}.{version}"
+    parts = [paragraph(text, "quiet")]
+    if session.unread:
+        names = ", ".join(path.name for path in session.unread)
+        parts.append(paragraph(f"Still being written and not in this report: {names}.", "quiet"))
+    return "".join(parts)
+
+
+def _turbine(record: TurbineRecord, prior: PriorSettings | None, name: str, *, level: int) -> str:
+    return "".join(
+        [
+            _verdict(record),
+            listed(findings(record)),
+            _cards(_key_figures(record)),
+            _foundation(record, prior, name, level),
+            _changes(record, level),
+            _modes(record, name, level),
+            _quality(record, name, level),
+        ]
+    )
+
+
+def _verdict(record: TurbineRecord) -> str:
+    kind = condition(record)
+    reasons = distrust(record.summary.posterior)
+    return paragraph(f"{SIGNS[kind]} {headline(record)}", f"verdict {kind}") + listed(reasons)
+
+
+def _key_figures(record: TurbineRecord) -> list[Key]:
+    summary, (start_ns, end_ns) = record.summary, record.span_ns
+    cards: list[Key] = []
+    if summary.posterior is not None:
+        cards = [
+            (f"{name} ÷ nominal", plus_minus(summary.posterior.parameter(name)))
+            for name in PARAMETER_NAMES
+        ]
+    missing = sum(gap.end_ns - gap.start_ns for gap in summary.gaps) / NANOSECONDS
+    used = 0 if summary.posterior is None else summary.posterior.n_windows
+    cards += [
+        ("measured", span((end_ns - start_ns) / NANOSECONDS)),
+        ("missing", span(missing)),
+        ("windows identified", str(len(summary.estimates))),
+        ("in the last posterior", str(used)),
+        ("modes", str(len(summary.modes))),
+    ]
+    return cards
+
+
+def _cards(cards: Sequence[Key]) -> str:
+    items = "".join(
+        f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(figure)}</dd></div>"
+        for name, figure in cards
+    )
+    return f'<dl class="cards">{items}</dl>\n'
+
+
+def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, level: int) -> str:
+    posterior = record.summary.posterior
+    if posterior is None:
+        return ""
+    pictures = (
+        (
+            figures.stiffness_over_time(record),
+            "Stiffness over time",
+            "Stiffness over its nominal value after every window: median and 90 % interval"
+            + _prior_words(prior),
+        ),
+        (
+            figures.joint_posterior(posterior, record),
+            "Joint posterior of the springs",
+            "The last posterior: draws in pairs, each spring by itself on the diagonal"
+            + (", truth as lines." if record.summary.truth else "."),
+        ),
+    )
+    fit = (
+        f"{counted(posterior.n_windows, 'window')}; {posterior.paired_share:.0%} of the identified "
+        f"modes are modes of the model; reduced χ² of their frequencies "
+        f"{posterior.reduced_chi_square:.2f}; {posterior.sampler}: {posterior.ess:.0f} effective "
+        f"draws, R-hat {posterior.rhat:.3f}. σ: relative discrepancy of the model."
+    )
+    return (
+        heading("Foundation", level)
+        + table_of(springs_table(record))
+        + paragraph(fit, "quiet")
+        + _pair(pictures, f"{name}-foundation")
+    )
+
+
+def _prior_words(prior: PriorSettings | None) -> str:
+    if prior is None:
+        return "."
+    return f"; before the first it could be {prior.lowest_ratio:g} to {prior.highest_ratio:g}."
+
+
+def _pair(pictures: Sequence[tuple[str, str, str]], name: str) -> str:
+    """Pictures side by side where there is room; what could not be drawn is left out."""
+    drawn = [
+        drawing(svg, description, caption=caption, name=f"{name}-{number}")
+        for number, (svg, description, caption) in enumerate(pictures)
+        if svg
+    ]
+    return f'<div class="pair">{"".join(drawn)}</div>\n' if drawn else ""
+
+
+def _changes(record: TurbineRecord, level: int) -> str:
+    if not record.summary.events:
+        return ""
+    return heading("Changes", level) + table_of(events_table(record.summary.events))
+
+
+def _modes(record: TurbineRecord, name: str, level: int) -> str:
+    if not record.summary.estimates:
+        return ""
+    pictures = (
+        (
+            figures.telling_frequencies(record),
+            "Frequencies of the modes that say most of the stiffness",
+            "The modes that say most of the stiffness, with their 90 % intervals; dashed: the "
+            "last posterior's model.",
+        ),
+        (
+            figures.all_frequencies(record),
+            "All identified frequencies over time",
+            "Every identified mode of every window.",
+        ),
+    )
+    legend = (
+        "misfit: in standard deviations of the posterior's prediction; tells: share of the "
+        "information on the stiffness; – beside MAC: shape not used; ≈: two modes that cannot be "
+        "separated, known is their mean."
+    )
+    return (
+        heading("Modes", level)
+        + _pair(pictures, f"{name}-modes")
+        + table_of(modes_table(record))
+        + paragraph(legend, "quiet")
+    )
+
+
+def _quality(record: TurbineRecord, name: str, level: int) -> str:
+    picture = drawing(
+        figures.windows_over_time(record),
+        "Windows and gaps over time",
+        caption="Windows that were identified, windows that were not used, and gaps.",
+        name=f"{name}-windows",
+    )
+    tables = (
+        rejected_table(record.summary.rejected),
+        gaps_table(record),
+        doubts_table(record),
+        nodes_table(record),
+    )
+    return (
+        heading("Data quality", level)
+        + f'<div class="pair">{picture}</div>\n'
+        + _instruments(record)
+        + "".join(table_of(each) for each in tables if each.rows)
+    )
+
+
+def _instruments(record: TurbineRecord) -> str:
+    layout = record.layout
+    if layout is None:
+        return ""
+    rate = f" at {record.sampling_rate:g} Hz" if record.sampling_rate > 0 else ""
+    names = ", ".join(layout.channel_names)
+    return paragraph(f"{counted(len(layout.channels), 'channel')}{rate}: {names}.", "quiet")
+
+
+def _settings(session: RecordedSession) -> str:
+    """What the recording says of how it was made; long texts as they stand."""
+    short, long = [], []
+    for section, texts in session.metadata.items():
+        for key, text in texts.items():
+            if "\n" in text:
+                long.append(heading(f"{section}.{key}", 3) + listing(text))
+            else:
+                short.append((f"{section}.{key}", text))
+    if not short and not long:
+        return ""
+    table = TextTable("", ("setting", "value"), tuple(short), words=(1,))
+    return heading("Settings") + (table_of(table) if short else "") + "".join(long)

@@ -1,0 +1,184 @@
+"""The tables of a report: springs, modes, changes, what was not used and why."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from pipeline.messages import FoundationEvent, WindowRejected
+from pipeline.report.html import TextTable
+from pipeline.report.recorded_session import TurbineRecord
+from pipeline.report.sentences import headline, ratios
+from pipeline.report.wording import instant, percent, span
+from pipeline.summary import CombinedMode
+from pipeline.updating.prior import PARAMETER_NAMES
+from sensors.blocks import NANOSECONDS
+
+MOST_ROWS = 60  # of windows, gaps or doubts; of more, the newest
+
+
+def springs_table(record: TurbineRecord) -> TextTable:
+    """Median and 90 % interval of each spring, over nominal and in its unit, and of σ."""
+    posterior, truth = record.summary.posterior, record.summary.truth
+    assert posterior is not None
+    rows = []
+    for name in PARAMETER_NAMES:
+        spring = posterior.parameter(name)
+        median, low, high = ratios(spring)
+        true = None if truth is None else getattr(truth, name) / spring.nominal
+        rows.append(
+            (
+                name,
+                f"{median:.4f}",
+                f"{low:.4f} to {high:.4f}",
+                "" if true is None else f"{true:.4f}",
+                f"{spring.median:.4g}",
+                spring.unit,
+                figure(100 * spring.contraction, ".1f"),
+            )
+        )
+    sigma = posterior.parameter("sigma")
+    rows.append(
+        ("σ", "", f"below {sigma.p95:.1e} (95 %)", "", f"{sigma.median:.1e}", "-",
+         figure(100 * sigma.contraction, ".1f"))
+    )  # fmt: skip
+    head = (
+        "", "÷ nominal", "90 % interval", "truth", "median", "unit",
+        "narrower than the prior by [%]",
+    )  # fmt: skip
+    title = "Springs of the foundation at the mudline"
+    return without_blank_columns(TextTable(title, head, tuple(rows)))
+
+
+def percent_or_blank(share: float) -> str:
+    """ "98 %"; blank where it is not known."""
+    return percent(share) if share == share else ""
+
+
+def without_blank_columns(content: TextTable) -> TextTable:
+    """The table without the columns in which no row says anything."""
+    kept = [i for i in range(len(content.head)) if any(row[i] for row in content.rows)]
+    return TextTable(
+        content.title,
+        tuple(content.head[i] for i in kept),
+        tuple(tuple(row[i] for i in kept) for row in content.rows),
+        tuple(kept.index(i) for i in content.words if i in kept),
+    )
+
+
+def modes_table(record: TurbineRecord) -> TextTable:
+    """The identified modes over all windows, the model's beside them where they were paired."""
+    head = (
+        "mode", "f [Hz]", "± std", "ζ [%]", "± std", "windows", "model f [Hz]", "MAC", "misfit",
+        "tells",
+    )  # fmt: skip
+    rows = tuple(_mode_row(mode) for mode in record.summary.modes)
+    return without_blank_columns(TextTable("", head, rows))
+
+
+def _mode_row(mode: CombinedMode) -> tuple[str, ...]:
+    pair = mode.pair
+    measured = (
+        mode.name + (" ≈" if mode.pair_id else ""),
+        f"{mode.frequency:.4f}",
+        figure(mode.frequency_std, ".4f"),
+        f"{100 * mode.damping_ratio:.2f}",
+        figure(100 * mode.damping_ratio_std, ".2f"),
+        str(mode.seen_in_windows),
+    )
+    if pair is None:
+        return (*measured, "", "", "", "")
+    return (
+        *measured,
+        figure(pair.model_frequency, ".4f"),
+        figure(pair.mac, ".3f") + ("" if pair.shape_used else " –"),
+        figure(pair.misfit, "+.1f"),
+        percent_or_blank(pair.information),
+    )
+
+
+def figure(value: float, form: str) -> str:
+    """A number; blank where it is not known."""
+    return format(value, form) if value == value else ""
+
+
+def events_table(events: Sequence[FoundationEvent]) -> TextTable:
+    """Every change, as the updating put it."""
+    rows = tuple(
+        (
+            instant(event.since_ns),
+            instant(event.time_ns),
+            event.kind,
+            f"{event.probability:.3f}",
+            event.text,
+        )
+        for event in events
+    )
+    head = ("began about", "noticed", "kind", "probability", "in the updating's words")
+    return TextTable("", head, rows, words=(4,))
+
+
+def rejected_table(rejected: Sequence[WindowRejected]) -> TextTable:
+    """The windows that were not used, newest last."""
+    rows = tuple(
+        (instant(each.start_ns), span((each.end_ns - each.start_ns) / NANOSECONDS), each.code,
+         each.reason)
+        for each in rejected[-MOST_ROWS:]
+    )  # fmt: skip
+    title = "Windows that were not used" + _left_out(len(rejected))
+    return TextTable(title, ("begins", "length", "code", "reason"), rows, words=(3,))
+
+
+def gaps_table(record: TurbineRecord) -> TextTable:
+    """Where samples are missing."""
+    gaps = record.summary.gaps
+    rows = tuple(
+        (instant(gap.start_ns), span((gap.end_ns - gap.start_ns) / NANOSECONDS), gap.unit,
+         str(gap.n_blocks))
+        for gap in gaps[-MOST_ROWS:]
+    )  # fmt: skip
+    title = "Gaps in the stream" + _left_out(len(gaps))
+    return TextTable(title, ("begins", "length", "unit", "blocks"), rows)
+
+
+def doubts_table(record: TurbineRecord) -> TextTable:
+    """Every doubt that a window, the posterior or a node had, once."""
+    doubts = record.summary.warnings
+    rows = tuple((doubt.code, doubt.text) for doubt in doubts[:MOST_ROWS])
+    left = len(doubts) - len(rows)
+    title = "Doubts" + (f" (the first {MOST_ROWS} of {len(doubts)})" if left else "")
+    return TextTable(title, ("code", "what it means"), rows, words=(1,))
+
+
+def nodes_table(record: TurbineRecord) -> TextTable:
+    """What every node said of itself last."""
+    rows = tuple(
+        (name, status.state, str(status.lost), str(status.late), str(status.duplicate),
+         str(status.malformed), f"{status.busy_s:.1f}")
+        for name, status in sorted(record.summary.statuses.items())
+    )  # fmt: skip
+    head = ("node", "last state", "lost", "late", "duplicate", "malformed", "busy [s]")
+    return TextTable("Nodes, as they last said", head, rows)
+
+
+def overview_table(records: Sequence[TurbineRecord]) -> TextTable:
+    """One row a turbine: how its foundation is."""
+    head = ("turbine", "k11 ÷ nominal", "k22 ÷ nominal", "k12 ÷ nominal", "windows", "changes", "")
+    return TextTable("", head, tuple(_overview_row(record) for record in records), words=(6,))
+
+
+def _overview_row(record: TurbineRecord) -> tuple[str, ...]:
+    posterior = record.summary.posterior
+    springs = ["unknown"] * len(PARAMETER_NAMES)
+    if posterior is not None:
+        springs = [plus_minus(posterior.parameter(name)) for name in PARAMETER_NAMES]
+    windows, changes = len(record.summary.estimates), len(record.summary.events)
+    return (record.turbine, *springs, str(windows), str(changes), headline(record))
+
+
+def plus_minus(spring: Any) -> str:
+    """ "1.003 ± 0.007": median and half the 90 % interval, over nominal."""
+    median, low, high = ratios(spring)
+    return f"{median:.3f} ± {(high - low) / 2:.3f}"
+
+
+def _left_out(number: int) -> str:
+    return f" (the last {MOST_ROWS} of {number})" if number > MOST_ROWS else ""

@@ -1,0 +1,74 @@
+"""Each mode's frequency from window to window, under the name that people know it by."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.messages import ModePair
+from pipeline.report.recorded_session import TurbineRecord
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrequencyTrack:
+    """One mode over the windows that saw it, in order of time."""
+
+    name: str  # of the track, as identification gave it
+    model: str  # the model mode that it is taken for at the end; "" for none
+    model_frequency: float  # at the last posterior's median [Hz]; NaN for none
+    information: float  # its share of all modes' on the stiffness [-]; 0 for none
+    times_ns: NDArray[np.int64]  # (n,) middle of the windows
+    frequencies: FloatArray  # (n,) [Hz]
+    stds: FloatArray  # (n,) [Hz]
+
+    @property
+    def label(self) -> str:
+        """ "mode 5", of the model where it is paired, else the track's own name."""
+        return f"mode {self.model}" if self.model else self.name
+
+
+def frequency_tracks(record: TurbineRecord) -> tuple[FrequencyTrack, ...]:
+    """Every track of a session, lowest frequency first. Modes without a name are left out: nobody
+    knows which of the next window they are."""
+    seen: dict[str, list[tuple[int, float, float]]] = {}
+    for estimate in sorted(record.summary.estimates, key=lambda estimate: estimate.start_ns):
+        middle = (estimate.start_ns + estimate.end_ns) // 2
+        for mode in estimate.modes:
+            if mode.name:
+                seen.setdefault(mode.name, []).append((middle, mode.frequency, mode.frequency_std))
+    pairs = _pairs_by_track(record)
+    tracks = [_track(name, rows, pairs.get(name)) for name, rows in seen.items()]
+    return tuple(sorted(tracks, key=lambda track: float(np.median(track.frequencies))))
+
+
+def _pairs_by_track(record: TurbineRecord) -> dict[str, ModePair]:
+    """Two modes that cannot be separated have one pair, "m1+m2"."""
+    posterior = record.summary.posterior
+    pairs = posterior.pairs if posterior else ()
+    return {name: pair for pair in pairs for name in pair.identified.split("+")}
+
+
+def _track(
+    name: str, rows: Sequence[tuple[int, float, float]], pair: ModePair | None
+) -> FrequencyTrack:
+    times, frequencies, stds = zip(*rows, strict=True)
+    return FrequencyTrack(
+        name=name,
+        model="" if pair is None else pair.model,
+        model_frequency=float("nan") if pair is None else pair.model_frequency,
+        information=0.0 if pair is None else float(np.nan_to_num(pair.information)),
+        times_ns=np.array(times, dtype=np.int64),
+        frequencies=np.array(frequencies),
+        stds=np.array(stds),
+    )
+
+
+def most_telling(tracks: Sequence[FrequencyTrack], number: int) -> tuple[FrequencyTrack, ...]:
+    """The tracks that say most of the stiffness, then those seen most often; lowest frequency
+    first."""
+    best = sorted(tracks, key=lambda track: (track.information, len(track.times_ns)), reverse=True)
+    chosen = {track.name for track in best[:number]}
+    return tuple(track for track in tracks if track.name in chosen)
