@@ -172,12 +172,17 @@ def publishing_key(message: Message) -> str:
     """
     for field in ("turbine", "unit", "node"):
         part = getattr(message, field, None)
-        if part is not None and (not part or _NOT_IN_A_KEY.intersection(part)):
-            raise TransportError(
-                f"{field} {part!r} of a {type(message).__name__} cannot be part of a key: "
-                "it needs at least one character and none of / * $ ? #"
-            )
+        wrong = None if part is None else key_part_complaint(part)
+        if wrong:
+            raise TransportError(f"{field} {part!r} of a {type(message).__name__}: {wrong}")
     return key_of(message)
+
+
+def key_part_complaint(part: str) -> str:
+    """Why a name cannot be part of a key; "" where it can."""
+    if part and not _NOT_IN_A_KEY.intersection(part):
+        return ""
+    return "it cannot be part of a key, which needs at least one character and none of / * $ ? #"
 
 
 def _opened(delivery: Delivery) -> Message:
