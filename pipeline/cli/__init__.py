@@ -14,7 +14,6 @@ from pipeline.cli.certificates import certificates
 from pipeline.cli.console import escaped, people
 from pipeline.cli.modal import identify, modes
 from pipeline.cli.recordings import info, salvage, simulate
-from pipeline.cli.report import report
 from pipeline.cli.reproduce import reproduce
 from pipeline.cli.session import node, run
 from pipeline.cli.show import show
@@ -43,7 +42,6 @@ for command in (
     info,
     salvage,
     show,
-    report,
 ):
     app.command()(command)
 
