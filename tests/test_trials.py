@@ -5,6 +5,7 @@ from pathlib import Path
 from tests.benchmarks._disk_trial import disk_trial
 from tests.benchmarks._fuzz_trial import fuzz_trial
 from tests.benchmarks._link_trials import cut_trial, frozen_trial, router_trial
+from tests.benchmarks._security_trial import security_trial
 from tests.benchmarks.trials import SCENARIO, day_trial, kill_trial
 
 
@@ -47,6 +48,16 @@ def test_a_flood_of_nonsense_ends_no_node_and_is_counted(tmp_path: Path) -> None
     assert outcome.alive
     assert outcome.malformed > 0.3 * outcome.sent
     assert outcome.recorded_after == 30
+    assert outcome.exit_code == 0
+
+
+def test_only_whom_the_station_knows_gets_in_and_each_says_only_what_it_may(tmp_path: Path) -> None:
+    outcome = security_trial(tmp_path)
+    assert len(outcome.refused) == 3
+    assert all(outcome.refused.values())
+    assert outcome.own_blocks == outcome.viewer_heard == 20
+    assert (outcome.foreign_blocks, outcome.viewer_said, outcome.forged_statuses) == (0, 0, 0)
+    assert {"t1.tower", "viewer"} <= set(outcome.told_connections)
     assert outcome.exit_code == 0
 
 

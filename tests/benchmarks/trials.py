@@ -7,6 +7,7 @@ router       a router between both that is killed and back: blocks lost
 fuzz         10 000 random, forged and damaged messages on every stream of a running session: do its
              nodes live, is its memory flat; then a coverage-guided fuzzer on the decoder, where
              atheris is installed
+certificates a shore station with certificates and access control: who gets in, and whose words
 kill         a session in processes; its nodes are killed one after the other. Blocks missing from
              the recording; the posteriors beside those of the undisturbed session
 disk         a session whose files the system lets grow to a size only: what was recorded until
@@ -47,6 +48,7 @@ from tests.benchmarks._disk_trial import disk_trial
 from tests.benchmarks._fuzz_trial import fuzz_decoder, fuzz_trial
 from tests.benchmarks._link_trials import block_of_noise, cut_trial, frozen_trial, router_trial
 from tests.benchmarks._relay import Cut
+from tests.benchmarks._security_trial import security_trial
 
 SCENARIO = """
 title = "A small tower for what must survive"
@@ -346,6 +348,11 @@ def fuzz_trials(folder: Path, seed: int) -> None:
         fuzz_decoder(seconds=60)
 
 
+def security_trials(folder: Path, _seed: int) -> None:
+    """Those who may and those who may not."""
+    print(security_trial(folder))
+
+
 def kill_trials(folder: Path, seed: int) -> None:
     """Nodes that are killed."""
     nodes = ("recorder", "identification", "updating") * 3 + ("recorder",)
@@ -372,6 +379,7 @@ TRIALS: dict[str, Callable[[Path, int], None]] = {
     "kill": kill_trials,
     "disk": disk_trials,
     "fuzz": fuzz_trials,
+    "certificates": security_trials,
     "truncation": truncation_trials,
     "day": day_trials,
 }

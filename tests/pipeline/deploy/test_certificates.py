@@ -1,0 +1,90 @@
+"""An authority of one's own, a certificate a machine, and what each may say."""
+
+import json
+import stat
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+from pipeline.deploy.access import Unit, access_control, parse_unit, write_configurations
+from pipeline.deploy.certificates import CertificateError, Identity, make_certificates
+from pipeline.transport.zenoh_bus import ZenohSettings
+from sensors.errors import InputError
+
+NAMES = ["shore", "t1.tower", "viewer"]
+
+
+def certificate(folder: Path, name: str) -> x509.Certificate:
+    return x509.load_pem_x509_certificate(Identity(name).certificate(folder).read_bytes())
+
+
+def test_every_machine_has_a_certificate_that_the_authority_signed(tmp_path: Path) -> None:
+    assert make_certificates(tmp_path, NAMES, host="station.example") == ["ca", *NAMES]
+    authority = certificate(tmp_path, "ca")
+    for name in NAMES:
+        signed = certificate(tmp_path, name)
+        signed.verify_directly_issued_by(authority)
+        common = signed.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
+        assert [each.value for each in common] == [name]
+        key = load_pem_private_key(Identity(name).key(tmp_path).read_bytes(), password=None)
+        assert key.public_key() == signed.public_key()
+        assert stat.S_IMODE(Identity(name).key(tmp_path).stat().st_mode) == 0o600
+    hosts = certificate(tmp_path, "shore").extensions.get_extension_for_class(
+        x509.SubjectAlternativeName
+    )
+    assert hosts.value.get_values_for_type(x509.DNSName) == ["station.example", "localhost"]
+
+
+def test_what_exists_is_kept_and_a_new_unit_is_signed_by_the_same_authority(tmp_path: Path) -> None:
+    make_certificates(tmp_path, NAMES, host="localhost")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert make_certificates(tmp_path, [*NAMES, "t2.tower"], host="localhost") == ["t2.tower"]
+    assert {path: path.read_bytes() for path in before} == before
+    certificate(tmp_path, "t2.tower").verify_directly_issued_by(certificate(tmp_path, "ca"))
+
+
+def test_an_authority_that_is_none_is_one_line(tmp_path: Path) -> None:
+    for name in ("ca.pem", "ca-key.pem"):
+        (tmp_path / name).write_text("nonsense")
+    with pytest.raises(CertificateError, match="are no authority; move them away"):
+        make_certificates(tmp_path, NAMES, host="localhost")
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CertificateError, match="a folder that can be written is needed"):
+        make_certificates(tmp_path / "file", NAMES, host="localhost")
+
+
+def test_a_unit_publishes_its_own_keys_alone_and_a_viewer_none() -> None:
+    section = access_control([Unit("t1", "tower"), Unit("t2", "tower")], ["viewer"])
+    assert section["default_permission"] == "deny"
+    rules = {rule["id"]: rule for rule in section["rules"]}
+    for rule in rules.values():
+        if "put" in rule["messages"] and "ingress" in rule["flows"] and rule["id"] != "own":
+            turbine = rule["id"].split(".")[0]
+            assert all(key.startswith(f"pilewatch/{turbine}/") for key in rule["key_exprs"])
+    assert not any("put" in rules[r]["messages"] for r in ("viewer asks",))
+    assert {policy["subjects"][0] for policy in section["policies"]} == {
+        *("t1.tower", "t2.tower", "viewer", "own")
+    }
+
+
+@pytest.mark.parametrize("text", ["t1", "t1/", "/tower", "t1/a/b", "t1/*"])
+def test_a_unit_that_is_none_is_one_line(text: str) -> None:
+    with pytest.raises(InputError, match="is not TURBINE/UNIT"):
+        parse_unit(text)
+
+
+def test_the_configurations_are_ones_that_zenoh_reads(tmp_path: Path) -> None:
+    written = write_configurations(
+        tmp_path, [Unit("t1", "tower")], ["viewer"], host="localhost", port=7447
+    )
+    assert [path.name for path in written] == ["shore.json5", "t1.tower.json5", "viewer.json5"]
+    roles = [ZenohSettings(config_file=path).role for path in written]
+    assert roles == ["router", "client", "client"]
+    assert ZenohSettings(config_file=written[1]).endpoints == ("tls/localhost:7447",)
+    told = json.loads(written[1].read_text().partition("\n")[2])
+    assert told["transport"]["link"]["tls"]["enable_mtls"] is True
