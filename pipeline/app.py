@@ -25,6 +25,7 @@ from pipeline.updating.updater import FoundationUpdater
 from pipeline.viewer.outputs import ViewerOutput
 from pipeline.viewer.sink import Viewer
 from sensors.layout import SensorLayout
+from sensors.turbine.mast import bare_mast
 from sensors.turbine.modal import ModalModel
 
 
@@ -78,7 +79,8 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
         return CheckpointedUpdating(updater, CheckpointFolder(outputs.checkpoints), layout.turbine)
 
     def viewer() -> Node:
-        return Viewer(outputs.views, scenario.structure, session=outputs.session)
+        drawn = scenario.structure if scenario.has_structure else bare_mast(layout)
+        return Viewer(outputs.views, drawn, session=outputs.session)
 
     def recorder() -> Node:
         assert outputs.recording is not None
@@ -89,7 +91,9 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
             settings=scenario.recording,
         )
 
-    graph = [Plan(IdentificationInContext, identification), Plan(UpdatingInContext, updating)]
+    graph = [Plan(IdentificationInContext, identification)]
+    if scenario.has_structure:
+        graph.append(Plan(UpdatingInContext, updating))
     if outputs.views:
         graph.append(Plan(Viewer, viewer))
     if outputs.recording:

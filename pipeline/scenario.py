@@ -26,6 +26,7 @@ from sensors.turbine.description import TurbineDescription, load_turbine
 from sensors.turbine.foundation import positive_definite
 
 DEFAULT_SCENARIO = "parked"
+NO_STRUCTURE = "none"  # as `[turbine] description`: modes are tracked, nothing is updated
 
 
 class ScenarioError(InputError):
@@ -37,7 +38,7 @@ class TurbineSettings:
     """Which structure is watched, and under what name its messages travel."""
 
     id: str = "iea15mw"  # in every key and message
-    description: str = "iea15mw_monopile"  # a shipped description or a path to one's own
+    description: str = "iea15mw_monopile"  # a shipped one, a path to one's own, or "none"
     springs_sign: Literal["published", "embedded-pile"] | None = None  # None: as described
 
     def __post_init__(self) -> None:
@@ -113,8 +114,22 @@ class Scenario:
         )
 
     @property
+    def has_structure(self) -> bool:
+        """Whether there is a structural model; without one modes are tracked and no more."""
+        return self.turbine.description != NO_STRUCTURE
+
+    @property
     def structure(self) -> TurbineDescription:
-        """The turbine's description with the scenario's sign convention of k12."""
+        """The turbine's description with the scenario's sign convention of k12.
+
+        Raises ScenarioError where there is none.
+        """
+        if not self.has_structure:
+            raise ScenarioError(
+                f"scenario {self.name} has no structural model ([turbine] description = "
+                f'"{NO_STRUCTURE}"), which this needs: a shipped one or a file by '
+                "`pilewatch describe --template`"
+            )
         described = load_turbine(self.turbine.description)
         if self.turbine.springs_sign is None:
             return described

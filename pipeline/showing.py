@@ -12,6 +12,7 @@ from pipeline.viewer.outputs import RrdFile, ViewerError, ViewerOutput
 from pipeline.viewer.sink import Viewer
 from sensors.blocks import AccelerationBlock
 from sensors.errors import InputError
+from sensors.turbine.mast import bare_mast
 
 PICTURES = ".rrd"
 
@@ -30,7 +31,8 @@ def draw_recording(
     Raises RecordingError, SourceError or ViewerError, one line each.
     """
     source = replayed(recording)
-    structure = source.scenario.structure
+    known = source.scenario.has_structure
+    structure = source.scenario.structure if known else bare_mast(source.layout)
     viewer = Viewer(outputs, structure, session=f"{recording.name}", unhurried=True)
     try:
         for message in read_messages(recording):

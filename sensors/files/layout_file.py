@@ -1,0 +1,234 @@
+"""A layout file: where on the tower the channels of a measurement were, and what they measured.
+
+    turbine = "t07"
+    [[channels]]
+    name = "ACC_1X"
+    elevation = 145.0
+    direction = [1.0, 0.0, 0.0]
+
+What it lists is taken, in its order; other channels of the measurement are left out.
+"""
+
+import difflib
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sensors.files.table import ChannelTable, Quantity, in_standard_unit
+from sensors.layout import (
+    FORE_AFT,
+    SIDE_SIDE,
+    Accelerometer,
+    Coupling,
+    LayoutError,
+    SensorLayout,
+)
+from sensors.settings import settings_from_table
+
+_OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
+_CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file said its unit itself
+
+
+@dataclass(frozen=True, slots=True)
+class MappedChannel:
+    """One channel of a measurement."""
+
+    name: str  # as the measurement has it
+    elevation: float  # above mean water level [m]
+    direction: tuple[float, float, float]  # of the positive axis (x, y, z); of any length
+    quantity: Literal["acceleration", "velocity", "displacement", "strain"] | None = None
+    unit: str | None = None  # of the samples, or of what the sensitivity divides to
+    sensitivity: float | None = None  # of the samples per `unit`: V per g, counts per m/s²
+    coupling: Coupling = "dc"
+    corner_frequency: float = 0.0  # of an AC-coupled axis [Hz]
+    serial: str = ""
+
+    def __post_init__(self) -> None:
+        where = f"channel {self.name!r}"
+        if not any(self.direction):
+            raise LayoutError(f"{where}: direction is {self.direction}; it must point somewhere")
+        if self.sensitivity is not None and not abs(self.sensitivity) > 0:
+            raise LayoutError(f"{where}: sensitivity is {self.sensitivity:g}; 0 measures nothing")
+        if self.sensitivity is not None and self.unit is None:
+            raise LayoutError(
+                f"{where}: sensitivity {self.sensitivity:g} is per what? Its unit is missing, "
+                "e.g. unit = 'g' where it is in V per g"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class LayoutFile:
+    """All that is known of how a measurement was mounted."""
+
+    channels: tuple[MappedChannel, ...]
+    turbine: str = "turbine"  # becomes part of a Zenoh key
+    unit: str = "tower"  # so does the acquisition unit
+    layout_id: str = "imported"
+    origin: str = "layout"  # the file's name, for errors
+
+    def __post_init__(self) -> None:
+        if not self.channels:
+            raise LayoutError("no [[channels]]; at least one is needed")
+        for key in ("turbine", "unit"):
+            name = getattr(self, key)
+            if not name or any(letter in name for letter in "/*$#? "):
+                raise LayoutError(f"{key} is {name!r}; a name without spaces and / * $ # ?")
+
+    def chosen(self, table: ChannelTable) -> ChannelTable:
+        """The channels that the layout lists, in their units.
+
+        Raises LayoutError for a channel that the measurement lacks, and for a unit that it says
+        itself.
+        """
+        columns = [self._column(channel, table) for channel in self.channels]
+        pairs = list(zip(self.channels, columns, strict=True))
+        units, factors = zip(*(self._scale(channel, table, i) for channel, i in pairs), strict=True)
+        told = table.stated_quantities or (None,) * len(table.names)
+        return replace(
+            table,
+            names=tuple(channel.name for channel in self.channels),
+            units=units,
+            samples=table.samples[:, columns] * np.array(factors),
+            stated_quantities=tuple(_quantity(channel) or told[i] for channel, i in pairs),
+        )
+
+    def sensor_layout(self, table: ChannelTable) -> SensorLayout:
+        """The layout of a table's channels, which `chosen` gave."""
+        return SensorLayout(
+            self.layout_id,
+            turbine=self.turbine,
+            unit=self.unit,
+            channels=tuple(
+                Accelerometer(
+                    channel.name,
+                    channel.elevation,
+                    _unit_vector(channel.direction),
+                    channel.coupling,
+                    channel.corner_frequency,
+                    channel.serial,
+                    unit=unit,
+                )
+                for channel, unit in zip(self.channels, table.units, strict=True)
+            ),
+        )
+
+    def _column(self, channel: MappedChannel, table: ChannelTable) -> int:
+        if channel.name in table.names:
+            return table.names.index(channel.name)
+        by_lower = {name.lower(): name for name in table.names}
+        close = difflib.get_close_matches(channel.name.lower(), by_lower, n=1)
+        advice = (
+            f"did you mean {by_lower[close[0]]!r}?" if close else f"it has {', '.join(table.names)}"
+        )
+        raise LayoutError(
+            f"{self.origin}: the measurement has no channel {channel.name!r}; {advice}"
+        )
+
+    def _scale(self, channel: MappedChannel, table: ChannelTable, column: int) -> tuple[str, float]:
+        """Unit of a channel's samples, and the factor to it."""
+        said = table.units[column]
+        if channel.unit is None:
+            return said, 1.0
+        if said in _CONVERTED:
+            raise LayoutError(
+                f"{self.origin}: channel {channel.name!r} is in {said} by the measurement's own "
+                f"words; leave unit = {channel.unit!r} out"
+            )
+        unit, factor = in_standard_unit(channel.unit)
+        return unit, factor / (channel.sensitivity or 1.0)
+
+
+def load_layout(path: Path) -> LayoutFile:
+    """The layout in a TOML file.
+
+    Raises LayoutError, one line: no such file, not TOML, an unknown or missing key, a wrong value.
+    """
+    try:
+        table = tomllib.loads(path.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8"
+        raise LayoutError(f"layout {path} cannot be read: {reason}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise LayoutError(f"{path}: not valid TOML: {error}") from error
+    channels = table.get("channels", [])
+    if not isinstance(channels, list) or not all(isinstance(each, dict) for each in channels):
+        raise LayoutError(f"{path}: channels are written as [[channels]], one a channel")
+    mapped = tuple(
+        settings_from_table(MappedChannel, each, f"{path} [[channels]] {i + 1}", LayoutError)
+        for i, each in enumerate(channels)
+    )
+    others = {key: each for key, each in table.items() if key != "channels"}
+    checked = settings_from_table(_Heading, others, str(path), LayoutError)
+    try:
+        return LayoutFile(mapped, checked.turbine, checked.unit, checked.layout_id, str(path))
+    except LayoutError as error:
+        raise LayoutError(f"{path}: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class _Heading:
+    """The keys above the channels."""
+
+    turbine: str = "turbine"
+    unit: str = "tower"
+    layout_id: str = "imported"
+
+
+def layout_by_names(
+    names: Sequence[str], *, turbine: str = "turbine", unit: str = "tower"
+) -> LayoutFile | None:
+    """The layout that names like "z145-fa" tell, which our own recordings have; None of others."""
+    found = [_OUR_NAMES.fullmatch(name) for name in names]
+    channels = tuple(
+        MappedChannel(
+            name,
+            elevation=float(match["elevation"]),
+            direction=FORE_AFT if match["axis"] == "fa" else SIDE_SIDE,
+        )
+        for name, match in zip(names, found, strict=True)
+        if match is not None
+    )
+    if len(channels) < len(names):
+        return None
+    return LayoutFile(channels, turbine, unit, origin="channel names")
+
+
+def layout_template(table: ChannelTable) -> str:
+    """A layout file of a measurement's channels, to fill in."""
+    lines = [
+        "# Where the channels of the measurement were. Axes: x downwind (fore-aft), y to the side",
+        "# (side-side), z up from mean water level. Delete the channels that are not to be used.",
+        'turbine = "turbine"                # no spaces: it becomes part of keys',
+        'unit = "tower"                     # the acquisition unit',
+    ]
+    for name, unit in zip(table.names, table.units, strict=True):
+        quoted = name.replace("\\", "\\\\").replace('"', '\\"')
+        lines += [
+            "",
+            "[[channels]]",
+            f'name = "{quoted}"',
+            "elevation = 0.0                    # above mean water level [m]: fill in",
+            "direction = [1.0, 0.0, 0.0]        # of its positive axis, x y z: fill in",
+        ]
+        if unit not in _CONVERTED:
+            said = f"; the file says {unit!r}" if unit else ""
+            lines += [
+                f'# unit = "m/s²"                    # of its samples{said}',
+                "# sensitivity = 1.0                # samples per unit, e.g. 0.1 for 100 mV per g",
+            ]
+        lines += ['# quantity = "acceleration"        # velocity, displacement, strain']
+    return "\n".join(lines) + "\n"
+
+
+def _quantity(channel: MappedChannel) -> Quantity | None:
+    return "displacement" if channel.quantity == "strain" else channel.quantity
+
+
+def _unit_vector(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = (np.array(direction) / np.linalg.norm(direction)).tolist()
+    return x, y, z
