@@ -12,8 +12,10 @@ from rich.logging import RichHandler
 
 from pipeline.cli.certificates import certificates
 from pipeline.cli.console import escaped, people
+from pipeline.cli.importing import import_files
 from pipeline.cli.modal import identify, modes
 from pipeline.cli.recordings import info, salvage, simulate
+from pipeline.cli.report import report
 from pipeline.cli.reproduce import reproduce
 from pipeline.cli.session import node, run
 from pipeline.cli.show import show
@@ -42,8 +44,10 @@ for command in (
     info,
     salvage,
     show,
+    report,
 ):
     app.command()(command)
+app.command("import")(import_files)
 
 
 def main() -> None:
