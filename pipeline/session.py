@@ -23,6 +23,8 @@ from pipeline.checkpoints import FOLDER as CHECKPOINTS
 from pipeline.recording.parts import close_leftovers, raw_files
 from pipeline.recording.recent import files_of
 from pipeline.recording.writer import ACTIVE_SUFFIX
+from pipeline.replay_control import KEY as REPLAY_KEY
+from pipeline.replay_control import ReplayControl
 from pipeline.sources import Source
 from pipeline.status import ENDPOINT_FILE, StatusDesk
 from pipeline.status import KEY as STATUS_KEY
@@ -155,10 +157,13 @@ def _run(
     workers.append(runner.NodeThread(summary, open_bus, turbine))
     follows = options.speed == float("inf")
     desk = StatusDesk(source.text)
+    control = ReplayControl(source, options.speed, stopping)
     workers.append(runner.NodeThread(desk, open_bus, turbine))
     with _hub(meeting, desk, f"{STATUS_KEY}/{turbine}", options.out) as bus:
+        if not source.is_live:
+            bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
         runner.run_workers(
-            None if source.is_live else source.messages(options.speed, stopping),
+            None if source.is_live else control.messages(),
             workers,
             bus,
             turbine=turbine,
@@ -203,7 +208,7 @@ def meeting_point(settings: ZenohSettings) -> MeetingPoint:
 
 
 @contextmanager
-def _hub(meeting: MeetingPoint, desk: StatusDesk, key: str, out: Path) -> Iterator[Bus]:
+def _hub(meeting: MeetingPoint, desk: StatusDesk, key: str, out: Path) -> Iterator[ZenohBus]:
     """The session that all others connect to; it answers for all, and its folder says where."""
     place = out / ENDPOINT_FILE
     bus = ZenohBus(meeting.hub)

@@ -85,7 +85,7 @@ class Source:
         pace = Pace(speed, MonotonicClock(stopping or threading.Event()))
         if self.truth is not None:
             yield self.truth
-        yield from paced(self._sensor_messages(), pace=pace, time_of=_due_time)
+        yield from paced(self._sensor_messages(), pace=pace, time_of=due_of)
 
     def with_sampler(self, method: str | None) -> "Source":
         """The same under another sampler of the posterior; None: the scenario's.
@@ -229,7 +229,8 @@ def _begin(message: Message) -> int:
             return 0
 
 
-def _due_time(message: Message) -> int | None:
+def due_of(message: Message) -> int | None:
+    """When a message is given [ns]; None: at once."""
     if isinstance(message, AccelerationBlock | SensorLayout | ScadaSample):
         return due_time(message)
     return None

@@ -60,6 +60,17 @@ def zenoh_settings(
             raise InputError(f"--mode {mode} is none of peer, client and router")
 
 
+def speed_of(text: str) -> float:
+    """What `--speed` says. Raises InputError for what is no speed."""
+    try:
+        speed = float("inf") if text == "max" else float(text)
+    except ValueError:
+        speed = float("nan")
+    if not speed > 0:
+        raise InputError(f"--speed {text} is neither 'max' nor a positive number")
+    return speed
+
+
 def escaped(text: str) -> str:
     """Text whose brackets are brackets, not markup."""
     return text.replace("[", r"\[")

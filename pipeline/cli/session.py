@@ -16,6 +16,7 @@ from pipeline.cli.console import (
     ZenohConfigOption,
     output,
     progress,
+    speed_of,
     stopped_by_signals,
     zenoh_settings,
 )
@@ -28,11 +29,16 @@ def run(
     source: Annotated[
         str | None,
         typer.Option(
-            help="replay:FILE (or a folder of files), simulate:SCENARIO or live. "
-            "Without it, recordings/parked.mcap is replayed."
+            help="replay:FILE (or a folder of files), simulate:SCENARIO, live, or a file of "
+            "measurements (CSV, Parquet, …), which is imported. Without it, "
+            "recordings/parked.mcap is replayed."
         ),
     ] = None,
     scenario: ScenarioOption = None,
+    layout: Annotated[
+        Path | None,
+        typer.Option(help="Of a file of measurements: TOML that says where its channels were."),
+    ] = None,
     speed: Annotated[
         str,
         typer.Option(help="max: as fast as the nodes follow; 1: real time; 10: ten times faster."),
@@ -73,6 +79,7 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Turn accelerations into a posterior of the foundation's stiffness."""
+    from pipeline.importing import imported_source
     from pipeline.playback import Playback
     from pipeline.session import run_session
     from pipeline.sources import open_source
@@ -88,6 +95,8 @@ def run(
         fresh=fresh,
     )
     playback = Playback(start, float("inf") if end is None else end, loop)
+    with progress(f"importing {source}", None) as report:
+        source = imported_source(source, out, layout=layout, scenario=scenario, report=report)
     opened = open_source(source, scenario).with_sampler(sampler).with_playback(playback)
     with stopped_by_signals() as stopping, viewing(view) as shown:
         with progress(opened.text, opened.duration) as report:
@@ -118,22 +127,12 @@ def _session_options(
 
     return SessionOptions(
         out=out,
-        speed=_speed(speed),
+        speed=speed_of(speed),
         way=way,
         rrd=rrd,
         fresh=fresh,
         zenoh=zenoh,
     )
-
-
-def _speed(text: str) -> float:
-    try:
-        speed = float("inf") if text == "max" else float(text)
-    except ValueError:
-        speed = float("nan")
-    if not speed > 0:
-        raise InputError(f"--speed {text} is neither 'max' nor a positive number")
-    return speed
 
 
 def _print_session(session: Any) -> None:
