@@ -14,6 +14,7 @@ from pipeline.cli.certificates import certificates
 from pipeline.cli.console import escaped, people
 from pipeline.cli.importing import import_files
 from pipeline.cli.modal import identify, modes
+from pipeline.cli.playing import control, publish
 from pipeline.cli.recordings import info, salvage, simulate
 from pipeline.cli.report import report
 from pipeline.cli.reproduce import reproduce
@@ -40,6 +41,8 @@ for command in (
     reproduce,
     node,
     status,
+    publish,
+    control,
     certificates,
     info,
     salvage,
