@@ -97,13 +97,17 @@ def _signals(root: str, panel: TurbinePanel) -> rrb.Horizontal:
 def _modes(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     return rrb.Horizontal(
         rrb.Vertical(
-            _frequencies(root), _damping(root, panel), _shapes(root, panel), row_shares=[3, 2, 3]
+            _stabilisation(root), _frequencies(root), _damping(root, panel), row_shares=[4, 3, 2]
         ),
-        rrb.Tabs(
-            rrb.Grid(
-                *[_track(root, label) for label in panel.modes], grid_columns=3, name="Tracks"
+        rrb.Vertical(
+            rrb.Tabs(
+                rrb.Grid(
+                    *[_track(root, label) for label in panel.modes], grid_columns=4, name="Tracks"
+                ),
+                _matrix(root),
             ),
-            _matrix(root),
+            _shapes(root, panel),
+            row_shares=[5, 3],
         ),
         column_shares=[2, 3],
         name="Modes",
@@ -152,6 +156,14 @@ def _spectrum(root: str) -> rrb.Spatial2DView:
         origin=f"{root}/spectrum",
         name="Spectra of the last window, a colour a level; hairs: identified frequencies [Hz]",
         visual_bounds=rrb.VisualBounds2D(x_range=[-0.3, 2.75], y_range=[-0.2, 2.5]),
+    )
+
+
+def _stabilisation(root: str) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(
+        origin=f"{root}/stabilisation",
+        name="Poles of the last window ± std, a colour a band; hairs: modes taken",
+        visual_bounds=rrb.VisualBounds2D(x_range=[-0.25, 2.75], y_range=[-0.15, 1.55]),
     )
 
 

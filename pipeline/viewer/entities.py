@@ -11,7 +11,8 @@ Everything of a turbine lies below /{turbine}:
     shapes/{label}/motion/…           the identified shape on the model's, swinging
     foundation/{parameter}/posterior  5 %, 50 %, 95 %, stiffness ÷ nominal [-]; /truth
     foundation/joint/…                corner plot of the stiffnesses
-    spectrum/…, mac/…                 pictures of the last window: spectra, MAC matrix
+    spectrum/…, stabilisation/…, mac/…
+                                      pictures of the last window: spectra, poles, MAC matrix
     health/lost, health/behind        blocks lost [-], seconds behind, a series a node; /text
     lamps, status, events             the verdict: as lights, as text, line by line
 

@@ -1,4 +1,4 @@
-"""Pictures in the plane: spectra of a window, the MAC matrix, the lamps that say how things are."""
+"""Pictures in the plane: spectra and poles of a window, the MAC matrix, the lamps."""
 
 from collections.abc import Sequence
 
@@ -10,6 +10,7 @@ from pipeline.viewer import colours
 from pipeline.viewer.corner import Text
 from pipeline.viewer.mac_matrix import MacMatrix
 from pipeline.viewer.spectrum import SpectrumPicture
+from pipeline.viewer.stabilisation import StabilisationPicture
 from pipeline.viewer.status import Lamp
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +30,27 @@ def log_spectrum(recording: rr.RecordingStream, root: str, picture: SpectrumPict
             radii=rr.Radius.ui_points(stroke),
             colors=palette,
         ),
+    )
+    recording.log(f"{path}/text", _words(picture.texts))
+
+
+def log_stabilisation(
+    recording: rr.RecordingStream, root: str, picture: StabilisationPicture
+) -> None:
+    """Poles in the colours of their bands, the modes taken among them as hairs."""
+    path = f"{root}/stabilisation"
+    palette = [colours.LEVELS[band % len(colours.LEVELS)] for band in picture.bands]
+    recording.log(f"{path}/modes", _lines(picture.modes, 0.4, colours.QUIET))
+    recording.log(f"{path}/frames", _lines(picture.frames, 0.4, colours.QUIET))
+    recording.log(
+        f"{path}/stds",
+        rr.LineStrips2D(
+            [_small(line) for line in picture.stds], radii=rr.Radius.ui_points(0.5), colors=palette
+        ),
+    )
+    recording.log(
+        f"{path}/poles",
+        rr.Points2D(_small(picture.poles), radii=rr.Radius.ui_points(2.0), colors=palette),
     )
     recording.log(f"{path}/text", _words(picture.texts))
 

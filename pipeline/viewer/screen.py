@@ -15,6 +15,7 @@ from pipeline.messages import (
     Mode,
     ModePair,
     NodeStatus,
+    StabilisationDiagram,
     StreamGap,
     WindowRejected,
 )
@@ -25,6 +26,7 @@ from pipeline.viewer.entities import at, turbine_path
 from pipeline.viewer.mac_matrix import mac_matrix
 from pipeline.viewer.scene import deflection, outline, scaled_onto, swing_frames
 from pipeline.viewer.spectrum import RecentSamples, spectrum_picture
+from pipeline.viewer.stabilisation import stabilisation_picture
 from pipeline.viewer.status import (
     SessionStatus,
     clock_time,
@@ -97,6 +99,7 @@ class TurbineScreen:
         self._units: dict[str, _Unit] = {}
         self._modes = tuple(mode.name for mode in description.reference_modes)
         self._estimates: dict[int, ModalEstimate] = {}  # by window, those without a posterior yet
+        self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
         self._truth: FoundationTruth | None = None
         self._styled: set[str] = set()
         self._nodes: list[str] = []  # those whose series have their style
@@ -160,11 +163,19 @@ class TurbineScreen:
         layout = self._layout_named(estimate.layout_id)
         self._at(estimate.end_ns)
         track_views.log_estimate(self._recording, self._root, estimate, layout, styled=self._styled)
-        found = frequencies_text([mode.frequency for mode in estimate.modes])
-        self._event(f"window {estimate.window}: {found}")
+        frequencies = [mode.frequency for mode in estimate.modes]
+        self._found = (estimate.window, frequencies)
+        self._event(f"window {estimate.window}: {frequencies_text(frequencies)}")
         self._show_spectrum(estimate, layout)
         self._status.take(estimate)
         self._show_status()
+
+    def show_diagram(self, diagram: StabilisationDiagram) -> None:
+        """The poles among which the window's modes were found."""
+        if diagram.window == self._found[0]:
+            self._at(diagram.end_ns)
+            picture = stabilisation_picture(diagram, self._found[1])
+            plane_views.log_stabilisation(self._recording, self._root, picture)
 
     def show_rejection(self, rejected: WindowRejected) -> None:
         """A window that gave no estimate, and why."""

@@ -13,6 +13,7 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     NodeStatus,
+    StabilisationDiagram,
     StreamGap,
     WindowRejected,
 )
@@ -66,6 +67,8 @@ class Show:
                 screen.show_layout(message)
             case ModalEstimate():
                 screen.show_estimate(message)
+            case StabilisationDiagram():
+                screen.show_diagram(message)
             case WindowRejected():
                 screen.show_rejection(message)
             case FoundationPosterior():

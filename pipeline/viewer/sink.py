@@ -9,6 +9,7 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     NodeStatus,
+    StabilisationDiagram,
     StreamGap,
     WindowRejected,
 )
@@ -39,6 +40,7 @@ class Viewer:
         AccelerationBlock,
         SensorLayout,
         ModalEstimate,
+        StabilisationDiagram,
         WindowRejected,
         FoundationPosterior,
         FoundationTruth,

@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from pipeline.viewer.corner import Text
+from pipeline.viewer.frequency_axis import LOWEST, WIDTH, FrequencyAxis, frame, hair
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import SensorLayout
 
 FloatArray = NDArray[np.float64]
 
-WIDTH, HEIGHT, PITCH = 2.6, 1.0, 1.25  # of a panel, and from one to the next [picture units]
+HEIGHT, PITCH = 1.0, 1.25  # of a panel, and from one to the next [picture units]
 SEGMENT = 100.0  # of Welch's method [s]: a resolution of 0.01 Hz
-LOWEST = 0.1  # left end of the axis [Hz]
 BINS = 400  # of the logarithmic axis; the highest value of each is drawn
 DECADES = 6.0  # of spectral density shown below the highest
-LABEL_DISTANCE = 0.13  # between two frequencies written above a panel [picture units]
 KEPT = 3600.0  # of samples held for windows still to come [s]
 AXES = ("fore-aft", "side-side")
 
@@ -74,7 +73,7 @@ def spectrum_picture(
     steady = np.nan_to_num(finite - np.nanmean(finite, axis=0))
     segment = min(len(samples), round(SEGMENT * sampling_rate))
     f, densities = welch(steady, sampling_rate, nperseg=segment, axis=0)
-    axis = _FrequencyAxis(LOWEST, sampling_rate / 2)
+    axis = FrequencyAxis(LOWEST, sampling_rate / 2)
     by_panel = [_along(layout, direction) for direction in range(2)]
     top = float(np.log10(max(densities[f >= LOWEST].max(), 1e-300)))
     elevations = sorted({channel.elevation for channel in layout.channels})
@@ -83,29 +82,15 @@ def spectrum_picture(
         for panel, channels in enumerate(by_panel)
         for channel in channels
     ]
-    shown = [frequency for frequency in frequencies if axis.low <= frequency <= axis.high]
+    shown = axis.shown(frequencies)
+    panels = [(panel * PITCH, panel * PITCH + HEIGHT) for panel in range(2)]
     return SpectrumPicture(
         spectra=tuple(line for line, _ in lines),
         levels=tuple(elevations.index(layout.channels[channel].elevation) for _, channel in lines),
-        modes=tuple(_hair(axis, frequency, panel) for panel in range(2) for frequency in shown),
-        frames=tuple(_frame(panel) for panel in range(2)),
-        texts=_axis_texts(axis, top) + _mode_texts(axis, shown),
+        modes=tuple(hair(axis, frequency, *panel) for panel in panels for frequency in shown),
+        frames=tuple(frame(*panel) for panel in panels),
+        texts=_axis_texts(axis, top) + axis.mode_texts(shown, -0.06),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _FrequencyAxis:
-    low: float  # [Hz]
-    high: float  # [Hz]
-
-    def position(self, frequency: FloatArray | float) -> FloatArray:
-        share = np.log(np.asarray(frequency) / self.low) / np.log(self.high / self.low)
-        return WIDTH * share
-
-    @property
-    def ticks(self) -> list[float]:
-        round_numbers = [digit * 10.0**power for power in range(-2, 4) for digit in (1, 2, 5)]
-        return [number for number in round_numbers if self.low <= number <= self.high]
 
 
 def _along(layout: SensorLayout, axis: int) -> list[int]:
@@ -113,7 +98,7 @@ def _along(layout: SensorLayout, axis: int) -> list[int]:
 
 
 def _line(
-    axis: _FrequencyAxis, f: FloatArray, density: FloatArray, top: float, panel: int
+    axis: FrequencyAxis, f: FloatArray, density: FloatArray, top: float, panel: int
 ) -> FloatArray:
     edges = np.geomspace(axis.low, axis.high, BINS + 1)
     place = np.digitize(f, edges) - 1
@@ -126,22 +111,8 @@ def _line(
     return np.stack([x, panel * PITCH + 1.0 - 0.96 * y], axis=1)
 
 
-def _hair(axis: _FrequencyAxis, frequency: float, panel: int) -> FloatArray:
-    x = float(axis.position(frequency))
-    return np.array([[x, panel * PITCH], [x, panel * PITCH + HEIGHT]])
-
-
-def _frame(panel: int) -> FloatArray:
-    top, bottom = panel * PITCH, panel * PITCH + HEIGHT
-    return np.array([[0, top], [WIDTH, top], [WIDTH, bottom], [0, bottom], [0, top]], dtype=float)
-
-
-def _axis_texts(axis: _FrequencyAxis, top: float) -> tuple[Text, ...]:
-    texts = [
-        Text((float(axis.position(tick)), panel * PITCH + HEIGHT + 0.05), f"{tick:g}")
-        for panel in range(2)
-        for tick in axis.ticks
-    ]
+def _axis_texts(axis: FrequencyAxis, top: float) -> tuple[Text, ...]:
+    texts = [text for panel in range(2) for text in axis.tick_texts(panel * PITCH + HEIGHT + 0.05)]
     texts += [
         Text((-0.13, panel * PITCH + 1.0 - 0.96 * (1.0 - below / DECADES)), f"1e{top - below:.0f}")
         for panel in range(2)
@@ -150,14 +121,4 @@ def _axis_texts(axis: _FrequencyAxis, top: float) -> tuple[Text, ...]:
     for panel, name in enumerate(AXES):
         middle = (WIDTH / 2, panel * PITCH + HEIGHT + 0.13)
         texts.append(Text(middle, f"frequency [Hz], {name}; density [(m/s²)²/Hz]"))
-    return tuple(texts)
-
-
-def _mode_texts(axis: _FrequencyAxis, frequencies: Sequence[float]) -> tuple[Text, ...]:
-    """Frequencies above the upper panel, as many as find room."""
-    texts: list[Text] = []
-    for frequency in sorted(frequencies):
-        x = float(axis.position(frequency))
-        if not texts or x - texts[-1].position[0] >= LABEL_DISTANCE:
-            texts.append(Text((x, -0.06), f"{frequency:.3g}"))
     return tuple(texts)

@@ -19,6 +19,7 @@ from pipeline.messages import (
     ModePair,
     NodeStatus,
     ParameterSummary,
+    StabilisationDiagram,
     StreamGap,
     WindowRejected,
 )
@@ -87,6 +88,7 @@ def session(episode: Episode = Episode()) -> Iterator[Message]:
         n_accepted += 1
         estimate = modal_estimate(window, rng)
         yield estimate
+        yield stabilisation_diagram(estimate, rng)
         waiting.append(foundation_posterior(estimate, n_accepted, rng, trusted=episode.trusted))
         if not episode.ahead:
             yield waiting.pop()
@@ -151,6 +153,28 @@ def modal_estimate(window: int, rng: np.random.Generator) -> ModalEstimate:
         LAYOUT.channel_names,
         modes,
         warnings=(Doubt("close-modes", "0.157 and 0.159 Hz are nearer than 1/600 s"),),
+    )
+
+
+def stabilisation_diagram(
+    estimate: ModalEstimate, rng: np.random.Generator
+) -> StabilisationDiagram:
+    """Every mode in every second order from 20 to 60; the first four in a slow band too."""
+    columns = [
+        (mode, band) for band in (0, 1) for mode in estimate.modes[: 4 if band == 0 else None]
+    ]
+    poles = [
+        (
+            *(order, band, mode.frequency + mode.frequency_std * rng.standard_normal()),
+            *(mode.frequency_std, mode.damping_ratio),
+        )
+        for mode, band in columns
+        for order in range(20, 62, 2)
+    ]
+    orders, bands, frequencies, stds, dampings = np.array(poles, np.float32).T
+    return StabilisationDiagram(
+        *(TURBINE, estimate.window, estimate.start_ns, estimate.end_ns),
+        *(orders, bands, frequencies, stds, dampings),
     )
 
 

@@ -5,7 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from pipeline.messages import StabilisationDiagram
 from pipeline.viewer.corner import PITCH, Axis, corner_plot
+from pipeline.viewer.frequency_axis import FrequencyAxis
 from pipeline.viewer.mac_matrix import mac_matrix, shaded
 from pipeline.viewer.scene import (
     deflection,
@@ -15,6 +17,7 @@ from pipeline.viewer.scene import (
     tube_mesh,
 )
 from pipeline.viewer.spectrum import RecentSamples, spectrum_picture
+from pipeline.viewer.stabilisation import stabilisation_picture
 from sensors.blocks import NANOSECONDS
 from sensors.layout import Accelerometer, SensorLayout
 from tests.pipeline.viewer.session import (
@@ -23,6 +26,7 @@ from tests.pipeline.viewer.session import (
     acceleration_block,
     foundation_posterior,
     modal_estimate,
+    stabilisation_diagram,
 )
 
 MINUTE = 60 * NANOSECONDS
@@ -164,3 +168,32 @@ def test_mac_matrix_is_bright_on_its_diagonal_and_in_the_order_of_frequency():
 def test_shades_run_from_dark_to_bright():
     brightness = shaded(np.linspace(0, 1, 9)).astype(float) @ [0.3, 0.6, 0.1]
     assert np.all(np.diff(brightness) > 0)
+
+
+def test_an_octave_is_as_wide_anywhere_on_the_frequency_axis():
+    axis = FrequencyAxis(0.1, 25.6)
+    octaves = axis.position(0.1 * 2.0 ** np.arange(9))
+    assert np.diff(octaves) == pytest.approx(2.6 / 8)
+    assert axis.ticks == [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0]
+
+
+def test_a_mode_is_a_column_of_poles_under_its_hair_and_higher_orders_stand_higher():
+    rng = np.random.default_rng(8)
+    estimate = modal_estimate(0, rng)
+    diagram = stabilisation_diagram(estimate, rng)
+    picture = stabilisation_picture(diagram, [mode.frequency for mode in estimate.modes])
+    x, y = picture.poles.T
+    for mode, hair in zip(estimate.modes, picture.modes, strict=True):
+        near = np.abs(diagram.frequencies - mode.frequency) < 5 * mode.frequency_std
+        assert x[near] == pytest.approx(hair[0, 0], abs=0.02)
+    assert (np.diff(y[np.argsort(diagram.orders, kind="stable")]) <= 0).all()
+    left, right = np.array(picture.stds)[:, :, 0].T
+    assert ((left < x) & (x < right)).all()
+
+
+def test_a_window_without_poles_is_an_empty_diagram():
+    estimate = modal_estimate(0, np.random.default_rng(8))
+    nothing = np.empty(0, np.float32)
+    span = ("t", 0, estimate.start_ns, estimate.end_ns)
+    picture = stabilisation_picture(StabilisationDiagram(*span, *[nothing] * 5), [])
+    assert len(picture.poles) == len(picture.stds) == 0

@@ -183,6 +183,18 @@ def test_the_last_window_has_its_spectra_and_its_mac_matrix(recorded: Recorded):
     assert len(recorded.column(f"{ROOT}/mac/values", "Image:buffer")) == 2  # windows not rejected
 
 
+def test_every_window_has_its_poles_by_band_and_the_modes_taken_among_them(recorded: Recorded):
+    poles = recorded.column(f"{ROOT}/stabilisation/poles", "Points2D:positions")
+    assert [len(each) for each in poles] == [14 * 21] * 2  # windows not rejected
+    *_, palette = recorded.column(f"{ROOT}/stabilisation/poles", "Points2D:colors")
+    assert len(set(palette)) == 2
+    *_, bars = recorded.column(f"{ROOT}/stabilisation/stds", "LineStrips2D:strips")
+    *_, hairs = recorded.column(f"{ROOT}/stabilisation/modes", "LineStrips2D:strips")
+    assert [len(bars), len(hairs)] == [14 * 21, 10]
+    *_, words = recorded.column(f"{ROOT}/stabilisation/text", "Points2D:labels")
+    assert {"frequency [Hz]", "order [-]"} <= set(words)
+
+
 def test_every_node_has_its_losses_and_its_lag(recorded: Recorded):
     lost = recorded.scalars(f"{ROOT}/health/lost/identification")
     behind = recorded.scalars(f"{ROOT}/health/behind/identification")
