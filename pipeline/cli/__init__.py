@@ -12,6 +12,7 @@ from rich.logging import RichHandler
 
 from pipeline.cli.certificates import certificates
 from pipeline.cli.console import escaped, people
+from pipeline.cli.export import export
 from pipeline.cli.importing import import_files
 from pipeline.cli.modal import identify, modes
 from pipeline.cli.playing import control, publish
@@ -48,6 +49,7 @@ for command in (
     salvage,
     show,
     report,
+    export,
 ):
     app.command()(command)
 app.command("import")(import_files)

@@ -5,7 +5,6 @@
 Memory grows with the windows, not with the samples: blocks are counted and let go.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,18 +19,16 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.recording.errors import RecordingError
-from pipeline.recording.parts import next_part, part_of, results_of
 from pipeline.recording.reader import read_messages, read_metadata
-from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata
+from pipeline.recording.writer import Metadata
 from pipeline.scenario import scenario_from_metadata
-from pipeline.sources import recordings_in
+from pipeline.session_files import session_files, unfinished_files
 from pipeline.summary import SessionSummary
 from pipeline.updating.prior import PriorSettings
 from sensors.blocks import AccelerationBlock
 from sensors.errors import InputError
 from sensors.layout import SensorLayout, joined_layout
 
-SESSION = "session.mcap"  # the first part of what `pilewatch run` records
 NO_FACTOR = np.empty((0, 0))
 
 
@@ -151,25 +148,11 @@ def read_session(path: Path) -> RecordedSession:
     return RecordedSession(
         name=path.resolve().name,
         files=tuple(files),
-        unread=tuple(_unread(path)),
+        unread=tuple(unfinished_files(path)),
         metadata=metadata,
         prior=_prior(metadata),
         turbines=tuple(turbines[name] for name in sorted(turbines)),
     )
-
-
-def session_files(path: Path) -> list[Path]:
-    """The closed parts of a session in order of recording, results where samples have gone.
-
-    path   a file, which is then the only one; a folder: of the session in it, or, where there is
-           none, every recording in it
-    """
-    if not path.is_dir():
-        return [path]
-    first = path / SESSION
-    parts = [part_of(first, number) for number in range(1, next_part(first))]
-    found = [file for part in parts for file in (part, results_of(part)) if file.exists()]
-    return found or recordings_in(path)
 
 
 def _prior(metadata: Metadata) -> PriorSettings | None:
@@ -186,8 +169,3 @@ def without_factors(estimate: ModalEstimate) -> ModalEstimate:
         replace(mode, covariance_factor=NO_FACTOR, n_block_columns=0) for mode in estimate.modes
     )
     return replace(estimate, modes=modes)
-
-
-def _unread(path: Path) -> Iterator[Path]:
-    if path.is_dir():
-        yield from sorted(path.glob(f"{Path(SESSION).stem}*{ACTIVE_SUFFIX}"))

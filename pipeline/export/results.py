@@ -1,0 +1,226 @@
+"""What was made of the samples, one table a kind; times UTC, units in brackets.
+
+`number` counts the modes of a window from 1: with turbine and window it names a mode in `modes`
+and `mode_shapes`, also where a mode has no name yet.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pyarrow as pa
+
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    ParameterSummary,
+    StreamGap,
+    WindowRejected,
+)
+from pipeline.updating.prior import PARAMETER_NAMES, PARAMETER_UNITS
+from sensors.blocks import NANOSECONDS
+from sensors.scada import ScadaSample
+
+TIMESTAMP = pa.timestamp("ns", tz="UTC")
+Row = tuple[Any, ...]
+
+_TEXT, _WHOLE, _REAL, _YES = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+_WINDOW = (("turbine", _TEXT), ("window", _WHOLE))
+_SPAN = (("start", TIMESTAMP), ("end", TIMESTAMP))
+
+
+@dataclass(frozen=True, slots=True)
+class ResultTable:
+    """One table: from which message it is made, and how."""
+
+    name: str
+    message: type
+    columns: tuple[tuple[str, pa.DataType], ...]
+    rows: Callable[[Any], Iterator[Row]]  # of one message
+
+    @property
+    def schema(self) -> pa.Schema:
+        return pa.schema(list(self.columns))
+
+
+def _modes(estimate: ModalEstimate) -> Iterator[Row]:
+    for number, mode in enumerate(estimate.modes, start=1):
+        yield (
+            estimate.turbine, estimate.window, estimate.start_ns, estimate.end_ns, number,
+            mode.name, mode.pair_id, mode.frequency, mode.frequency_std, mode.damping_ratio,
+            mode.damping_ratio_std, mode.phase_collinearity, mode.presence, mode.quality,
+            estimate.weight, estimate.operating_state, estimate.wind_speed, estimate.rotor_speed,
+            estimate.yaw, estimate.water_level,
+        )  # fmt: skip
+
+
+def _mode_shapes(estimate: ModalEstimate) -> Iterator[Row]:
+    for number, mode in enumerate(estimate.modes, start=1):
+        rows = zip(estimate.channels, mode.shape.tolist(), mode.shape_std.tolist(), strict=True)
+        for channel, component, std in rows:
+            yield (estimate.turbine, estimate.window, number, mode.name, channel, component, std)
+
+
+def _posterior(posterior: FoundationPosterior) -> Iterator[Row]:
+    correlation = posterior.correlation
+    yield (
+        posterior.turbine, posterior.window, posterior.time_ns, posterior.n_windows,
+        *(value for name in PARAMETER_NAMES for value in _spring(posterior.parameter(name))),
+        *_spring(posterior.parameter("sigma"))[:3],
+        *(float(correlation[i, j]) for i, j in ((0, 1), (0, 2), (1, 2))),
+        posterior.sampler, posterior.ess, posterior.rhat, posterior.reduced_chi_square,
+        posterior.paired_share, posterior.pairing_cost, posterior.trusted,
+        "; ".join(f"{doubt.code}: {doubt.text}" for doubt in posterior.warnings),
+    )  # fmt: skip
+
+
+def _spring(spring: ParameterSummary) -> tuple[float, float, float, float]:
+    return spring.median, spring.p05, spring.p95, spring.nominal
+
+
+def _pairs(posterior: FoundationPosterior) -> Iterator[Row]:
+    for pair in posterior.pairs:
+        yield (
+            posterior.turbine, posterior.window, pair.identified, pair.model, pair.frequency,
+            pair.frequency_std, pair.model_frequency, pair.mac, pair.shape_used, pair.misfit,
+            pair.information,
+        )  # fmt: skip
+
+
+def _events(event: FoundationEvent) -> Iterator[Row]:
+    changes = {each.name: (each.median, each.p05, each.p95) for each in event.changes}
+    unknown = (None, None, None)
+    yield (
+        event.turbine, event.window, event.time_ns, event.kind, event.probability, event.since_ns,
+        event.since_earliest_ns, event.since_latest_ns,
+        *(value for name in PARAMETER_NAMES for value in changes.get(name, unknown)),
+        event.text,
+    )  # fmt: skip
+
+
+def _rejected(rejected: WindowRejected) -> Iterator[Row]:
+    yield (
+        rejected.turbine, rejected.window, rejected.start_ns, rejected.end_ns, rejected.code,
+        rejected.reason,
+    )  # fmt: skip
+
+
+def _gaps(gap: StreamGap) -> Iterator[Row]:
+    seconds = (gap.end_ns - gap.start_ns) / NANOSECONDS
+    yield (
+        gap.turbine, gap.unit, gap.session, gap.start_ns, gap.end_ns, seconds,
+        gap.first_sequence, gap.n_blocks,
+    )  # fmt: skip
+
+
+def _scada(sample: ScadaSample) -> Iterator[Row]:
+    yield (
+        sample.turbine, sample.time_ns, sample.state, sample.wind_speed, sample.rotor_speed,
+        sample.pitch, sample.yaw, sample.power, sample.water_level,
+    )  # fmt: skip
+
+
+def _truth(truth: FoundationTruth) -> Iterator[Row]:
+    yield (truth.turbine, truth.time_ns, truth.k11, truth.k22, truth.k12)
+
+
+def _real(*names: str) -> tuple[tuple[str, pa.DataType], ...]:
+    return tuple((name, _REAL) for name in names)
+
+
+_SPRINGS = tuple(zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True))
+
+RESULT_TABLES = (
+    ResultTable(
+        "modes",
+        ModalEstimate,
+        (
+            *_WINDOW, *_SPAN, ("number", _WHOLE), ("mode", _TEXT), ("pair_id", _TEXT),
+            *_real(
+                "frequency [Hz]", "frequency_std [Hz]", "damping_ratio [-]",
+                "damping_ratio_std [-]", "phase_collinearity [-]", "presence [-]", "quality [-]",
+                "weight [-]",
+            ),
+            ("operating_state", _TEXT),
+            *_real("wind_speed [m/s]", "rotor_speed [rpm]", "yaw [deg]", "water_level [m]"),
+        ),
+        _modes,
+    ),
+    ResultTable(
+        "mode_shapes",
+        ModalEstimate,
+        (*_WINDOW, ("number", _WHOLE), ("mode", _TEXT), ("channel", _TEXT),
+         *_real("component [-]", "component_std [-]")),
+        _mode_shapes,
+    ),
+    ResultTable(
+        "posterior",
+        FoundationPosterior,
+        (
+            *_WINDOW, ("time", TIMESTAMP), ("windows", _WHOLE),
+            *_real(*(f"{name}_{what} [{unit}]" for name, unit in _SPRINGS
+                     for what in ("median", "p05", "p95", "nominal"))),
+            *_real("sigma_median [-]", "sigma_p05 [-]", "sigma_p95 [-]"),
+            *_real("correlation_k11_k22 [-]", "correlation_k11_k12 [-]", "correlation_k22_k12 [-]"),
+            ("sampler", _TEXT),
+            *_real("ess [-]", "rhat [-]", "reduced_chi_square [-]", "paired_share [-]",
+                   "pairing_cost [-]"),
+            ("trusted", _YES), ("doubts", _TEXT),
+        ),
+        _posterior,
+    ),
+    ResultTable(
+        "pairs",
+        FoundationPosterior,
+        (*_WINDOW, ("identified", _TEXT), ("model", _TEXT),
+         *_real("frequency [Hz]", "frequency_std [Hz]", "model_frequency [Hz]", "mac [-]"),
+         ("shape_used", _YES), *_real("misfit [-]", "information [-]")),
+        _pairs,
+    ),
+    ResultTable(
+        "events",
+        FoundationEvent,
+        (*_WINDOW, ("time", TIMESTAMP), ("kind", _TEXT), ("probability [-]", _REAL),
+         ("since", TIMESTAMP), ("since_earliest", TIMESTAMP), ("since_latest", TIMESTAMP),
+         *_real(*(f"{name}_change_{what} [-]" for name in PARAMETER_NAMES
+                  for what in ("median", "p05", "p95"))),
+         ("text", _TEXT)),
+        _events,
+    ),
+    ResultTable(
+        "rejected",
+        WindowRejected,
+        (*_WINDOW, *_SPAN, ("code", _TEXT), ("reason", _TEXT)),
+        _rejected,
+    ),
+    ResultTable(
+        "gaps",
+        StreamGap,
+        (("turbine", _TEXT), ("unit", _TEXT), ("session", _TEXT), *_SPAN, ("duration [s]", _REAL),
+         ("first_sequence", _WHOLE), ("blocks", _WHOLE)),
+        _gaps,
+    ),
+    ResultTable(
+        "scada",
+        ScadaSample,
+        (("turbine", _TEXT), ("time", TIMESTAMP), ("state", _TEXT),
+         *_real("wind_speed [m/s]", "rotor_speed [rpm]", "pitch [deg]", "yaw [deg]", "power [W]",
+                "water_level [m]")),
+        _scada,
+    ),
+    ResultTable(
+        "truth",
+        FoundationTruth,
+        (("turbine", _TEXT), ("time", TIMESTAMP),
+         *_real(*(f"{name} [{unit}]" for name, unit in _SPRINGS))),
+        _truth,
+    ),
+)  # fmt: skip
+
+
+def tables_of(message: Message) -> tuple[ResultTable, ...]:
+    """The tables that a message has rows in."""
+    return tuple(table for table in RESULT_TABLES if type(message) is table.message)

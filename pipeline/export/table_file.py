@@ -1,0 +1,74 @@
+"""One table on its way into a file, written piece by piece."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import pyarrow as pa
+from pyarrow import csv, parquet
+
+from sensors.errors import InputError
+
+Format = Literal["csv", "parquet"]
+
+ROW_GROUP = 16_384  # rows that are held and written together: seven minutes at 40 Hz
+
+
+class TableFile:
+    """Rows to `path`, a CSV with a header row or a Parquet file of row groups.
+
+    schema   names and types of the columns; its metadata goes into a Parquet file
+
+    Raises InputError where the file exists or cannot be made.
+    """
+
+    def __init__(self, path: Path, schema: pa.Schema, form: Format) -> None:
+        self.path = path
+        self.schema = schema
+        self.rows = 0  # written and held
+        self._held: list[pa.Table] = []
+        self._held_rows: list[Sequence[Any]] = []  # not yet a table
+        self._n_held = 0
+        try:
+            self._file = path.open("xb")
+        except FileExistsError:
+            raise InputError(f"{path} exists already; name another folder with -o") from None
+        except OSError as error:
+            raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+        self._writer: Any = (
+            csv.CSVWriter(self._file, schema)
+            if form == "csv"
+            else parquet.ParquetWriter(self._file, schema)
+        )
+
+    def add_rows(self, rows: Sequence[Sequence[Any]]) -> None:
+        """Rows of values in the order of the columns."""
+        self._held_rows += rows
+        self._count(len(rows))
+
+    def add(self, piece: pa.Table) -> None:
+        """Rows as a table of the schema."""
+        self._held.append(piece)
+        self._count(len(piece))
+
+    def close(self) -> None:
+        """Write what is held and finish the file."""
+        self._write()
+        self._writer.close()
+        self._file.close()
+
+    def _count(self, rows: int) -> None:
+        self.rows += rows
+        self._n_held += rows
+        if self._n_held >= ROW_GROUP:
+            self._write()
+
+    def _write(self) -> None:
+        if self._held_rows:
+            columns = zip(*self._held_rows, strict=True)
+            fields = zip(columns, self.schema, strict=True)
+            arrays = [pa.array(column, field.type) for column, field in fields]
+            self._held.append(pa.Table.from_arrays(arrays, schema=self.schema))
+        if self._held:
+            self._writer.write_table(pa.concat_tables(self._held).combine_chunks())
+        self._held, self._held_rows, self._n_held = [], [], 0
