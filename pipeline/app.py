@@ -24,7 +24,7 @@ from pipeline.scenario import Scenario
 from pipeline.updating.updater import FoundationUpdater
 from pipeline.viewer.outputs import ViewerOutput
 from pipeline.viewer.sink import Viewer
-from sensors.layout import SensorLayout
+from sensors.layout import LayoutError, SensorLayout
 from sensors.turbine.mast import bare_mast
 from sensors.turbine.modal import ModalModel
 
@@ -59,9 +59,12 @@ class Plan:
 def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[Plan, ...]:
     """The nodes of a session in the order of the flow.
 
-    Raises OmaSettingsError where the scenario names a reference channel that the layout lacks.
+    Raises OmaSettingsError where the scenario names a reference channel that the layout lacks, and
+    LayoutError where its channels are not what the structural model is compared with.
     """
     references_among(layout.channel_names, scenario.oma)
+    if scenario.has_structure:
+        _require_accelerations(layout)
 
     def identification() -> Node:
         if not outputs.earlier:
@@ -101,3 +104,12 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
             Plan(SessionRecorder, recorder)
         )  # last: it hears what the others say at the end
     return tuple(graph)
+
+
+def _require_accelerations(layout: SensorLayout) -> None:
+    for channel in layout.channels:
+        if channel.unit not in ("m/s²", ""):
+            raise LayoutError(
+                f"channel {channel.name} is in {channel.unit}; the structural model is compared "
+                'with accelerations; a scenario with [turbine] description = "none" tracks modes'
+            )

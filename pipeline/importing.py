@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
 from pipeline.runner import with_end
-from pipeline.scenario import Scenario, scenario_from_text, scenario_metadata
+from pipeline.scenario import Scenario, load_scenario, scenario_from_text, scenario_metadata
 from pipeline.sources import COMPACT
 from sensors.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -22,7 +22,7 @@ from sensors.files.blocks import (
     opened,
     stamped,
 )
-from sensors.files.layout_file import LayoutFile, layout_by_names
+from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
 from sensors.files.table import ChannelTable, FileError
 from sensors.layout import SensorLayout
 
@@ -158,3 +158,33 @@ def _metadata(measurement: Measurement, scenario: Scenario) -> Metadata:
         "pilewatch": {"version": version("pilewatch"), "source": f"import: {names}"},
         "scenario": scenario_metadata(scenario),
     }
+
+
+def imported_source(
+    path: Path,
+    folder: Path,
+    *,
+    layout: Path | None = None,
+    scenario: str | None = None,
+    report: Callable[[AccelerationBlock], None] | None = None,
+) -> str:
+    """The `--source` that a file stands for: the replay of a recording, or of a file's import.
+
+    folder   where the import is written, beside earlier ones
+    layout   where the file's channels were
+
+    Raises what `open_measurement` and `record_measurement` do.
+    """
+    if path.suffix == ".mcap":
+        return f"replay:{path}"
+    chosen = None if scenario is None else load_scenario(scenario)
+    measurement = open_measurement(
+        [path],
+        layout=None if layout is None else load_layout(layout),
+        turbine="turbine" if chosen is None else chosen.turbine.id,
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    names = (f"{path.stem}{again}.mcap" for again in ("", *(f"-{i}" for i in range(2, 1000))))
+    recording = next(folder / name for name in names if not (folder / name).exists())
+    record_measurement(measurement, recording, scenario=chosen, report=report)
+    return f"replay:{recording}"

@@ -19,7 +19,7 @@ from pipeline.oma.windowing import BlockOrder, MissingSamples
 from pipeline.recording.reader import read_messages
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
-from sensors.files.csv import read_csv
+from sensors.files.formats import read_file
 from sensors.files.table import ChannelTable, FileError, Quantity
 from sensors.layout import SensorLayout
 
@@ -75,9 +75,9 @@ def identify_file(
     window: float | None = None,
     settings: OmaSettings | None = None,
 ) -> FileIdentification:
-    """Modes of the structure that a recording or a text file of channels shows.
+    """Modes of the structure that a recording or a file of measurements shows.
 
-    sampling_rate   [Hz]; needed where the file has no time column
+    sampling_rate   [Hz]; needed where the file says neither its rate nor when its samples were
     window          [s]; None: the whole file is one window
 
     Raises InputError: a file that cannot be read, no sampling rate, a window longer than the file.
@@ -108,11 +108,12 @@ def identify_file(
 def _read(path: Path, sampling_rate: float | None) -> tuple[ChannelTable, float]:
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
-    table = recorded_channels(path) if path.suffix == ".mcap" else read_csv(path)
+    table = recorded_channels(path) if path.suffix == ".mcap" else read_file(path)
     stamped = table.sampling_rate
     if sampling_rate is None and stamped is None:
         raise FileError(
-            f"{path} has no time column (t, time or timestamp): give --sampling-rate HZ"
+            f"{path} says no sampling rate and has no time column (t, time or timestamp): give "
+            "--sampling-rate HZ"
         )
     return table, sampling_rate or stamped or 0.0
 
@@ -139,7 +140,7 @@ def recorded_channels(path: Path) -> ChannelTable:
     if len(by_unit) > 1:
         return _joined(by_unit, layouts)
     (ordered,) = by_unit.values()
-    return _table(ordered, {name: layout.channel_names for name, layout in layouts.items()})
+    return _table(ordered, layouts)
 
 
 def _in_order(blocks: list[AccelerationBlock]) -> list[AccelerationBlock]:
@@ -157,10 +158,10 @@ def _joined(
         pieces += joiner.push(block, list(orders[block.unit].push(block)))
     pieces += joiner.finish()
     joined = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
-    return _table(joined, {joiner.layout.layout_id: joiner.layout.channel_names})
+    return _table(joined, {joiner.layout.layout_id: joiner.layout})
 
 
-def _table(blocks: list[AccelerationBlock], names: dict[str, tuple[str, ...]]) -> ChannelTable:
+def _table(blocks: list[AccelerationBlock], layouts: dict[str, SensorLayout]) -> ChannelTable:
     start_ns = blocks[0].start_ns
     times = [
         (block.start_ns - start_ns) / NANOSECONDS
@@ -168,11 +169,12 @@ def _table(blocks: list[AccelerationBlock], names: dict[str, tuple[str, ...]]) -
         for block in blocks
     ]
     samples = np.concatenate([block.samples for block in blocks]).astype(np.float64)
-    numbered = tuple(f"ch{i + 1}" for i in range(samples.shape[1]))
-    channels = names.get(blocks[0].layout_id, numbered)
-    return ChannelTable(
-        channels, ("m/s²",) * len(channels), samples, np.concatenate(times), start_ns
-    )
+    layout = layouts.get(blocks[0].layout_id)
+    names = tuple(f"ch{i + 1}" for i in range(samples.shape[1]))
+    units = ("m/s²",) * len(names)
+    if layout is not None:
+        names, units = layout.channel_names, tuple(channel.unit for channel in layout.channels)
+    return ChannelTable(names, units, samples, np.concatenate(times), start_ns)
 
 
 def _guess(table: ChannelTable, quantities: tuple[Quantity, ...] | None) -> tuple[Warning, ...]:

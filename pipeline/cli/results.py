@@ -9,17 +9,24 @@ if TYPE_CHECKING:
 
 
 def print_results(
-    summary: "SessionSummary", figures: dict[str, Any], *, misfits: bool = False
+    summary: "SessionSummary",
+    figures: dict[str, Any],
+    *,
+    misfits: bool = False,
+    updates: bool = True,
 ) -> None:
     """Modes, posterior, changes, windows not used, doubts.
 
     figures   the content of summary.json
     misfits   also how each mode fits; always where the posterior is not to be trusted
+    updates   whether there is a structural model, so that a posterior could be
     """
     from pipeline.tables import identified_modes_table, misfit_table, posterior_table
 
     output.print(identified_modes_table(summary.modes, figures["windows"]["identified"]))
-    if summary.posterior is None:
+    if not updates:
+        output.print("Modes only: the scenario has no structural model.")
+    elif summary.posterior is None:
         output.print("[bold]No posterior:[/] no window could be used.")
     else:
         output.print(posterior_table(figures["posterior"]))

@@ -79,7 +79,6 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Turn accelerations into a posterior of the foundation's stiffness."""
-    from pipeline.importing import imported_source
     from pipeline.playback import Playback
     from pipeline.session import run_session
     from pipeline.sources import open_source
@@ -95,9 +94,8 @@ def run(
         fresh=fresh,
     )
     playback = Playback(start, float("inf") if end is None else end, loop)
-    with progress(f"importing {source}", None) as report:
-        source = imported_source(source, out, layout=layout, scenario=scenario, report=report)
-    opened = open_source(source, scenario).with_sampler(sampler).with_playback(playback)
+    opened = open_source(_imported(source, out, layout, scenario), scenario)
+    opened = opened.with_sampler(sampler).with_playback(playback)
     with stopped_by_signals() as stopping, viewing(view) as shown:
         with progress(opened.text, opened.duration) as report:
             session = run_session(
@@ -110,8 +108,22 @@ def run(
         if as_json:
             output.print_json(json.dumps(session.figures))
         else:
-            _print_session(session)
+            _print_session(session, updates=opened.scenario.has_structure)
         shown.stay(stopping)
+
+
+def _imported(
+    source: str | None, out: Path, layout: Path | None, scenario: str | None
+) -> str | None:
+    """The source, a file of measurements turned into the replay of its import in `out`."""
+    from pipeline.importing import imported_source
+
+    if source is None or not Path(source).is_file():
+        if layout is not None:
+            raise InputError(f"--layout {layout} is for a file of measurements, not for {source}")
+        return source
+    with progress(f"importing {source}", None) as report:
+        return imported_source(Path(source), out, layout=layout, scenario=scenario, report=report)
 
 
 def _session_options(
@@ -135,9 +147,9 @@ def _session_options(
     )
 
 
-def _print_session(session: Any) -> None:
+def _print_session(session: Any, *, updates: bool) -> None:
     figures = session.figures
-    print_results(session.summary, figures)
+    print_results(session.summary, figures, updates=updates)
     stream, timing = figures["stream"], figures["timing"]
     output.print(
         f"{stream['published']} blocks published, {stream['recorded']} recorded, "

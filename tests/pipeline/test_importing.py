@@ -1,18 +1,23 @@
 """Files of measurements become a recording: the same samples at the same times, gaps kept."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from typer.testing import CliRunner
 
+from pipeline.app import Outputs, build
 from pipeline.cli import app
 from pipeline.importing import open_measurement, record_measurement
+from pipeline.model_modes import model_modes
 from pipeline.offline import recorded_channels
 from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.scenario import load_scenario
+from pipeline.sources import replayed
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 from sensors.files.layout_file import load_layout
@@ -253,3 +258,59 @@ def test_an_imported_recording_runs_under_the_scenario_it_was_given(tmp_path: Pa
     info = recording_info(tmp_path / "a.mcap")
     assert info.metadata["scenario"]["name"] == "parked"
     assert info.layouts[0].turbine == load_scenario("parked").turbine.id
+
+
+def two_masses() -> NDArray[np.float64]:
+    """610 s of two modes under white noise, 1.9 and 5.0 Hz at 1 % damping, (n, 2)."""
+    generator = np.random.default_rng(5)
+    samples = np.zeros((24_400, 2))
+    for frequency, shape in ((1.9, (0.6, 1.0)), (5.0, (1.0, -0.6))):
+        pole = np.exp(2 * np.pi * frequency / RATE * (-0.01 + 1j))
+        recursion = [1.0, -2 * pole.real, abs(pole) ** 2]
+        samples += np.outer(lfilter([1.0], recursion, generator.normal(size=len(samples))), shape)
+    return samples + 0.02 * samples.std() * generator.normal(size=samples.shape)
+
+
+def test_a_file_runs_without_a_structure_to_modes_alone(tmp_path: Path) -> None:
+    """Two masses on a tower of which nothing else is known."""
+    path = written(tmp_path / "a.csv", text(two_masses()))
+    layout = written(
+        tmp_path / "layout.toml",
+        'turbine = "chimney"\n'
+        '[[channels]]\nname = "z145-fa"\nelevation = 60.0\ndirection = [1.0, 0.0, 0.0]\n'
+        '[[channels]]\nname = "z145-ss"\nelevation = 30.0\ndirection = [1.0, 0.0, 0.0]\n',
+    )
+    out = tmp_path / "out"
+    command = ["run", "--source", str(path), "--layout", str(layout), "--out", str(out)]
+    finished = CliRunner().invoke(app, [*command, "--lock-step", "--no-rrd"])
+    assert finished.exit_code == 0, finished.output
+    assert "Modes only" in finished.output
+    assert (out / "a.mcap").exists()
+    figures = json.loads((out / "summary.json").read_text())
+    assert figures["posterior"]["k11"]["median"] is None
+    assert figures["turbine"] == "chimney"
+    assert [mode["frequency_hz"] for mode in figures["modes"]] == pytest.approx(
+        [1.9, 5.0], rel=0.01
+    )
+    assert CliRunner().invoke(app, ["show", str(out / "session.mcap")]).exit_code == 0
+
+
+def test_a_structural_model_is_compared_with_accelerations_alone(tmp_path: Path) -> None:
+    path = written(
+        tmp_path / "a.csv", text(SAMPLES).replace("[g]", "[mm/s]").replace("m/s²", "m/s")
+    )
+    record_measurement(
+        open_measurement([path], turbine="iea15mw"),
+        tmp_path / "a.mcap",
+        scenario=load_scenario("parked"),
+    )
+    assert recorded_channels(tmp_path / "a.mcap").units == ("m/s", "m/s")
+    source = replayed(tmp_path / "a.mcap")
+    with pytest.raises(InputError, match=r"z145-fa is in m/s; .* description = \"none\""):
+        build(source.scenario, source.layout, Outputs())
+
+
+def test_what_needs_a_structure_says_that_there_is_none(tmp_path: Path) -> None:
+    scenario = written(tmp_path / "mine.toml", '[turbine]\ndescription = "none"\n')
+    with pytest.raises(InputError, match=r"scenario mine has no structural model"):
+        model_modes(scenario=str(scenario))
