@@ -201,12 +201,27 @@ def scenarios_table(scenarios: Sequence[Scenario]) -> Table:
     table.add_column("duration", justify="right")
     table.add_column("what it is")
     for scenario in scenarios:
-        minutes = scenario.simulation.duration / 60.0
-        table.add_row(scenario.name, f"{minutes:.0f} min", scenario.title)
+        table.add_row(
+            scenario.name, duration_in_words(scenario.simulation.duration), scenario.title
+        )
+    table.caption = "pilewatch simulate --describe NAME says more of one"
     return table
 
 
+def duration_in_words(duration: float) -> str:
+    """3 h 20 min of 12000 s. duration: [s]"""
+    hours, minutes = divmod(round(duration / 60.0), 60)
+    words = [f"{hours} h"] * (hours > 0) + [f"{minutes} min"] * (minutes > 0)
+    return " ".join(words) or f"{duration:g} s"
+
+
 def scenario_description(scenario: Scenario) -> str:
-    """A scenario in words: its title, what it simulates and needs, and its file."""
-    settings = scenario.text.rpartition('"""')[2]
-    return f"{scenario.name}: {scenario.title}\n{scenario.description}\n{settings}"
+    """A scenario in words: its title, then what it simulates and needs, a line a paragraph."""
+    paragraphs = scenario.description.strip().split("\n\n")
+    words = [" ".join(paragraph.split()) for paragraph in paragraphs]
+    return "\n\n".join([f"{scenario.name}: {scenario.title}", *words])
+
+
+def scenario_settings(scenario: Scenario) -> str:
+    """What a scenario's file sets, after its description."""
+    return scenario.text.rpartition('"""')[2].strip()

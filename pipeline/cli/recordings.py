@@ -26,13 +26,15 @@ def simulate(
     """Simulate a scenario's turbine and record what its sensors say."""
     from pipeline.scenario import load_scenario, shipped_scenarios, with_overrides
     from pipeline.sources import record_simulation, simulated
-    from pipeline.tables import scenario_description, scenarios_table
+    from pipeline.tables import scenario_description, scenario_settings, scenarios_table
 
     if show_list:
         output.print(scenarios_table([load_scenario(name) for name in shipped_scenarios()]))
         return
     if describe is not None:
-        output.print(scenario_description(load_scenario(describe)), highlight=False)
+        told = load_scenario(describe)
+        output.print(escaped(scenario_description(told)), highlight=False)
+        output.print(f"\n{escaped(scenario_settings(told))}", highlight=False, soft_wrap=True)
         return
     if scenario is None or out is None:
         raise InputError(
