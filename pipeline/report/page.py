@@ -21,7 +21,7 @@ from pipeline.report.html import (
     table_of,
 )
 from pipeline.report.recorded_session import RecordedSession, TurbineRecord
-from pipeline.report.sentences import condition, distrust, findings, headline
+from pipeline.report.sentences import condition, distrust, findings, headline, sentence
 from pipeline.report.tables import (
     doubts_table,
     events_table,
@@ -211,7 +211,9 @@ def _pair(pictures: Sequence[tuple[str, str, str]], name: str) -> str:
 def _changes(record: TurbineRecord, level: int) -> str:
     if not record.summary.events:
         return ""
-    return heading("Changes", level) + table_of(events_table(record.summary.events))
+    events = record.summary.events
+    words = listed(sentence(event.text) for event in events)
+    return heading("Changes", level) + words + table_of(events_table(events))
 
 
 def _modes(record: TurbineRecord, name: str, level: int) -> str:

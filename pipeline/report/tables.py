@@ -7,7 +7,7 @@ from pipeline.messages import FoundationEvent, WindowRejected
 from pipeline.report.html import TextTable
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import headline, ratios
-from pipeline.report.wording import instant, percent, span
+from pipeline.report.wording import percent, span, stamp
 from pipeline.summary import CombinedMode
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.blocks import NANOSECONDS
@@ -101,42 +101,35 @@ def figure(value: float, form: str) -> str:
 
 
 def events_table(events: Sequence[FoundationEvent]) -> TextTable:
-    """Every change, as the updating put it."""
+    """Every change: when it began and was noticed, how sure it is."""
     rows = tuple(
-        (
-            instant(event.since_ns),
-            instant(event.time_ns),
-            event.kind,
-            f"{event.probability:.3f}",
-            event.text,
-        )
+        (stamp(event.since_ns), stamp(event.time_ns), event.kind, f"{event.probability:.3f}")
         for event in events
     )
-    head = ("began about", "noticed", "kind", "probability", "in the updating's words")
-    return TextTable("", head, rows, words=(4,))
+    return TextTable("", ("began about (UTC)", "noticed (UTC)", "kind", "probability"), rows)
 
 
 def rejected_table(rejected: Sequence[WindowRejected]) -> TextTable:
     """The windows that were not used, newest last."""
     rows = tuple(
-        (instant(each.start_ns), span((each.end_ns - each.start_ns) / NANOSECONDS), each.code,
+        (stamp(each.start_ns), span((each.end_ns - each.start_ns) / NANOSECONDS), each.code,
          each.reason)
         for each in rejected[-MOST_ROWS:]
     )  # fmt: skip
     title = "Windows that were not used" + _left_out(len(rejected))
-    return TextTable(title, ("begins", "length", "code", "reason"), rows, words=(3,))
+    return TextTable(title, ("begins (UTC)", "length", "code", "reason"), rows, words=(3,))
 
 
 def gaps_table(record: TurbineRecord) -> TextTable:
     """Where samples are missing."""
     gaps = record.summary.gaps
     rows = tuple(
-        (instant(gap.start_ns), span((gap.end_ns - gap.start_ns) / NANOSECONDS), gap.unit,
+        (stamp(gap.start_ns), span((gap.end_ns - gap.start_ns) / NANOSECONDS), gap.unit,
          str(gap.n_blocks))
         for gap in gaps[-MOST_ROWS:]
     )  # fmt: skip
     title = "Gaps in the stream" + _left_out(len(gaps))
-    return TextTable(title, ("begins", "length", "unit", "blocks"), rows)
+    return TextTable(title, ("begins (UTC)", "length", "unit", "blocks"), rows)
 
 
 def doubts_table(record: TurbineRecord) -> TextTable:

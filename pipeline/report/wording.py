@@ -21,6 +21,11 @@ def instant(time_ns: int) -> str:
     return f"{day(time_ns)} {clock(time_ns)} UTC"
 
 
+def stamp(time_ns: int) -> str:
+    """ "2026-03-03 14:10:05", UTC, for tables."""
+    return f"{_moment(time_ns):%Y-%m-%d %H:%M:%S}"
+
+
 def period(start_ns: int, end_ns: int) -> str:
     """ "on 3 March 2026 between 14:10 and 14:30 UTC", or over midnight with both days."""
     if clock(start_ns) == clock(end_ns) and day(start_ns) == day(end_ns):
