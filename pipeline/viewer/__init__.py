@@ -3,7 +3,7 @@
     outputs           where to: RrdFile, SpawnedViewer, ConnectedViewer; needs no rerun
     viewer_process    a viewer's window or a page for browsers, as a process on loopback
     display_signals   accelerations at 20 Hz
-    scene, corner, spectrum, stabilisation, mac_matrix
+    scene, corner, pile, spectrum, stabilisation, mac_matrix
                       what is drawn, as plain figures
     status            what is said, as text
     entities          where everything lies: paths, timeline, styles

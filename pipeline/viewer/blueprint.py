@@ -31,6 +31,7 @@ class TurbinePanel:
     layouts: tuple[SensorLayout, ...]  # of its acquisition units
     modes: tuple[str, ...]  # model labels that get a plot of their own, in order
     mid_height: float  # where the camera looks [m]
+    changed: bool = False  # a change was noticed: it gets plots
 
 
 def session_blueprint(
@@ -66,7 +67,7 @@ def turbine_tabs(panel: TurbinePanel, *, tab: str = TABS[0]) -> rrb.Tabs:
         _overview(root, panel),
         _signals(root, panel),
         _modes(root, panel),
-        _foundation(root),
+        _foundation(root, panel),
         _health(root),
         active_tab=TABS.index(tab),
         name=panel.turbine,
@@ -114,24 +115,67 @@ def _modes(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     )
 
 
-def _foundation(root: str) -> rrb.Horizontal:
-    sigma = rrb.TimeSeriesView(
+def _foundation(root: str, panel: TurbinePanel) -> rrb.Horizontal:
+    changes = _changes(root) if panel.changed else []
+    return rrb.Horizontal(
+        _joint(root),
+        rrb.Vertical(_pile(root), _learned(root), row_shares=[5, 2]),
+        rrb.Vertical(*_stiffness_bands(root), _sigma(root), *changes),
+        column_shares=[5, 4, 4],
+        name="Foundation",
+    )
+
+
+def _joint(root: str) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(
+        origin=f"{root}/foundation/joint",
+        name="Joint posterior, stiffness ÷ nominal [-] (green: truth)",
+        visual_bounds=rrb.VisualBounds2D(x_range=[-0.45, 3.8], y_range=[-0.25, 3.95]),
+    )
+
+
+def _pile(root: str) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(
+        origin=f"{root}/foundation/pile",
+        name="Leaning on: nominal orange, posterior purple, truth green",
+        visual_bounds=rrb.VisualBounds2D(x_range=[-1.35, 1.35], y_range=[-2.25, 1.25]),
+    )
+
+
+def _learned(root: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"{root}/learned",
+        name="Left of the prior's 90 % interval [%] = 100 − contraction",
+        **_whole_session(),
+        plot_legend=rrb.PlotLegend("RightTop"),
+    )
+
+
+def _sigma(root: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
         origin=parameter_path(root, "sigma"),
         name="Model discrepancy σ [-]: 5, 50, 95 % of the posterior",
         **_whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
-    joint = rrb.Spatial2DView(
-        origin=f"{root}/foundation/joint",
-        name="Joint posterior, stiffness ÷ nominal [-] (green: truth)",
-        visual_bounds=rrb.VisualBounds2D(x_range=[-0.45, 3.8], y_range=[-0.25, 3.95]),
+
+
+def _changes(root: str) -> list[rrb.TimeSeriesView]:
+    """Plots that appear with the first change."""
+    probability = rrb.TimeSeriesView(
+        origin=f"{root}/change/probability",
+        name="Probability of each change that was noticed [-]",
+        axis_y=rrb.ScalarAxis(range=(0.0, 1.05)),
+        **_whole_session(),
+        plot_legend=rrb.PlotLegend(visible=False),
     )
-    return rrb.Horizontal(
-        joint,
-        rrb.Vertical(*_stiffness_bands(root), sigma),
-        column_shares=[5, 4],
-        name="Foundation",
+    sizes = rrb.TimeSeriesView(
+        origin=f"{root}/change/size",
+        name="Change of the stiffness [%]: 5, 50, 95 %",
+        **_whole_session(),
+        plot_legend=rrb.PlotLegend("LeftTop"),
     )
+    return [probability, sizes]
 
 
 def _health(root: str) -> rrb.Horizontal:

@@ -10,7 +10,9 @@ Everything of a turbine lies below /{turbine}:
     modes/{label}/damping             median, ±2 standard deviations [% of critical]
     shapes/{label}/motion/…           the identified shape on the model's, swinging
     foundation/{parameter}/posterior  5 %, 50 %, 95 %, stiffness ÷ nominal [-]; /truth
-    foundation/joint/…                corner plot of the stiffnesses
+    foundation/joint/…, /pile/…       corner plot of the stiffnesses; the tower on its springs
+    learned/{parameter}               what is left of the prior's 90 % interval [%]
+    change/probability, /size/{k}     of every change that was noticed [-], [%]
     spectrum/…, stabilisation/…, mac/…
                                       pictures of the last window: spectra, poles, MAC matrix
     health/lost, health/behind        blocks lost [-], seconds behind, a series a node; /text
@@ -19,13 +21,16 @@ Everything of a turbine lies below /{turbine}:
 on one timeline, `time`: the sensor clock, UTC.
 """
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from pipeline.viewer import colours
 from pipeline.viewer.colours import Colour
+from pipeline.viewer.corner import Text
 
 TIMELINE = "time"
 
@@ -63,6 +68,11 @@ def shape_path(root: str, label: str) -> str:
 def parameter_path(root: str, name: str) -> str:
     """Entity below which one parameter's bands and truth lie."""
     return f"{root}/foundation/{entity_part(name)}"
+
+
+def learned_path(root: str, name: str) -> str:
+    """Entity of what is left of one parameter's prior interval."""
+    return f"{root}/learned/{entity_part(name)}"
 
 
 def at(recording: rr.RecordingStream, time_ns: int) -> None:
@@ -113,4 +123,15 @@ def log_line_style(
             names=[name], colors=[colour], markers=[marker], marker_sizes=[width + 1.0]
         ),
         static=True,
+    )
+
+
+def words(texts: Sequence[Text]) -> rr.Points2D:
+    """Words of a picture in the plane, each centred on its place."""
+    return rr.Points2D(
+        [text.position for text in texts],
+        radii=rr.Radius.ui_points(0.1),
+        colors=colours.QUIET,
+        labels=[text.text for text in texts],
+        show_labels=True,
     )

@@ -4,18 +4,23 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from pipeline.messages import FoundationPosterior, FoundationTruth, NodeStatus
+from pipeline.messages import FoundationEvent, FoundationPosterior, FoundationTruth, NodeStatus
 from pipeline.viewer import colours
 from pipeline.viewer.corner import CornerPlot, corner_plot
 from pipeline.viewer.entities import (
     entity_part,
+    learned_path,
     log_band_style,
     log_line_style,
     parameter_path,
+    words,
 )
+from pipeline.viewer.pile import PilePicture
 from pipeline.viewer.status import STIFFNESSES
 
 FloatArray = NDArray[np.float64]
+
+PERCENT = 100.0
 
 
 def log_foundation_styles(recording: rr.RecordingStream, root: str) -> None:
@@ -25,6 +30,9 @@ def log_foundation_styles(recording: rr.RecordingStream, root: str) -> None:
         path = parameter_path(root, name)
         log_band_style(recording, f"{path}/posterior", names, colours.POSTERIOR)
         log_line_style(recording, f"{path}/truth", f"{name} truth [-]", colours.TRUTH)
+    for slot, name in enumerate((*STIFFNESSES, "sigma")):
+        shown = f"{'σ' if name == 'sigma' else name} [%]"
+        log_line_style(recording, learned_path(root, name), shown, colours.LEVELS[slot])
     names = ("σ 5 % [-]", "σ median [-]", "σ 95 % [-]")
     log_band_style(
         recording, f"{parameter_path(root, 'sigma')}/posterior", names, colours.POSTERIOR
@@ -45,6 +53,47 @@ def log_posterior_bands(
         if truth is not None and parameter.name in STIFFNESSES:
             ratio = getattr(truth, parameter.name) / parameter.nominal
             recording.log(f"{path}/truth", rr.Scalars(ratio))
+
+
+def log_learned(recording: rr.RecordingStream, root: str, posterior: FoundationPosterior) -> None:
+    """How much of the prior's 90 % interval is left of each parameter [%]."""
+    for parameter in posterior.parameters:
+        if np.isfinite(parameter.contraction):
+            left = PERCENT * (1.0 - parameter.contraction)
+            recording.log(learned_path(root, parameter.name), rr.Scalars(left))
+
+
+def log_pile(recording: rr.RecordingStream, root: str, picture: PilePicture) -> None:
+    """The tower leaning on its springs: nominal, posterior, truth."""
+    path = f"{root}/foundation/pile"
+    for name, lines, colour, radius in (
+        ("fixed", picture.fixed, colours.QUIET, 0.7),
+        ("springs", picture.springs, colours.POSTERIOR, 1.0),
+        ("nominal", (picture.nominal,), colours.MODEL, 1.2),
+        ("posterior", picture.posterior, colours.POSTERIOR, 1.0),
+        ("truth", picture.truth, colours.TRUTH, 1.0),
+    ):
+        points = [line.astype(np.float32) for line in lines]
+        width = rr.Radius.ui_points(radius)
+        recording.log(f"{path}/{name}", rr.LineStrips2D(points, radii=width, colors=colour))
+    recording.log(f"{path}/text", words(picture.texts))
+
+
+def log_change_styles(recording: rr.RecordingStream, root: str) -> None:
+    """Names, units and colours of what is said of changes; static."""
+    path = f"{root}/change"
+    log_line_style(recording, f"{path}/probability", "probability [-]", colours.TROUBLE, width=4.0)
+    for slot, name in enumerate(STIFFNESSES):
+        names = (f"{name} 5 % [%]", f"{name} change [%]", f"{name} 95 % [%]")
+        log_band_style(recording, f"{path}/size/{name}", names, colours.LEVELS[slot])
+
+
+def log_change(recording: rr.RecordingStream, root: str, event: FoundationEvent) -> None:
+    """How probable a change is and how large, at the end of the window that showed it."""
+    recording.log(f"{root}/change/probability", rr.Scalars(event.probability))
+    for change in event.changes:
+        sizes = PERCENT * np.array([change.p05, change.median, change.p95])
+        recording.log(f"{root}/change/size/{change.name}", rr.Scalars(sizes))
 
 
 def log_joint_posterior(
@@ -74,16 +123,7 @@ def _log_corner(recording: rr.RecordingStream, path: str, plot: CornerPlot) -> N
         rr.LineStrips2D(plot.histograms, radii=stroke, colors=colours.POSTERIOR),
     )
     recording.log(f"{path}/truth", rr.LineStrips2D(plot.truth, radii=stroke, colors=colours.TRUTH))
-    recording.log(
-        f"{path}/text",
-        rr.Points2D(
-            [text.position for text in plot.texts],
-            radii=rr.Radius.ui_points(0.1),
-            colors=colours.QUIET,
-            labels=[text.text for text in plot.texts],
-            show_labels=True,
-        ),
-    )
+    recording.log(f"{path}/text", words(plot.texts))
 
 
 def log_status(recording: rr.RecordingStream, root: str, markdown: str) -> None:

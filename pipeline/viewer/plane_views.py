@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.viewer import colours
 from pipeline.viewer.corner import Text
+from pipeline.viewer.entities import words
 from pipeline.viewer.mac_matrix import MacMatrix
 from pipeline.viewer.spectrum import SpectrumPicture
 from pipeline.viewer.stabilisation import StabilisationPicture
@@ -31,7 +32,7 @@ def log_spectrum(recording: rr.RecordingStream, root: str, picture: SpectrumPict
             colors=palette,
         ),
     )
-    recording.log(f"{path}/text", _words(picture.texts))
+    recording.log(f"{path}/text", words(picture.texts))
 
 
 def log_stabilisation(
@@ -52,13 +53,13 @@ def log_stabilisation(
         f"{path}/poles",
         rr.Points2D(_small(picture.poles), radii=rr.Radius.ui_points(2.0), colors=palette),
     )
-    recording.log(f"{path}/text", _words(picture.texts))
+    recording.log(f"{path}/text", words(picture.texts))
 
 
 def log_mac_matrix(recording: rr.RecordingStream, root: str, matrix: MacMatrix) -> None:
     """A square a pair, dark for 0, bright for 1."""
     recording.log(f"{root}/mac/values", rr.Image(matrix.image, draw_order=-1.0))
-    recording.log(f"{root}/mac/text", _words(matrix.texts))
+    recording.log(f"{root}/mac/text", words(matrix.texts))
 
 
 def log_lamps(recording: rr.RecordingStream, root: str, lamps: Sequence[Lamp]) -> None:
@@ -70,7 +71,7 @@ def log_lamps(recording: rr.RecordingStream, root: str, lamps: Sequence[Lamp]) -
         f"{root}/lamps/lights", rr.Points2D([(0.0, row) for row in rows], radii=0.3, colors=palette)
     )
     texts = [Text((4.0, row - 0.1), lamp.text) for row, lamp in zip(rows, lamps, strict=True)]
-    recording.log(f"{root}/lamps/text", _words(texts))
+    recording.log(f"{root}/lamps/text", words(texts))
 
 
 def _lines(strips: Sequence[FloatArray], radius: float, colour: colours.Colour) -> rr.LineStrips2D:
@@ -80,13 +81,3 @@ def _lines(strips: Sequence[FloatArray], radius: float, colour: colours.Colour) 
 
 def _small(line: FloatArray) -> NDArray[np.float32]:
     return line.astype(np.float32)
-
-
-def _words(texts: Sequence[Text]) -> rr.Points2D:
-    return rr.Points2D(
-        [text.position for text in texts],
-        radii=rr.Radius.ui_points(0.1),
-        colors=colours.QUIET,
-        labels=[text.text for text in texts],
-        show_labels=True,
-    )

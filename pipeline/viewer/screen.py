@@ -24,6 +24,7 @@ from pipeline.viewer.blueprint import TurbinePanel
 from pipeline.viewer.display_signals import DisplayDecimator, DisplaySignal
 from pipeline.viewer.entities import at, turbine_path
 from pipeline.viewer.mac_matrix import mac_matrix
+from pipeline.viewer.pile import pile_picture
 from pipeline.viewer.scene import deflection, outline, scaled_onto, swing_frames
 from pipeline.viewer.spectrum import RecentSamples, spectrum_picture
 from pipeline.viewer.stabilisation import stabilisation_picture
@@ -101,6 +102,7 @@ class TurbineScreen:
         self._estimates: dict[int, ModalEstimate] = {}  # by window, those without a posterior yet
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
         self._truth: FoundationTruth | None = None
+        self._changed = False  # a change was noticed
         self._styled: set[str] = set()
         self._nodes: list[str] = []  # those whose series have their style
         self._swings: dict[str, int] = {}  # shown shape → time until which its frames are out
@@ -114,9 +116,10 @@ class TurbineScreen:
 
     @property
     def panel(self) -> TurbinePanel:
-        """What the blueprint needs; new with a layout, and maybe with the first posterior."""
+        """What the blueprint needs; new with a layout, a change, maybe the first posterior."""
         middle = (self._outline.mudline + self._outline.tower_top) / 2
-        return TurbinePanel(self._turbine, tuple(self._layouts.values()), self._modes, middle)
+        layouts = tuple(self._layouts.values())
+        return TurbinePanel(self._turbine, layouts, self._modes, middle, changed=self._changed)
 
     def continued_on(self, recording: rr.RecordingStream) -> "TurbineScreen":
         """The same turbine on another recording, with what stands drawn there first."""
@@ -193,6 +196,9 @@ class TurbineScreen:
         recording, root = self._recording, self._root
         foundation_views.log_posterior_bands(recording, root, posterior, self._truth)
         foundation_views.log_joint_posterior(recording, root, posterior, self._truth)
+        foundation_views.log_learned(recording, root, posterior)
+        picture = pile_picture(posterior, self._description, self._truth)
+        foundation_views.log_pile(recording, root, picture)
         self._show_matrix(posterior)
         self._show_modes(posterior)
         level = "INFO" if posterior.trusted else "ERROR"
@@ -217,6 +223,10 @@ class TurbineScreen:
     def show_event(self, event: FoundationEvent) -> None:
         """A change of the foundation or of the modes."""
         self._at(event.time_ns)
+        if not self._changed:
+            self._changed = True
+            foundation_views.log_change_styles(self._recording, self._root)
+        foundation_views.log_change(self._recording, self._root, event)
         self._event(event.text, level="WARN")
         self._status.take(event)
         self._show_status()

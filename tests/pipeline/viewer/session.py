@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.messages import (
+    FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
     Message,
@@ -20,6 +21,7 @@ from pipeline.messages import (
     NodeStatus,
     ParameterSummary,
     StabilisationDiagram,
+    StiffnessChange,
     StreamGap,
     WindowRejected,
 )
@@ -236,7 +238,7 @@ def summaries(draws: np.ndarray) -> tuple[ParameterSummary, ...]:
     quantiles = np.quantile(draws, [0.5, 0.05, 0.95], axis=0).T
     rows = zip(("k11", "k22", "k12", "sigma"), (*UNITS, "-"), nominal, quantiles, strict=True)
     return tuple(
-        ParameterSummary(name, unit, float(reference), *map(float, values))
+        ParameterSummary(name, unit, float(reference), *map(float, values), contraction=0.97)
         for name, unit, reference, values in rows
     )
 
@@ -260,3 +262,17 @@ def node_status(state: str, last_sequence: int) -> NodeStatus:
     """Stamped by the machine's clock, years away from the sensors'."""
     machine_ns = 2_000_000_000 * NANOSECONDS
     return NodeStatus(TURBINE, "identification", machine_ns, state, last_sequence)
+
+
+def change_event(window: int) -> FoundationEvent:
+    """A tenth of k22 gone, k11 and k12 hardly touched, noticed in a window."""
+    end = START_NS + (window + 1) * WINDOW * NANOSECONDS
+    since = end - 2 * WINDOW * NANOSECONDS
+    changes = tuple(
+        StiffnessChange(name, size, size - 0.02, size + 0.02, size, 0.01)
+        for name, size in (("k11", 0.0), ("k22", -0.1), ("k12", -0.01))
+    )
+    text = "the foundation has changed: k22 −10 %"
+    return FoundationEvent(
+        *(TURBINE, window, end, "foundation", 0.998, since, since, end, changes, (), text)
+    )

@@ -5,10 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pipeline.messages import StabilisationDiagram
+from pipeline.messages import FoundationTruth, StabilisationDiagram
 from pipeline.viewer.corner import PITCH, Axis, corner_plot
 from pipeline.viewer.frequency_axis import FrequencyAxis
 from pipeline.viewer.mac_matrix import mac_matrix, shaded
+from pipeline.viewer.pile import LOAD, TALL, mudline_response, pile_picture
 from pipeline.viewer.scene import (
     deflection,
     outline,
@@ -20,9 +21,12 @@ from pipeline.viewer.spectrum import RecentSamples, spectrum_picture
 from pipeline.viewer.stabilisation import stabilisation_picture
 from sensors.blocks import NANOSECONDS
 from sensors.layout import Accelerometer, SensorLayout
+from sensors.turbine.foundation import SPRING_SIGNS, SpringSign, spring_matrix
 from tests.pipeline.viewer.session import (
     DESCRIPTION,
     LAYOUT,
+    TRUE_RATIOS,
+    TURBINE,
     acceleration_block,
     foundation_posterior,
     modal_estimate,
@@ -197,3 +201,28 @@ def test_a_window_without_poles_is_an_empty_diagram():
     span = ("t", 0, estimate.start_ns, estimate.end_ns)
     picture = stabilisation_picture(StabilisationDiagram(*span, *[nothing] * 5), [])
     assert len(picture.poles) == len(picture.stds) == 0
+
+
+@pytest.mark.parametrize("sign", SPRING_SIGNS)
+def test_a_tower_leans_as_its_springs_let_it(sign: SpringSign):
+    """The work of the load is twice the springs' energy, and softer springs give way further."""
+    theta, height = DESCRIPTION.nominal, 175.0
+    u, psi = mudline_response(theta, height, sign)
+    energy = 0.5 * np.array([u, psi]) @ spring_matrix(theta, sign) @ np.array([u, psi])
+    assert 0.5 * LOAD * (u + height * psi) == pytest.approx(energy)
+    assert mudline_response(0.9 * theta, height, sign) == pytest.approx(np.array([u, psi]) / 0.9)
+    assert (u > 0) == (sign == "embedded-pile")
+
+
+def test_the_truth_leans_within_the_posterior_and_less_than_nominal_where_it_is_stiffer():
+    truth = FoundationTruth(TURBINE, 0, *map(float, TRUE_RATIOS * DESCRIPTION.nominal))
+    rng = np.random.default_rng(8)
+    posterior = foundation_posterior(modal_estimate(0, rng), 1, rng)
+    picture = pile_picture(posterior, DESCRIPTION, truth)
+    low, _, high = (line[1, 0] for line in picture.posterior)
+    ((_, (true, top)),) = picture.truth
+    assert low < true < high < picture.nominal[1, 0]
+    assert top == -TALL
+    assert len(pile_picture(posterior, DESCRIPTION).truth) == 0
+    words = " ".join(text.text for text in picture.texts)
+    assert all(unit in words for unit in ("N/m", "N·m/rad", "N/rad", "mm", "mrad", "MN"))

@@ -24,6 +24,7 @@ from tests.pipeline.viewer.session import (
     WINDOW,
     Episode,
     acceleration_block,
+    change_event,
     node_status,
     session,
 )
@@ -150,6 +151,42 @@ def test_joint_posterior_shows_every_pair_of_stiffnesses(recorded: Recorded):
     assert 0.97 * 3 * 800 < len(draws) <= 3 * 800
     words = recorded.column(f"{ROOT}/foundation/joint/text", "Points2D:labels")[-1]
     assert {"k11 / nominal [-]", "k22 / nominal [-]", "k12 / nominal [-]"} <= set(words)
+
+
+def test_what_is_left_of_the_priors_interval_is_shown_in_percent(recorded: Recorded):
+    for name in ("k11", "k22", "k12", "sigma"):
+        assert recorded.scalars(f"{ROOT}/learned/{name}") == pytest.approx(3.0)
+        (shown,) = recorded.series_names(f"{ROOT}/learned/{name}")
+        assert shown.endswith("[%]")
+
+
+def test_the_tower_leans_on_its_springs_in_the_colours_of_nominal_posterior_and_truth(
+    recorded: Recorded,
+):
+    pile = f"{ROOT}/foundation/pile"
+    counts = {"fixed": 5, "springs": 2, "nominal": 1, "posterior": 3, "truth": 1}
+    for name, count in counts.items():
+        *_, lines = recorded.column(f"{pile}/{name}", "LineStrips2D:strips")
+        assert len(lines) == count
+
+
+def test_a_change_gets_its_probability_and_its_sizes_where_there_is_one(tmp_path: Path):
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    for message in [*session(Episode(n_windows=2, block=60)), change_event(1)]:
+        viewer.handle(message)
+    viewer.close()
+    recorded = Recorded(tmp_path / "s.rrd")
+    end = START_NS + 2 * WINDOW * NANOSECONDS
+    assert list(recorded.times_ns(f"{ROOT}/change/probability")) == [end]
+    assert recorded.scalars(f"{ROOT}/change/probability") == pytest.approx(0.998)
+    assert recorded.scalars(f"{ROOT}/change/size/k22")[0] == pytest.approx([-12.0, -10.0, -8.0])
+    assert recorded.series_names(f"{ROOT}/change/size/k22")[1] == "k22 change [%]"
+    lamps = recorded.column(f"{ROOT}/lamps/text", "Points2D:labels")[-1]
+    assert "foundation: changed" in lamps
+
+
+def test_a_session_without_a_change_has_no_plot_of_changes(recorded: Recorded):
+    assert not any("/change" in entity for entity in recorded.entities)
 
 
 def test_the_tower_stands_from_the_mudline_to_its_top(recorded: Recorded):
