@@ -31,9 +31,10 @@ from pipeline.updating.evidence import EstimateRefused, ModalEvidence, Sighting,
 from pipeline.updating.evidence import sightings as sightings_of
 from pipeline.updating.forward_model import FloatArray, ForwardModel
 from pipeline.updating.guards import GuardSettings, refusal
+from pipeline.updating.half_way import measured_half_way, stiffness_slopes
 from pipeline.updating.likelihood import LikelihoodSettings
 from pipeline.updating.matching import Match, Matcher, partners_in_water
-from pipeline.updating.pairing import DIFFERENCE, PairingSettings
+from pipeline.updating.pairing import PairingSettings
 from pipeline.updating.posterior_message import posterior_message
 from pipeline.updating.prior import Prior, PriorSettings, modal_where_supported
 from pipeline.updating.sampler import SamplerSettings
@@ -192,6 +193,15 @@ class FoundationUpdater:
         if not verdict.alarm or state.median is None:
             return replace(state, change=change), None
         found = self._detector.change(change, verdict, known)
+        found = measured_half_way(
+            found,
+            change,
+            self._detector,
+            self._forward.following(self._prior.stiffness(state.median)),
+            self._prior,
+            before=state.median,
+            pairs=state.sensitivities,
+        )
         event = event_of(
             found, verdict, change, estimate, before=state.median, pairs=state.sensitivities
         )
@@ -288,9 +298,7 @@ class FoundationUpdater:
     ) -> tuple[TrackSensitivity, ...]:
         """How every paired mode's track depends on springs, at the median, and on the water."""
         water = partners_in_water(match.all_modes) if evidence.level_varied else None
-        points = median + DIFFERENCE * np.vstack([np.zeros(3), np.eye(3)])
-        logs = np.log(match.all_modes.modal(self._prior.stiffness(points)).frequencies)
-        slopes = (logs[1:] - logs[0]).T / DIFFERENCE  # (n_model, 3)
+        slopes = stiffness_slopes(match.all_modes, self._prior, median)
         found = {
             evidence.modes[each.identified].track: TrackSensitivity(
                 track=evidence.modes[each.identified].track,

@@ -1,6 +1,6 @@
 """Both kinds of change together: when to raise the alarm, what to call it, where to begin anew."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -146,6 +146,11 @@ class ChangeDetector:
             shift_stds=1 / np.sqrt(known),
             log_frequencies=sums.reference + line.intercept,
         )
+
+    def remeasured(self, state: ChangeState, found: Change, sensitivities: Sensitivities) -> Change:
+        """The change with its size by other sensitivities: those half way through it, say."""
+        step = steps(state.sums, sensitivities.water, UNCUT_MOMENTS).of(found.candidate)
+        return replace(found, step=stiffness_step(step, sensitivities.stiffness))
 
     def restarted(self, state: ChangeState, candidate: int) -> ChangeState:
         """That candidate's windows as all there is: what was before is forgotten."""

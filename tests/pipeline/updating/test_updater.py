@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from pipeline.messages import FoundationPosterior, WindowRejected
+from pipeline.messages import FoundationEvent, FoundationPosterior, WindowRejected
 from pipeline.updating.importance import ImportanceSettings
 from pipeline.updating.laplace import Peak
 from pipeline.updating.likelihood import LikelihoodSettings
@@ -282,3 +282,26 @@ class StiffnessSlice:
             log_prior_volume=2 * np.log(BOX[1] - BOX[0]),
             peak=Peak(mean, covariance),
         )
+
+
+def test_a_spring_that_softens_by_a_tenth_is_told_with_when_and_how_much():
+    """Seven windows, then k22 a tenth softer: an event by the third. That the size is right over
+    many streams is in test_half_way."""
+    updater = FoundationUpdater(SmallTower(), LAYOUT, QUICK, seed=5)
+    generator, state, events = np.random.default_rng(14), updater.initial_state(), []
+    for number in range(10):
+        ratios = TRUTH * (np.array([1.0, 0.9, 1.0]) if number >= 7 else 1.0)
+        state, answers = updater.watched(state, drawn_estimate(ratios, generator, window=number))
+        events += [each for each in answers if isinstance(each, FoundationEvent)]
+        if events:
+            break
+    (event,) = events
+    assert event.window <= 9
+    assert event.kind == "foundation"
+    assert event.since_ns == 7 * 600_000_000_000
+    for each, truth in zip(event.changes, (0.0, -0.1, 0.0), strict=True):
+        std = (each.p95 - each.p05) / (2 * 1.6449)
+        assert std < 0.03
+        assert each.median == pytest.approx(truth, abs=3 * std)
+    assert "k22" in event.text
+    assert len(state.recent) == 1 + event.window - 7
