@@ -89,7 +89,7 @@ def run_session(
     outputs = session_outputs(
         source, options, tuple(raw_files(options.out / RECORDING)) if goes_on else ()
     )
-    summary = SessionSummary(source=source.text, turbine=source.layout.turbine)
+    summary = SessionSummary(source.text, source.layout.turbine, live=source.is_live)
 
     def account(block: AccelerationBlock) -> None:
         summary.count(block)

@@ -156,6 +156,7 @@ class SessionSummary:
 
     source: str
     turbine: str
+    live: bool = False  # nobody tells of every block that is given: those that are heard count
     estimates: list[ModalEstimate] = field(default_factory=list)
     rejected: list[WindowRejected] = field(default_factory=list)
     gaps: list[StreamGap] = field(default_factory=list)
@@ -166,17 +167,16 @@ class SessionSummary:
     first_ns: int | None = None  # of the first block that the source gave
     last_ns: int | None = None
     published: int = 0  # acceleration blocks
+    heard: dict[tuple[str, str], int] = field(default_factory=dict)  # (unit, session) → sequence
 
     name = "summary"
-    inputs = (
-        ModalEstimate,
-        WindowRejected,
-        StreamGap,
-        FoundationEvent,
-        FoundationPosterior,
-        FoundationTruth,
-        NodeStatus,
-    )
+
+    @property
+    def inputs(self) -> tuple[type, ...]:
+        """What it takes: results and accounts, and blocks where these are counted by hearing."""
+        results = (ModalEstimate, WindowRejected, FoundationEvent, FoundationPosterior)
+        told = (StreamGap, FoundationTruth, NodeStatus)
+        return (*results, *told, *((AccelerationBlock,) if self.live else ()))
 
     def handle(self, message: Message) -> Iterable[Message]:
         if getattr(message, "turbine", self.turbine) != self.turbine:
@@ -197,7 +197,16 @@ class SessionSummary:
                 self.truth = message
             case NodeStatus():
                 self.statuses[message.node] = message
+            case AccelerationBlock():
+                self._hear(message)
         return ()
+
+    def _hear(self, block: AccelerationBlock) -> None:
+        """A block of a live unit; one that comes again is the same one."""
+        newest = self.heard.get((block.unit, block.session), -1)
+        if block.sequence > newest:
+            self.heard[block.unit, block.session] = block.sequence
+            self.count(block)
 
     def _add_estimate(self, estimate: ModalEstimate) -> None:
         """A window once, even where a restarted identification has seen it again."""

@@ -4,9 +4,10 @@ from pathlib import Path
 
 from tests.benchmarks._disk_trial import disk_trial
 from tests.benchmarks._fuzz_trial import fuzz_trial
+from tests.benchmarks._kill_trial import kill_trial
 from tests.benchmarks._link_trials import cut_trial, frozen_trial, router_trial
 from tests.benchmarks._security_trial import security_trial
-from tests.benchmarks.trials import SCENARIO, day_trial, kill_trial
+from tests.benchmarks.trials import SCENARIO, day_trial
 
 
 def test_a_cable_cut_for_seconds_costs_no_block() -> None:
@@ -65,14 +66,17 @@ def test_a_session_whose_nodes_are_killed_ends_with_the_same_posterior_and_nothi
     tmp_path: Path,
 ) -> None:
     outcome = kill_trial(
-        tmp_path, duration=130.0, speed=15.0, kills=("recorder", "updating"), seed=3
+        tmp_path,
+        scenario=SCENARIO.format(duration=70.0),
+        speed=10.0,
+        kills=("recorder", "updating"),
+        seed=3,
+        rrd=False,
     )
     assert len(outcome.kills) == 2
-    assert outcome.published == 130
-    assert outcome.missing == 0
-    assert outcome.windows == 2
-    assert outcome.differing == 0
-    assert outcome.lost == 0
+    assert (outcome.published, outcome.missing) == (70, 0)
+    assert (outcome.windows, outcome.differing) == (1, 0)
+    assert outcome.exit_code == 0
 
 
 def test_hours_of_blocks_in_parts_come_back_whole_and_memory_stays_flat(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ def running_session(out: Path, endpoint: str) -> Iterator["subprocess.Popen[byte
         session.wait()
 
 
-def wait_for_nodes(endpoint: str) -> None:
+def wait_for_nodes(endpoint: str, *, nodes: int = 4) -> None:
     """Until somebody answers for the session and every node has spoken."""
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
@@ -115,7 +115,7 @@ def wait_for_nodes(endpoint: str) -> None:
             answers = asked(endpoint, f"{KEY}/*")
         except InputError:
             answers = []
-        if answers and len(json.loads(answers[0])["nodes"]) >= 4:
+        if answers and len(json.loads(answers[0])["nodes"]) >= nodes:
             return
         time.sleep(0.2)
     raise RuntimeError("the session did not become ready")

@@ -8,8 +8,8 @@ fuzz         10 000 random, forged and damaged messages on every stream of a run
              nodes live, is its memory flat; then a coverage-guided fuzzer on the decoder, where
              atheris is installed
 certificates a shore station with certificates and access control: who gets in, and whose words
-kill         a session in processes; its nodes are killed one after the other. Blocks missing from
-             the recording; the posteriors beside those of the undisturbed session
+kill         a session in processes; its parts, the measuring unit too, are killed one after the
+             other. Blocks missing from the recording; the posteriors beside the undisturbed ones
 disk         a session whose files the system lets grow to a size only: what was recorded until
              then, the posterior beside that of a session with room
 day          24 h of blocks in recording parts and replayed as one: growth of memory, losses
@@ -18,13 +18,8 @@ truncation   a recording cut at random bytes, and with flipped bytes: chunks tha
 
 import argparse
 import importlib.util
-import json
-import os
 import random
 import resource
-import signal
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -33,9 +28,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.messages import FoundationPosterior
 from pipeline.recording.errors import RecordingError
-from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages
 from pipeline.recording.salvage import salvage
 from pipeline.recording.session_recorder import SessionRecorder
@@ -46,6 +39,7 @@ from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import biaxial_layout
 from tests.benchmarks._disk_trial import disk_trial
 from tests.benchmarks._fuzz_trial import fuzz_decoder, fuzz_trial
+from tests.benchmarks._kill_trial import kill_trial
 from tests.benchmarks._link_trials import block_of_noise, cut_trial, frozen_trial, router_trial
 from tests.benchmarks._relay import Cut
 from tests.benchmarks._security_trial import security_trial
@@ -68,115 +62,11 @@ refined = 2
 """
 
 
-@dataclass(frozen=True, slots=True)
-class KillOutcome:
-    """What a session with killed nodes left behind."""
-
-    kills: tuple[str, ...]  # nodes, in order
-    published: int  # blocks
-    missing: int  # of them not in the recording
-    windows: int  # with a posterior in both sessions
-    differing: int  # of them not bit-identical
-    lost: int  # as the session itself said
-
-
-def kill_trial(
-    folder: Path, *, duration: float, speed: float, kills: Sequence[str], seed: int
-) -> KillOutcome:
-    """A session in processes, its nodes killed (SIGKILL) at random moments; and one undisturbed."""
-    recording = folder / "source.mcap"
-    text = SCENARIO.format(duration=duration)
-    record_simulation(simulated(scenario_from_text(text, "trial.toml")), recording)
-    _run(recording, folder / "whole", "--lock-step")
-    session = _started(recording, folder / "killed", "--processes", "--speed", f"{speed:g}")
-    done: list[str] = []
-    generator = random.Random(seed)
-    _wait_for_nodes(session, folder / "killed")
-    pause = duration / speed / (len(kills) + 1)
-    for name in kills:
-        time.sleep(pause * generator.uniform(0.7, 1.1))
-        if _kill_node(session.pid, name):
-            done.append(name)
-    _, errors = session.communicate(timeout=duration / speed + 300)
-    if session.returncode:
-        raise RuntimeError(f"the session ended with {session.returncode}: {errors[-2000:]}")
-    published = {block.sequence for block in _blocks([recording])}
-    recorded = {block.sequence for block in _blocks(parts_of(folder / "killed" / "session.mcap"))}
-    ours, theirs = (_posteriors(folder / name) for name in ("killed", "whole"))
-    common = ours.keys() & theirs.keys()
-    figures = json.loads((folder / "killed" / "summary.json").read_text())
-    return KillOutcome(
-        kills=tuple(done),
-        published=len(published),
-        missing=len(published - recorded),
-        windows=len(common),
-        differing=sum(
-            not np.array_equal(ours[window].draws, theirs[window].draws) for window in common
-        )
-        + len(theirs.keys() - common),
-        lost=figures["stream"]["lost"],
-    )
-
-
-def _command(recording: Path, out: Path, *options: str) -> list[str]:
-    source = ["--source", f"replay:{recording}", "--out", str(out), "--no-rrd"]
-    return [sys.executable, "-m", "pipeline", "run", *source, *options]
-
-
-def _run(recording: Path, out: Path, *options: str) -> None:
-    subprocess.run(_command(recording, out, *options), check=True, capture_output=True)
-
-
-def _started(recording: Path, out: Path, *options: str) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        _command(recording, out, *options),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def _wait_for_nodes(session: "subprocess.Popen[str]", out: Path) -> None:
-    """Until the recorder has begun to write samples."""
-    active = out / "session.mcap.active"
-    while session.poll() is None:
-        if active.exists() and active.stat().st_size > 20_000:
-            return
-        time.sleep(0.05)
-
-
-def _kill_node(parent: int, name: str) -> bool:
-    """Kill the child of a session that runs this node; False where it is not up just now."""
-    for pid in _children(parent):
-        words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-        if b"node" in words and words[words.index(b"node") + 1] == name.encode():
-            os.kill(pid, signal.SIGKILL)
-            return True
-    return False
-
-
-def _children(parent: int) -> list[int]:
-    found: list[int] = []
-    for task in Path(f"/proc/{parent}/task").iterdir():
-        found += [int(pid) for pid in (task / "children").read_text().split()]
-    return found
-
-
 def _blocks(paths: Sequence[Path]) -> Iterator[AccelerationBlock]:
     for path in paths:
         for message in read_messages(path, (AccelerationBlock,)):
             assert isinstance(message, AccelerationBlock)
             yield message
-
-
-def _posteriors(out: Path) -> dict[int, FoundationPosterior]:
-    """By time; of several with one time the last."""
-    return {
-        message.time_ns: message
-        for path in parts_of(out / "session.mcap")
-        for message in read_messages(path, (FoundationPosterior,))
-        if isinstance(message, FoundationPosterior)
-    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -354,9 +244,10 @@ def security_trials(folder: Path, _seed: int) -> None:
 
 
 def kill_trials(folder: Path, seed: int) -> None:
-    """Nodes that are killed."""
-    nodes = ("recorder", "identification", "updating") * 3 + ("recorder",)
-    print(kill_trial(folder, duration=900.0, speed=10.0, kills=nodes, seed=seed))
+    """Parts that are killed."""
+    parts = ("recorder", "identification", "source", "updating", "viewer") * 2
+    scenario = SCENARIO.format(duration=1800.0)
+    print(kill_trial(folder, scenario=scenario, speed=10.0, kills=parts, seed=seed))
 
 
 def day_trials(folder: Path, _seed: int) -> None:

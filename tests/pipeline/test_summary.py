@@ -17,7 +17,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.summary import SessionSummary, combined_modes
-from sensors.blocks import NANOSECONDS
+from sensors.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block, status
 
 WINDOW = 600 * NANOSECONDS
@@ -145,6 +145,17 @@ def test_accounts_come_from_the_nodes_themselves() -> None:
         "gaps": 0,
         "gap_s": 0.0,
     }
+
+
+def test_blocks_of_a_live_session_are_counted_by_hearing_and_once() -> None:
+    replayed, live = SessionSummary("replay:x", "t1"), SessionSummary("live", "t1", live=True)
+    assert set(live.inputs) - set(replayed.inputs) == {AccelerationBlock}
+    for sequence in (0, 1, 2, 1, 2, 3):
+        live.handle(block(sequence))
+    other = replace(block(0), session="after a restart", start_ns=block(9).start_ns)
+    live.handle(other)
+    assert live.published == 5
+    assert live.duration == pytest.approx(10.0)
 
 
 def test_every_doubt_is_told_once() -> None:
