@@ -1,13 +1,17 @@
 """Checkpoints on disk: an updating that was killed goes on to the posterior it would have had.
 
     checkpoints/updating-iea15mw.checkpoint    one small file a turbine, new after each window
-        pilewatch-node 1 1717200600000000000 iea15mw\\n  layout's version, last window's end [ns]
-        the updater's own bytes                            `pipeline.updating.checkpoint`
+        pilewatch-node 2 1717200600000000000 iea15mw\\n  layout's version, last window's end [ns]
+        41803 FoundationPosterior\\n…                    the latest answers, as they were sent
+        18212 state\\n…                                  `pipeline.updating.checkpoint`
 
 A file is written beside the old one, forced to disk and put in its place in one step, so that
 whatever happens there is a whole one. It is written after the answers have gone out: a kill in
-between makes the node answer that window once more, with the same posterior. A transport gives a
-restarted node the latest estimates again; those that were answered already are passed over.
+between makes the node answer that window once more, with the same posterior.
+
+A transport gives a restarted node the latest estimates again. They are not counted twice, but the
+latest of them are answered again, in the same words: an answer that was on its way when the node
+was killed, or waited in its publisher's cache for a recorder that was down, went with the process.
 """
 
 import logging
@@ -24,6 +28,9 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.updating import FoundationUpdaterNode
+from pipeline.streams import stream_of
+from pipeline.transport.codec import decode, encode
+from pipeline.transport.errors import CodecError
 from pipeline.updating.checkpoint import CheckpointError
 from pipeline.updating.updater import FoundationUpdater
 
@@ -31,9 +38,14 @@ logger = logging.getLogger(__name__)
 
 FOLDER = "checkpoints"  # inside a session's folder
 Answer = FoundationEvent | FoundationPosterior | WindowRejected
+ANSWERS: dict[str, type[Answer]] = {
+    each.__name__: each for each in (FoundationEvent, FoundationPosterior, WindowRejected)
+}
+LATEST = stream_of(FoundationPosterior).cached  # answers that a publisher would still have
 
-KIND = b"pilewatch-node"
-VERSION = 1  # of the first line; another one is refused, never guessed at
+KIND = "pilewatch-node"
+VERSION = 2  # of the file's layout; another one is refused, never guessed at
+STATE = "state"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +55,7 @@ class NodeCheckpoint:
     turbine: str
     answered_ns: int  # end of the last window that was answered [ns since 1970-01-01 UTC]
     state: bytes  # the updater's own checkpoint
+    answers: tuple[Answer, ...] = ()  # the latest, oldest first
 
 
 class CheckpointFolder:
@@ -60,12 +73,8 @@ class CheckpointFolder:
         self._path.mkdir(parents=True, exist_ok=True)
         path = self.file_of(checkpoint.turbine)
         beside = path.with_suffix(".new")
-        head = b"%s %d %d %s\n" % (
-            *(KIND, VERSION, checkpoint.answered_ns),
-            checkpoint.turbine.encode(),
-        )
         with beside.open("wb") as file:
-            file.write(head + checkpoint.state)
+            file.write(_written(checkpoint))
             file.flush()
             os.fsync(file.fileno())
         beside.replace(path)
@@ -88,30 +97,55 @@ class CheckpointFolder:
         return _parsed(content, turbine, str(path))
 
 
+def _written(checkpoint: NodeCheckpoint) -> bytes:
+    head = f"{KIND} {VERSION} {checkpoint.answered_ns} {checkpoint.turbine}\n".encode()
+    sections = [(type(answer).__name__, encode(answer)) for answer in checkpoint.answers]
+    sections.append((STATE, checkpoint.state))
+    return head + b"".join(
+        f"{len(content)} {name}\n".encode() + content for name, content in sections
+    )
+
+
 def _parsed(content: bytes, turbine: str, origin: str) -> NodeCheckpoint:
-    head, _, state = content.partition(b"\n")
-    words = head.split(b" ", 3)
+    head, _, rest = content.partition(b"\n")
+    words = head.decode(errors="replace").split(" ", 3)
     if len(words) < 4 or words[0] != KIND:
         raise CheckpointError(
             f"{origin} begins with {content[:20]!r}: it is no checkpoint; move it away or begin "
             "anew with --fresh"
         )
     version, answered, written_for = words[1:]
-    if version != b"%d" % VERSION:
+    if version != str(VERSION):
         raise CheckpointError(
-            f"{origin} has version {version.decode(errors='replace')} of the checkpoint's layout; "
-            f"this pilewatch reads version {VERSION}; begin anew with --fresh"
+            f"{origin} has version {version} of the checkpoint's layout; this pilewatch reads "
+            f"version {VERSION}; begin anew with --fresh"
         )
-    if written_for.decode(errors="replace") != turbine:
+    if written_for != turbine:
         raise CheckpointError(
-            f"{origin} is of turbine {written_for.decode(errors='replace')!r}, not of {turbine!r}; "
-            "move it away or begin anew with --fresh"
+            f"{origin} is of turbine {written_for!r}, not of {turbine!r}; move it away or begin "
+            "anew with --fresh"
         )
-    if not answered.lstrip(b"-").isdigit():
-        raise CheckpointError(
-            f"{origin} is damaged: {answered!r} is no time; begin anew with --fresh"
+    try:
+        *answers, (name, state) = _sections(rest)
+        if name != STATE:
+            raise ValueError(f"it ends with {name!r}")
+        return NodeCheckpoint(
+            turbine, int(answered), state, tuple(decode(ANSWERS[each], b) for each, b in answers)
         )
-    return NodeCheckpoint(turbine, int(answered), state)
+    except (ValueError, KeyError, CodecError) as error:
+        raise CheckpointError(f"{origin} is damaged: {error}; begin anew with --fresh") from error
+
+
+def _sections(content: bytes) -> Iterator[tuple[str, bytes]]:
+    """Name and bytes of each section. Raises ValueError where one is not whole."""
+    while content:
+        head, _, content = content.partition(b"\n")
+        length, name = head.decode(errors="replace").split(" ", 1)
+        size = int(length)
+        if not 0 <= size <= len(content):
+            raise ValueError(f"{size} bytes of {name!r} were written, {len(content)} are there")
+        yield name, content[:size]
+        content = content[size:]
 
 
 class CheckpointedUpdating:
@@ -136,6 +170,7 @@ class CheckpointedUpdating:
     def _restore(self) -> None:
         found = self._folder.read(self._turbine)
         self._answered_ns = None if found is None else found.answered_ns
+        self._answers: tuple[Answer, ...] = () if found is None else found.answers
         if found is None:
             self._node = FoundationUpdaterNode(self._updater)
             return
@@ -148,18 +183,32 @@ class CheckpointedUpdating:
         logger.warning("updating of %s continues from %s", self._turbine, path)
 
     def handle(self, message: Message) -> Iterator[Answer]:
-        """The answers to an estimate; once they have been taken, the checkpoint is written."""
+        """The answers to an estimate; once they have been taken, the checkpoint is written. One of
+        the latest that comes again gets the answers that it got."""
         if not isinstance(message, ModalEstimate):
             return
         if message.turbine != self._turbine:  # made before it was known for whom
             self._turbine = message.turbine
             self._restore()
         if self._answered_ns is not None and message.end_ns <= self._answered_ns:
+            yield from (each for each in self._answers if _window_end(each) == message.end_ns)
             return
-        yield from self._node.handle(message)
+        for answer in self._node.handle(message):
+            self._answers = (*self._answers, answer)[-LATEST:]
+            yield answer
         self._answered_ns = message.end_ns
-        self._folder.write(NodeCheckpoint(self._turbine, message.end_ns, self._node.checkpoint()))
+        self._folder.write(self._checkpoint())
+
+    def _checkpoint(self) -> NodeCheckpoint:
+        assert self._answered_ns is not None
+        return NodeCheckpoint(
+            self._turbine, self._answered_ns, self._node.checkpoint(), self._answers
+        )
 
     def close(self) -> None:
         """Nothing is held: the file is whole after every window."""
         self._node.close()
+
+
+def _window_end(answer: Answer) -> int:
+    return answer.end_ns if isinstance(answer, WindowRejected) else answer.time_ns

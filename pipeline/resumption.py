@@ -7,7 +7,8 @@
 
 A publisher keeps so many blocks, however long a window is; the rest of an open window is refilled
 from the recording. Windows that were answered are not answered again, but those of their estimates
-to which no posterior is recorded are given once more: whoever updates passes over what it knows.
+to which no posterior is recorded are given once more: whoever updates counts none of them twice and
+says again what it said of the latest (`pipeline.checkpoints`).
 
 Why nothing is written for this: the recording holds everything already, and what it does not hold
 (a second before a kill) is answered again, with the same result. Several units of a turbine are

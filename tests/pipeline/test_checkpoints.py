@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.checkpoints import CheckpointedUpdating, CheckpointFolder
+from pipeline.checkpoints import LATEST, CheckpointedUpdating, CheckpointFolder
 from pipeline.messages import FoundationPosterior
 from pipeline.nodes.account import NodeAccount
+from pipeline.transport.codec import encode
 from pipeline.updating.checkpoint import CheckpointError
 from tests.pipeline.updating.small_tower import LAYOUT
 from tests.pipeline.updating.test_checkpoint import estimate_of, updater_of
@@ -66,6 +67,18 @@ def _until_published(node: CheckpointedUpdating, window: int) -> list:
     return [next(answers)]
 
 
+def test_what_went_down_with_the_process_is_said_again_in_the_same_words(tmp_path):
+    """As many windows as the node's publisher would still have had, for a recorder that was down
+    too; nothing of those before."""
+    node = node_in(tmp_path)
+    said = [encode(a) for window in range(LATEST + 1) for a in node.handle(estimate_of(window))]
+    restarted = node_in(tmp_path)
+    again = [
+        encode(a) for window in range(LATEST + 1) for a in restarted.handle(estimate_of(window))
+    ]
+    assert again == said[1:]
+
+
 def test_half_a_file_beside_the_checkpoint_changes_nothing(tmp_path, undisturbed):
     last_posterior(node_in(tmp_path), range(3))
     CheckpointFolder(tmp_path).file_of(TURBINE).with_suffix(".new").write_bytes(b"pilewatch-no")
@@ -82,9 +95,11 @@ def test_a_checkpoint_that_does_not_fit_is_one_line_at_the_start(tmp_path):
     path = CheckpointFolder(tmp_path).file_of(TURBINE)
     whole = path.read_bytes()
     for content, said in (
-        (whole.replace(b"node 1", b"node 9", 1), "version 9 of the checkpoint's layout"),
+        (whole.replace(b"node 2", b"node 9", 1), "version 9 of the checkpoint's layout"),
         (whole.replace(TURBINE.encode(), b"other", 1), f"'other', not of '{TURBINE}'"),
         (whole[:-7], "damaged"),
+        (whole[:200], "damaged: .* bytes of 'FoundationPosterior' were written"),
+        (whole.replace(b"FoundationPosterior", b"FoundationDiagnosis", 1), "damaged"),
         (b"\x00\x01", "no checkpoint"),
     ):
         path.write_bytes(content)
