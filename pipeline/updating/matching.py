@@ -17,6 +17,9 @@ from pipeline.updating.likelihood import (
 from pipeline.updating.pairing import Pairing, PairingSearch, PairingSettings, PairingTargets, macs
 from pipeline.updating.prior import Prior, UpdatingError
 
+WATER_ROUNDS = 6  # at most, of taking the water out of the windows
+SETTLED = 0.002  # change of a ratio k / nominal at which no further round is needed [-]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:
@@ -78,10 +81,7 @@ class Matcher:
         local = self._forward.following(self._prior.stiffness(pairing.ratios))
         evidence = measured
         if measured.level_varied:
-            partners = partners_in_water(local)
-            evidence = measured.at_model_level(_of_each(partners, pairing))
-            pairing = self._search.refined(self._targets(evidence), pairing.ratios)
-            evidence = measured.at_model_level(_of_each(partners, pairing))
+            pairing, local, evidence = self._out_of_water(measured, pairing, local)
         targets = self._targets(evidence)
         modes = local.modal(self._prior.stiffness(pairing.ratios[None]))
         mac = macs(targets, modes.shapes)[0]
@@ -100,6 +100,24 @@ class Matcher:
         )
         peak = laplace_peak(likelihood, forward, self._prior, pairing.ratios)
         return Match(pairing, evidence, used, likelihood, local, forward, peak)
+
+    def _out_of_water(
+        self, measured: ModalEvidence, pairing: Pairing, local: ForwardModel
+    ) -> tuple[Pairing, ForwardModel, ModalEvidence]:
+        """The evidence as at the model's level, paired there, and the modes followed from there.
+
+        What the water does to a shape depends on the stiffness, by a quarter for a few percent of
+        it; and the first pairing's stiffness is that of windows with water in them. So the water is
+        taken out until the stiffness stays.
+        """
+        for _ in range(WATER_ROUNDS):
+            partners, begun = partners_in_water(local), pairing.ratios
+            evidence = measured.at_model_level(_of_each(partners, pairing))
+            pairing = self._search.refined(self._targets(evidence), begun)
+            local = self._forward.following(self._prior.stiffness(pairing.ratios))
+            if np.abs(pairing.ratios - begun).max() < SETTLED:
+                break
+        return pairing, local, measured.at_model_level(_of_each(partners, pairing))
 
     def _compared(self, found: Sequence[Observation]) -> tuple[Observation, ...]:
         """Those of the modes that the settings name; all where they name none."""

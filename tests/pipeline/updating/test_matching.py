@@ -1,6 +1,6 @@
 """Which modes are compared is the pairing's affair, and the scenario's where it names them."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -16,10 +16,30 @@ TOWER = LinearTower()
 TRUTH = np.array([1.1, 0.9, 0.95])
 
 
-def matcher(**likelihood):
+@dataclass(frozen=True)
+class SteepTower(LinearTower):
+    """Its water's effect doubles for an eighth more stiffness."""
+
+    water: tuple[float, float] = (-0.006, -0.001)
+    followed_from: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def following(self, theta_reference):
+        return replace(self, followed_from=tuple(theta_reference / self.nominal))
+
+    def in_water(self, rises):
+        steeper = 1 + 8 * (np.mean(self.followed_from) - 1)
+        slope, curvature = steeper * self.water[0], steeper * self.water[1]
+        levels = np.array(rises)[:, None]
+        modes = self.modal(np.tile(self.followed_from, (len(rises), 1)) * self.nominal)
+        return replace(
+            modes, frequencies=modes.frequencies * np.exp(slope * levels + curvature * levels**2)
+        )
+
+
+def matcher(tower=TOWER, **likelihood):
     return Matcher(
-        TOWER,
-        Prior(TOWER.nominal),
+        tower,
+        Prior(tower.nominal),
         pairing=PairingSettings(search_draws=60, tried=2, refined=1),
         likelihood=LikelihoodSettings(**likelihood),
         generator=np.random.default_rng(1),
@@ -52,3 +72,26 @@ def test_a_last_window_without_any_partner_is_refused_whatever_the_earlier_ones_
     gone = [replace(mode, last_window=1) for mode in evidence.modes]
     with pytest.raises(EstimateRefused, match="none of the 0 identified modes"):
         matcher().matched(replace(evidence, modes=tuple(gone)))
+
+
+def test_the_water_is_taken_out_at_the_stiffness_that_is_found_without_it():
+    """Two windows at a level of 1.5 m, springs 10 % stiffer, exact frequencies: the water lowers them
+    by 2 %. At the nominal stiffness, or at that of the wet windows, a third of it would stay."""
+    tower = SteepTower()
+    truth = np.full(3, 1.1)
+    wet = tower.following(truth * tower.nominal).in_water([1.5]).frequencies[0]
+    dry = tower.modal((truth * tower.nominal)[None]).frequencies[0]
+    evidence = ModalEvidence(channels=LAYOUT.channel_names)
+    for window in range(2):
+        generator = np.random.default_rng(3)
+        estimate = drawn_estimate(
+            truth, generator, window=window, tower=TOWER, frequency_std=1e-4, shape_std=1e-3
+        )
+        modes = [
+            replace(mode, frequency=frequency)
+            for mode, frequency in zip(estimate.modes, wet, strict=True)
+        ]
+        evidence = evidence.with_estimate(replace(estimate, modes=tuple(modes)), rise=1.5)
+    match = matcher(tower).matched(evidence)
+    assert [mode.frequency for mode in match.evidence.modes] == pytest.approx(dry, rel=4e-4)
+    assert match.peak.ratios == pytest.approx(truth, abs=0.005)
