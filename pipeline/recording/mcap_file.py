@@ -90,6 +90,12 @@ def is_closed_properly(file: BinaryIO) -> bool:
 def complete_records(file: BinaryIO) -> Iterator[Record]:
     """Every record of the data section that is there to its last byte, data end included, up to
     the first that is not."""
+    for offset, _ in record_offsets(file):
+        yield record_at(file, offset)
+
+
+def record_offsets(file: BinaryIO) -> Iterator[tuple[int, int]]:
+    """Offset and opcode of every complete record, the content of which is not read."""
     size = file.seek(0, 2)
     offset = len(MAGIC)
     while offset + _RECORD_HEAD.size <= size:
@@ -97,10 +103,27 @@ def complete_records(file: BinaryIO) -> Iterator[Record]:
         opcode, length = _RECORD_HEAD.unpack(file.read(_RECORD_HEAD.size))
         if offset + _RECORD_HEAD.size + length > size:
             return
-        yield Record(offset, opcode, file.read(length))
+        yield offset, opcode
         if opcode == Opcode.DATA_END:
             return
         offset += _RECORD_HEAD.size + length
+
+
+def record_at(file: BinaryIO, offset: int) -> Record:
+    """The complete record that begins there."""
+    file.seek(offset)
+    opcode, length = _RECORD_HEAD.unpack(file.read(_RECORD_HEAD.size))
+    return Record(offset, opcode, file.read(length))
+
+
+def chunk_payloads(record: Record) -> list[bytes]:
+    """The messages of one chunk in order, whatever they are, its checksum verified.
+
+    Raises one of DAMAGE.
+    """
+    chunk = Chunk.read(ReadDataStream(BytesIO(record.content)))
+    parts = breakup_chunk(chunk, validate_crc=True)
+    return [part.data for part in parts if isinstance(part, McapMessage)]
 
 
 def checked_records(path: Path, file: BinaryIO) -> Iterator[Record]:

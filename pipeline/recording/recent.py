@@ -19,8 +19,11 @@ from pipeline.recording.mcap_file import (
     DAMAGE,
     ChannelTable,
     RecordedMessage,
+    chunk_payloads,
     complete_records,
     open_recording,
+    record_at,
+    record_offsets,
 )
 from pipeline.recording.parts import RESULTS
 from pipeline.recording.times import time_of
@@ -116,3 +119,20 @@ def _recorded(path: Path) -> Iterator[RecordedMessage]:
                 yield from channels.messages(record)
             except DAMAGE:
                 logger.warning("%s: passed over the chunk at byte %d", path, record.offset)
+
+
+def payloads_backwards(path: Path) -> Iterator[bytes]:
+    """Every message of a recording as it was sent, the last first; nothing of the file is read
+    before it is asked for."""
+    try:
+        file = open_recording(path)
+    except RecordingError as error:
+        logger.warning("passed over: %s", error)
+        return
+    with file:
+        chunks = [offset for offset, opcode in record_offsets(file) if opcode == Opcode.CHUNK]
+        for offset in reversed(chunks):
+            try:
+                yield from reversed(chunk_payloads(record_at(file, offset)))
+            except DAMAGE:
+                logger.warning("%s: passed over the chunk at byte %d", path, offset)

@@ -1,8 +1,8 @@
 """SessionRecorder: the recording of a session that may run for a year, in parts.
 
-message ──► part due to end? ──► next part ──► old samples go ──► enough room? ──► written
-                                                                     │ no, nor by retention
-                                                                     ▼
+message ──► new? ──► part due to end? ──► next part ──► old samples go ──► room? ──► written
+                                                                             │ nor by retention
+                                                                             ▼
                                                      closed cleanly, a warning in every status
 """
 
@@ -11,14 +11,23 @@ import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from pipeline.messages import FoundationTruth, Message
+from pipeline.messages import FoundationTruth, Message, NodeStatus
 from pipeline.messages import Warning as Doubt
 from pipeline.recording.errors import RecordingError
-from pipeline.recording.parts import close_leftovers, closed_in_place, next_part, part_of, thin
+from pipeline.recording.parts import (
+    close_leftovers,
+    closed_in_place,
+    next_part,
+    part_of,
+    parts_of,
+    thin,
+)
 from pipeline.recording.reader import recorded_messages
+from pipeline.recording.repetition import Repetition, latest_payloads
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
 from pipeline.streams import key_of
+from pipeline.transport.codec import encode
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import SensorLayout
 
@@ -45,7 +54,7 @@ class SessionRecorder:
     """Records into `path`, then `path`'s next parts; each is a whole recording by itself.
 
     path       of the first part. What an earlier recorder left unfinished is closed first, and
-               recording goes on in the next part: nothing is overwritten
+               recording goes on in the next part: nothing is overwritten, nor recorded twice
     metadata   stored in every part
     clock      → time of receiving [ns since 1970-01-01 UTC]
     settings   when a part ends, what is kept, how much room is left on the disk
@@ -71,6 +80,7 @@ class SessionRecorder:
     ) -> None:
         self.warnings: tuple[Doubt, ...] = ()
         self.lost = 0  # acceleration blocks that were received and could not be recorded
+        self.duplicate = 0  # acceleration blocks that had been recorded before
         self._path = path
         self._metadata = metadata
         self._clock = clock
@@ -80,6 +90,7 @@ class SessionRecorder:
         for whole in close_leftovers(path):
             logger.warning("%s was left unfinished; it ends with its last whole chunk now", whole)
         self._number = next_part(path)
+        self._repetition = Repetition(latest_payloads(parts_of(path)))
         self._checked_ns = 0
         self._recorder: Recorder | None = self._begun(clock())
 
@@ -89,7 +100,10 @@ class SessionRecorder:
         return part_of(self._path, self._number)
 
     def handle(self, message: Message) -> Iterable[Message]:
-        """Record one message. Gives nothing back."""
+        """Record one message, unless it has been. Gives nothing back."""
+        if self._is_recorded(message):
+            self.duplicate += isinstance(message, AccelerationBlock)
+            return ()
         try:
             self._make_room()
             if self._recorder is not None:
@@ -101,6 +115,12 @@ class SessionRecorder:
         if self._recorder is None and isinstance(message, AccelerationBlock):
             self.lost += 1
         return ()
+
+    def _is_recorded(self, message: Message) -> bool:
+        """Whether it has been. What stands until it is said anew may be said anew."""
+        if isinstance(message, (*STANDING, NodeStatus)):
+            return False
+        return self._repetition.is_known(encode(message))
 
     def close(self) -> None:
         """Finish the part. A second call does nothing."""

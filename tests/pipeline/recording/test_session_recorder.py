@@ -180,3 +180,35 @@ def test_what_is_no_recording_is_left_alone(tmp_path):
 def test_settings_that_make_no_sense_are_named():
     with pytest.raises(RecordingError, match=r"\[recording\] rotate_after is -1"):
         RecordingSettings(rotate_after=-1.0)
+
+
+def test_a_recorder_that_is_started_again_records_nothing_twice(tmp_path):
+    """Killed after 60 s, it gets what the publishers still have, what it had lost among it."""
+    path = tmp_path / "session.mcap"
+    first = SessionRecorder(path, metadata=METADATA, clock=Clock())
+    for message in (LAYOUT, rejection(0), *map(block, range(60))):
+        first.handle(message)
+    first._recorder._writer.flush()
+    for message in map(block, range(60, 63)):  # in the chunk that the kill takes
+        first.handle(message)
+    first._recorder._file.flush()
+    second = SessionRecorder(path, metadata=METADATA, clock=Clock())
+    for message in (LAYOUT, rejection(0), rejection(1), *map(block, range(30, 70))):
+        second.handle(message)
+    second.close()
+    parts = parts_of(path)
+    assert len(parts) == 2
+    assert sequences(parts) == list(range(70))
+    assert second.duplicate == 30
+    for part, expected in zip(parts, ([rejection(0)], [rejection(1)]), strict=True):
+        assert all_same(list(read_messages(part, (WindowRejected,))), expected)
+        assert all_same(list(read_messages(part, (SensorLayout,))), [LAYOUT])
+
+
+def test_a_block_that_a_stranger_replays_is_counted_and_not_recorded(tmp_path):
+    recorder = SessionRecorder(tmp_path / "session.mcap", metadata=METADATA, clock=Clock())
+    for sequence in (*range(20), *range(5, 15), 20):
+        recorder.handle(block(sequence))
+    recorder.close()
+    assert sequences([recorder.path]) == list(range(21))
+    assert recorder.duplicate == 10

@@ -1,0 +1,48 @@
+"""What has been recorded is known again, as far back as it is remembered, in any file."""
+
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.recording.repetition import Repetition, latest_payloads
+from pipeline.recording.writer import Recorder, RecorderSettings
+from pipeline.transport.codec import encode
+from tests.pipeline.example_messages import block
+
+PAYLOADS = st.lists(st.binary(max_size=2), max_size=60)
+
+
+@given(PAYLOADS, PAYLOADS)
+def test_everything_is_new_once(recorded: list[bytes], later: list[bytes]) -> None:
+    repetition = Repetition(recorded)
+    new = [payload for payload in later if not repetition.is_known(payload)]
+    assert new == [p for p in dict.fromkeys(later) if p not in recorded]
+
+
+@given(PAYLOADS, st.integers(1, 20))
+def test_what_lies_further_back_than_is_remembered_is_new_again(
+    payloads: list[bytes], remembered: int
+) -> None:
+    repetition = Repetition(remembered=remembered)
+    latest: list[bytes] = []
+    for payload in payloads:
+        assert repetition.is_known(payload) == (payload in latest[-remembered:])
+        if payload not in latest[-remembered:]:
+            latest.append(payload)
+
+
+def test_the_latest_messages_are_read_from_the_ends_of_several_parts(tmp_path: Path) -> None:
+    parts = []
+    for first in (0, 20, 40):
+        part = tmp_path / f"from {first}.mcap"
+        settings = RecorderSettings(chunk_duration=4.0)
+        recorder = Recorder(part, metadata={}, clock=None, settings=settings)
+        for sequence in range(first, first + 20):
+            recorder.handle(block(sequence))
+        recorder.close()
+        parts.append(part)
+    parts[0].write_bytes(b"no recording any more")
+    for count, oldest in ((5, 55), (30, 30), (1000, 20)):
+        expected = [encode(block(sequence)) for sequence in range(oldest, 60)]
+        assert list(latest_payloads(parts, count)) == expected
