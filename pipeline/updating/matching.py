@@ -18,7 +18,7 @@ from pipeline.updating.pairing import Pairing, PairingSearch, PairingSettings, P
 from pipeline.updating.prior import Prior, UpdatingError
 
 WATER_ROUNDS = 6  # at most, of taking the water out of the windows
-SETTLED = 0.002  # change of a ratio k / nominal at which no further round is needed [-]
+SETTLED = 0.001  # change of a ratio k / nominal at which no further round is needed [-]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -75,8 +75,8 @@ def test_a_last_window_without_any_partner_is_refused_whatever_the_earlier_ones_
 
 
 def test_the_water_is_taken_out_at_the_stiffness_that_is_found_without_it():
-    """Two windows at a level of 1.5 m, springs 10 % stiffer, exact frequencies: the water lowers them
-    by 2 %. At the nominal stiffness, or at that of the wet windows, a third of it would stay."""
+    """Two windows at a level of 1.5 m, springs 10 % stiffer, frequencies that the water lowers by
+    2 %: one part in thirty of it stays at most. At the stiffness of wet windows a fifth would."""
     tower = SteepTower()
     truth = np.full(3, 1.1)
     wet = tower.following(truth * tower.nominal).in_water([1.5]).frequencies[0]
@@ -93,5 +93,5 @@ def test_the_water_is_taken_out_at_the_stiffness_that_is_found_without_it():
         ]
         evidence = evidence.with_estimate(replace(estimate, modes=tuple(modes)), rise=1.5)
     match = matcher(tower).matched(evidence)
-    assert [mode.frequency for mode in match.evidence.modes] == pytest.approx(dry, rel=4e-4)
+    assert [mode.frequency for mode in match.evidence.modes] == pytest.approx(dry, rel=0.02 / 30)
     assert match.peak.ratios == pytest.approx(truth, abs=0.005)
