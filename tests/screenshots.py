@@ -32,6 +32,7 @@ EXPECTED = {  # colours that data, not decoration, fill in each tab
     "Signals": (colours.LEVELS[2], colours.LEVELS[3], colours.QUIET),
     "Modes": (colours.MEASURED, colours.MODEL),
     "Foundation": (colours.POSTERIOR,),
+    "All turbines": (colours.LEVELS[0], colours.LEVELS[1]),
 }
 _log = logging.getLogger("screenshots")
 
@@ -100,7 +101,7 @@ def take(rrd: Path, folder: Path) -> dict[str, Path]:
         for tab in tabs(layout):
             show_tab(viewer, layout, tab)
             time.sleep(SETTLING)
-            pictures[tab] = folder.resolve() / f"{tab.lower()}.png"
+            pictures[tab] = folder.resolve() / f"{tab.lower().replace(' ', '-')}.png"
             viewer.save_screenshot(str(pictures[tab]))
             _require_content(tab, pictures[tab])
             _shrink(pictures[tab])
@@ -135,7 +136,7 @@ def _laid_out(viewer: Any) -> Any:
 
 
 def tabs(blueprint: dict[str, Any]) -> list[str]:
-    """Names of the tabs of the (first) turbine, in order."""
+    """Names of the outermost tabs, in order."""
     containers = _containers(blueprint)
     top = _top(containers)
     return [containers["/" + path]["display_name"] for path in top["contents"]]
@@ -152,12 +153,12 @@ def show_tab(viewer: Any, blueprint: dict[str, Any], name: str) -> None:
 
 
 def _top(containers: dict[str, Any]) -> dict[str, Any]:
-    """The (first) turbine's tabs: the container of tabs that holds containers only."""
+    """The outermost tabs: of one turbine, or all turbines and each; StopIteration without any."""
+    held = {"/" + path for one in containers.values() for path in one["contents"]}
     return next(
         one
-        for one in containers.values()
-        if one.get("container_kind") == "Tabs"
-        and all("/" + path in containers for path in one["contents"])
+        for name, one in containers.items()
+        if name not in held and one.get("container_kind") == "Tabs"
     )
 
 

@@ -1,12 +1,9 @@
 """How the session is laid out: tabs, views, axis ranges. One blueprint for one or more turbines."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from pipeline.viewer.entities import (
     TIMELINE,
@@ -15,7 +12,9 @@ from pipeline.viewer.entities import (
     signal_path,
     turbine_path,
 )
+from pipeline.viewer.farm_tab import farm_tab
 from pipeline.viewer.mac_matrix import SIDE
+from pipeline.viewer.panel import TurbinePanel, events_view, whole_session
 from pipeline.viewer.status import STIFFNESSES
 from pipeline.viewer.tower_views import SPACING
 from sensors.layout import SensorLayout
@@ -23,27 +22,16 @@ from sensors.layout import SensorLayout
 TABS = ("Overview", "Signals", "Modes", "Foundation", "Health")
 
 
-@dataclass(frozen=True, slots=True)
-class TurbinePanel:
-    """What the layout must know of one turbine."""
-
-    turbine: str
-    layouts: tuple[SensorLayout, ...]  # of its acquisition units
-    modes: tuple[str, ...]  # model labels that get a plot of their own, in order
-    mid_height: float  # where the camera looks [m]
-    changed: bool = False  # a change was noticed: it gets plots
-
-
 def session_blueprint(
     panels: Sequence[TurbinePanel], *, playback_speed: float, tab: str = TABS[0]
 ) -> rrb.Blueprint:
-    """Tabs of one turbine; of several, a tab each that holds them.
+    """Tabs of one turbine; of several, a tab of all and a tab each that holds them.
 
     playback_speed   session seconds a second of playing [-]
     tab              which is open at first, one of TABS
     """
     each = [turbine_tabs(panel, tab=tab) for panel in panels]
-    top = each[0] if len(each) == 1 else rrb.Tabs(*each)
+    top = each[0] if len(each) == 1 else rrb.Tabs(farm_tab(panels), *each, active_tab=0)
     return rrb.Blueprint(
         top,
         rrb.TimePanel(
@@ -78,7 +66,9 @@ def _overview(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     return rrb.Horizontal(
         _tower(root, panel),
         rrb.Vertical(*_stiffness_bands(root), _shapes(root, panel), row_shares=[7, 7, 7, 10]),
-        rrb.Vertical(_lamps(root), _status(root), _events(root), row_shares=[2, 5, 4]),
+        rrb.Vertical(
+            _lamps(root), _status(root), events_view(f"{root}/events"), row_shares=[2, 5, 4]
+        ),
         column_shares=[5, 8, 6],
         name="Overview",
     )
@@ -146,7 +136,7 @@ def _learned(root: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"{root}/learned",
         name="Left of the prior's 90 % interval [%] = 100 − contraction",
-        **_whole_session(),
+        **whole_session(),
         plot_legend=rrb.PlotLegend("RightTop"),
     )
 
@@ -155,7 +145,7 @@ def _sigma(root: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=parameter_path(root, "sigma"),
         name="Model discrepancy σ [-]: 5, 50, 95 % of the posterior",
-        **_whole_session(),
+        **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 
@@ -166,13 +156,13 @@ def _changes(root: str) -> list[rrb.TimeSeriesView]:
         origin=f"{root}/change/probability",
         name="Probability of each change that was noticed [-]",
         axis_y=rrb.ScalarAxis(range=(0.0, 1.05)),
-        **_whole_session(),
+        **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
     sizes = rrb.TimeSeriesView(
         origin=f"{root}/change/size",
         name="Change of the stiffness [%]: 5, 50, 95 %",
-        **_whole_session(),
+        **whole_session(),
         plot_legend=rrb.PlotLegend("LeftTop"),
     )
     return [probability, sizes]
@@ -191,7 +181,7 @@ def _health(root: str) -> rrb.Horizontal:
 
 def _node_plot(path: str, name: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
-        origin=path, name=name, **_whole_session(), plot_legend=rrb.PlotLegend("LeftTop")
+        origin=path, name=name, **whole_session(), plot_legend=rrb.PlotLegend("LeftTop")
     )
 
 
@@ -259,7 +249,7 @@ def _stiffness_bands(root: str) -> list[rrb.TimeSeriesView]:
         rrb.TimeSeriesView(
             origin=parameter_path(root, name),
             name=f"{name} ÷ nominal [-]: 5, 50, 95 % of the posterior, truth green",
-            **_whole_session(),
+            **whole_session(),
             plot_legend=rrb.PlotLegend(visible=False),
         )
         for name in STIFFNESSES
@@ -273,7 +263,7 @@ def _accelerations(root: str, layout: SensorLayout, axis: int, name: str) -> rrb
         origin=path,
         name=f"Acceleration {name} of unit {layout.unit} [m/s²]",
         overrides={path: rr.SeriesLines(visible_series=along)},
-        **_whole_session(),
+        **whole_session(),
         plot_legend=rrb.PlotLegend("LeftTop"),
     )
 
@@ -284,7 +274,7 @@ def _track(root: str, label: str) -> rrb.TimeSeriesView:
         origin=path,
         contents=[f"{path}/identified", f"{path}/model"],
         name=f"Mode {label} [Hz]",
-        **_whole_session(),
+        **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 
@@ -293,7 +283,7 @@ def _frequencies(root: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"{root}/frequencies",
         name="Natural frequencies [Hz]: blue fore-aft, purple side-side, orange model",
-        **_whole_session(),
+        **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 
@@ -307,30 +297,10 @@ def _damping(root: str, panel: TurbinePanel) -> rrb.TimeSeriesView:
         contents=paths,
         name="Damping ratios [% of critical]",
         overrides={path: [middle, points] for path in paths},
-        **_whole_session(),
+        **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 
 
 def _status(root: str) -> rrb.TextDocumentView:
     return rrb.TextDocumentView(origin=f"{root}/status", name="Status")
-
-
-def _events(root: str) -> rrb.TextLogView:
-    return rrb.TextLogView(
-        origin=f"{root}/events",
-        name="Events",
-        columns=rrb.TextLogColumns(
-            timeline_columns=[TimelineColumn(TIMELINE, visible=False)],
-            text_log_columns=[TextLogColumn("LogLevel"), TextLogColumn("Body")],
-        ),
-    )
-
-
-def _whole_session() -> dict[str, Any]:
-    """Data and axis of a plot from the first to the last sample, wherever the cursor is."""
-    start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.infinite()
-    return {
-        "time_ranges": rrb.VisibleTimeRange(TIMELINE, start=start, end=end),
-        "axis_x": rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
-    }

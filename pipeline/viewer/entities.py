@@ -18,7 +18,12 @@ Everything of a turbine lies below /{turbine}:
     health/lost, health/behind        blocks lost [-], seconds behind, a series a node; /text
     lamps, status, events             the verdict: as lights, as text, line by line
 
-on one timeline, `time`: the sensor clock, UTC.
+Of several turbines /all-turbines holds what is said of all:
+
+    lamps/…, table, events            of every turbine; events are warnings only
+    {parameter}/{turbine}             median, stiffness ÷ nominal [-]
+
+Everything lies on one timeline, `time`: the sensor clock, UTC.
 """
 
 from collections.abc import Sequence
@@ -31,8 +36,10 @@ from numpy.typing import NDArray
 from pipeline.viewer import colours
 from pipeline.viewer.colours import Colour
 from pipeline.viewer.corner import Text
+from pipeline.viewer.status import Lamp
 
 TIMELINE = "time"
+FARM = "/all-turbines"
 
 
 def turbine_path(turbine: str) -> str:
@@ -73,6 +80,11 @@ def parameter_path(root: str, name: str) -> str:
 def learned_path(root: str, name: str) -> str:
     """Entity of what is left of one parameter's prior interval."""
     return f"{root}/learned/{entity_part(name)}"
+
+
+def median_path(name: str, turbine: str) -> str:
+    """Entity of one turbine's median among all turbines'."""
+    return f"{FARM}/{entity_part(name)}/{entity_part(turbine)}"
 
 
 def at(recording: rr.RecordingStream, time_ns: int) -> None:
@@ -124,6 +136,18 @@ def log_line_style(
         ),
         static=True,
     )
+
+
+def log_lights(
+    recording: rr.RecordingStream,
+    path: str,
+    places: Sequence[tuple[float, float]],
+    lamps: Sequence[Lamp],
+) -> None:
+    """A lamp at each place of a picture; place and word say it as well as the colour."""
+    shades = {"good": colours.TRUTH, "doubt": colours.MODEL, "bad": colours.TROUBLE}
+    palette = [shades.get(lamp.state, colours.QUIET) for lamp in lamps]
+    recording.log(path, rr.Points2D(places, radii=0.3, colors=palette))
 
 
 def words(texts: Sequence[Text]) -> rr.Points2D:

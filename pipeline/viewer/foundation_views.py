@@ -12,6 +12,7 @@ from pipeline.viewer.entities import (
     learned_path,
     log_band_style,
     log_line_style,
+    median_path,
     parameter_path,
     words,
 )
@@ -53,6 +54,20 @@ def log_posterior_bands(
         if truth is not None and parameter.name in STIFFNESSES:
             ratio = getattr(truth, parameter.name) / parameter.nominal
             recording.log(f"{path}/truth", rr.Scalars(ratio))
+
+
+def log_medians(recording: rr.RecordingStream, posterior: FoundationPosterior) -> None:
+    """The medians of one turbine of several, stiffness ÷ nominal, for the tab of all."""
+    for name in STIFFNESSES:
+        parameter = posterior.parameter(name)
+        ratio = parameter.median / parameter.nominal
+        recording.log(median_path(name, posterior.turbine), rr.Scalars(ratio))
+
+
+def log_median_styles(recording: rr.RecordingStream, turbine: str) -> None:
+    """A turbine's name among all turbines'; static."""
+    for name in STIFFNESSES:
+        log_line_style(recording, median_path(name, turbine), f"{turbine} [-]", colours.POSTERIOR)
 
 
 def log_learned(recording: rr.RecordingStream, root: str, posterior: FoundationPosterior) -> None:

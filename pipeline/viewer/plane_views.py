@@ -1,4 +1,5 @@
-"""Pictures in the plane: spectra and poles of a window, the MAC matrix, the lamps."""
+"""Pictures in the plane: spectra and poles of a window, the MAC matrix, the lamps of one turbine
+and of all."""
 
 from collections.abc import Sequence
 
@@ -8,7 +9,8 @@ from numpy.typing import NDArray
 
 from pipeline.viewer import colours
 from pipeline.viewer.corner import Text
-from pipeline.viewer.entities import words
+from pipeline.viewer.entities import FARM, log_lights, words
+from pipeline.viewer.farm import LampBoard
 from pipeline.viewer.mac_matrix import MacMatrix
 from pipeline.viewer.spectrum import SpectrumPicture
 from pipeline.viewer.stabilisation import StabilisationPicture
@@ -63,15 +65,18 @@ def log_mac_matrix(recording: rr.RecordingStream, root: str, matrix: MacMatrix) 
 
 
 def log_lamps(recording: rr.RecordingStream, root: str, lamps: Sequence[Lamp]) -> None:
-    """A lamp above the other; the place and the word say it as well as the colour."""
-    shades = {"good": colours.TRUTH, "doubt": colours.MODEL, "bad": colours.TROUBLE}
+    """A lamp above the other, its words beside it."""
     rows = [float(row) for row in range(len(lamps))]
-    palette = [shades.get(lamp.state, colours.QUIET) for lamp in lamps]
-    recording.log(
-        f"{root}/lamps/lights", rr.Points2D([(0.0, row) for row in rows], radii=0.3, colors=palette)
-    )
-    texts = [Text((4.0, row - 0.1), lamp.text) for row, lamp in zip(rows, lamps, strict=True)]
+    log_lights(recording, f"{root}/lamps/lights", [(0.0, row) for row in rows], lamps)
+    texts = [Text((4.0, row - 0.3), lamp.text) for row, lamp in zip(rows, lamps, strict=True)]
     recording.log(f"{root}/lamps/text", words(texts))
+
+
+def log_farm(recording: rr.RecordingStream, board: LampBoard, markdown: str) -> None:
+    """The lamps of all turbines, and their table."""
+    log_lights(recording, f"{FARM}/lamps/lights", board.lights, board.lamps)
+    recording.log(f"{FARM}/lamps/text", words(board.texts))
+    recording.log(f"{FARM}/table", rr.TextDocument(markdown, media_type="text/markdown"))
 
 
 def _lines(strips: Sequence[FloatArray], radius: float, colour: colours.Colour) -> rr.LineStrips2D:

@@ -20,10 +20,10 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.viewer import foundation_views, plane_views, tower_views, track_views
-from pipeline.viewer.blueprint import TurbinePanel
 from pipeline.viewer.display_signals import DisplayDecimator, DisplaySignal
-from pipeline.viewer.entities import at, turbine_path
+from pipeline.viewer.entities import FARM, at, turbine_path
 from pipeline.viewer.mac_matrix import mac_matrix
+from pipeline.viewer.panel import TurbinePanel
 from pipeline.viewer.pile import pile_picture
 from pipeline.viewer.scene import deflection, outline, scaled_onto, swing_frames
 from pipeline.viewer.spectrum import RecentSamples, spectrum_picture
@@ -51,6 +51,8 @@ class Pace:
     signals: float  # accelerations gathered in one chunk [s]
     swing: float  # one swing of a mode shape, T [s]
     swing_chunk: float  # frames gathered in one chunk [s]
+    nodes: float  # between two rows of a node whose losses do not grow [s]
+    settling: float  # from a change of the layout to its views: others may follow it [s]
     rest: float = 0.0  # between two hand-overs, by the machine's clock [s]
 
     @property
@@ -59,9 +61,10 @@ class Pace:
         return max(1.0, self.swing / 2.0)
 
 
-TO_FILE = Pace(signals=60.0, swing=60.0, swing_chunk=600.0)  # large chunks: a small file
+# Large chunks: a small file.
+TO_FILE = Pace(signals=60.0, swing=60.0, swing_chunk=600.0, nodes=60.0, settling=30.0)
 # Small ones for a prompt picture, but four a second at most, however fast a replay is.
-TO_VIEWER = Pace(signals=1.0, swing=18.0, swing_chunk=1.0, rest=0.25)
+TO_VIEWER = Pace(signals=1.0, swing=18.0, swing_chunk=1.0, nodes=5.0, settling=1.0, rest=0.25)
 
 
 @dataclass(slots=True)
@@ -103,8 +106,10 @@ class TurbineScreen:
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
         self._truth: FoundationTruth | None = None
         self._changed = False  # a change was noticed
+        self._in_farm = False  # one of several turbines
         self._styled: set[str] = set()
-        self._nodes: list[str] = []  # those whose series have their style
+        self._nodes: dict[str, int] = {}  # node → time of its latest row; has its style
+        self._behind_most: dict[str, float] = {}  # node → most since its latest row [s]
         self._swings: dict[str, int] = {}  # shown shape → time until which its frames are out
         self._full_swing_ns: int | None = None  # end of the first window with a posterior
         self._now_ns = 0  # latest sensor time seen
@@ -113,6 +118,17 @@ class TurbineScreen:
         tower_views.log_tower(recording, self._root, self._outline)
         foundation_views.log_foundation_styles(recording, self._root)
         self._place_modes()
+
+    def join_farm(self) -> None:
+        """From now on the turbine is one of several: what matters is told among all, too."""
+        if not self._in_farm:
+            self._in_farm = True
+            foundation_views.log_median_styles(self._recording, self._turbine)
+
+    @property
+    def status(self) -> SessionStatus:
+        """What can be said of the turbine."""
+        return self._status
 
     @property
     def panel(self) -> TurbinePanel:
@@ -132,6 +148,8 @@ class TurbineScreen:
             screen._place_modes()
         for layout in self._layouts.values():
             screen.show_layout(layout)
+        if self._in_farm:
+            screen.join_farm()
         return screen
 
     def show_layout(self, layout: SensorLayout) -> None:
@@ -195,6 +213,8 @@ class TurbineScreen:
         self._at(posterior.time_ns)
         recording, root = self._recording, self._root
         foundation_views.log_posterior_bands(recording, root, posterior, self._truth)
+        if self._in_farm:
+            foundation_views.log_medians(recording, posterior)
         foundation_views.log_joint_posterior(recording, root, posterior, self._truth)
         foundation_views.log_learned(recording, root, posterior)
         picture = pile_picture(posterior, self._description, self._truth)
@@ -241,16 +261,24 @@ class TurbineScreen:
         if not self._now_ns:
             return
         self._at(self._now_ns)
-        if node.node not in self._nodes:
-            self._nodes.append(node.node)
-            slot = len(self._nodes) - 1
-            foundation_views.log_node_styles(self._recording, self._root, node.node, slot)
-        foundation_views.log_node(
-            self._recording, self._root, node, behind=self._behind(node.last_sequence)
-        )
+        behind = max(self._behind(node.last_sequence), self._behind_most.get(node.node, 0.0))
+        if self._is_due(node.node) or news:
+            foundation_views.log_node(self._recording, self._root, node, behind=behind)
+            behind = 0.0
+        self._behind_most[node.node] = behind
         if news:
             self._event(f"node {node.node}: {node.state}, {node.lost} lost, {node.late} late")
             self._show_status()
+
+    def _is_due(self, node: str) -> bool:
+        """Whether a node's plots get their next row now; the first comes with their style."""
+        if node not in self._nodes:
+            slot = len(self._nodes)
+            foundation_views.log_node_styles(self._recording, self._root, node, slot)
+        elif self._now_ns - self._nodes[node] < self._pace.nodes * NANOSECONDS:
+            return False
+        self._nodes[node] = self._now_ns
+        return True
 
     def finish(self) -> None:
         """Hand over what still waits."""
@@ -269,6 +297,9 @@ class TurbineScreen:
     def _event(self, text: str, *, level: str = "INFO") -> None:
         line = f"{clock_time(self._at_ns)}  {text}"
         foundation_views.log_event(self._recording, self._root, line, level=level)
+        if self._in_farm and level != "INFO":
+            named = f"{clock_time(self._at_ns)}  {self._turbine}: {text}"
+            foundation_views.log_event(self._recording, FARM, named, level=level)
 
     def _show_status(self) -> None:
         recording, root = self._recording, self._root

@@ -17,14 +17,19 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.viewer.blueprint import TurbinePanel, session_blueprint
+from pipeline.viewer.blueprint import session_blueprint
 from pipeline.viewer.connection import (
+    FILE_TICK,
     close_recording,
     forget_unfinished,
     free_path,
     open_recording,
 )
+from pipeline.viewer.entities import at
+from pipeline.viewer.farm import farm_markdown, lamp_board
 from pipeline.viewer.outputs import RrdFile, ViewerOutput
+from pipeline.viewer.panel import TurbinePanel
+from pipeline.viewer.plane_views import log_farm
 from pipeline.viewer.screen import TO_FILE, TO_VIEWER, TurbineScreen
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import SensorLayout
@@ -37,6 +42,9 @@ PATIENCE_WITH_VIEWER = 5.0  # to be taken by a viewer [s]
 
 class Show:
     """Draws messages on one output; lays the views out anew when a turbine or unit appears.
+
+    The first layout goes out at once, later ones when nothing has changed for `Pace.settling`:
+    a farm's turbines appear one by one, and a layout has a size of its own (0.6 MB a turbine).
 
     Raises ViewerError where the output cannot be had.
     """
@@ -53,12 +61,17 @@ class Show:
         self._patience = PATIENCE_WITH_FILE if to_file else PATIENCE_WITH_VIEWER
         self._recording = open_recording(output, recording_id=session)
         self._screens: dict[str, TurbineScreen] = {}
-        self._laid_out: tuple[TurbinePanel, ...] = ()
+        self._panels: dict[str, TurbinePanel] = {}  # as the views are, or will be, laid out
+        self._unsettled_ns: int | None = None  # since when the views are not laid out like that
+        self._now_ns = 0  # latest sensor time seen
+        self._said_ns = 0  # when all turbines were last told of
+        self._handed_over_ns: int | None = None  # when a file last got all there was
 
     def take(self, message: Message) -> None:
         """Draw one message on its turbine's screen."""
         if isinstance(message, AccelerationBlock):
             self._turn_the_page(message.start_ns // DAY)
+            self._now_ns = max(self._now_ns, message.end_ns)
         screen = self._screen_of(message.turbine)
         match message:
             case AccelerationBlock():
@@ -82,12 +95,16 @@ class Show:
             case NodeStatus():
                 screen.show_node(message)
                 return  # nodes speak before the sensors do: not yet a reason to lay out anything
-        self._lay_out()
+        self._note_panel(message.turbine, screen.panel)
+        self._go_on()
 
     def finish(self) -> None:
         """Hand over what waits and let go of the output."""
         for screen in self._screens.values():
             screen.finish()
+        if self._unsettled_ns is not None:
+            self._lay_out()
+        self._tell_of_all()
         self.abandon()
 
     def abandon(self) -> None:
@@ -114,18 +131,59 @@ class Show:
             turbine: screen.continued_on(self._recording)
             for turbine, screen in self._screens.items()
         }
-        self._laid_out = ()
+        self._panels, self._unsettled_ns = {}, None
 
     def _screen_of(self, turbine: str) -> TurbineScreen:
         if turbine not in self._screens:
             self._screens[turbine] = TurbineScreen(
                 self._recording, turbine, self._description, pace=self._pace
             )
+            if len(self._screens) > 1:
+                for screen in self._screens.values():
+                    screen.join_farm()
         return self._screens[turbine]
 
+    def _note_panel(self, turbine: str, panel: TurbinePanel) -> None:
+        """Remember that the views are to be laid out anew where a turbine's have changed."""
+        if self._panels.get(turbine) == panel:
+            return
+        first = not self._panels
+        self._panels[turbine] = panel
+        self._unsettled_ns = self._now_ns
+        if first:
+            self._lay_out()
+
+    def _go_on(self) -> None:
+        """What is due as sensor time passes."""
+        if self._is_past(self._unsettled_ns, self._pace.settling):
+            self._lay_out()
+        if self._is_past(self._said_ns, self._pace.signals):
+            self._tell_of_all()
+        if isinstance(self._output, RrdFile):
+            self._hand_over()
+
+    def _is_past(self, since_ns: int | None, duration: float) -> bool:
+        return since_ns is not None and self._now_ns - since_ns >= duration * NANOSECONDS
+
     def _lay_out(self) -> None:
-        panels = tuple(screen.panel for screen in self._screens.values())
-        if panels != self._laid_out:
-            self._laid_out = panels
-            blueprint = session_blueprint(panels, playback_speed=self._pace.playback_speed)
-            self._recording.send_blueprint(blueprint)
+        self._unsettled_ns = None
+        panels = list(self._panels.values())
+        blueprint = session_blueprint(panels, playback_speed=self._pace.playback_speed)
+        self._recording.send_blueprint(blueprint)
+
+    def _tell_of_all(self) -> None:
+        """The overview of a farm; one turbine's own is enough for one."""
+        self._said_ns = self._now_ns
+        if len(self._screens) > 1 and self._now_ns:
+            statuses = [screen.status for screen in self._screens.values()]
+            at(self._recording, self._now_ns)
+            log_farm(self._recording, lamp_board(statuses), farm_markdown(statuses))
+
+    def _hand_over(self) -> None:
+        """What waits for others of its entity goes to the file, so often in sensor time: however
+        fast a session is replayed, its file is as large."""
+        if self._handed_over_ns is None:
+            self._handed_over_ns = self._now_ns
+        if self._is_past(self._handed_over_ns, FILE_TICK):
+            self._handed_over_ns = self._now_ns
+            self._recording.flush(timeout_sec=0.0)

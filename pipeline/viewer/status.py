@@ -12,6 +12,7 @@ from pipeline.messages import (
     FoundationTruth,
     Message,
     ModalEstimate,
+    Mode,
     NodeStatus,
     StreamGap,
     WindowRejected,
@@ -19,6 +20,11 @@ from pipeline.messages import (
 from sensors.blocks import NANOSECONDS
 
 STIFFNESSES = ("k11", "k22", "k12")
+CHANGED = {  # what a change is called, by its kind
+    "foundation": "foundation: changed",
+    "modal-drift": "foundation: known, but the modes changed",
+    "undecided": "foundation: perhaps changed",
+}
 _LISTED = 5  # rejected windows and gaps shown, the newest
 
 
@@ -34,6 +40,7 @@ class SessionStatus:
     """Remembers, for one turbine, what the status text needs; bounded, however long the session."""
 
     def __init__(self, turbine: str, *, title: str = "") -> None:
+        self.turbine = turbine
         self._heading = f"{title} ({turbine})" if title and title != turbine else turbine
         self._n_identified = 0
         self._n_rejected = 0
@@ -81,6 +88,26 @@ class SessionStatus:
         )
 
     @property
+    def posterior(self) -> FoundationPosterior | None:
+        """The latest."""
+        return self._posterior
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """Of the latest window that was identified."""
+        return () if self._estimate is None else self._estimate.modes
+
+    @property
+    def n_rejected(self) -> int:
+        """Windows that gave no estimate."""
+        return self._n_rejected
+
+    @property
+    def n_gaps(self) -> int:
+        """In the stream."""
+        return self._n_gaps
+
+    @property
     def lamps(self) -> tuple[Lamp, Lamp, Lamp]:
         """Measurements, modes, foundation."""
         return self._measurements_lamp(), self._modes_lamp(), self._foundation_lamp()
@@ -123,7 +150,7 @@ class SessionStatus:
         if not self._posterior.trusted:
             return Lamp("bad", "foundation: NOT TRUSTED")
         if self._event is not None:
-            return Lamp("doubt", "foundation: changed")
+            return Lamp("doubt", CHANGED.get(self._event.kind, CHANGED["undecided"]))
         return Lamp("good", "foundation: known")
 
     def _verdict(self) -> str:

@@ -58,6 +58,7 @@ def test_opening_nothing_needs_no_rerun_at_import():
         "scene",
         "corner",
         "pile",
+        "farm",
         "spectrum",
         "stabilisation",
         "status",
