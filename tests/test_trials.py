@@ -3,10 +3,12 @@
 from pathlib import Path
 
 from tests.benchmarks._disk_trial import disk_trial
+from tests.benchmarks._farm_trial import farm_trial
 from tests.benchmarks._fuzz_trial import fuzz_trial
 from tests.benchmarks._kill_trial import kill_trial
 from tests.benchmarks._link_trials import cut_trial, frozen_trial, router_trial
 from tests.benchmarks._security_trial import security_trial
+from tests.benchmarks.transport import Load
 from tests.benchmarks.trials import SCENARIO, day_trial
 
 
@@ -76,6 +78,13 @@ def test_a_session_whose_nodes_are_killed_ends_with_the_same_posterior_and_nothi
     assert len(outcome.kills) == 2
     assert (outcome.published, outcome.missing) == (70, 0)
     assert (outcome.windows, outcome.differing) == (1, 0)
+    assert outcome.exit_code == 0
+
+
+def test_a_farm_in_real_time_is_recorded_whole(tmp_path: Path) -> None:
+    outcome = farm_trial(tmp_path, Load(turbines=200, channels=8, rate=40.0, seconds=3))
+    assert outcome.recorded == outcome.published == 600
+    assert outcome.lost == 0
     assert outcome.exit_code == 0
 
 

@@ -1,7 +1,7 @@
 """A session in processes whose parts are killed one after the other, the source's too.
 
     [unit]  ──► session: [recorder] [identification] [updating] [viewer]
-      ▲ kill -9, started again by this trial        ▲ kill -9, started again by the session
+      ▲ kill -9, another takes its place            ▲ kill -9, started again by the session
 
 Beside it the same blocks undisturbed, in lock-step: without those that nobody measured while the
 unit was down.
@@ -32,6 +32,7 @@ from sensors.blocks import NANOSECONDS, AccelerationBlock
 from tests.benchmarks._fuzz_trial import wait_for_nodes
 
 SOURCE = "source"
+SENT = "sent.txt"  # numbers of the blocks that the units have published
 PATIENCE = 120.0  # for what other processes do [s]
 
 
@@ -42,7 +43,8 @@ class KillOutcome:
     kills: tuple[str, ...]  # in order
     published: int  # blocks that the unit would have given, undisturbed
     missing: int  # of them not in the recording
-    longest_loss: float  # of those, in one piece [s of wall time]
+    unheard: int  # of those, blocks that a unit had published before it was killed
+    longest_loss: float  # missing in one piece [s of wall time]
     untold: int  # of those in no gap that the session reports
     repeated: int  # blocks that are in the recording more than once
     windows: int  # with a posterior in the undisturbed session
@@ -64,11 +66,11 @@ def kill_trial(
     out, endpoint, done = folder / "killed", free_endpoint(), list[str]()
     with live_session(recording, out, endpoint, rrd=rrd) as session:
         wait_for_nodes(endpoint, nodes=6 if rrd else 5)
-        with Unit(recording, endpoint, speed) as unit:
+        with Unit(recording, endpoint, speed, reserve=kills.count(SOURCE)) as unit:
             for number, name in enumerate(kills):
                 moment = (number + generator.uniform(0.6, 1.0)) / (len(kills) + 0.5) * duration
                 time.sleep(max(0.0, unit.began + moment - time.monotonic()))
-                killed = unit.kill_and_restart() if name == SOURCE else kill_node(session.pid, name)
+                killed = unit.kill_and_replace() if name == SOURCE else kill_node(session.pid, name)
                 done += [name] if killed else []
             last = end_of_last_window(published, described)
             wait_until(lambda: last_answer(out) >= last)
@@ -92,10 +94,12 @@ def _outcome(
         SessionOptions(out=folder / "whole", way="lock-step", rrd=False),
     )
     ours, theirs = (_posteriors(folder / name) for name in ("killed", "whole"))
+    sent = {int(line) for line in (folder / SENT).read_text().split()}
     return KillOutcome(
         kills=tuple(done),
         published=len(published),
         missing=len(missing),
+        unheard=len(sent & set(missing)),
         longest_loss=longest_run(missing) / speed,
         untold=len(set(missing) - told_missing(parts)),
         repeated=len(recorded) - len(set(recorded)),
@@ -171,13 +175,16 @@ def live_session(
 
 
 class Unit:
-    """The acquisition unit's process."""
+    """The acquisition unit's process, and others in reserve that have come up and only wait: how
+    long Python takes to start is no matter of the pipeline's."""
 
-    def __init__(self, recording: Path, endpoint: str, speed: float) -> None:
+    def __init__(self, recording: Path, endpoint: str, speed: float, *, reserve: int) -> None:
         self.began = time.monotonic() + 3.0  # it has come up by then
         arguments = [str(recording), endpoint, repr(self.began), repr(speed)]
+        arguments.append(str(recording.with_name(SENT)))
         self._command = [sys.executable, "-m", "tests.benchmarks._unit", *arguments]
-        self._process = self._started()
+        self._process, *self._reserve = [self._started() for _ in range(1 + reserve)]
+        begin(self._process)
 
     def _started(self) -> "subprocess.Popen[bytes]":
         return subprocess.Popen(self._command, stdin=subprocess.PIPE)
@@ -186,15 +193,24 @@ class Unit:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.wait()
+        for process in (self._process, *self._reserve):
+            process.kill()
+            process.wait()
 
-    def kill_and_restart(self) -> bool:
-        """Kill it and start it again at once."""
+    def kill_and_replace(self) -> bool:
+        """Kill it and let one in reserve go on."""
         self._process.kill()
         self._process.wait()
-        self._process = self._started()
+        self._process = self._reserve.pop()
+        begin(self._process)
         return True
+
+
+def begin(process: "subprocess.Popen[bytes]") -> None:
+    """Say the word that a unit waits for."""
+    assert process.stdin is not None
+    process.stdin.write(b"\n")
+    process.stdin.flush()
 
 
 def kill_node(parent: int, name: str) -> bool:

@@ -12,6 +12,7 @@ kill         a session in processes; its parts, the measuring unit too, are kill
              other. Blocks missing from the recording; the posteriors beside the undisturbed ones
 disk         a session whose files the system lets grow to a size only: what was recorded until
              then, the posterior beside that of a session with room
+farm         200 turbines, eight channels at 40 Hz, into one recorder for 5 min: losses, latency
 day          24 h of blocks in recording parts and replayed as one: growth of memory, losses
 truncation   a recording cut at random bytes, and with flipped bytes: chunks that come back
 """
@@ -38,11 +39,13 @@ from pipeline.sources import record_simulation, recorded_stream, simulated
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import biaxial_layout
 from tests.benchmarks._disk_trial import disk_trial
+from tests.benchmarks._farm_trial import farm_trial
 from tests.benchmarks._fuzz_trial import fuzz_decoder, fuzz_trial
 from tests.benchmarks._kill_trial import kill_trial
 from tests.benchmarks._link_trials import block_of_noise, cut_trial, frozen_trial, router_trial
 from tests.benchmarks._relay import Cut
 from tests.benchmarks._security_trial import security_trial
+from tests.benchmarks.transport import Load
 
 SCENARIO = """
 title = "A small tower for what must survive"
@@ -250,6 +253,11 @@ def kill_trials(folder: Path, seed: int) -> None:
     print(kill_trial(folder, scenario=scenario, speed=10.0, kills=parts, seed=seed))
 
 
+def farm_trials(folder: Path, _seed: int) -> None:
+    """A farm in real time."""
+    print(farm_trial(folder, Load(turbines=200, channels=8, rate=40.0, seconds=300)))
+
+
 def day_trials(folder: Path, _seed: int) -> None:
     """A day of one tower."""
     print(day_trial(folder, hours=24.0, part=3600.0))
@@ -272,6 +280,7 @@ TRIALS: dict[str, Callable[[Path, int], None]] = {
     "fuzz": fuzz_trials,
     "certificates": security_trials,
     "truncation": truncation_trials,
+    "farm": farm_trials,
     "day": day_trials,
 }
 
