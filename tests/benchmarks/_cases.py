@@ -82,6 +82,8 @@ STRUCTURES: dict[str, Callable[[TurbineDescription], TurbineDescription]] = {
     "detailed": _detailed,  # both, and a transition piece: the scenario `model-error`
 }
 
+SAME_STRUCTURES = ("exact", "finer")  # as the updater knows them
+
 
 def true_ratios(seed: int) -> FloatArray:
     """(3,) drawn from the positive definite part of the box."""
