@@ -26,9 +26,10 @@ from scipy.stats import chisquare
 
 from pipeline.updating.density import StiffnessDensity
 from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.forward_model import ForwardModel, ModesOfStiffness
+from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.laplace import Peak, laplace_peak
 from pipeline.updating.likelihood import LikelihoodSettings, ModalLikelihood, Observation
+from pipeline.updating.pairing import PairingSearch, PairingSettings, PairingTargets
 from pipeline.updating.prior import PARAMETER_NAMES, Prior, PriorSettings
 from pipeline.updating.sampler import SamplerSettings
 from pipeline.updating.samplers import SamplingSettings, sampler_of
@@ -53,8 +54,6 @@ HEADER = (
 )
 RANKED = 99  # draws among which the truth is ranked
 BINS = 10  # of the ranks' histogram
-SEARCHED = 400  # draws of the prior where the posterior's peak is looked for
-FOLLOWED = 3  # likeliest of these that are followed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +64,7 @@ class Posteriors:
     layout: SensorLayout
     prior: Prior
     settings: LikelihoodSettings
-    searched: FloatArray  # (n, 3) ratios
-    modes: ModesOfStiffness  # there
+    search: PairingSearch
 
     @classmethod
     def of(
@@ -80,9 +78,8 @@ class Posteriors:
         """model: the turbine with the paper's modes, if not another; at this layout."""
         model = model or turbine_model()
         prior = Prior(model.nominal, PriorSettings(highest_sigma=highest_sigma))
-        searched = prior.spread(SEARCHED, np.random.default_rng(0))
-        modes = model.modal(prior.stiffness(searched))
-        return cls(model, layout, prior, settings, searched, modes)
+        search = PairingSearch(model, prior, PairingSettings(), np.random.default_rng(0))
+        return cls(model, layout, prior, settings, search)
 
     def true_modes(self, ratios: FloatArray) -> TrueModes:
         """The structure at (3,) ratios, which the windows are drawn about."""
@@ -105,19 +102,18 @@ class Posteriors:
     def draws(
         self, evidence: ModalEvidence, generator: np.random.Generator
     ) -> tuple[Peak, PosteriorDraws]:
-        """The prior's likeliest peak, and the posterior by the streaming sampler from there."""
+        """The posterior's peak, and the posterior by the streaming sampler from there."""
         likelihood = self.likelihood(evidence)
         density = StiffnessDensity(likelihood, self.model, self.prior, generator)
-        peak = self._peak(likelihood)
+        peak = self._peak(evidence, likelihood)
         sampler = sampler_of(SamplingSettings(), SamplerSettings())
         return peak, sampler(density.target(peak), generator)
 
-    def _peak(self, likelihood: ModalLikelihood) -> Peak:
-        values = likelihood.log_likelihood(self.modes).max(axis=1)
-        starts = self.searched[np.argsort(-values)[:FOLLOWED]]
-        peaks = [laplace_peak(likelihood, self.model, self.prior, start) for start in starts]
-        ends = self.model.modal(self.prior.stiffness(np.array([peak.ratios for peak in peaks])))
-        return peaks[int(np.argmax(likelihood.log_likelihood(ends).max(axis=1)))]
+    def _peak(self, evidence: ModalEvidence, likelihood: ModalLikelihood) -> Peak:
+        """Uphill from where the updater would begin: a hundred standard deviations from the truth
+        the likelihood alone has summits of its own."""
+        start = self.search.best(PairingTargets.of(evidence.modes, evidence.n_windows)).ratios
+        return laplace_peak(likelihood, self.model, self.prior, start)
 
 
 def evidence_of_stream(
