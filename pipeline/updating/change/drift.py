@@ -15,7 +15,7 @@ from pipeline.updating.forward_model import FloatArray
 
 SHIFTS = np.array([0.001, 0.004, 0.016])  # τ of ln f [-]
 FAMILY = 0.25  # p of a family of modes [-]
-LARGEST = 300.0  # log L of one mode, beyond which it makes no difference
+LARGEST = 300.0  # log L of one mode, beyond which exp overflows and 1 − p is nothing beside it
 
 
 def log_drift(steps: Steps) -> FloatArray:
@@ -26,6 +26,7 @@ def log_drift(steps: Steps) -> FloatArray:
     g, h = steps.g[:, watched], steps.h[:, watched]
     each = log_step(g, h, SHIFTS**2)  # (n_τ, K, J)
     ratios = np.exp(np.minimum(each, LARGEST))
+    beyond = np.maximum(each - LARGEST, 0.0).sum(axis=2)
     shares = (1 / g.shape[1], FAMILY)
-    some = [np.log(1 - p + p * ratios).sum(axis=2) for p in shares]
+    some = [np.log(1 - p + p * ratios).sum(axis=2) + beyond for p in shares]
     return log_mean(np.concatenate([each.sum(axis=2), *some]))

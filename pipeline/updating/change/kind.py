@@ -9,8 +9,10 @@ the package's docstring,
 
     p(g | κ) / p(g | 0) = Π_j exp(g_j δ_j − ½ h_j δ_j²) (1 − p + p L(g_j − h_j δ_j, h_j; τ_o²))
 
-integrated over κ ~ N(0, τ² 1) by Laplace's approximation around its peak, mixed over τ. Against it
-stands the modal drift, in closed form.
+integrated over κ ~ N(0, τ² 1) by Laplace's approximation around its peak, mixed over τ. A mode that
+is paired with none of the model's (its frequency may lie above the model's highest) moves with the
+foundation too, nobody knows by how much: by τ times what the paired ones are sensitive on average,
+up or down. Against all this stands the modal drift, in closed form.
 Source: Kass and Raftery (1995), Journal of the American Statistical Association 90.
 """
 
@@ -34,7 +36,7 @@ MISTAKE = float(SHIFTS[-1])  # τ_o of its ln f [-]
 def foundation_probability(step: Steps, stiffness: FloatArray, settings: ChangeSettings) -> float:
     """That a change was the foundation's, from its steps on frequencies uncut, (1, J) each.
 
-    stiffness   S, (J, 3)
+    stiffness   S, (J, 3); zeros for a track that is paired with no mode of the model
 
         P = π E_foundation / (π E_foundation + (1 − π) E_drift),   π = settings.foundation_share
     """
@@ -54,8 +56,22 @@ def kind_of(probability: float, settings: ChangeSettings) -> Kind:
 
 def log_foundation_with_mistakes(step: Steps, stiffness: FloatArray) -> float:
     """log likelihood ratio of a change of the springs against none."""
-    sizes = [_log_integral(step.g[0], step.h[0], stiffness, size) for size in STIFFNESS_SHIFTS]
+    g, h, paired = step.g[0], step.h[0], stiffness.any(axis=1)
+    if not paired.any():
+        return 0.0
+    typical = float(np.mean((stiffness[paired] ** 2).sum(axis=1)))  # variance of ln f over τ²
+    sizes = [
+        _log_integral(g[paired], h[paired], stiffness[paired], size)
+        + _log_unpaired(g[~paired], h[~paired], size**2 * typical)
+        for size in STIFFNESS_SHIFTS
+    ]
     return float(log_mean(np.array(sizes)))
+
+
+def _log_unpaired(g: FloatArray, h: FloatArray, variance: float) -> float:
+    """The same of modes that move by steps of this variance with the foundation."""
+    along, alone = log_step(g, h, np.array([variance, MISTAKE**2]))
+    return float(np.logaddexp(np.log1p(-MISTAKEN) + along, np.log(MISTAKEN) + alone).sum())
 
 
 def _log_integral(g: FloatArray, h: FloatArray, stiffness: FloatArray, size: float) -> float:

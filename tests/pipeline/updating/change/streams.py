@@ -37,6 +37,15 @@ def known_of(state):
     return Sensitivities(SENSITIVITIES.stiffness[:n], SENSITIVITIES.water[:n])
 
 
+def judged(shifts, *, seed):
+    """The change as it is told after the last window, whenever the alarm was; and the state."""
+    detector, generator, state = ChangeDetector(), np.random.default_rng(seed), ChangeState()
+    for number, shift in enumerate(shifts):
+        state = detector.updated(state, window_of(number, generator, shift=shift), known_of(state))
+    verdict = detector.verdict(state, SENSITIVITIES, window_duration=WINDOW)
+    return detector.change(state, verdict, SENSITIVITIES), state
+
+
 def run(shifts, *, seed, settings=None, tide=0.0):
     """State, verdict and number of the first window with an alarm; None for none."""
     detector, generator = ChangeDetector(settings), np.random.default_rng(seed)
