@@ -280,6 +280,7 @@ class NodeStatus:
     busy_s: float = 0.0  # time spent in handling messages [s]
     warnings: tuple[Warning, ...] = field(default=())
     malformed: int = 0  # messages that were dropped: forged, oversized, broken
+    recovered: int = 0  # blocks that came when their link was back, from where they were kept
 
 
 Message = (

@@ -185,7 +185,8 @@ def serve(
         bus.publish(
             account.status(
                 state,
-                lost=subscription.lost_of(AccelerationBlock) + inbox.dropped,
+                lost=subscription.lost_of(AccelerationBlock) + inbox.dropped_of(AccelerationBlock),
+                recovered=subscription.recovered_of(AccelerationBlock),
                 malformed=inbox.malformed,
                 refusal=inbox.refusal,
             )

@@ -90,6 +90,7 @@ class StatusDesk:
             "behind_blocks": behind,
             "received": sum(each.count for each in status.received),
             "lost": status.lost,
+            "recovered": status.recovered,
             "late": status.late,
             "duplicate": status.duplicate,
             "malformed": status.malformed,

@@ -318,6 +318,7 @@ class SessionSummary:
             "published": self.published,
             "recorded": recorded,
             "lost": max((status.lost for status in takers), default=0),
+            "recovered": max((status.recovered for status in takers), default=0),
             "late": max((status.late for status in takers), default=0),
             "duplicate": max((status.duplicate for status in takers), default=0),
             "gaps": len(self.gaps),

@@ -133,16 +133,15 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
             f"{len(unit.gaps)} ({missing:.1f} s)" if unit.gaps else "none",
         )
     nodes = _table("Nodes, as they last said")
-    for title in ("node", "state", "last block", "lost", "late", "duplicate", "busy [s]"):
+    accounts = ("recovered", "lost", "late", "duplicate")
+    for title in ("node", "state", "last block", *accounts, "busy [s]"):
         nodes.add_column(title, justify="right")
     for status in info.health:
         nodes.add_row(
             status.node,
             status.state,
             str(status.last_sequence) if status.last_sequence >= 0 else "",
-            str(status.lost),
-            str(status.late),
-            str(status.duplicate),
+            *(str(getattr(status, name)) for name in accounts),
             f"{status.busy_s:.2f}",
         )
     return [channels, units] + ([nodes] if info.health else [])
@@ -151,7 +150,7 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
 def status_tables(status: Mapping[str, Any]) -> list[Table]:
     """What a running session answered: nodes, streams, posteriors, gaps."""
     nodes = _table(f"nodes of {status['source']}")
-    counted = ("received", "lost", "late", "malformed")
+    counted = ("received", "recovered", "lost", "late", "duplicate", "malformed")
     for title in ("node", "condition", "silent [s]", "behind [blocks]", *counted):
         nodes.add_column(title, justify="left" if title in ("node", "condition") else "right")
     for each in status["nodes"]:

@@ -64,7 +64,9 @@ def test_every_way_records_every_block_as_it_was_published(
 
 def test_a_session_loses_nothing_and_says_so(sessions: dict[str, Path]) -> None:
     for folder in sessions.values():
-        assert figures(folder)["stream"] == {
+        stream = figures(folder)["stream"]
+        assert stream.pop("recovered") >= 0  # a busy machine keeps some on their way for long
+        assert stream == {
             "published": 240,
             "recorded": 240,
             "lost": 0,

@@ -16,6 +16,7 @@ def test_a_cable_cut_for_seconds_costs_no_block() -> None:
     outcome = cut_trial(duration=2.0, rate=100.0, how="silent")
     assert outcome.received == outcome.published == 400
     assert (outcome.lost, outcome.repeated, outcome.disordered) == (0, 0, 0)
+    assert outcome.recovered >= 150  # published more than half a second before the mending
 
 
 def test_what_was_published_beyond_the_cache_while_the_cable_was_cut_is_lost_and_counted() -> None:

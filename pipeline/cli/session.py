@@ -153,7 +153,8 @@ def _print_session(session: Any, *, updates: bool) -> None:
     stream, timing = figures["stream"], figures["timing"]
     output.print(
         f"{stream['published']} blocks published, {stream['recorded']} recorded, "
-        f"{stream['lost']} lost, {stream['late']} late; "
+        f"{stream['lost']} lost, {stream['recovered']} recovered, {stream['late']} late, "
+        f"{stream['duplicate']} twice; "
         f"{figures['duration_s']:.0f} s of measurements in {timing['wall_s']:.1f} s"
     )
     output.print("Written: " + ", ".join(str(path) for path in session.files), soft_wrap=True)

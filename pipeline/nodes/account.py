@@ -54,11 +54,18 @@ class NodeAccount:
             self._busy_ns += max(0, self._clock() - started)
 
     def status(
-        self, state: str, *, lost: int = 0, malformed: int = 0, refusal: str = ""
+        self,
+        state: str,
+        *,
+        lost: int = 0,
+        recovered: int = 0,
+        malformed: int = 0,
+        refusal: str = "",
     ) -> NodeStatus:
         """What the node would say of itself now.
 
         lost        blocks that its subscription knows to be lost
+        recovered   blocks that came when their link was back
         malformed   messages that were dropped before they reached it
         refusal     of the last of them: where it came and what was wrong
         """
@@ -79,6 +86,7 @@ class NodeAccount:
             busy_s=self._busy_ns * 1e-9,
             warnings=doubts,
             malformed=malformed,
+            recovered=recovered,
         )
 
 

@@ -46,6 +46,10 @@ class Subscription(Protocol):
         """Those of one type."""
         ...
 
+    def recovered_of(self, message_type: type) -> int:
+        """Messages of one type that came when their link was back, from where they were kept."""
+        ...
+
     def close(self) -> None:
         """Deliver no more."""
         ...

@@ -59,6 +59,9 @@ class MemorySubscription:
     def lost_of(self, message_type: type) -> int:
         return 0
 
+    def recovered_of(self, message_type: type) -> int:
+        return 0
+
     def deliver(self, delivery: Delivery) -> None:
         if delivery.message_type in self._message_types:
             self._inbox.put(delivery)

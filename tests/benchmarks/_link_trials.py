@@ -32,6 +32,7 @@ class LinkOutcome:
     published: int
     received: int  # different ones
     lost: int  # as the subscription itself says
+    recovered: int  # that came late, from where they were kept; as the subscription says
     repeated: int  # that came more than once
     disordered: int  # that came after a later one
     put_p999_ms: float  # of the calls of `publish`
@@ -151,7 +152,8 @@ def receive(settings: ZenohSettings, answer: Connection) -> None:
                 taken.append(message.sequence)
             if time.monotonic() > deadline:
                 break
-        answer.send((taken, subscription.lost_of(AccelerationBlock)))
+        counts = (subscription.lost_of, subscription.recovered_of)
+        answer.send((taken, *(count(AccelerationBlock) for count in counts)))
 
 
 def published(
@@ -171,11 +173,12 @@ def published(
         bus.publish(StreamEnd("t1", "tower", "session-1", 0, len(puts)))
         if not answer.poll(2 * PATIENCE):
             raise RuntimeError("the receiver did not answer")
-        taken, lost = answer.recv()
+        taken, lost, recovered = answer.recv()
     return LinkOutcome(
         published=len(puts),
         received=len(set(taken)),
         lost=lost,
+        recovered=recovered,
         repeated=len(taken) - len(set(taken)),
         disordered=int(np.sum(np.diff(taken) < 0)),
         put_p999_ms=float(np.percentile(puts, 99.9)) * 1e3,

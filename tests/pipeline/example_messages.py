@@ -291,5 +291,6 @@ messages = st.one_of(
         busy_s=numbers,
         warnings=warnings,
         malformed=counts,
+        recovered=counts,
     ),
 )

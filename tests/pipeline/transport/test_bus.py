@@ -89,7 +89,7 @@ def test_nothing_arrives_after_a_subscription_is_closed(bus: Bus) -> None:
     assert take(still_open, 1) == [status("updating")]
     assert len(closed) == 0
     assert subscription.lost == 0
-    assert subscription.lost_of(NodeStatus) == 0
+    assert subscription.lost_of(NodeStatus) == subscription.recovered_of(NodeStatus) == 0
 
 
 @pytest.mark.parametrize("turbine", ["", "a/b", "*", "a$b"])

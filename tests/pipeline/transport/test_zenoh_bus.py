@@ -6,12 +6,15 @@ import socket
 import threading
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from zenoh import NTP64
 
 from pipeline.messages import NodeStatus, WindowRejected
 from pipeline.transport.bus import Inbox
 from pipeline.transport.errors import TransportError
+from pipeline.transport.zenoh_arrivals import is_recovered
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub, peer_of
 from sensors.blocks import AccelerationBlock
 from tests.pipeline.example_messages import block, rejection, status
@@ -156,3 +159,12 @@ def test_a_configuration_file_is_used_as_it_is(tmp_path: Path) -> None:
         router.subscribe([NodeStatus], inbox)
         bus.publish(status("source"))
         assert take(inbox, 1) == [status("source")]
+
+
+def test_what_was_on_its_way_longer_than_a_heartbeat_counts_as_recovered() -> None:
+    published = NTP64(1_717_200_000, 250_000_000)
+    sample = SimpleNamespace(timestamp=SimpleNamespace(get_time_as_ntp64=lambda: published))
+    assert not is_recovered(sample, 1_717_200_000.25)
+    assert not is_recovered(sample, 1_717_200_000.7)
+    assert is_recovered(sample, 1_717_200_000.8)
+    assert not is_recovered(SimpleNamespace(timestamp=None), 1_717_200_000.8)  # of a stranger

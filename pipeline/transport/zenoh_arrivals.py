@@ -1,0 +1,158 @@
+"""Samples on their way from Zenoh into an inbox: each publisher's from their beginning.
+
+    published    0 1 2 3 4 5 6 …
+    link up              ┌──────
+    arriving             3 4 5 …      held back
+    fetched      0 1 2                asked of the publisher's cache
+    inbox        0 1 2 3 4 5 6 …
+
+Zenoh's advanced subscriber asks for what it misses between two samples. Where a link comes up while
+samples are being published, though, the first that gets through opens the stream and those before
+it are passed over in silence. So a stream that does not begin with its first sample is held back
+until the samples before have been fetched too.
+"""
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import zenoh
+
+from pipeline.transport.bus import Delivery, Inbox
+from pipeline.transport.zenoh_settings import without_source
+
+logger = logging.getLogger(__name__)
+
+HEARTBEAT = 0.5  # a publisher says how far it is; what is missed is noticed then at the latest [s]
+FETCH_TIMEOUT = 2.0  # for the beginning of a stream; it is held back so long at most [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Publisher:
+    """Who published a sample: one advanced publisher of one session, on one key."""
+
+    session: str
+    entity: int
+    key: str
+
+
+class Arrivals:
+    """Puts the samples of one stream into an inbox, each publisher's from their beginning.
+
+    Called by Zenoh's threads; asks Zenoh for nothing by itself. `recovered` counts the samples
+    that were on their way for so long that they did not come by themselves: their link was down,
+    or nobody listened yet.
+    """
+
+    def __init__(self, message_type: type, inbox: Inbox, beginnings: "Beginnings") -> None:
+        self.recovered = 0
+        self._message_type = message_type
+        self._inbox = inbox
+        self._beginnings = beginnings
+        self._arriving = threading.Lock()
+        self._known: set[Publisher] = set()
+        self._held: dict[Publisher, list[Delivery]] = {}  # while their beginning is fetched
+
+    def __call__(self, sample: zenoh.Sample) -> None:
+        delivery = self._delivery(sample)
+        publisher, number = _origin(sample)
+        with self._arriving:
+            self.recovered += is_recovered(sample, time.time())
+            if publisher in self._held:
+                self._held[publisher].append(delivery)
+            elif publisher in self._known or number == 0:
+                self._known.add(publisher)
+                self._inbox.put(delivery)
+            else:
+                self._known.add(publisher)
+                self._held[publisher] = [delivery]
+                self._beginnings.ask(publisher, number, self.begin)
+
+    def begin(self, publisher: Publisher, earlier: Iterable[zenoh.Sample]) -> None:
+        """Let a stream that was held back go on, after what came before it."""
+        beginning = [self._delivery(sample) for sample in earlier]
+        with self._arriving:
+            self.recovered += len(beginning)
+            for delivery in beginning + self._held.pop(publisher):
+                self._inbox.put(delivery)
+
+    def _delivery(self, sample: zenoh.Sample) -> Delivery:
+        return Delivery(self._message_type, str(sample.key_expr), sample.payload.to_bytes())
+
+
+def is_recovered(sample: zenoh.Sample, now: float) -> bool:
+    """Whether a sample came later after its publishing than what comes by itself.
+
+    now   [s since 1970-01-01 UTC]; the machines' clocks are taken to agree
+    """
+    if sample.timestamp is None:
+        return False
+    return now - sample.timestamp.get_time_as_ntp64().as_secs_f64() > HEARTBEAT
+
+
+def _origin(sample: zenoh.Sample) -> tuple[Publisher, int]:
+    """Who published a sample, and its number in their count from 0; 0 where nobody says so."""
+    key, source = str(sample.key_expr), sample.source_info
+    if source is None:
+        return Publisher("", 0, key), 0
+    return Publisher(str(source.source_id.zid), source.source_id.eid, key), source.source_sn
+
+
+_Begin = Callable[[Publisher, Iterable[zenoh.Sample]], None]
+
+
+class Beginnings:
+    """Fetches the samples before the first that arrived, in a thread of its own."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._asked: queue.SimpleQueue[tuple[Publisher, int, _Begin] | None]
+        self._asked = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._fetch_all, name="beginnings", daemon=True)
+        self._thread.start()
+
+    def ask(self, publisher: Publisher, first_number: int, begin: _Begin) -> None:
+        """Have `begin` called with what the publisher still has from before this number."""
+        self._asked.put((publisher, first_number, begin))
+
+    def close(self) -> None:
+        """Fetch what has been asked for until now, then no more."""
+        self._asked.put(None)
+        self._thread.join()
+
+    def _fetch_all(self) -> None:
+        while (asked := self._asked.get()) is not None:
+            publisher, first_number, begin = asked
+            earlier: list[zenoh.Sample] = []
+            try:
+                earlier = self._fetched(publisher, first_number)
+            except zenoh.ZError as error:
+                logger.warning(
+                    "the beginning of %s, %d messages, could not be fetched: %s",
+                    *(publisher.key, first_number, without_source(str(error))),
+                )
+            begin(publisher, earlier)
+
+    def _fetched(self, publisher: Publisher, first_number: int) -> list[zenoh.Sample]:
+        # The selector with which Zenoh's own subscriber asks a publisher for what it missed.
+        selector = (
+            f"{publisher.key}/@adv/*/{publisher.session}/{publisher.entity}/**"
+            f"?_sn=..{first_number - 1}"
+        )
+        replies = self._session.get(
+            selector,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            timeout=FETCH_TIMEOUT,
+        )
+        samples = {_origin(reply.ok): reply.ok for reply in replies if reply.ok is not None}
+        earlier = [(who, number) for who, number in samples if who == publisher]
+        return [
+            samples[origin]
+            for origin in sorted(earlier, key=lambda origin: origin[1])
+            if origin[1] < first_number
+        ]
