@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from pipeline.messages import Message, MessageCount, NodeStatus
 from pipeline.messages import Warning as Doubt
@@ -37,7 +38,8 @@ class NodeAccount:
         What a node does after its last answer, such as writing a checkpoint, it does when that
         answer has been passed on. The message counts as taken when the answers are exhausted.
         """
-        answers = iter(self.node.handle(message))
+        with self._busy():  # a node that answers nothing works here
+            answers = iter(self.node.handle(message))
         while (answer := self._next(answers)) is not None:
             self._published[type(answer).__name__] += 1
             yield answer
@@ -46,10 +48,15 @@ class NodeAccount:
             self.last_sequence = message.sequence
 
     def _next(self, answers: Iterator[Message]) -> Message | None:
-        """The next answer, the time it takes the node counted as busy."""
+        with self._busy():
+            return next(answers, None)
+
+    @contextmanager
+    def _busy(self) -> Iterator[None]:
+        """Counts the time that it takes."""
         started = self._clock()
         try:
-            return next(answers, None)
+            yield
         finally:
             self._busy_ns += max(0, self._clock() - started)
 
