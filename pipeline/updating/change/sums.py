@@ -256,13 +256,12 @@ def since(sums: ChangeSums, candidate: int) -> ChangeSums:
 
 
 def _thinned(sums: ChangeSums, most: int) -> ChangeSums:
-    """With at most so many candidates: the two neighbours nearest to each other for their age
-    become one, which stands for both. That choice knows nothing of the measurements."""
+    """With at most so many candidates: the one goes whose neighbours are nearest to each other for
+    its age; the next one stands for it as well. That choice knows nothing of the measurements."""
     if len(sums.starts_ns) <= most:
         return sums
     starts = np.array(sums.starts_ns, dtype=float)
-    ages = starts[-1] - starts[1:-1]
-    dropped = int(np.argmin(np.diff(starts)[1:] / ages)) + 1
+    dropped = int(np.argmin((starts[2:] - starts[:-2]) / (starts[-1] - starts[1:-1]))) + 1
     whole, shares = sums.segments, sums.shares
     joined = whole[:, [dropped - 1]] + whole[:, [dropped]]
     return replace(
