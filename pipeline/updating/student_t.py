@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 from pipeline.updating.forward_model import FloatArray
 
@@ -32,7 +32,7 @@ class StudentMixture:
     @classmethod
     def single(cls, mean: FloatArray, scale: FloatArray) -> "StudentMixture":
         """One component about mean, (n_dim,), with scale matrix S, (n_dim, n_dim)."""
-        return cls(np.ones(1), mean[None], _factor(scale)[None])
+        return cls(np.ones(1), mean[None], _factors(scale[None]))
 
     def draws(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, n_dim) independent draws, the components' numbers stratified, in random order."""
@@ -46,16 +46,15 @@ class StudentMixture:
 
     def log_density(self, points: FloatArray) -> FloatArray:
         """(n,) log q at points, (n, n_dim)."""
-        return np.asarray(logsumexp(self.log_shares(points)[0], axis=1))
+        return _log_sums(self.log_shares(points)[0])
 
     def log_shares(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """log α_k t_k(x) and the squared Mahalanobis distances, (n, n_components) each."""
         n_dim, nu = self.means.shape[1], self.degrees
         constant = gammaln((nu + n_dim) / 2) - gammaln(nu / 2) - n_dim / 2 * np.log(nu * np.pi)
-        squares = np.empty((len(points), len(self.shares)))
-        whitening = np.swapaxes(np.linalg.inv(self.factors), 1, 2)
-        for number, mean in enumerate(self.means):
-            squares[:, number] = (((points - mean) @ whitening[number]) ** 2).sum(axis=1)
+        # sums over the points' few dimensions are quick with the points along the last axis
+        offsets = points.T - self.means[:, :, None]  # (n_components, n_dim, n)
+        squares = ((np.linalg.inv(self.factors) @ offsets) ** 2).sum(axis=1).T
         log_determinants = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
         logs = constant - log_determinants - (nu + n_dim) / 2 * np.log1p(squares / nu)
         return logs + np.log(self.shares), squares
@@ -153,17 +152,16 @@ def _expectation_maximisation(
     size = kish_size(weights)
     prior_scale = covariance * n_components ** (-2 / points.shape[1])
     centres = _spread_centres(points, weights, covariance, n_components, generator)
-    factor = _factor(prior_scale)
     mixture = StudentMixture(
         np.full(len(centres), 1 / len(centres)),
         centres if n_components > 1 else mean[None],
-        np.repeat(factor[None], len(centres), axis=0),
+        np.repeat(_factors(prior_scale[None]), len(centres), axis=0),
         degrees,
     )
     last = -np.inf
     for _ in range(EM_STEPS):
         logs, squares = mixture.log_shares(points)
-        totals = logsumexp(logs, axis=1)
+        totals = _log_sums(logs)
         mean_log = float(weights @ totals)
         if mean_log - last < EM_TOLERANCE:
             break
@@ -187,17 +185,12 @@ def _maximised(
     kept = shares * size >= 1.0  # a component with less than one effective point is dropped
     kept[np.argmax(shares)] = True
     damped = responsibilities * (mixture.degrees + n_dim) / (mixture.degrees + squares)
-    means, factors = [], []
-    for number in np.flatnonzero(kept):
-        mean = damped[:, number] @ points / damped[:, number].sum()
-        offsets = points - mean
-        scatter = size * (offsets * damped[:, number, None]).T @ offsets
-        pseudo = n_dim + 2
-        means.append(mean)
-        factors.append(_factor((scatter + pseudo * prior_scale) / (size * shares[number] + pseudo)))
-    return StudentMixture(
-        shares[kept] / shares[kept].sum(), np.array(means), np.array(factors), mixture.degrees
-    )
+    damped, shares, pseudo = damped[:, kept].T, shares[kept], n_dim + 2
+    means = damped @ points / damped.sum(axis=1)[:, None]
+    offsets = points.T - means[:, :, None]  # (n_components, n_dim, n)
+    scatter = size * (offsets * damped[:, None]) @ np.swapaxes(offsets, 1, 2)
+    scales = (scatter + pseudo * prior_scale) / (size * shares + pseudo)[:, None, None]
+    return StudentMixture(shares / shares.sum(), means, _factors(scales), mixture.degrees)
 
 
 def _spread_centres(
@@ -208,7 +201,7 @@ def _spread_centres(
     generator: np.random.Generator,
 ) -> FloatArray:
     """(n_centres, n_dim) of the points, far apart in the sample's own metric (k-means++)."""
-    white = np.linalg.solve(_factor(covariance), points.T).T
+    white = np.linalg.solve(_factors(covariance[None])[0], points.T).T
     chosen = [int(generator.choice(len(points), p=weights))]
     distances = ((white - white[chosen[0]]) ** 2).sum(axis=1)
     for _ in range(n_centres - 1):
@@ -220,13 +213,24 @@ def _spread_centres(
     return points[chosen]
 
 
-def _factor(scale: FloatArray) -> FloatArray:
-    """Lower Cholesky factor of a scale matrix, directions without spread given a trace of it."""
-    deviations = np.sqrt(np.maximum(np.diag(scale), 0.0))
-    deviations = np.maximum(deviations, SMALLEST_SCALE * max(float(deviations.max()), 1.0))
-    correlation = scale / np.outer(deviations, deviations)
-    values, vectors = np.linalg.eigh(correlation)
-    floored = np.maximum(values, SMALLEST_SCALE)
-    if not np.array_equal(floored, values):
-        correlation = (vectors * floored) @ vectors.T
-    return np.asarray(deviations[:, None] * np.linalg.cholesky(correlation))
+def _log_sums(logs: FloatArray) -> FloatArray:
+    """log Σ_k exp, (n,), of (n, n_components); −inf where all are."""
+    highest = logs.max(axis=1)
+    highest = np.where(np.isfinite(highest), highest, 0.0)
+    with np.errstate(divide="ignore"):  # log(0) = −inf is meant
+        return np.asarray(highest + np.log(np.exp(logs - highest[:, None]).sum(axis=1)))
+
+
+def _factors(scales: FloatArray) -> FloatArray:
+    """Lower Cholesky factors of (n, n_dim, n_dim) scale matrices, directions without spread given
+    a trace of it."""
+    deviations = np.sqrt(np.maximum(np.diagonal(scales, axis1=1, axis2=2), 0.0))
+    largest = np.maximum(deviations.max(axis=1, keepdims=True), 1.0)
+    deviations = np.maximum(deviations, SMALLEST_SCALE * largest)
+    correlations = scales / (deviations[:, :, None] * deviations[:, None])
+    values, vectors = np.linalg.eigh(correlations)
+    flat = (values < SMALLEST_SCALE).any(axis=1)
+    floored = np.maximum(values[flat], SMALLEST_SCALE)
+    vectors = vectors[flat]
+    correlations[flat] = (vectors * floored[:, None]) @ np.swapaxes(vectors, 1, 2)
+    return np.asarray(deviations[:, :, None] * np.linalg.cholesky(correlations))
