@@ -55,11 +55,12 @@ def watched_window(
 def sensitivities_of(tracks: Sequence[int], known: Sequence[TrackSensitivity]) -> Sensitivities:
     """By the order of the tracks; zero for those that are paired with no mode of the model."""
     found = Sensitivities.unknown(len(tracks))
-    rows = {track: row for row, track in enumerate(tracks)}
-    for each in known:
-        if each.track in rows:
-            found.stiffness[rows[each.track]] = each.slopes
-            found.water[rows[each.track]] = each.water
+    row_of = {track: row for row, track in enumerate(tracks)}
+    present = [each for each in known if each.track in row_of]
+    if present:
+        rows = [row_of[each.track] for each in present]
+        found.stiffness[rows] = [each.slopes for each in present]
+        found.water[rows] = [each.water for each in present]
     return found
 
 

@@ -39,7 +39,7 @@ from pipeline.updating.change.sums import (
     UNCUT_MOMENTS,
     SeenFrequency,
     WatchedWindow,
-    reduced_moment,
+    reduced_moments,
 )
 from pipeline.updating.change.walk import deviation
 from pipeline.updating.events import TrackSensitivity, sensitivities_of
@@ -311,7 +311,7 @@ def _covered(state: ChangeState, modes: Watched, case: Case, number: int) -> Flo
     softer = modes.pairs(SOFTER, water=True)
     known = sensitivities_of(state.sums.tracks, softer)
     n = np.maximum(totals[0], 1e-300)
-    mean = state.sums.reference + reduced_moment(totals, known.water, UNCUT_MOMENTS) / n
+    mean = state.sums.reference + reduced_moments(totals, known.water, UNCUT_MOMENTS)[0] / n
     moved = mean - modes.log_frequencies(SOFTER[None])[0, tracks]
     weight = 1 / (1 / n + LikelihoodSettings().frequency_floor ** 2)
     S = known.stiffness

@@ -37,21 +37,9 @@ class ChangeState:
 class Verdict:
     """What one window's look at the sums says. R is in windows; shares of candidates included."""
 
-    log_drift: FloatArray  # (K,) of a modal drift, by candidate
-    log_foundation: FloatArray  # (K,) of a change of the foundation
-    foundation_share: float  # of the changes expected beforehand [-]
+    log_kinds: FloatArray  # (2, K) log R of drift and foundation, each with its share beforehand
     log_threshold: float  # log A
     hazard: float  # changes expected a window
-
-    @property
-    def log_kinds(self) -> FloatArray:
-        """(2, K) log R of drift and foundation by candidate, each with its share beforehand."""
-        return np.stack(
-            [
-                self.log_drift + np.log(1 - self.foundation_share),
-                self.log_foundation + np.log(self.foundation_share),
-            ]
-        )
 
     @property
     def log_total(self) -> float:
@@ -112,12 +100,14 @@ class ChangeDetector:
     ) -> Verdict:
         """Whether there was a change. window_duration [s]"""
         found = steps(state.sums, sensitivities.water)
-        shares = np.log(state.sums.shares)
-        a_year = self.settings.windows_per_year(window_duration)
+        share, a_year = (
+            self.settings.foundation_share,
+            self.settings.windows_per_year(window_duration),
+        )
+        kinds = np.stack([log_drift(found), log_foundation(found, sensitivities.stiffness)])
+        beforehand = np.log(np.outer([1 - share, share], state.sums.shares))
         return Verdict(
-            log_drift=shares + log_drift(found),
-            log_foundation=shares + log_foundation(found, sensitivities.stiffness),
-            foundation_share=self.settings.foundation_share,
+            log_kinds=beforehand + kinds,
             log_threshold=float(np.log(self.settings.years_between_false_alarms * a_year)),
             hazard=self.settings.changes_per_year / a_year,
         )

@@ -20,13 +20,9 @@ LARGEST = 300.0  # log L of one mode, beyond which exp overflows and 1 − p is 
 
 def log_drift(steps: Steps) -> FloatArray:
     """(K,) log likelihood ratio of a modal drift that began with each candidate."""
-    watched = np.any(steps.h > 0, axis=0)
-    if not watched.any():
-        return np.zeros(len(steps.g))
-    g, h = steps.g[:, watched], steps.h[:, watched]
-    each = log_step(g, h, SHIFTS**2)  # (n_τ, K, J)
+    each = log_step(steps.g, steps.h, SHIFTS**2)  # (n_τ, K, J); 0 of a mode not seen before
     ratios = np.exp(np.minimum(each, LARGEST))
-    beyond = np.maximum(each - LARGEST, 0.0).sum(axis=2)
-    shares = (1 / g.shape[1], FAMILY)
-    some = [np.log(1 - p + p * ratios).sum(axis=2) + beyond for p in shares]
+    beyond = np.maximum(each - LARGEST, 0.0).sum(axis=2) if each.max(initial=0) > LARGEST else 0.0
+    shares = (1 / max(int(np.count_nonzero(steps.h.any(axis=0))), 1), FAMILY)
+    some = [np.log(p * ratios + (1 - p)).sum(axis=2) + beyond for p in shares]
     return log_mean(np.concatenate([each.sum(axis=2), *some]))

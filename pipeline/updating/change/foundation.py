@@ -36,25 +36,26 @@ def log_foundation(steps: Steps, stiffness: FloatArray) -> FloatArray:
     stiffness   S, (J, 3)
     """
     gradient = (steps.g @ stiffness).T  # G, (3, K)
-    hessian = [steps.h @ (stiffness[:, i] * stiffness[:, j]) for i, j in zip(*UPPER, strict=True)]
+    hessian = (steps.h @ (stiffness[:, UPPER[0]] * stiffness[:, UPPER[1]])).T  # (6, K)
     size = (STIFFNESS_SHIFTS**2)[:, None]
-    determinant, square = _solved(np.array(hessian)[:, None] * size + UNIT, gradient)
+    determinant, square = _solved(hessian[:, None] * size + UNIT, gradient)
     return log_mean(0.5 * (size * square - np.log(determinant)))
 
 
 def _solved(matrix: FloatArray, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """det M and vᵀ M⁻¹ v of symmetric 3 × 3 matrices by their cofactors: for hundreds so small
-    five times faster than a decomposition.
+    """det M and vᵀ M⁻¹ v of symmetric positive 3 × 3 matrices by M = L D Lᵀ written out: for
+    hundreds so small many times faster than a library's decomposition.
 
     matrix   the six entries of the upper triangle by rows, (6, …);  vector   v, (3, …)
     """
     a, b, c, d, e, f = matrix
     x, y, z = vector
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    determinant = a * A + b * B + c * C
-    square = A * x * x + D * y * y + F * z * z + 2 * (B * x * y + C * x * z + E * y * z)
-    return determinant, square / determinant
+    second, third = b / a, c / a  # of L's first column
+    d, e, f = d - b * second, e - c * second, f - c * third
+    y, z = y - second * x, z - third * x
+    below = e / d
+    f, z = f - e * below, z - below * y
+    return a * d * f, x * x / a + y * y / d + z * z / f
 
 
 def stiffness_step(step: Steps, stiffness: FloatArray) -> StiffnessStep:

@@ -118,7 +118,7 @@ class Regression:
     ) -> "Regression":
         """sums: (8, J). water: the model's slope and curvature, (J, 2)."""
         n, c, square = sums[:3]
-        moment, of_level = (reduced_moment(sums, water, moments, power) for power in (0, 1))
+        moment, of_level = reduced_moments(sums, water, moments)
         a, d = n + FLAT, square + SLOPE_STD**-2
         determinant = a * d - c**2
         return cls(
@@ -146,19 +146,20 @@ class Steps:
         return Steps(self.g[[candidate]], self.h[[candidate]])
 
 
-def reduced_moment(
-    sums: FloatArray, water: FloatArray, moments: tuple[int, int], power: int = 0
+def reduced_moments(
+    sums: FloatArray, water: FloatArray, moments: tuple[int, int], n_powers: int = 2
 ) -> FloatArray:
-    """(…, J): Σ w y lᵖ with the model's slope a and curvature b of the level taken out of y,
-    y − a l − b l², from (8, …, J) sums; p is 0 or 1."""
+    """(n_powers, …, J): Σ w y lᵖ, p = 0, 1, with the model's slope a and curvature b of the level
+    taken out of y, y − a l − b l², from (8, …, J) sums."""
     slope, curvature = water.T
-    return np.asarray(sums[moments[power]] - slope * sums[power + 1] - curvature * sums[power + 2])
+    own = sums[moments[0] : moments[0] + n_powers]
+    return np.asarray(own - slope * sums[1 : 1 + n_powers] - curvature * sums[2 : 2 + n_powers])
 
 
 def steps(sums: ChangeSums, water: FloatArray, moments: tuple[int, int] = CUT_MOMENTS) -> Steps:
     """g and h of every candidate and track. water: (J, 2)."""
     line = Regression.of(sums.totals, water, moments)
-    wanted = np.stack([*sums.segments[:2], reduced_moment(sums.segments, water, moments)])
+    wanted = np.concatenate([sums.segments[:2], reduced_moments(sums.segments, water, moments, 1)])
     n, c, r = np.cumsum(wanted[:, ::-1], axis=1)[:, ::-1]  # sums from each candidate on
     own, both, slope = line.covariance
     h = n - (own * n**2 + 2 * both * n * c + slope * c**2)

@@ -31,7 +31,7 @@ from pipeline.updating.change.sums import (
     ChangeSums,
     Sensitivities,
     WatchedWindow,
-    reduced_moment,
+    reduced_moments,
     seen_in,
 )
 from pipeline.updating.forward_model import FloatArray
@@ -141,7 +141,7 @@ def _from_the_mean(
     seen, values, totals = seen[known], values[known], totals[:, known]
     slope, curvature = sensitivities.water[seen].T
     level, n = window.water_level, totals[0]
-    moment = reduced_moment(totals, sensitivities.water[seen], UNCUT_MOMENTS)
+    (moment,) = reduced_moments(totals, sensitivities.water[seen], UNCUT_MOMENTS, 1)
     errors = values - (slope + curvature * level) * level - moment / n
     variances = (stated[known] / window.weight + 1 / n) * sums.scatter_factor[seen]
     return seen, errors, variances, level - totals[1] / n
