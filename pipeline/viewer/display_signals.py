@@ -1,8 +1,10 @@
 """Accelerations at the rate a screen needs: low-passed, decimated, on a coarse step."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.signal import firwin
 
@@ -12,6 +14,7 @@ FloatArray = NDArray[np.float64]
 
 DISPLAY_RATE = 20.0  # [Hz]; a day of eight channels then takes about 90 MB in a .rrd
 DISPLAY_STEP = 2.0**-13  # [m/s²], 0.12 mm/s²: a power of two leaves zero bits, which compress
+SAME_CLOCK = NANOSECONDS // 1000  # between the ends of two blocks that are read as one [ns]
 _TAPS_PER_SAMPLE = 8  # length of the low-pass filter in display samples
 
 
@@ -24,6 +27,39 @@ class DisplaySignal:
 
     times_ns: NDArray[np.int64]  # (n,) sensor clock [ns]
     samples: FloatArray  # (n, n_channels) [m/s²]
+
+
+def joined_runs(blocks: Sequence[AccelerationBlock]) -> Iterator[AccelerationBlock]:
+    """The same samples in fewer blocks: those of one unit that follow each other are one.
+
+    A block whose clock is off by more than SAME_CLOCK begins a new one, so that no sample's time
+    is off by more. Why: a block of a second costs the decimator as much as one of a minute.
+    """
+    run: list[AccelerationBlock] = []
+    for block in blocks:
+        if run and not _follows(block, run):
+            yield _joined(run)
+            run = []
+        run.append(block)
+    if run:
+        yield _joined(run)
+
+
+def _follows(block: AccelerationBlock, run: Sequence[AccelerationBlock]) -> bool:
+    first = run[0]
+    n_samples = block.first_sample - first.first_sample
+    expected_ns = first.start_ns + round(n_samples * NANOSECONDS / first.sampling_rate)
+    return (
+        block.session == first.session
+        and block.first_sample == run[-1].first_sample + len(run[-1].samples)
+        and block.sampling_rate == first.sampling_rate
+        and block.samples.shape[1] == first.samples.shape[1]
+        and abs(block.start_ns - expected_ns) <= SAME_CLOCK
+    )
+
+
+def _joined(run: Sequence[AccelerationBlock]) -> AccelerationBlock:
+    return replace(run[0], samples=np.concatenate([block.samples for block in run]))
 
 
 class DisplayDecimator:
@@ -58,12 +94,18 @@ class DisplayDecimator:
     def _decimated(self, block: AccelerationBlock, tail: NDArray[np.float32]) -> DisplaySignal:
         joined = np.concatenate([tail, block.samples])
         starts = np.arange(self._skip, len(joined) - len(self._taps) + 1, self._factor)
-        windows = starts[:, None] + np.arange(len(self._taps))
-        samples = np.einsum("ntc,t->nc", joined[windows].astype(float), self._taps)
+        samples = self._filtered(joined)
         centres = starts + len(self._taps) // 2 - len(tail)  # sample 0 is the block's first
         offsets = np.round(centres * (NANOSECONDS / block.sampling_rate)).astype(np.int64)
         self._keep(joined, first_needed=self._skip + len(starts) * self._factor)
         return DisplaySignal(block.start_ns + offsets, _on_step(samples))
+
+    def _filtered(self, samples: NDArray[np.float32]) -> FloatArray:
+        """The filter's output at every `factor`-th position, in the samples' own precision."""
+        if len(samples) < self._skip + len(self._taps):
+            return np.empty((0, samples.shape[1]))
+        windows = sliding_window_view(samples[self._skip :], len(self._taps), axis=0)
+        return np.asarray(windows[:: self._factor] @ self._taps.astype(np.float32), dtype=float)
 
     def _keep(self, joined: NDArray[np.float32], *, first_needed: int) -> None:
         kept = min(first_needed, len(joined))

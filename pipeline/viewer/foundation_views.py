@@ -14,6 +14,7 @@ from pipeline.viewer.entities import (
     log_line_style,
     median_path,
     parameter_path,
+    strips,
     words,
 )
 from pipeline.viewer.pile import PilePicture
@@ -88,9 +89,8 @@ def log_pile(recording: rr.RecordingStream, root: str, picture: PilePicture) -> 
         ("posterior", picture.posterior, colours.POSTERIOR, 1.0),
         ("truth", picture.truth, colours.TRUTH, 1.0),
     ):
-        points = [line.astype(np.float32) for line in lines]
         width = rr.Radius.ui_points(radius)
-        recording.log(f"{path}/{name}", rr.LineStrips2D(points, radii=width, colors=colour))
+        recording.log(f"{path}/{name}", rr.LineStrips2D(strips(lines), radii=width, colors=colour))
     recording.log(f"{path}/text", words(picture.texts))
 
 
@@ -132,12 +132,16 @@ def _log_corner(recording: rr.RecordingStream, path: str, plot: CornerPlot) -> N
         rr.Points2D(plot.draws, radii=rr.Radius.ui_points(1.3), colors=colours.POSTERIOR),
     )
     hair, stroke = rr.Radius.ui_points(0.5), rr.Radius.ui_points(1.0)
-    recording.log(f"{path}/frames", rr.LineStrips2D(plot.frames, radii=hair, colors=colours.QUIET))
+    recording.log(
+        f"{path}/frames", rr.LineStrips2D(strips(plot.frames), radii=hair, colors=colours.QUIET)
+    )
     recording.log(
         f"{path}/marginals",
-        rr.LineStrips2D(plot.histograms, radii=stroke, colors=colours.POSTERIOR),
+        rr.LineStrips2D(strips(plot.histograms), radii=stroke, colors=colours.POSTERIOR),
     )
-    recording.log(f"{path}/truth", rr.LineStrips2D(plot.truth, radii=stroke, colors=colours.TRUTH))
+    recording.log(
+        f"{path}/truth", rr.LineStrips2D(strips(plot.truth), radii=stroke, colors=colours.TRUTH)
+    )
     recording.log(f"{path}/text", words(plot.texts))
 
 

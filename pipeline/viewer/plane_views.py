@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.viewer import colours
 from pipeline.viewer.corner import Text
-from pipeline.viewer.entities import FARM, log_lights, words
+from pipeline.viewer.entities import FARM, log_lights, strips, words
 from pipeline.viewer.farm import LampBoard
 from pipeline.viewer.mac_matrix import MacMatrix
 from pipeline.viewer.spectrum import SpectrumPicture
@@ -29,7 +29,7 @@ def log_spectrum(recording: rr.RecordingStream, root: str, picture: SpectrumPict
     recording.log(
         f"{path}/channels",
         rr.LineStrips2D(
-            [_small(line) for line in picture.spectra],
+            strips(picture.spectra),
             radii=rr.Radius.ui_points(stroke),
             colors=palette,
         ),
@@ -47,13 +47,13 @@ def log_stabilisation(
     recording.log(f"{path}/frames", _lines(picture.frames, 0.4, colours.QUIET))
     recording.log(
         f"{path}/stds",
-        rr.LineStrips2D(
-            [_small(line) for line in picture.stds], radii=rr.Radius.ui_points(0.5), colors=palette
-        ),
+        rr.LineStrips2D(strips(picture.stds), radii=rr.Radius.ui_points(0.5), colors=palette),
     )
     recording.log(
         f"{path}/poles",
-        rr.Points2D(_small(picture.poles), radii=rr.Radius.ui_points(2.0), colors=palette),
+        rr.Points2D(
+            picture.poles.astype(np.float32), radii=rr.Radius.ui_points(2.0), colors=palette
+        ),
     )
     recording.log(f"{path}/text", words(picture.texts))
 
@@ -79,10 +79,5 @@ def log_farm(recording: rr.RecordingStream, board: LampBoard, markdown: str) -> 
     recording.log(f"{FARM}/table", rr.TextDocument(markdown, media_type="text/markdown"))
 
 
-def _lines(strips: Sequence[FloatArray], radius: float, colour: colours.Colour) -> rr.LineStrips2D:
-    points = [_small(line) for line in strips]
-    return rr.LineStrips2D(points, radii=rr.Radius.ui_points(radius), colors=colour)
-
-
-def _small(line: FloatArray) -> NDArray[np.float32]:
-    return line.astype(np.float32)
+def _lines(lines: Sequence[FloatArray], radius: float, colour: colours.Colour) -> rr.LineStrips2D:
+    return rr.LineStrips2D(strips(lines), radii=rr.Radius.ui_points(radius), colors=colour)

@@ -20,12 +20,12 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.viewer import foundation_views, plane_views, tower_views, track_views
-from pipeline.viewer.display_signals import DisplayDecimator, DisplaySignal
+from pipeline.viewer.display_signals import DisplayDecimator, joined_runs
 from pipeline.viewer.entities import FARM, at, turbine_path
 from pipeline.viewer.mac_matrix import mac_matrix
 from pipeline.viewer.panel import TurbinePanel
 from pipeline.viewer.pile import pile_picture
-from pipeline.viewer.scene import deflection, outline, scaled_onto, swing_frames
+from pipeline.viewer.scene import Deflection, deflection, outline, scaled_onto, swing_frames
 from pipeline.viewer.spectrum import RecentSamples, spectrum_picture
 from pipeline.viewer.stabilisation import stabilisation_picture
 from pipeline.viewer.status import (
@@ -41,6 +41,7 @@ from sensors.turbine.description import TurbineDescription
 
 FloatArray = NDArray[np.float64]
 
+NONE_FAULTY: frozenset[str] = frozenset()
 MAX_MODES = 12  # plots of single modes, where the description names no reference modes
 
 
@@ -76,9 +77,8 @@ class _Unit:
     recent: RecentSamples = field(default_factory=RecentSamples)
     last_sequence: int = -1
     block_duration: float = 0.0  # [s]
-    waiting: list[DisplaySignal] = field(default_factory=list)
-    since_ns: int = 0  # start of the first waiting block
-    faulty: frozenset[str] | None = None  # None before the first block
+    waiting: list[AccelerationBlock] = field(default_factory=list)
+    faulty: frozenset[str] | None = None  # channels; None before the first block
 
 
 class TurbineScreen:
@@ -165,18 +165,16 @@ class TurbineScreen:
             unit = self._units[block.unit] = _Unit(
                 DisplayDecimator(block.sampling_rate), block.sampling_rate
             )
-        if not unit.waiting:
-            unit.since_ns = block.start_ns
-        unit.waiting.append(unit.decimator.push(block))
+        unit.waiting.append(block)
         unit.recent.push(block)
         unit.last_sequence, unit.block_duration = block.sequence, block.duration
-        self._now_ns = max(self._now_ns, block.end_ns)
-        self._show_faults(block, unit)
-        if time.monotonic() - self._handed_over >= self._pace.rest:
-            if block.end_ns - unit.since_ns >= self._pace.signals * NANOSECONDS:
-                self._hand_over(block.unit, unit)
-                self._handed_over = time.monotonic()
+        end_ns = block.end_ns
+        self._now_ns = max(self._now_ns, end_ns)
+        is_due = end_ns - unit.waiting[0].start_ns >= self._pace.signals * NANOSECONDS
+        if is_due and time.monotonic() - self._handed_over >= self._pace.rest:
+            self._hand_over(block.unit, unit)
             self._swing_on(self._pace.swing_chunk)
+            self._handed_over = time.monotonic()
 
     def show_estimate(self, estimate: ModalEstimate) -> None:
         """Identified frequencies; shapes and tracks follow with the posterior that pairs them."""
@@ -335,9 +333,16 @@ class TurbineScreen:
             plane_views.log_mac_matrix(self._recording, self._root, matrix)
 
     def _hand_over(self, name: str, unit: _Unit) -> None:
-        if unit.waiting:
-            track_views.log_signal(self._recording, self._root, name, unit.waiting)
-            unit.waiting.clear()
+        blocks, unit.waiting = unit.waiting, []
+        if not blocks:
+            return
+        runs = list(joined_runs(blocks))
+        stated = any(block.status for block in blocks)
+        if stated or unit.faulty != NONE_FAULTY or not all(map(_is_whole, runs)):
+            for block in blocks:
+                self._show_faults(block, unit)
+        signals = [unit.decimator.push(run) for run in runs]
+        track_views.log_signal(self._recording, self._root, name, signals)
 
     def _show_faults(self, block: AccelerationBlock, unit: _Unit) -> None:
         layout = self._layouts.get(block.layout_id)
@@ -371,9 +376,10 @@ class TurbineScreen:
                     track_views.log_identified(self._recording, self._root, label, mode)
                 if layout is not None:
                     shape = posterior.model_shapes[row]
-                    self._show_model_shape(label, shape, layout)
+                    model = deflection(layout, layout.channel_names, shape)
+                    tower_views.log_model_shape(self._recording, self._root, label, model)
                     self._show_identified_shape(label, shape, mode, estimate, layout)
-                    self._caption(label, shape, pairs.get(label), layout)
+                    self._caption(label, model, pairs.get(label))
                     self._swings.setdefault(label, posterior.time_ns)
         if self._full_swing_ns is None:
             self._full_swing_ns = posterior.time_ns
@@ -388,10 +394,6 @@ class TurbineScreen:
         for window in [each for each in self._estimates if each <= posterior.window]:
             del self._estimates[window]
         return estimate
-
-    def _show_model_shape(self, label: str, shape: FloatArray, layout: SensorLayout) -> None:
-        model = deflection(layout, layout.channel_names, shape)
-        tower_views.log_model_shape(self._recording, self._root, label, model)
 
     def _show_identified_shape(
         self,
@@ -409,10 +411,8 @@ class TurbineScreen:
             identified = deflection(layout, estimate.channels, scaled)
         tower_views.log_identified_shape(self._recording, self._root, label, identified)
 
-    def _caption(
-        self, label: str, shape: FloatArray, pair: ModePair | None, layout: SensorLayout
-    ) -> None:
-        words = [deflection(layout, layout.channel_names, shape).direction]
+    def _caption(self, label: str, model: Deflection, pair: ModePair | None) -> None:
+        words = [model.direction]
         words += [f"{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["–"]
         foot = self._outline.mudline - 8.0
         tower_views.log_shape_caption(self._recording, self._root, label, words, foot=foot)
@@ -448,6 +448,10 @@ class TurbineScreen:
             )
             tower_views.log_swing(self._recording, self._root, label, frames)
             self._swings[label] = self._now_ns + 1
+
+
+def _is_whole(block: AccelerationBlock) -> bool:
+    return bool(np.isfinite(block.samples).all())
 
 
 def faulty_channels(block: AccelerationBlock, layout: SensorLayout) -> frozenset[str]:

@@ -43,8 +43,9 @@ PATIENCE_WITH_VIEWER = 5.0  # to be taken by a viewer [s]
 class Show:
     """Draws messages on one output; lays the views out anew when a turbine or unit appears.
 
-    The first layout goes out at once, later ones when nothing has changed for `Pace.settling`:
-    a farm's turbines appear one by one, and a layout has a size of its own (0.6 MB a turbine).
+    The first layout goes out with the first block, later ones when nothing has changed for
+    `Pace.settling`: a farm's turbines appear one by one, and a layout has a size of its own
+    (0.6 MB a turbine).
 
     Raises ViewerError where the output cannot be had.
     """
@@ -95,7 +96,8 @@ class Show:
             case NodeStatus():
                 screen.show_node(message)
                 return  # nodes speak before the sensors do: not yet a reason to lay out anything
-        self._note_panel(message.turbine, screen.panel)
+        if message.turbine not in self._panels or not isinstance(message, AccelerationBlock):
+            self._note_panel(message.turbine, screen.panel)
         self._go_on()
 
     def finish(self) -> None:
@@ -131,7 +133,8 @@ class Show:
             turbine: screen.continued_on(self._recording)
             for turbine, screen in self._screens.items()
         }
-        self._panels, self._unsettled_ns = {}, None
+        self._panels = {turbine: screen.panel for turbine, screen in self._screens.items()}
+        self._lay_out()
 
     def _screen_of(self, turbine: str) -> TurbineScreen:
         if turbine not in self._screens:
@@ -145,13 +148,9 @@ class Show:
 
     def _note_panel(self, turbine: str, panel: TurbinePanel) -> None:
         """Remember that the views are to be laid out anew where a turbine's have changed."""
-        if self._panels.get(turbine) == panel:
-            return
-        first = not self._panels
-        self._panels[turbine] = panel
-        self._unsettled_ns = self._now_ns
-        if first:
-            self._lay_out()
+        if self._panels.get(turbine) != panel:
+            self._panels[turbine] = panel
+            self._unsettled_ns = self._now_ns  # 0 before the first block
 
     def _go_on(self) -> None:
         """What is due as sensor time passes."""

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.signal import welch
+from scipy.fft import rfft, rfftfreq
 
 from pipeline.viewer.corner import Text
 from pipeline.viewer.frequency_axis import LOWEST, WIDTH, FrequencyAxis, frame, hair
@@ -46,20 +47,23 @@ class RecentSamples:
     def push(self, block: AccelerationBlock) -> None:
         """Keep one more block, and let go of those that are too old."""
         self._blocks.append(block)
-        while self._blocks[0].end_ns < block.end_ns - KEPT * NANOSECONDS:
+        while self._blocks[0].start_ns < block.start_ns - KEPT * NANOSECONDS:
             self._blocks.popleft()
 
-    def between(self, start_ns: int, end_ns: int) -> FloatArray | None:
+    def between(self, start_ns: int, end_ns: int) -> NDArray[np.float32] | None:
         """(n, n_channels) [m/s²] samples of the blocks that begin in a window; None where there is
         none or where they differ in their channels."""
         inside = [block.samples for block in self._blocks if start_ns <= block.start_ns < end_ns]
         if not inside or len({samples.shape[1] for samples in inside}) > 1:
             return None
-        return np.concatenate(inside).astype(float)
+        return np.concatenate(inside)
 
 
 def spectrum_picture(
-    samples: FloatArray, sampling_rate: float, layout: SensorLayout, frequencies: Sequence[float]
+    samples: NDArray[np.float32],
+    sampling_rate: float,
+    layout: SensorLayout,
+    frequencies: Sequence[float],
 ) -> SpectrumPicture:
     """Power spectral densities of all channels over a logarithmic axis.
 
@@ -71,14 +75,14 @@ def spectrum_picture(
     """
     finite = np.where(np.isfinite(samples), samples, np.nan)
     steady = np.nan_to_num(finite - np.nanmean(finite, axis=0))
-    segment = min(len(samples), round(SEGMENT * sampling_rate))
-    f, densities = welch(steady, sampling_rate, nperseg=segment, axis=0)
+    f, densities = power_spectral_densities(steady, sampling_rate)
     axis = FrequencyAxis(LOWEST, sampling_rate / 2)
     by_panel = [_along(layout, direction) for direction in range(2)]
-    top = float(np.log10(max(densities[f >= LOWEST].max(), 1e-300)))
+    top = float(np.log10(max(densities[f >= LOWEST].max(), 1e-30)))
     elevations = sorted({channel.elevation for channel in layout.channels})
+    curves = _curves(axis, f, densities, top)
     lines = [
-        (_line(axis, f, densities[:, channel], top, panel), channel)
+        (curves[channel] + [0.0, panel * PITCH], channel)
         for panel, channels in enumerate(by_panel)
         for channel in channels
     ]
@@ -97,18 +101,38 @@ def _along(layout: SensorLayout, axis: int) -> list[int]:
     return [i for i, channel in enumerate(layout.channels) if abs(channel.direction[axis]) > 0.7]
 
 
-def _line(
-    axis: FrequencyAxis, f: FloatArray, density: FloatArray, top: float, panel: int
-) -> FloatArray:
+def power_spectral_densities(
+    samples: NDArray[np.float32], sampling_rate: float
+) -> tuple[FloatArray, NDArray[np.float32]]:
+    """Welch's estimate: frequencies (n,) [Hz] and one-sided densities (n, n_channels) [(m/s²)²/Hz].
+
+    Hann segments of SEGMENT [s] that overlap by half, each without its mean. In the samples' own
+    single precision, whose rounding lies some 13 decades below the signal: DECADES are shown.
+    """
+    length = min(len(samples), round(SEGMENT * sampling_rate))
+    window = (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)).astype(np.float32)
+    columns = np.ascontiguousarray(samples.T)
+    segments = sliding_window_view(columns, length, axis=1)[:, :: max(1, length - length // 2)]
+    spectra = rfft((segments - segments.mean(axis=2, keepdims=True)) * window, axis=2)
+    densities = np.mean(np.abs(spectra) ** 2, axis=1).T
+    densities *= 2 / (sampling_rate * np.sum(window**2))
+    densities[0] /= 2
+    if length % 2 == 0:
+        densities[-1] /= 2
+    return rfftfreq(length, 1 / sampling_rate), densities
+
+
+def _curves(
+    axis: FrequencyAxis, f: FloatArray, densities: NDArray[np.float32], top: float
+) -> list[FloatArray]:
+    """Every channel's spectrum in the first panel: the highest value in each bin of the axis."""
     edges = np.geomspace(axis.low, axis.high, BINS + 1)
-    place = np.digitize(f, edges) - 1
-    highest = np.full(BINS, -np.inf)
-    inside = (place >= 0) & (place < BINS)
-    np.maximum.at(highest, place[inside], density[inside])
-    found = highest > 0
-    x = axis.position(np.sqrt(edges[:-1] * edges[1:]))[found]
-    y = np.clip((np.log10(highest[found]) - top) / DECADES + 1.0, 0.0, 1.0)
-    return np.stack([x, panel * PITCH + 1.0 - 0.96 * y], axis=1)
+    inside = (f >= axis.low) & (f < axis.high)
+    bins, first = np.unique(np.digitize(f[inside], edges) - 1, return_index=True)
+    highest = np.maximum(np.maximum.reduceat(densities[inside], first, axis=0), 1e-30)
+    x = axis.position(np.sqrt(edges[bins] * edges[bins + 1]))
+    y = np.clip((np.log10(highest) - top) / DECADES + 1.0, 0.0, 1.0)
+    return [np.stack([x, 1.0 - 0.96 * y[:, i]], axis=1) for i in range(y.shape[1])]
 
 
 def _axis_texts(axis: FrequencyAxis, top: float) -> tuple[Text, ...]:

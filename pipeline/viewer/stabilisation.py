@@ -27,7 +27,7 @@ class StabilisationPicture:
 
     poles: FloatArray  # (n_poles, 2)
     bands: NDArray[np.int64]  # (n_poles,) which band each is of, slowest 0
-    stds: tuple[FloatArray, ...]  # (2, 2) a bar of ± one standard deviation through each pole
+    stds: FloatArray  # (n_poles, 2, 2) a bar of ± one standard deviation through each pole
     modes: tuple[FloatArray, ...]  # (2, 2) an upright hair at every mode that was taken
     frames: tuple[FloatArray, ...]  # outline of the panel
     texts: tuple[Text, ...]
@@ -51,7 +51,7 @@ def stabilisation_picture(
     return StabilisationPicture(
         poles=np.stack([axis.position(f), y], axis=1),
         bands=diagram.bands[inside].astype(np.int64),
-        stds=tuple(np.stack([x, [level, level]], axis=1) for x, level in zip(ends, y, strict=True)),
+        stds=np.stack([ends, np.stack([y, y], axis=1)], axis=2),
         modes=tuple(hair(axis, frequency, 0.0, HEIGHT) for frequency in shown),
         frames=(frame(0.0, HEIGHT),),
         texts=_texts(axis, top_order) + axis.mode_texts(shown, -0.06),

@@ -65,7 +65,7 @@ def served_page(page: WebPage, *pictures: Path) -> Iterator[ShownPage]:
             _await_listening(server, each, page.option)
         yield ShownPage(ConnectedViewer(proxy_address(port)), page_address(page_port, port))
     finally:
-        _stop(server)
+        _stop(server, port, page_port)
 
 
 def proxy_address(port: int) -> str:
@@ -124,15 +124,29 @@ def _await_listening(
         time.sleep(0.05)
 
 
-def _stop(viewer: "subprocess.Popen[bytes]") -> None:
-    """End it and what it started: `python -m rerun` runs the viewer as its child."""
+def _stop(viewer: "subprocess.Popen[bytes]", *ports: int) -> None:
+    """End it and what it started, until its ports are free.
+
+    `python -m rerun` runs the viewer as its child, which may outlive it by a moment.
+    """
     for name in (signal.SIGTERM, signal.SIGKILL):
         try:
             os.killpg(viewer.pid, name)
         except ProcessLookupError:
             return
-        try:
-            viewer.wait(STOP_PATIENCE)
-        except subprocess.TimeoutExpired:
-            continue
-        return
+        if _has_ended(viewer, ports):
+            return
+
+
+def _has_ended(viewer: "subprocess.Popen[bytes]", ports: tuple[int, ...]) -> bool:
+    """Whether, within STOP_PATIENCE, it ends and nobody listens any more."""
+    deadline = time.monotonic() + STOP_PATIENCE
+    try:
+        viewer.wait(STOP_PATIENCE)
+    except subprocess.TimeoutExpired:
+        return False
+    while any(map(is_listening, ports)):
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.signal import welch
 
 from pipeline.messages import FoundationTruth, StabilisationDiagram
 from pipeline.viewer.corner import PITCH, Axis, corner_plot
@@ -17,7 +18,13 @@ from pipeline.viewer.scene import (
     swing_frames,
     tube_mesh,
 )
-from pipeline.viewer.spectrum import RecentSamples, spectrum_picture
+from pipeline.viewer.spectrum import (
+    DECADES,
+    SEGMENT,
+    RecentSamples,
+    power_spectral_densities,
+    spectrum_picture,
+)
 from pipeline.viewer.stabilisation import stabilisation_picture
 from sensors.blocks import NANOSECONDS
 from sensors.layout import Accelerometer, SensorLayout
@@ -142,6 +149,22 @@ def test_a_swinging_mode_has_its_peak_at_its_frequency_in_the_spectrum():
     highest = picture.spectra[0][np.argmin(picture.spectra[0][:, 1])]
     assert abs(highest[0] - picture.modes[0][0, 0]) < 0.02
     assert len(picture.spectra) == len(LAYOUT.channels)
+
+
+@pytest.mark.parametrize("seconds", [600.0, 37.5])
+def test_spectra_in_single_precision_are_welchs_wherever_they_are_shown(seconds: float):
+    """The same as SciPy's in double precision, six decades down; a record shorter than a segment
+    is one segment."""
+    rate, rng = 40.0, np.random.default_rng(8)
+    t = np.arange(round(seconds * rate)) / rate
+    tones = 3.0 * np.sin(2 * np.pi * 0.158 * t) + 0.01 * np.sin(2 * np.pi * 7.3 * t)
+    samples = 1.5 + tones[:, None] + 0.02 * rng.standard_normal((len(t), 2))
+    f, densities = power_spectral_densities(samples.astype(np.float32), rate)
+    segment = min(len(t), round(SEGMENT * rate))
+    expected_f, expected = welch(samples, rate, nperseg=segment, axis=0)
+    np.testing.assert_allclose(f, expected_f)
+    shown = expected > expected.max() * 10.0**-DECADES
+    np.testing.assert_allclose(densities[shown], expected[shown], rtol=2e-3)
 
 
 def test_samples_of_a_window_are_those_of_its_blocks_and_old_ones_are_let_go():
