@@ -16,6 +16,7 @@ from pipeline.updating.change.sums import (
     Sensitivities,
     WatchedWindow,
     before,
+    seen_in,
     since,
     steps,
     with_tracks_of,
@@ -90,9 +91,10 @@ class ChangeDetector:
             return state
         sums = with_tracks_of(state.sums, window)
         known = _padded(sensitivities, len(sums.tracks))
-        walk = wandered(state.walk, sums, window, known)
+        told = seen_in(sums, window)
+        walk = wandered(state.walk, sums, window, told, known)
         most = self.settings.candidates
-        sums = with_window(sums, window, known.water, most_candidates=most)
+        sums = with_window(sums, window, told, known.water, most_candidates=most)
         return ChangeState(sums, walk)
 
     def verdict(

@@ -54,6 +54,15 @@ class WatchedWindow:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """A window's frequencies by the columns of the sums; (n_seen,) each."""
+
+    columns: NDArray[np.intp]
+    values: FloatArray  # y, ln f from the reference
+    variances: FloatArray  # σ² as stated
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Sensitivities:
     """How the model's frequencies depend on springs and water, by track; zeros for a track that is
     paired with no mode of the model."""
@@ -174,10 +183,10 @@ def before(sums: ChangeSums, candidate: int) -> FloatArray:
 
 
 def with_window(
-    sums: ChangeSums, window: WatchedWindow, water: FloatArray, *, most_candidates: int
+    sums: ChangeSums, window: WatchedWindow, told: Seen, water: FloatArray, *, most_candidates: int
 ) -> ChangeSums:
-    """The sums after one more window, whose tracks they all have (`with_tracks_of`)."""
-    seen, values, variances = seen_in(sums, window)
+    """The sums after one more window, told as `seen_in` tells it."""
+    seen, values, variances = told.columns, told.values, told.variances
     level = window.water_level
     scatter, last = _scatter(sums, seen, values, variances, window.weight)
     line = Regression.of(sums.totals, water, CUT_MOMENTS)
@@ -200,14 +209,13 @@ def with_window(
     return _thinned(grown, most_candidates)
 
 
-def seen_in(
-    sums: ChangeSums, window: WatchedWindow
-) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
-    """Columns of the tracks seen, their y from the reference, and σ² as stated; (n_seen,) each."""
+def seen_in(sums: ChangeSums, window: WatchedWindow) -> Seen:
+    """A window's frequencies by the columns of the sums, which have all its tracks
+    (`with_tracks_of`)."""
     column = {track: number for number, track in enumerate(sums.tracks)}
-    seen = np.array([column[each.track] for each in window.seen], dtype=np.intp)
-    values = np.array([each.log_frequency for each in window.seen]) - sums.reference[seen]
-    return seen, values, np.square([each.std for each in window.seen])
+    columns = np.array([column[each.track] for each in window.seen], dtype=np.intp)
+    values = np.array([each.log_frequency for each in window.seen]) - sums.reference[columns]
+    return Seen(columns, values, np.square([each.std for each in window.seen]))
 
 
 def with_tracks_of(sums: ChangeSums, window: WatchedWindow) -> ChangeSums:

@@ -29,10 +29,10 @@ from pipeline.updating.change.sums import (
     CUT,
     UNCUT_MOMENTS,
     ChangeSums,
+    Seen,
     Sensitivities,
     WatchedWindow,
     reduced_moments,
-    seen_in,
 )
 from pipeline.updating.forward_model import FloatArray
 
@@ -106,15 +106,20 @@ def deviation(state: WalkState) -> Deviation:
 
 
 def wandered(
-    state: WalkState, sums: ChangeSums, window: WatchedWindow, sensitivities: Sensitivities
+    state: WalkState,
+    sums: ChangeSums,
+    window: WatchedWindow,
+    told: Seen,
+    sensitivities: Sensitivities,
 ) -> WalkState:
     """The filters after one more window.
 
     sums            of the windows before it
+    told            the window by the sums' columns
     sensitivities   of the sums' tracks
     """
     covariances = state.covariances + window.weight * WALKED
-    seen, errors, variances, levels = _from_the_mean(sums, window, sensitivities)
+    seen, errors, variances, levels = _from_the_mean(sums, window, told, sensitivities)
     S = sensitivities.stiffness[seen]
     design = np.hstack([S, S * levels[:, None]])  # D, (n_seen, 6)
     means, covariances, gained = _filtered(state.means, covariances, design, errors, variances)
@@ -132,18 +137,17 @@ def wandered(
 
 
 def _from_the_mean(
-    sums: ChangeSums, window: WatchedWindow, sensitivities: Sensitivities
+    sums: ChangeSums, window: WatchedWindow, told: Seen, sensitivities: Sensitivities
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """For every paired track seen before: its column, y − ȳ, the variance of that, l − l̄."""
-    seen, values, stated = seen_in(sums, window)
-    totals = sums.totals[:, seen]
-    known = (totals[0] > 0) & sensitivities.stiffness[seen].any(axis=1)
-    seen, values, totals = seen[known], values[known], totals[:, known]
+    totals = sums.totals[:, told.columns]
+    known = (totals[0] > 0) & sensitivities.stiffness[told.columns].any(axis=1)
+    seen, values, totals = told.columns[known], told.values[known], totals[:, known]
     slope, curvature = sensitivities.water[seen].T
     level, n = window.water_level, totals[0]
     (moment,) = reduced_moments(totals, sensitivities.water[seen], UNCUT_MOMENTS, 1)
     errors = values - (slope + curvature * level) * level - moment / n
-    variances = (stated[known] / window.weight + 1 / n) * sums.scatter_factor[seen]
+    variances = (told.variances[known] / window.weight + 1 / n) * sums.scatter_factor[seen]
     return seen, errors, variances, level - totals[1] / n
 
 
