@@ -9,9 +9,9 @@ between false alarms, nothing else is set:
 
     shift   144 windows, modes 1 to 5 together shift by .2 % in the middle; one false alarm in three
             years. The water moves every frequency by ±.5 %, and no model says so
-    drop    144 windows, 10 % of k22 gone in the middle, one false alarm in ten times 36 h; the model
-            knows what the water does. When, how much, and how often the 90 % interval holds the
-            stiffness of its window 4 to 12 h after
+    drop    144 windows, 10 % of k22 gone in the middle, one false alarm in ten times 36 h; the
+            model knows what the water does. When, how much, and how often the 90 % interval holds
+            the stiffness of its window 4 to 12 h after
     tide    the same while all springs rise and fall by 2 % with a tide of ±1.5 m
     quiet   as `shift`, and nothing changes in five months
 
