@@ -134,6 +134,8 @@ class Case:
     levels: FloatArray  # of the water [m], (n,)
     pairs: tuple[TrackSensitivity, ...]  # what the detectors are told of the modes
     truth: FloatArray | None = None  # k / nominal, (n, 3), where it is asked for
+    softer: FloatArray | None = None  # ln f at SOFTER, (J,)
+    softer_pairs: tuple[TrackSensitivity, ...] = ()  # with the slopes there
 
 
 def levels_of(n: int, phase: float, amplitude: float = 1.0) -> FloatArray:
@@ -160,7 +162,14 @@ def softened(modes: Watched, phase: float, *, high_water: float, ride: float) ->
     levels = levels_of(STREAM, phase, high_water)
     truth = np.where(np.arange(STREAM)[:, None] < MIDDLE, 1.0, SOFTER)
     truth = truth * (1 + ride * levels / high_water)[:, None]
-    return Case(modes.log_frequencies(truth), levels, modes.pairs(np.ones(3), water=True), truth)
+    return Case(
+        log_frequencies=modes.log_frequencies(truth),
+        levels=levels,
+        pairs=modes.pairs(np.ones(3), water=True),
+        truth=truth,
+        softer=modes.log_frequencies(SOFTER[None])[0],
+        softer_pairs=modes.pairs(SOFTER, water=True),
+    )
 
 
 def window(
@@ -279,7 +288,7 @@ def _one_trial(
                 _size(outcome, modes, case, detector, state, change)
             state = detector.restarted(state, change.restart)
         if case.truth is not None and number in LATER:
-            outcome.covered.append(_covered(state, modes, case, number))
+            outcome.covered.append(_covered(state, case, number))
 
 
 def _size(
@@ -303,18 +312,18 @@ def _size(
     outcome.sized.append(np.abs(step.ratios - (SOFTER - 1)) < QUANTILE * stds)
 
 
-def _covered(state: ChangeState, modes: Watched, case: Case, number: int) -> FloatArray:
+def _covered(state: ChangeState, case: Case, number: int) -> FloatArray:
     """(3,) 1.0 where the 90 % interval of a spring holds its stiffness in that window.
 
     Least squares about SOFTER, where the sampled posterior of the whole model would be.
     """
     assert case.truth is not None
+    assert case.softer is not None
     tracks, totals = list(state.sums.tracks), state.sums.totals
-    softer = modes.pairs(SOFTER, water=True)
-    known = sensitivities_of(state.sums.tracks, softer)
+    known = sensitivities_of(state.sums.tracks, case.softer_pairs)
     n = np.maximum(totals[0], 1e-300)
     mean = state.sums.reference + reduced_moments(totals, known.water, UNCUT_MOMENTS)[0] / n
-    moved = mean - modes.log_frequencies(SOFTER[None])[0, tracks]
+    moved = mean - case.softer[tracks]
     weight = 1 / (1 / n + LikelihoodSettings().frequency_floor ** 2)
     S = known.stiffness
     covariance = np.linalg.inv((S.T * weight) @ S + np.eye(3))
