@@ -88,7 +88,10 @@ def _signals(root: str, panel: TurbinePanel) -> rrb.Horizontal:
 def _modes(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     return rrb.Horizontal(
         rrb.Vertical(
-            _stabilisation(root), _frequencies(root), _damping(root, panel), row_shares=[4, 3, 2]
+            _stabilisation(root),
+            _frequencies(root, panel),
+            _damping(root, panel),
+            row_shares=[4, 3, 2],
         ),
         rrb.Vertical(
             rrb.Tabs(
@@ -279,9 +282,11 @@ def _track(root: str, label: str) -> rrb.TimeSeriesView:
     )
 
 
-def _frequencies(root: str) -> rrb.TimeSeriesView:
+def _frequencies(root: str, panel: TurbinePanel) -> rrb.TimeSeriesView:
+    model = [f"{mode_path(root, label)}/model" for label in panel.modes]
     return rrb.TimeSeriesView(
-        origin=f"{root}/frequencies",
+        origin=root,
+        contents=[f"{root}/frequencies/**", *model],
         name="Natural frequencies [Hz]: blue fore-aft, purple side-side, orange model",
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),

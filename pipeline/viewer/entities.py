@@ -5,8 +5,8 @@ Everything of a turbine lies below /{turbine}:
     tower/…                           the turbine at rest, sea, mudline, sensors
     signals/{unit}/acceleration       n scalars a row, one per channel [m/s²], 20 Hz
     frequencies/identified/{mode}     what each window found [Hz]
-    frequencies/model/{label}         where the updated model has it [Hz]
-    modes/{label}/identified          median, ±2 standard deviations [Hz]; /model [Hz]
+    modes/{label}/identified          median, ±2 standard deviations [Hz]
+    modes/{label}/model               where the updated model has it [Hz]
     modes/{label}/damping             median, ±2 standard deviations [% of critical]
     shapes/{label}/motion/…           the identified shape on the model's, swinging
     foundation/{parameter}/posterior  5 %, 50 %, 95 %, stiffness ÷ nominal [-]; /truth
@@ -60,11 +60,6 @@ def signal_path(root: str, unit: str) -> str:
 def mode_path(root: str, label: str) -> str:
     """Entity below which the tracks of one model mode lie."""
     return f"{root}/modes/{entity_part(label)}"
-
-
-def model_line_path(root: str, label: str) -> str:
-    """Entity of one model mode's frequency among all frequencies."""
-    return f"{root}/frequencies/model/{entity_part(label)}"
 
 
 def shape_path(root: str, label: str) -> str:

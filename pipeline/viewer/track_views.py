@@ -13,7 +13,6 @@ from pipeline.viewer.entities import (
     log_band_style,
     log_line_style,
     mode_path,
-    model_line_path,
     signal_path,
     time_column,
 )
@@ -103,15 +102,12 @@ def log_mode_styles(recording: rr.RecordingStream, root: str, label: str, slot: 
         ("identified −2 std [Hz]", "identified [Hz]", "identified +2 std [Hz]"),
         colours.MEASURED,
     )
-    log_line_style(recording, f"{path}/model", "model [Hz]", colours.MODEL)
+    log_line_style(recording, f"{path}/model", f"model {label} [Hz]", colours.MODEL, width=1.5)
     log_band_style(
         recording,
         f"{path}/damping",
         (f"mode {label} −2 std [%]", f"mode {label} [%]", f"mode {label} +2 std [%]"),
         colours.LEVELS[slot % len(colours.LEVELS)],
-    )
-    log_line_style(
-        recording, model_line_path(root, label), f"model {label} [Hz]", colours.MODEL, width=1.0
     )
 
 
@@ -120,7 +116,6 @@ def log_model_frequency(
 ) -> None:
     """Where the updated model has one mode [Hz]."""
     recording.log(f"{mode_path(root, label)}/model", rr.Scalars(frequency))
-    recording.log(model_line_path(root, label), rr.Scalars(frequency))
 
 
 def log_identified(recording: rr.RecordingStream, root: str, label: str, mode: Mode) -> None:
