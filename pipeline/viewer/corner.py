@@ -56,12 +56,18 @@ class CornerPlot:
 
 
 def corner_plot(
-    ratios: FloatArray, names: Sequence[str], *, truth: FloatArray | None = None
+    ratios: FloatArray,
+    names: Sequence[str],
+    *,
+    truth: FloatArray | None = None,
+    contraction: FloatArray | None = None,
 ) -> CornerPlot:
     """Pairs below the diagonal, marginals on it.
 
-    ratios   (n_draws, n_parameters), stiffness over nominal [-]
-    truth    (n_parameters,) or None [-]
+    ratios        (n_draws, n_parameters), stiffness over nominal [-]
+    truth         (n_parameters,) or None [-]
+    contraction   (n_parameters,) 1 − width of the 90 % interval over the prior's, or None [-]; in
+                  words, as the prior itself would be a flat line far wider than the panel
     """
     axes = [_axis(ratios[:, i], None if truth is None else truth[i]) for i in range(len(names))]
     pairs = [(row, column) for row in range(len(names)) for column in range(row)]
@@ -71,7 +77,7 @@ def corner_plot(
         frames=tuple(_frame(row, column) for row, column in panels) + _tick_marks(axes),
         histograms=tuple(_histogram(ratios[:, i], axis, i) for i, axis in enumerate(axes)),
         truth=() if truth is None else _truth_lines(truth, axes),
-        texts=_texts(axes, names),
+        texts=_texts(axes, names) + _prior_texts(contraction),
     )
 
 
@@ -148,3 +154,12 @@ def _texts(axes: Sequence[Axis], names: Sequence[str]) -> tuple[Text, ...]:
             if i > 0:
                 texts.append(Text((-0.16, i * PITCH + 1.0 - float(position)), label))
     return tuple(texts)
+
+
+def _prior_texts(contraction: FloatArray | None) -> tuple[Text, ...]:
+    left = np.empty(0) if contraction is None else 100.0 * (1.0 - contraction)
+    return tuple(
+        Text((i * PITCH + 0.5, i * PITCH - 0.27), f"{percent:.2g} % of the prior's width")
+        for i, percent in enumerate(left)
+        if np.isfinite(percent)
+    )

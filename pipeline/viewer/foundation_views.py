@@ -121,9 +121,9 @@ def log_joint_posterior(
     nominal = np.array([posterior.parameter(name).nominal for name in STIFFNESSES])
     ratios = posterior.draws[:, : len(STIFFNESSES)] / nominal
     known = np.array([truth.k11, truth.k22, truth.k12]) / nominal if truth else None
-    _log_corner(
-        recording, f"{root}/foundation/joint", corner_plot(ratios, STIFFNESSES, truth=known)
-    )
+    contraction = np.array([posterior.parameter(name).contraction for name in STIFFNESSES])
+    plot = corner_plot(ratios, STIFFNESSES, truth=known, contraction=contraction)
+    _log_corner(recording, f"{root}/foundation/joint", plot)
 
 
 def _log_corner(recording: rr.RecordingStream, path: str, plot: CornerPlot) -> None:

@@ -151,6 +151,7 @@ def test_joint_posterior_shows_every_pair_of_stiffnesses(recorded: Recorded):
     assert 0.97 * 3 * 800 < len(draws) <= 3 * 800
     words = recorded.column(f"{ROOT}/foundation/joint/text", "Points2D:labels")[-1]
     assert {"k11 / nominal [-]", "k22 / nominal [-]", "k12 / nominal [-]"} <= set(words)
+    assert words.count("3 % of the prior's width") == 3
 
 
 def test_what_is_left_of_the_priors_interval_is_shown_in_percent(recorded: Recorded):
