@@ -30,6 +30,8 @@ LOWEST_SAMPLING_RATE = 1e-3  # [Hz]
 HIGHEST_SAMPLING_RATE = 1e7  # [Hz]
 LATEST_NS = 2**62  # [ns since 1970], the year 2116: times and their differences fit into 64 bits
 LATEST_SAMPLE_NS = LATEST_NS - 2**59  # 18 years before: windows and gaps end later than samples
+LARGEST_CONDITION = 1e9  # of wind, power, water level and the like, in whatever unit
+LEAST_WEIGHT = 1e-6  # hop / window duration [-]
 PARAMETERS = ("k11", "k22", "k12", "sigma")  # of a posterior, in this order
 HIGHEST_COUNT = 2**62  # of blocks or samples: 10⁹ years at 100 Hz, and sums fit into 64 bits
 
@@ -58,6 +60,15 @@ def _check_span(start_ns: int, end_ns: int) -> None:
 
 def _check_count(field: str, count: int) -> None:
     _require(0 <= count < HIGHEST_COUNT, f"{field} is {count}; counts are 0 to {HIGHEST_COUNT}")
+
+
+def _check_conditions(message: ModalEstimate | ScadaSample) -> None:
+    for name in ("wind_speed", "rotor_speed", "yaw", "water_level", "pitch", "power"):
+        value = getattr(message, name, math.nan)
+        _require(
+            math.isnan(value) or abs(value) <= LARGEST_CONDITION,
+            f"{name} is {value}; it is unknown (NaN) or at most {LARGEST_CONDITION:g}",
+        )
 
 
 def _check_block(block: AccelerationBlock) -> None:
@@ -89,7 +100,13 @@ def _check_layout(layout: SensorLayout) -> None:
 
 def _check_estimate(estimate: ModalEstimate) -> None:
     _check_span(estimate.start_ns, estimate.end_ns)
+    _require(
+        LEAST_WEIGHT <= estimate.weight <= 1.0,
+        f"weight is {estimate.weight}; of a window, {LEAST_WEIGHT:g} to 1 is new",
+    )
+    _check_conditions(estimate)
     n_channels = len(estimate.channels)
+    _require(n_channels > 0 or not estimate.modes, "modes without a channel that shows them")
     for mode in estimate.modes:
         factor = mode.covariance_factor
         _require(
@@ -172,7 +189,12 @@ def _check_rejected(rejected: WindowRejected) -> None:
     _check_span(rejected.start_ns, rejected.end_ns)
 
 
-def _check_timed(message: FoundationTruth | NodeStatus | ScadaSample) -> None:
+def _check_scada(sample: ScadaSample) -> None:
+    _check_time("time_ns", sample.time_ns)
+    _check_conditions(sample)
+
+
+def _check_timed(message: FoundationTruth | NodeStatus) -> None:
     _check_time("time_ns", message.time_ns)
 
 
@@ -188,5 +210,5 @@ _CHECKS: dict[type, Callable[[Any], None]] = {
     StreamGap: _check_gap,
     StreamEnd: _check_end,
     NodeStatus: _check_timed,
-    ScadaSample: _check_timed,
+    ScadaSample: _check_scada,
 }

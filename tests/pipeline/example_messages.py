@@ -109,6 +109,7 @@ def all_same(ones: Iterator[Message] | list[Message], others: Any) -> bool:
 
 texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 numbers = st.floats()  # NaN and ∞ included
+conditions = st.floats(-1e9, 1e9) | st.just(float("nan"))
 counts = st.integers(0, 2**62 - 1)
 times = st.integers(0, 2**62 - 1)
 spans = st.tuples(times, times).map(sorted)
@@ -155,7 +156,7 @@ def layouts(draw: st.DrawFn) -> SensorLayout:
 
 @st.composite
 def estimates(draw: st.DrawFn) -> ModalEstimate:
-    channels = draw(st.lists(texts, max_size=3).map(tuple))
+    channels = draw(st.lists(texts, min_size=1, max_size=3).map(tuple))
     n_channels, n_columns = len(channels), draw(st.integers(0, 4))
     mode = st.builds(
         Mode,
@@ -177,13 +178,13 @@ def estimates(draw: st.DrawFn) -> ModalEstimate:
         layout_id=draw(texts),
         channels=channels,
         modes=draw(st.lists(mode, max_size=2).map(tuple)),
-        weight=draw(numbers),
+        weight=draw(st.floats(1e-6, 1.0)),
         warnings=draw(warnings),
         operating_state=draw(texts),
-        wind_speed=draw(numbers),
-        rotor_speed=draw(numbers),
-        yaw=draw(numbers),
-        water_level=draw(numbers),
+        wind_speed=draw(conditions),
+        rotor_speed=draw(conditions),
+        yaw=draw(conditions),
+        water_level=draw(conditions),
     )
 
 
@@ -278,7 +279,7 @@ messages = st.one_of(
     events(),
     _spanned(),
     st.builds(FoundationTruth, texts, times, numbers, numbers, numbers),
-    st.builds(ScadaSample, texts, times, texts, *[numbers] * 6),
+    st.builds(ScadaSample, texts, times, texts, *[conditions] * 6),
     st.builds(StreamEnd, texts, texts, texts, times, counts),
     st.builds(
         NodeStatus,

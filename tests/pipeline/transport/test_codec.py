@@ -20,6 +20,7 @@ from pipeline.transport.proto import pilewatch_pb2
 from pipeline.transport.wire import schema
 from sensors import blocks, layout, scada
 from sensors.blocks import AccelerationBlock
+from sensors.scada import ScadaSample
 from tests.pipeline.example_messages import START_NS, block, messages, same
 
 TYPES = [stream.message for stream in STREAMS]
@@ -166,9 +167,33 @@ def test_a_payload_beyond_all_reason_is_refused_unread() -> None:
 
 
 def test_a_mode_with_fewer_components_than_channels_is_refused() -> None:
-    written = pilewatch_pb2.ModalEstimate(turbine="t1", channels=["a", "b"])
+    written = pilewatch_pb2.ModalEstimate(turbine="t1", channels=["a", "b"], weight=1.0)
     written.modes.add(shape=[1.0]).covariance_factor.rows = 4
     with pytest.raises(CodecError, match="2 channels"):
+        decode(ModalEstimate, written.SerializeToString())
+
+
+@pytest.mark.parametrize("weight", [0.0, -1.0, 1.5, 1e-300, float("nan"), float("inf")])
+def test_a_window_of_which_no_share_is_new_is_refused(weight: float) -> None:
+    written = pilewatch_pb2.ModalEstimate(turbine="t1", channels=["a"], weight=weight)
+    with pytest.raises(CodecError, match="weight is"):
+        decode(ModalEstimate, written.SerializeToString())
+
+
+@pytest.mark.parametrize("level", [1e150, float("inf"), float("-inf")])
+def test_a_water_level_beyond_all_reason_is_refused(level: float) -> None:
+    estimate = pilewatch_pb2.ModalEstimate(turbine="t1", weight=1.0, water_level=level)
+    sample = pilewatch_pb2.ScadaSample(turbine="t1", water_level=level)
+    with pytest.raises(CodecError, match="water_level is"):
+        decode(ModalEstimate, estimate.SerializeToString())
+    with pytest.raises(CodecError, match="water_level is"):
+        decode(ScadaSample, sample.SerializeToString())
+
+
+def test_a_mode_that_no_channel_shows_is_refused() -> None:
+    written = pilewatch_pb2.ModalEstimate(turbine="t1", weight=1.0)
+    written.modes.add().covariance_factor.rows = 2
+    with pytest.raises(CodecError, match="modes without a channel"):
         decode(ModalEstimate, written.SerializeToString())
 
 
