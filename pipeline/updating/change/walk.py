@@ -64,45 +64,50 @@ class WalkState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Deviation:
-    """The stiffness of one window less the mean of all, in ratios k / nominal: a mixture of
-    Gaussians."""
+class Mixture:
+    """Of Gaussians in d numbers."""
 
     weights: FloatArray  # (H,) of sum 1
-    means: FloatArray  # (H, 3)
-    covariances: FloatArray  # (H, 3, 3)
+    means: FloatArray  # (H, d)
+    covariances: FloatArray  # (H, d, d)
 
     @property
     def mean(self) -> FloatArray:
-        """(3,)"""
+        """(d,)"""
         return np.asarray(self.weights @ self.means)
 
     @property
     def covariance(self) -> FloatArray:
-        """(3, 3)"""
+        """(d, d)"""
         apart = self.means - self.mean
-        within = np.tensordot(self.weights, self.covariances, axes=1)
-        return np.asarray(within + (self.weights * apart.T) @ apart)
+        within = self.weights @ self.covariances.reshape(len(self.weights), -1)
+        between = (self.weights * apart.T) @ apart
+        return np.asarray(within.reshape(between.shape) + between)
 
     def draws(self, n: int, generator: np.random.Generator) -> FloatArray:
-        """(n, 3)"""
+        """(n, d)"""
         which = generator.choice(len(self.weights), size=n, p=self.weights)
         values, axes = np.linalg.eigh(self.covariances)
         roots = axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-        unit = generator.standard_normal((n, 3))
+        unit = generator.standard_normal((n, self.means.shape[1]))
         return np.asarray(self.means[which] + np.einsum("nab,nb->na", roots[which], unit))
 
 
-def deviation(state: WalkState) -> Deviation:
-    """Of the last window."""
+def deviation(state: WalkState) -> Mixture:
+    """The stiffness of the last window less the mean of all, in ratios k / nominal; d = 3."""
     turn = np.hstack([np.eye(3), state.level * np.eye(3)])
-    logs = EXPECTED + state.evidence
-    weights = np.exp(logs - logs.max())
-    return Deviation(
-        weights=weights / weights.sum(),
+    return Mixture(
+        weights=_weights(state),
         means=state.means @ turn.T,
         covariances=turn @ state.covariances @ turn.T,
     )
+
+
+def _weights(state: WalkState) -> FloatArray:
+    """(H,) probability of every answer."""
+    logs = EXPECTED + state.evidence
+    weights = np.exp(logs - logs.max())
+    return np.asarray(weights / weights.sum())
 
 
 def wandered(
@@ -122,6 +127,8 @@ def wandered(
     seen, errors, variances, levels = _from_the_mean(sums, window, told, sensitivities)
     S = sensitivities.stiffness[seen]
     design = np.hstack([S, S * levels[:, None]])  # D, (n_seen, 6)
+    expected = Mixture(_weights(state), state.means, covariances)
+    errors = _cut(errors, variances, design, expected.mean, expected.covariance)
     means, covariances, gained = _filtered(state.means, covariances, design, errors, variances)
     share = window.weight / (window.weight + float(sums.shares.sum()))
     kept = 1 - share
@@ -151,6 +158,20 @@ def _from_the_mean(
     return seen, errors, variances, level - totals[1] / n
 
 
+def _cut(
+    errors: FloatArray,
+    variances: FloatArray,
+    design: FloatArray,
+    mean: FloatArray,
+    covariance: FloatArray,
+) -> FloatArray:
+    """The errors, (n,), none beyond three standard deviations of what all answers together expect,
+    D m + N(0, D P Dᵀ + variances): the same for every answer, so that they can be compared."""
+    predicted = design @ mean
+    within = CUT * np.sqrt(variances + ((design @ covariance) * design).sum(axis=1))
+    return predicted + np.maximum(np.minimum(errors - predicted, within), -within)
+
+
 def _filtered(
     means: FloatArray,
     covariances: FloatArray,
@@ -159,18 +180,16 @@ def _filtered(
     variances: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Kalman's step of every answer from errors = D m + N(0, variances), (n,); and each one's log
-    probability of these errors up to what they share. Errors are cut at three standard deviations.
+    probability of these errors up to what they share.
 
-        P' = (1 + P M)⁻¹ P,   M = Dᵀ V⁻¹ D
+        P' = (1 + P M)⁻¹ P,   m' = m + P' r,   M = Dᵀ V⁻¹ D,   r = Dᵀ V⁻¹ e − M m
+        2 log p = rᵀ P' r + 2 mᵀ Dᵀ V⁻¹ e − mᵀ M m − log det(1 + P M)
     """
-    innovations = errors - means @ design.T  # (H, n)
-    spread = np.sqrt(variances + ((design @ covariances) * design).sum(axis=2))
-    innovations = np.maximum(np.minimum(innovations, CUT * spread), -CUT * spread)
     scaled = design / variances[:, None]
-    inner = np.eye(6) + covariances @ (design.T @ scaled)
+    information, pulled = design.T @ scaled, errors @ scaled  # M and Dᵀ V⁻¹ e
+    inner = np.eye(6) + covariances @ information
     covariances = np.asarray(np.linalg.solve(inner, covariances), dtype=float)
-    pulled = innovations @ scaled  # Dᵀ V⁻¹ e, (H, 6)
-    moved = np.einsum("hab,hb->ha", covariances, pulled)
-    logs = (pulled * moved).sum(axis=1) - (innovations**2 / variances).sum(axis=1)
-    logs = 0.5 * (logs - np.linalg.slogdet(inner)[1])
-    return means + moved, (covariances + covariances.swapaxes(1, 2)) / 2, logs
+    left = pulled - means @ information  # r, (H, 6)
+    moved = np.einsum("hab,hb->ha", covariances, left)
+    logs = (left * moved + means * (pulled + left)).sum(axis=1) - np.linalg.slogdet(inner)[1]
+    return means + moved, (covariances + covariances.swapaxes(1, 2)) / 2, 0.5 * logs
