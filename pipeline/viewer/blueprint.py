@@ -109,11 +109,10 @@ def _modes(root: str, panel: TurbinePanel) -> rrb.Horizontal:
 
 
 def _foundation(root: str, panel: TurbinePanel) -> rrb.Horizontal:
-    changes = _changes(root) if panel.changed else []
     return rrb.Horizontal(
         _joint(root),
         rrb.Vertical(_pile(root), _learned(root), row_shares=[5, 2]),
-        rrb.Vertical(*_stiffness_bands(root), _sigma(root), *changes),
+        rrb.Vertical(*_stiffness_bands(root), _sigma(root), *_changes(root, panel)),
         column_shares=[5, 4, 4],
         name="Foundation",
     )
@@ -153,7 +152,7 @@ def _sigma(root: str) -> rrb.TimeSeriesView:
     )
 
 
-def _changes(root: str) -> list[rrb.TimeSeriesView]:
+def _changes(root: str, panel: TurbinePanel) -> list[rrb.TimeSeriesView]:
     """Plots that appear with the first change."""
     probability = rrb.TimeSeriesView(
         origin=f"{root}/change/probability",
@@ -168,7 +167,7 @@ def _changes(root: str) -> list[rrb.TimeSeriesView]:
         **whole_session(),
         plot_legend=rrb.PlotLegend("LeftTop"),
     )
-    return [probability, sizes]
+    return [probability] * panel.changed + [sizes] * panel.sized
 
 
 def _health(root: str) -> rrb.Horizontal:

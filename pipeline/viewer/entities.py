@@ -107,7 +107,7 @@ def log_band_style(
             names=[low, middle, high],
             colors=[faint, colour, faint],
             markers=["up", "circle", "down"],
-            marker_sizes=[2.5, 4.0, 2.5],
+            marker_sizes=[2.0, 3.0, 2.0],
         ),
         static=True,
     )

@@ -106,6 +106,7 @@ class TurbineScreen:
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
         self._truth: FoundationTruth | None = None
         self._changed = False  # a change was noticed
+        self._sized = False  # and its size is known
         self._in_farm = False  # one of several turbines
         self._styled: set[str] = set()
         self._nodes: dict[str, int] = {}  # node → time of its latest row; has its style
@@ -135,7 +136,9 @@ class TurbineScreen:
         """What the blueprint needs; new with a layout, a change, maybe the first posterior."""
         middle = (self._outline.mudline + self._outline.tower_top) / 2
         layouts = tuple(self._layouts.values())
-        return TurbinePanel(self._turbine, layouts, self._modes, middle, changed=self._changed)
+        return TurbinePanel(
+            *(self._turbine, layouts, self._modes, middle, self._changed, self._sized)
+        )
 
     def continued_on(self, recording: rr.RecordingStream) -> "TurbineScreen":
         """The same turbine on another recording, with what stands drawn there first."""
@@ -244,6 +247,7 @@ class TurbineScreen:
         if not self._changed:
             self._changed = True
             foundation_views.log_change_styles(self._recording, self._root)
+        self._sized = self._sized or bool(event.changes)
         foundation_views.log_change(self._recording, self._root, event)
         self._event(event.text, level="WARN")
         self._status.take(event)

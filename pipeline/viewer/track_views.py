@@ -87,7 +87,7 @@ def _log_identified_style(
             names=[f"identified {name} {direction} [Hz]"],
             colors=[colour],
             markers=["circle"],
-            marker_sizes=[4.0],
+            marker_sizes=[2.5],
         ),
         static=True,
     )
