@@ -93,6 +93,12 @@ def test_what_arrives_and_what_is_counted_as_lost_is_what_was_published() -> Non
     with closing(ZenohBus(hub(endpoint))) as listening, closing(ZenohBus(peer_of(endpoint))) as bus:
         inbox = Inbox(capacity=2 * n_statuses)
         subscription = listening.subscribe([NodeStatus], inbox)
+        listening.publish(status("recorder", state="ready"))
+        ready = Inbox()
+        hearing = bus.subscribe([NodeStatus], ready)
+        take(ready, 1)  # the link is up, somebody listens
+        hearing.close()
+        take(inbox, 1)
         for sequence in range(n_statuses):
             bus.publish(status("source", last_sequence=sequence))
         heard = []
