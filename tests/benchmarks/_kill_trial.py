@@ -179,38 +179,44 @@ class Unit:
     long Python takes to start is no matter of the pipeline's."""
 
     def __init__(self, recording: Path, endpoint: str, speed: float, *, reserve: int) -> None:
-        self.began = time.monotonic() + 3.0  # it has come up by then
-        arguments = [str(recording), endpoint, repr(self.began), repr(speed)]
-        arguments.append(str(recording.with_name(SENT)))
-        self._command = [sys.executable, "-m", "tests.benchmarks._unit", *arguments]
-        self._process, *self._reserve = [self._started() for _ in range(1 + reserve)]
-        begin(self._process)
+        arguments = [str(recording), endpoint, repr(speed), str(recording.with_name(SENT))]
+        command = [sys.executable, "-m", "tests.benchmarks._unit", *arguments]
+        self._processes = [
+            subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+            for _ in range(1 + reserve)
+        ]
+        for process in self._processes:
+            _said(process)  # it is up
+        self.began = self._begin("")
 
-    def _started(self) -> "subprocess.Popen[bytes]":
-        return subprocess.Popen(self._command, stdin=subprocess.PIPE)
+    def _begin(self, moment: str) -> float:
+        """Let the first one that is left begin; gives when the measuring began [s]."""
+        process = self._processes[0]
+        assert process.stdin is not None
+        process.stdin.write(f"{moment}\n")
+        process.stdin.flush()
+        return float(_said(process))
 
     def __enter__(self) -> "Unit":
         return self
 
     def __exit__(self, *_: object) -> None:
-        for process in (self._process, *self._reserve):
+        for process in self._processes:
             process.kill()
             process.wait()
 
     def kill_and_replace(self) -> bool:
         """Kill it and let one in reserve go on."""
-        self._process.kill()
-        self._process.wait()
-        self._process = self._reserve.pop()
-        begin(self._process)
+        killed = self._processes.pop(0)
+        killed.kill()
+        killed.wait()
+        self._begin(repr(self.began))
         return True
 
 
-def begin(process: "subprocess.Popen[bytes]") -> None:
-    """Say the word that a unit waits for."""
-    assert process.stdin is not None
-    process.stdin.write(b"\n")
-    process.stdin.flush()
+def _said(process: "subprocess.Popen[str]") -> str:
+    assert process.stdout is not None
+    return process.stdout.readline()
 
 
 def kill_node(parent: int, name: str) -> bool:
