@@ -191,8 +191,11 @@ def looked(
     detector: ChangeDetector, state: ChangeState, drawn: WatchedWindow, case: Case
 ) -> tuple[ChangeState, Verdict]:
     """State and verdict after one more window."""
-    state = detector.updated(state, drawn, sensitivities_of(state.sums.tracks, case.pairs))
-    known = sensitivities_of(state.sums.tracks, case.pairs)
+    tracks = state.sums.tracks
+    known = sensitivities_of(tracks, case.pairs)
+    state = detector.updated(state, drawn, known)
+    if state.sums.tracks != tracks:
+        known = sensitivities_of(state.sums.tracks, case.pairs)
     return state, detector.verdict(state, known, window_duration=WINDOW)
 
 

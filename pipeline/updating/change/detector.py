@@ -102,14 +102,12 @@ class ChangeDetector:
     ) -> Verdict:
         """Whether there was a change. window_duration [s]"""
         found = steps(state.sums, sensitivities.water)
-        share, a_year = (
-            self.settings.foundation_share,
-            self.settings.windows_per_year(window_duration),
-        )
         kinds = np.stack([log_drift(found), log_foundation(found, sensitivities.stiffness)])
-        beforehand = np.log(np.outer([1 - share, share], state.sums.shares))
+        share = self.settings.foundation_share
+        shares = np.log([[1 - share], [share]]) + np.log(state.sums.shares)
+        a_year = self.settings.windows_per_year(window_duration)
         return Verdict(
-            log_kinds=beforehand + kinds,
+            log_kinds=shares + kinds,
             log_threshold=float(np.log(self.settings.years_between_false_alarms * a_year)),
             hazard=self.settings.changes_per_year / a_year,
         )

@@ -55,11 +55,12 @@ class WatchedWindow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """A window's frequencies by the columns of the sums; (n_seen,) each."""
+    """A window's frequencies by the columns of the sums before it."""
 
-    columns: NDArray[np.intp]
-    values: FloatArray  # y, ln f from the reference
-    variances: FloatArray  # σ² as stated
+    columns: NDArray[np.intp]  # (n_seen,)
+    values: FloatArray  # y, ln f from the reference, (n_seen,)
+    variances: FloatArray  # σ² as stated, (n_seen,)
+    totals: FloatArray  # of the sums before it, (8, J)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +190,7 @@ def with_window(
     seen, values, variances = told.columns, told.values, told.variances
     level = window.water_level
     scatter, last = _scatter(sums, seen, values, variances, window.weight)
-    line = Regression.of(sums.totals, water, CUT_MOMENTS)
+    line = Regression.of(told.totals, water, CUT_MOMENTS)
     predicted = line.intercept + (line.slope + water[:, 0] + water[:, 1] * level) * level
     spread = np.sqrt(line.variance(level) + last[1] * scatter_factor(scatter))[seen]
     within = CUT * spread
@@ -215,7 +216,7 @@ def seen_in(sums: ChangeSums, window: WatchedWindow) -> Seen:
     column = {track: number for number, track in enumerate(sums.tracks)}
     columns = np.array([column[each.track] for each in window.seen], dtype=np.intp)
     values = np.array([each.log_frequency for each in window.seen]) - sums.reference[columns]
-    return Seen(columns, values, np.square([each.std for each in window.seen]))
+    return Seen(columns, values, np.square([each.std for each in window.seen]), sums.totals)
 
 
 def with_tracks_of(sums: ChangeSums, window: WatchedWindow) -> ChangeSums:

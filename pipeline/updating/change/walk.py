@@ -133,7 +133,7 @@ def wandered(
     share = window.weight / (window.weight + float(sums.shares.sum()))
     kept = 1 - share
     keep = np.array([kept, kept, kept, 1.0, 1.0, 1.0])
-    information, of_level = sums.segments[:2].sum(axis=(1, 2))
+    information, of_level = told.totals[:2].sum(axis=1)
     mean_level = of_level / information if information > 0 else window.water_level
     return WalkState(
         means=means * keep,
@@ -147,7 +147,7 @@ def _from_the_mean(
     sums: ChangeSums, window: WatchedWindow, told: Seen, sensitivities: Sensitivities
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """For every paired track seen before: its column, y − ȳ, the variance of that, l − l̄."""
-    totals = sums.totals[:, told.columns]
+    totals = told.totals[:, told.columns]
     known = (totals[0] > 0) & sensitivities.stiffness[told.columns].any(axis=1)
     seen, values, totals = told.columns[known], told.values[known], totals[:, known]
     slope, curvature = sensitivities.water[seen].T
@@ -190,6 +190,6 @@ def _filtered(
     inner = np.eye(6) + covariances @ information
     covariances = np.asarray(np.linalg.solve(inner, covariances), dtype=float)
     left = pulled - means @ information  # r, (H, 6)
-    moved = np.einsum("hab,hb->ha", covariances, left)
+    moved = (covariances @ left[:, :, None])[:, :, 0]
     logs = (left * moved + means * (pulled + left)).sum(axis=1) - np.linalg.slogdet(inner)[1]
     return means + moved, (covariances + covariances.swapaxes(1, 2)) / 2, 0.5 * logs
