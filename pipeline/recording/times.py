@@ -7,6 +7,7 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     NodeStatus,
+    StabilisationDiagram,
     StreamEnd,
     StreamGap,
     WindowRejected,
@@ -24,7 +25,7 @@ def time_of(message: Message) -> int | None:
     match message:
         case AccelerationBlock() | StreamGap():
             return message.start_ns
-        case ModalEstimate() | WindowRejected():
+        case ModalEstimate() | StabilisationDiagram() | WindowRejected():
             return message.end_ns
         case FoundationPosterior() | FoundationEvent() | FoundationTruth():
             return message.time_ns
