@@ -101,17 +101,24 @@ def _export_samples(
     tables: _TableFiles,
     report: Callable[[AccelerationBlock], None] | None,
 ) -> None:
-    """In order of time, every block once."""
+    for block, layout in recorded_samples(files):
+        table = tables.of_unit(block, layout)
+        table.add(samples_table(block, table.schema))
+        if report:
+            report(block)
+
+
+def recorded_samples(
+    files: list[Path],
+) -> Iterator[tuple[AccelerationBlock, SensorLayout | None]]:
+    """Blocks in order of time, every one once, each with its layout where that is known."""
     layouts: dict[str, SensorLayout] = {}
     recorded: Iterator[SensorMessage] = (each for file in files for each in sensor_messages(file))
     for message in each_block_once(ReplayedTower(recorded)):
         if isinstance(message, SensorLayout):
             layouts[message.layout_id] = message
         elif isinstance(message, AccelerationBlock):
-            table = tables.of_unit(message, layouts.get(message.layout_id))
-            table.add(samples_table(message, table.schema))
-            if report:
-                report(message)
+            yield message, layouts.get(message.layout_id)
 
 
 def _export_results(files: list[Path], tables: _TableFiles) -> None:

@@ -1,0 +1,117 @@
+"""Accelerations as the messages of inertial measurement units: a level of the tower is an IMU.
+
+    FILE.mcap ─► imu.mcap     /TURBINE/UNIT/z145/imu, one sensor_msgs/Imu a sample
+
+A block holds seconds of many channels, which general viewers list but do not draw. Here every
+sample is a message of its own, along the tower's axes: x fore-aft, y side-side, z up.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.export.exporting import Exported, recorded_samples
+from pipeline.export.samples import sample_times
+from pipeline.recording.imu_file import ImuFile
+from pipeline.recording.ros import imu_messages
+from pipeline.session_files import session_files
+from sensors.blocks import AccelerationBlock
+from sensors.errors import InputError
+from sensors.layout import SensorLayout
+
+AXES = np.eye(3)
+FILE_NAME = "imu.mcap"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Imu:
+    """The channels of one place that together measure up to three directions."""
+
+    name: str  # "z145"; of the second at the same level "z145-2"
+    columns: tuple[int, ...]  # of the unit's blocks
+    axes: NDArray[np.float64]  # (n_channels, 3) x, y, z of the channels' readings; NaN: unmeasured
+
+    def accelerations(self, samples: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(n_samples, 3) along x, y, z [m/s²], NaN along an axis that is not measured."""
+        return np.asarray(samples[:, self.columns].astype(float) @ self.axes)
+
+
+def imus_of(layout: SensorLayout) -> tuple[Imu, ...]:
+    """Channels of one elevation are one IMU as long as their directions are independent.
+
+    Raises InputError for a channel that is no accelerometer.
+    """
+    groups: dict[str, list[int]] = {}
+    for column, channel in enumerate(layout.channels):
+        if channel.unit not in ("m/s²", ""):
+            raise InputError(
+                f"--imu: channel {channel.name} of layout {layout.layout_id} is in {channel.unit}; "
+                "an IMU's are accelerations in m/s²; export it with --csv or --parquet"
+            )
+        name, number = f"z{channel.elevation:g}", 1
+        while not _independent(layout, [*groups.get(name, []), column]):
+            number += 1
+            name = f"z{channel.elevation:g}-{number}"
+        groups.setdefault(name, []).append(column)
+    return tuple(
+        Imu(name, tuple(columns), _axes(layout.directions[columns]))
+        for name, columns in groups.items()
+    )
+
+
+def _independent(layout: SensorLayout, columns: list[int]) -> bool:
+    return int(np.linalg.matrix_rank(layout.directions[columns], tol=1e-3)) == len(columns)
+
+
+def _axes(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n_channels, 3) what turns readings into x, y, z: a reading is direction · acceleration."""
+    inverse = np.linalg.pinv(directions)  # (3, n_channels)
+    measured = np.isclose(inverse @ directions, AXES, atol=1e-6).all(axis=1)
+    inverse[~measured] = np.nan
+    return np.asarray(inverse.T)
+
+
+def export_imu(
+    recording: Path,
+    folder: Path,
+    *,
+    report: Callable[[AccelerationBlock], None] | None = None,
+) -> tuple[Exported, ...]:
+    """Write the samples of a recording, or of a session's folder, as `imu.mcap`.
+
+    Raises RecordingError, SourceError, and InputError where the file exists or cannot be written,
+    or where a block's layout is not known.
+    """
+    files = session_files(recording)
+    path = folder / FILE_NAME
+    with ImuFile(path) as out:
+        for block, layout in recorded_samples(files):
+            for imu, messages in _messages(block, layout):
+                topic = "/".join(("", *map(_as_part, (block.turbine, block.unit)), imu.name, "imu"))
+                out.write(topic, sample_times(block), messages)
+            if report:
+                report(block)
+    return (Exported(path, out.count),)
+
+
+def _messages(
+    block: AccelerationBlock, layout: SensorLayout | None
+) -> Iterator[tuple[Imu, list[bytes]]]:
+    if layout is None or len(layout.channels) != block.samples.shape[1]:
+        raise InputError(
+            f"--imu: the recording does not say where the {block.samples.shape[1]} channels of "
+            f"unit {block.unit} sit (layout {block.layout_id}); export them with --csv or --parquet"
+        )
+    times_ns = sample_times(block)
+    for imu in imus_of(layout):
+        frame = f"{block.turbine}/{block.unit}/{imu.name}"
+        yield imu, imu_messages(times_ns, imu.accelerations(block.samples), frame)
+
+
+def _as_part(text: str) -> str:
+    """Part of a ROS topic: letters, digits, underscores."""
+    return re.sub(r"\W", "_", text)
