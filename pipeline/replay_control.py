@@ -135,7 +135,7 @@ class ReplayControl:
                 case "speed", int() | float() as speed:
                     state.speed, state.origin = _checked_speed(speed), None
                 case "seek", int() | float() as position:
-                    state.wanted = self._checked_position(float(position))
+                    state.wanted = state.position = self._checked_position(float(position))
             self._changed.notify_all()
 
     def _checked_position(self, position: float) -> float:

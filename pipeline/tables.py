@@ -150,7 +150,8 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
 def status_tables(status: Mapping[str, Any]) -> list[Table]:
     """What a running session answered: nodes, streams, posteriors, gaps."""
     nodes = _table(f"nodes of {status['source']}")
-    counted = ("received", "recovered", "lost", "late", "duplicate", "malformed")
+    rare = ("recovered", "late", "duplicate", "malformed")  # shown where there are any
+    counted = ("received", "lost", *(n for n in rare if any(each[n] for each in status["nodes"])))
     for title in ("node", "condition", "silent [s]", "behind [blocks]", *counted):
         nodes.add_column(title, justify="left" if title in ("node", "condition") else "right")
     for each in status["nodes"]:

@@ -42,6 +42,7 @@ def test_a_seek_goes_on_elsewhere_as_a_session_of_its_own(short_recording: Path)
     playing = blocks(control)
     first = [next(playing) for _ in range(10)]
     control.do("seek", 200.0)
+    assert control.as_json()["position_s"] == 200.0
     then = list(playing)
     assert len(then) == 40
     assert then[0].sequence == 0

@@ -1,6 +1,7 @@
 """A running session says how it does to whoever asks."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,15 @@ def test_the_desk_knows_rates_lags_gaps_and_posteriors(desk: StatusDesk) -> None
     assert answer["gaps"][0]["duration_s"] == 4.0
     assert answer["posteriors"][0]["turbine"] == turbine
     assert len(status_tables(json.loads(desk.answer()))) == 4
+
+
+def test_what_seldom_happens_has_a_column_where_it_has_happened(desk: StatusDesk) -> None:
+    def columns() -> list[object]:
+        return [column.header for column in status_tables(desk.as_json())[0].columns]
+
+    assert "recovered" not in columns()
+    desk.handle(replace(status("recorder", last_sequence=3), recovered=2))
+    assert columns()[-3:] == ["received", "lost", "recovered"]
 
 
 def test_whoever_connects_can_ask(desk: StatusDesk) -> None:
