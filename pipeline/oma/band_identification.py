@@ -40,6 +40,7 @@ IntArray = NDArray[np.int64]
 class BandIdentification:
     """What one band of a window says."""
 
+    band: Band
     modes: tuple[Mode, ...]
     poles: PoleCloud  # that came back over the orders: the band's stabilisation diagram
     subspace: SignalSubspace  # for the next window to begin with
@@ -50,7 +51,7 @@ def band_covariances(
 ) -> LagCovariances:
     """Lag covariances of a window in a band. samples: (n, n_channels) at the full rate."""
     return lag_covariances(
-        decimated(samples, band.decimation),
+        decimated(samples, band.decimation, high_passed=band.high_passed),
         n_lags=2 * band.block_rows,
         block_length=block_length(len(samples), band, settings),
         references=references,
@@ -90,7 +91,7 @@ def modes_of_covariances(
     found = clusters(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
     scales = ChannelScales(covariances.scales, integrations, dt)
     modes = _represented(found, cloud, moved, scales)
-    return BandIdentification(tuple(modes), cloud, subspace)
+    return BandIdentification(band, tuple(modes), cloud, subspace)
 
 
 def _sharp_cloud(

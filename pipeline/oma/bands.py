@@ -5,14 +5,21 @@ order must leave room for every mode. At one rate both cannot be had: the covari
 tower sampled at 40 Hz would need hundreds of block rows. Two bands leave modes between them
 biased (half a percent at 1.8 Hz on the 15 MW tower); three do not.
 
-Why they overlap: a mode of high damping is best seen with short lags, which hold less noise. So
-each band reports every mode that its lags reach, and `identification.merged` takes the slower
-band's estimate unless the faster one is much sharper.
+Why most come with a high pass: what is much stronger than a mode and far below it, as a sea's
+response below a tower's second bending mode, takes the strongest singular vectors. At the model
+orders that are left the mode does not show, or is mixed with a neighbour. Of the 15 MW tower at
+sea the .63 Hz mode is found in no window without a high pass, and in nearly all with it.
+
+Why they overlap: a mode of high damping, and one of a structure with few modes, is best seen with
+short lags, which hold less noise; for these the faster ones are also taken whole, at low orders. So
+each band reports every mode that its lags reach, and `merging.merged` takes the slower band's
+estimate unless the faster one is much sharper.
 """
 
 from dataclasses import dataclass, replace
 from math import sqrt
 
+from pipeline.oma.preprocessing import HIGH_PASS_BAND, high_pass_taps
 from pipeline.oma.settings import OmaSettings, OmaSettingsError
 
 HIGHEST_RELATIVE = 0.45  # of a band's rate: above it the anti-alias filter or the sensor rolls off
@@ -28,6 +35,7 @@ class Band:
     highest: float  # up to here [Hz]
     block_rows: int  # p: the Hankel matrix reaches to lag 2p
     orders: tuple[int, ...]  # model orders, ascending and even
+    high_passed: bool = False  # free of what lies below
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +46,24 @@ class _BandShape:
     upper: float  # highest frequency / band rate [-]
     block_rows: int
     orders: tuple[int, ...]
+    high_passed: bool = False
 
 
-# Slow, middle and full-rate band of a record, proven on the 15 MW tower at 40 Hz, where they are
-# 5 Hz with block rows over 13 s, 10 Hz over 3 s, and 40 Hz over 1.25 s.
+# Slow, middle and full-rate bands of a record, proven on the 15 MW tower at 40 Hz, where they are
+# 5 Hz with block rows over 13 s, 10 Hz over 3 s, and 40 Hz over 1.25 s; free of what lies below
+# .5, 1 and 4 Hz.
+_SLOW = _BandShape(decimation=8, upper=0.30, block_rows=64, orders=tuple(range(16, 62, 4)))
+_MIDDLE = _BandShape(decimation=4, upper=0.43, block_rows=32, orders=tuple(range(24, 82, 4)))
+_FULL = _BandShape(
+    decimation=1, upper=HIGHEST_RELATIVE, block_rows=50, orders=tuple(range(40, 112, 4))
+)
 _SHAPES = (
-    _BandShape(decimation=8, upper=0.30, block_rows=64, orders=tuple(range(16, 62, 4))),
-    _BandShape(decimation=4, upper=0.43, block_rows=32, orders=tuple(range(24, 82, 4))),
-    _BandShape(
-        decimation=1, upper=HIGHEST_RELATIVE, block_rows=50, orders=tuple(range(40, 112, 4))
-    ),
+    _SLOW,
+    replace(_SLOW, high_passed=True),
+    replace(_MIDDLE, orders=tuple(range(16, 52, 4))),
+    replace(_MIDDLE, high_passed=True),
+    replace(_FULL, orders=tuple(range(20, 72, 4))),
+    replace(_FULL, high_passed=True),
 )
 _SAMPLES_PER_BLOCK_ROW = 6  # a band shorter than this many samples a block row is given fewer rows
 _FEWEST_BLOCK_ROWS = 8
@@ -59,9 +75,9 @@ def plan_bands(
 ) -> tuple[Band, ...]:
     """Bands of a record, slowest first.
 
-    Each reaches down to one period within the lags of its Hankel matrix. A record too short for
-    its slow bands is identified in the faster ones alone. Asked for lower frequencies than the
-    slow band reaches, the record gains further bands, each four times slower.
+    The first reaches down to one period within the lags of its Hankel matrix. A record too short
+    for its slow bands is identified in the faster ones alone. Asked for lower frequencies than
+    the slow band reaches, the record gains further bands, each four times slower.
     Raises OmaSettingsError when the sampling rate is too low for the highest frequency asked for.
     """
     highest = settings.highest_frequency or HIGHEST_RELATIVE * sampling_rate
@@ -72,7 +88,14 @@ def plan_bands(
         )
     shapes = _shapes_down_to(settings.lowest_frequency, sampling_rate)
     n_references = len(settings.reference_channels or range(n_channels))
-    bands = [_band(shape, n_samples, n_references, sampling_rate) for shape in shapes]
+    carried = [
+        shape
+        for shape in shapes
+        if _band(shape, n_samples, n_references, sampling_rate) is not None
+    ]
+    if carried and carried[0].high_passed:
+        carried.insert(0, replace(carried[0], high_passed=False))
+    bands = [_band(shape, n_samples, n_references, sampling_rate) for shape in carried]
     return tuple(
         replace(
             band,
@@ -99,20 +122,27 @@ def _reach(shape: _BandShape, sampling_rate: float) -> float:
 
 
 def _band(
-    shape: _BandShape, n_samples: int, n_references: int, sampling_rate: float
+    shape: _BandShape,
+    n_samples: int,
+    n_references: int,
+    sampling_rate: float,
 ) -> Band | None:
     """The band as far as the record's length and references carry it; None when too short."""
     rate = sampling_rate / shape.decimation
-    rows = min(shape.block_rows, n_samples // shape.decimation // (2 * _SAMPLES_PER_BLOCK_ROW))
+    length = n_samples // shape.decimation
+    if shape.high_passed:
+        length -= len(high_pass_taps())
+    rows = min(shape.block_rows, length // (2 * _SAMPLES_PER_BLOCK_ROW))
     if rows < _FEWEST_BLOCK_ROWS:
         return None
     return Band(
         decimation=shape.decimation,
         sampling_rate=rate,
-        lowest=rate / (2 * rows),
+        lowest=max(rate / (2 * rows), HIGH_PASS_BAND * rate if shape.high_passed else 0.0),
         highest=shape.upper * rate,
         block_rows=rows,
         orders=_orders(shape.orders, rank=rows * n_references, n_references=n_references),
+        high_passed=shape.high_passed,
     )
 
 

@@ -36,6 +36,7 @@ IntArray = NDArray[np.int64]
 
 AT_BOUND = 2.0  # a frequency std of less, over the attainable bound, could hardly be smaller [-]
 WELL_KNOWN_SHAPE = 0.1  # a largest std of a shape's components as only modes have it [-]
+SHARE_ALONE = 0.4  # of the half bandwidth: what f and ζ are known to, where one band sees a mode
 MODERATE_SHARE = 0.75  # of the half bandwidth: what f and ζ are known to, where the shape is [-]
 
 
@@ -116,11 +117,12 @@ def concluded(
     steady   the window's samples, free of offset, (n, n_channels)
     """
     modes, harmonics = [], []
-    for mode in merged([band.modes for band in by_band]):
+    for each in merged([band.modes for band in by_band], [band.band for band in by_band]):
+        mode = each.mode
         doubtful = mode.damping_ratio < HARMONIC_DAMPING
         if doubtful and is_harmonic(steady, sampling_rate, mode.frequency):
             harmonics.append(mode)
-        elif known_as_modes_are(mode, len(steady) / sampling_rate, settings):
+        elif known_as_modes_are(mode, len(steady) / sampling_rate, settings, alone=each.alone):
             modes.append(mode)
     warnings = [finding.warning for finding in findings]
     warnings += [
@@ -138,10 +140,13 @@ def concluded(
     )
 
 
-def known_as_modes_are(mode: Mode, duration: float, settings: OmaSettings) -> bool:
+def known_as_modes_are(
+    mode: Mode, duration: float, settings: OmaSettings, *, alone: bool = False
+) -> bool:
     """Whether a frequency is known as well as that of a mode is.
 
     duration   T of the window [s]
+    alone      one band reports it where others should: its f and ζ must be known to .4
 
     No unbiased estimate of a mode's frequency is sharper than about std(f)/f = √(ζ/(2π f T)). A
     mode is taken where its frequency
@@ -164,6 +169,8 @@ def known_as_modes_are(mode: Mode, duration: float, settings: OmaSettings) -> bo
     if relative_std <= AT_BOUND * bound:
         return True
     share = max(relative_std, mode.damping_ratio_std) / mode.damping_ratio
+    if alone and share > SHARE_ALONE:
+        return False
     if len(mode.shape) > 1 and shape_std <= WELL_KNOWN_SHAPE and share <= MODERATE_SHARE:
         return True
     return (

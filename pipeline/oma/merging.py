@@ -1,13 +1,14 @@
 """The modes of all bands as one list, each mode once."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import Mode  # the field's word
 from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.oma.bands import Band
 from pipeline.oma.stabilization import (
     unexplained_spread,
 )
@@ -15,20 +16,33 @@ from pipeline.oma.stabilization import (
 FloatArray = NDArray[np.float64]
 
 
-MUCH_SHARPER = 2.0  # a faster band's frequency std must be this many times smaller to be taken
+MUCH_SHARPER = 2.0  # a band's frequency std must be this many times smaller than one's at the
+# next slower rate to be taken instead
 
 
-def merged(by_band: Sequence[Sequence[Mode]]) -> tuple[Mode, ...]:
-    """The modes of all bands (slowest band first), each once, lowest frequency first.
+@dataclass(frozen=True, slots=True, eq=False)
+class MergedMode:
+    """A mode, and whether a second band confirms it."""
+
+    mode: Mode
+    alone: bool  # one band reports it, although another one reaches it
+
+
+def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[MergedMode, ...]:
+    """The modes of all bands, each once, lowest frequency first.
 
     Two estimates are one mode when their frequencies agree within three joint std or half a
     percent and their MAC is 0.8 or more. The slower band's stays, since the faster ones are
-    biased where their lags are short for the mode, unless the faster one's is much sharper. What
-    the bands differ by, beyond their std, is added to the covariance of the one that stays.
+    biased where their lags are short for the mode, unless the faster one's is much sharper; of
+    those at one rate the sharpest. What the bands differ by, beyond their std, is added to the
+    covariance of the one that stays.
     """
+    faster = np.unique([band.sampling_rate for band in bands], return_inverse=True)[
+        1
+    ]  # how many rates are slower
     ranked = sorted(
         (
-            (mode.frequency_std * MUCH_SHARPER**place / mode.frequency, place, mode)
+            (mode.frequency_std * MUCH_SHARPER ** faster[place] / mode.frequency, place, mode)
             for place, modes in enumerate(by_band)
             for mode in modes
         ),
@@ -41,8 +55,18 @@ def merged(by_band: Sequence[Sequence[Mode]]) -> tuple[Mode, ...]:
             kept.append([mode])
         else:
             group.append(mode)
-    joined = [_with_spread_over_bands(first, others) for first, *others in kept]
-    return tuple(sorted(joined, key=lambda m: m.frequency))
+    joined = [
+        MergedMode(
+            _with_spread_over_bands(first, others), not others and _reached(first, bands) > 1
+        )
+        for first, *others in kept
+    ]
+    return tuple(sorted(joined, key=lambda each: each.mode.frequency))
+
+
+def _reached(mode: Mode, bands: Sequence[Band]) -> int:
+    """How many bands report modes of such a frequency."""
+    return sum(band.lowest <= mode.frequency <= band.highest for band in bands)
 
 
 def _with_spread_over_bands(mode: Mode, others: Sequence[Mode]) -> Mode:

@@ -204,7 +204,7 @@ def unexplained_spread(
     deviations    Δd by time block, (n, n_blocks): var(d) = Σ_b Δd²
     weights       (n,)
 
-        spread² = Σ w max(0, d² − var(d)) / Σ w
+        spread² = max(0, Σ w (d² − var(d)) / Σ w)
     """
-    excess = np.maximum(0.0, differences**2 - np.sum(deviations**2, axis=1))
-    return float(np.sqrt(np.average(excess, weights=weights)))
+    excess = differences**2 - np.sum(deviations**2, axis=1)
+    return float(np.sqrt(max(0.0, np.average(excess, weights=weights))))

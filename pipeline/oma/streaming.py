@@ -50,14 +50,15 @@ FloatArray = NDArray[np.float64]
 class StreamingDecimator:
     """`preprocessing.decimated` for samples that come piece by piece."""
 
-    def __init__(self, decimation: int):
+    def __init__(self, decimation: int, *, high_passed: bool = False):
         self._decimation = decimation
+        self._high_passed = high_passed
         self._held: FloatArray | None = None  # samples that further outputs still need
 
     def push(self, samples: FloatArray) -> FloatArray:
         """The outputs that these samples complete, (n_out, n_channels)."""
         held = samples if self._held is None else np.concatenate([self._held, samples])
-        outputs = decimated(held, self._decimation)
+        outputs = decimated(held, self._decimation, high_passed=self._high_passed)
         self._held = held[len(outputs) * self._decimation :]  # stays on the grid of outputs
         return outputs
 
@@ -70,7 +71,7 @@ class CovarianceRing:
         self.band = band
         self._n_lags = 2 * band.block_rows
         self._block_length = block_length
-        self._decimator = StreamingDecimator(band.decimation)
+        self._decimator = StreamingDecimator(band.decimation, high_passed=band.high_passed)
         self._held: FloatArray | None = None  # band samples from the next block's first on
         self._blocks: deque[BlockCovariances] = deque(maxlen=n_blocks)
         self.n_complete = 0  # blocks since the start, dropped ones counted
@@ -92,7 +93,8 @@ class CovarianceRing:
         offset: FloatArray,
         references: References = ALL,
     ) -> LagCovariances:
-        """Of a window: n_blocks from a block counted since the start, offset (n_channels,) off.
+        """Of a window: n_blocks from a block counted since the start, the full-rate samples'
+        offset (n_channels,) off, of which a high pass leaves nothing.
 
         The ring holds all channels as references; a window takes those that it asks for.
         Raises IndexError when a block is not complete yet or no longer kept.
@@ -107,7 +109,8 @@ class CovarianceRing:
             self._blocks[index - oldest].with_references(references)
             for index in range(first_block, first_block + n_blocks)
         ]
-        return joined(chosen, offset=offset, references=references)
+        left = np.zeros_like(offset) if self.band.high_passed else offset
+        return joined(chosen, offset=left, references=references)
 
 
 class StreamingIdentifier:
@@ -138,7 +141,8 @@ class StreamingIdentifier:
         return band.decimation * block_length(self._window, band, self._settings)
 
     def _blocks_in_window(self, band: Band) -> int:
-        usable = n_decimated(self._window, band.decimation) - 2 * band.block_rows
+        n_samples = n_decimated(self._window, band.decimation, high_passed=band.high_passed)
+        usable = n_samples - 2 * band.block_rows
         return usable * band.decimation // self._block(band)
 
     def _ring(self, band: Band) -> CovarianceRing:

@@ -20,12 +20,14 @@ def record(cantilever: KnownStructure) -> np.ndarray:
     return y + np.array([0.0, 5.0, -9.81, 0.1, 2.0])
 
 
+@pytest.mark.parametrize("high_passed", [False, True])
 @pytest.mark.parametrize("decimation", [1, 4, 8])
-def test_decimation_by_pieces_is_decimation_at_once(decimation: int) -> None:
+def test_decimation_by_pieces_is_decimation_at_once(decimation: int, high_passed: bool) -> None:
     y = np.random.default_rng(1).standard_normal((5000, 2))
-    decimator = StreamingDecimator(decimation)
+    decimator = StreamingDecimator(decimation, high_passed=high_passed)
     pieces = [decimator.push(piece) for piece in np.array_split(y, [7, 40, 41, 500, 1311, 4000])]
-    np.testing.assert_allclose(np.concatenate(pieces), decimated(y, decimation), atol=1e-13)
+    whole = decimated(y, decimation, high_passed=high_passed)
+    np.testing.assert_allclose(np.concatenate(pieces), whole, atol=1e-13)
 
 
 def assert_equal(ours: Mode, theirs: Mode, tolerance: float) -> None:
