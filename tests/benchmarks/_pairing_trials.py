@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pipeline.messages import Mode
 from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.pairing import PairingSearch, PairingSettings, PairingTargets
-from pipeline.updating.prior import Prior
+from pipeline.updating.prior import Prior, modal_where_supported
+from sensors.turbine.modal import ModalModel
 from tests.benchmarks._drawn import (
     DURATION,
     SHAPE_STD,
@@ -113,18 +114,20 @@ def pairing_counts(n_trials: int, *, first_seed: int, whole_prior: bool = True) 
     counts = PairingCounts(Counter(), Counter(), Counter())
     for seed in range(first_seed, first_seed + n_trials):
         generator = np.random.default_rng([seed, 99])
-        true = TrueModes.of(model, _truth(prior, generator, whole_prior=whole_prior))
+        true = TrueModes.of(model, _truth(model, prior, generator, whole_prior=whole_prior))
         _count(drawn_trial(true, generator), true, search, counts)
     return counts
 
 
-def _truth(prior: Prior, generator: np.random.Generator, *, whole_prior: bool) -> FloatArray:
-    if whole_prior:
-        return prior.draws(1, generator)[0]
+def _truth(
+    model: ModalModel, prior: Prior, generator: np.random.Generator, *, whole_prior: bool
+) -> FloatArray:
+    """(3,) ratios of a structure that stands."""
     while True:
-        ratios = generator.uniform(0.8, 1.25, 3)
-        if prior.supports(ratios):
-            return ratios
+        drawn = prior.draws(1, generator) if whole_prior else generator.uniform(0.8, 1.25, (1, 3))
+        supported, modes = modal_where_supported(model, prior, drawn)
+        if supported[0] and modes is not None and modes.admissible[0]:
+            return drawn[0]
 
 
 def _count(trial: Trial, true: TrueModes, search: PairingSearch, counts: PairingCounts) -> None:
