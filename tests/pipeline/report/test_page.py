@@ -1,0 +1,122 @@
+"""The page: everything of the session is on it, it stands alone, it is small."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.recording.errors import RecordingError
+from pipeline.report.figures_json import session_json
+from pipeline.report.page import page, write_page
+from pipeline.report.recorded_session import read_session
+from sensors.errors import InputError
+from tests.pipeline.example_messages import LAYOUT, block
+from tests.pipeline.report.example_session import recorded, session
+from tests.pipeline.report.test_html import assert_stands_alone
+
+LARGEST = 3e6  # [bytes]
+
+
+@pytest.fixture(scope="module")
+def one(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "session.mcap"
+    return recorded(path, session(), pilewatch={"version": "0.1.0"}, scenario={"toml": "a = 1\nb"})
+
+
+@pytest.fixture(scope="module")
+def one_page(one: Path) -> str:
+    return page(read_session(one))
+
+
+def headings(text: str) -> list[str]:
+    """What the sections are called."""
+    return re.findall(r"<h[23][^>]*>(.*?)</h[23]>", text)
+
+
+def test_a_page_stands_alone_and_is_small(one_page: str) -> None:
+    assert_stands_alone(one_page)
+    assert len(one_page.encode()) < LARGEST
+
+
+def test_sentences_come_before_figures_and_figures_before_settings(one_page: str) -> None:
+    assert headings(one_page) == [
+        *("Foundation", "Changes", "Modes", "Data quality", "Settings", "scenario.toml")
+    ]
+    order = ("k22 fell by", "<dl", "Springs of the foundation", "<svg", "a = 1")
+    places = [one_page.index(each) for each in order]
+    assert places == sorted(places)
+
+
+def test_every_kind_of_result_has_its_picture_or_table(one_page: str) -> None:
+    for words in (
+        "Stiffness over its nominal value",
+        "The last posterior: draws in pairs",
+        "with their 90 % intervals",
+        "Every identified mode of every window",
+        "Windows that were not used",
+        "Gaps in the stream",
+        "recorder",
+        "0.998",
+    ):
+        assert words in one_page
+    assert one_page.count("<svg") == 5
+
+
+def test_each_turbine_of_a_farm_has_a_section_and_a_line_that_leads_to_it(tmp_path: Path) -> None:
+    both = [*session("north"), *session("south")]
+    text = page(read_session(recorded(tmp_path / "farm.mcap", both)))
+    assert_stands_alone(text)
+    assert headings(text)[0] == "All turbines"
+    assert [each for each in headings(text) if each in ("north", "south")] == ["north", "south"]
+    for target in re.findall(r'href="#([\w-]+)"', text):
+        assert f'id="{target}"' in text
+    assert len(text.encode()) < LARGEST
+
+
+def test_the_parts_of_a_session_are_read_as_one(tmp_path: Path) -> None:
+    messages = session()
+    recorded(tmp_path / "session.mcap", messages[:9])
+    recorded(tmp_path / "session.part2.mcap", [messages[0], *messages[9:]])
+    read = read_session(tmp_path)
+    assert len(read.files) == 2
+    assert len(read.turbines[0].posteriors) == 6
+
+
+def test_the_figures_for_machines_are_those_of_the_page(one: Path) -> None:
+    told = session_json(read_session(one))
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
+    (turbine,) = told["turbines"]
+    assert turbine["condition"] == "doubt"
+    assert turbine["findings"][0].startswith("k22 fell by 9.0 %")
+    over_time = turbine["stiffness_over_time"]
+    assert [each["window"] for each in over_time] == list(range(6))
+    assert {"k11", "k22", "k12"} <= set(over_time[0])
+    assert all(len(each["time_ns"]) == 6 for each in turbine["frequency_tracks"])
+
+
+def test_measurements_without_results_say_what_makes_them(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "raw.mcap", [LAYOUT, block(0)])
+    with pytest.raises(RecordingError, match=r"no results; `pilewatch run --source replay:"):
+        read_session(path)
+
+
+def test_a_page_that_cannot_be_written_is_one_line(
+    one: Path, one_page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.report.page.page", lambda _: one_page)
+    with pytest.raises(InputError, match=r"cannot write the report .*none/report\.html: No such"):
+        write_page(read_session(one), tmp_path / "none" / "report.html")
+
+
+def test_the_command_writes_the_page_and_prints_the_figures(
+    one: Path, one_page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.report.page.page", lambda _: one_page)
+    out = tmp_path / "report.html"
+    ran = CliRunner().invoke(app, ["report", str(one), "-o", str(out), "--json"])
+    assert ran.exit_code == 0
+    assert out.read_text("utf-8") == one_page
+    assert json.loads(ran.stdout)["turbines"][0]["turbine"] == "t1"

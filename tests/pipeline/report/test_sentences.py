@@ -1,0 +1,102 @@
+"""Plain sentences: what a manager reads is what the messages say, no more and no less."""
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.messages import FoundationPosterior, Message
+from pipeline.messages import Warning as Doubt
+from pipeline.report.recorded_session import TurbineRecord, read_session
+from pipeline.report.sentences import condition, distrust, event_sentence, findings, headline
+from tests.pipeline.example_messages import LAYOUT, START_NS, block, rejection
+from tests.pipeline.report.example_session import (
+    WINDOW_NS,
+    estimate,
+    event,
+    posterior,
+    recorded,
+    session,
+)
+
+
+def record_of(tmp_path: Path, messages: list[Message]) -> TurbineRecord:
+    """What a report knows of the one turbine of a recording."""
+    (record,) = read_session(recorded(tmp_path / "s.mcap", messages)).turbines
+    return record
+
+
+def test_a_change_is_told_with_its_size_its_interval_and_when_it_began() -> None:
+    told = event_sentence(event())  # START_NS is 14 November 2023, 22:13:20
+    assert told == (
+        "k22 fell by 9.0 % [6.0 %, 12 %] on 14 November 2023 between 22:33 and 22:53 UTC; "
+        "k11 stayed within what can be told (-4.0 to +2.0 %), k12 rose by 3.0 % [1.0 %, 5.0 %]."
+    )
+
+
+def test_a_change_that_no_foundation_explains_is_not_called_the_foundations() -> None:
+    told = event_sentence(event("modal-drift"))
+    assert "in a way that no foundation explains" in told
+    assert "k22" not in told
+    assert told.endswith("surest of all the one at 1.1 Hz, down by 1.2 % ± 0.10 %.")
+
+
+def test_springs_that_moved_with_an_undecided_change_are_told_with_it(tmp_path: Path) -> None:
+    messages = [each if each != event() else event("undecided") for each in session()]
+    (told, *_) = findings(record_of(tmp_path, messages))
+    assert told.endswith("With it the stiffness went, ÷ nominal: k22 from 1.000 to 0.912.")
+
+
+def test_changes_come_first_then_each_spring_then_how_far_the_data_go(tmp_path: Path) -> None:
+    record = record_of(tmp_path, session())
+    told = findings(record)
+    assert told[0].startswith("k22 fell by 9.0 %")
+    assert [each.split(",")[0] for each in told[1:4]] == ["k11", "k22", "k12"]
+    assert "is known to ±1.0 %: 0.912 × its nominal value" in told[2]
+    assert told[2].endswith("The simulated truth, 0.910, lies inside.")
+    assert any("1 window could not be identified: 1 × gap" in each for each in told[4:])
+    assert told[-1].startswith("1 gap in the stream")
+    assert condition(record) == "doubt"
+
+
+def test_what_is_known_and_unchanged_is_good(tmp_path: Path) -> None:
+    record = record_of(tmp_path, [LAYOUT, block(0), estimate(0), posterior(0)])
+    assert condition(record) == "good"
+    assert headline(record) == "The foundation's stiffness is known, and no change was found."
+    assert findings(record)[-1] == "No sample is missing."
+
+
+def test_a_posterior_that_is_not_trusted_is_no_finding_and_its_reasons_are_the_updatings(
+    tmp_path: Path,
+) -> None:
+    doubt = Doubt("fit", "the frequencies do not fit the model: reduced χ² 8.1")
+    untrusted = posterior(0, trusted=False, doubts=(doubt,))
+    record = record_of(tmp_path, [LAYOUT, block(0), estimate(0), untrusted])
+    assert condition(record) == "bad"
+    assert headline(record).startswith("Do not use these stiffnesses")
+    assert distrust(untrusted) == ["The frequencies do not fit the model: reduced χ² 8.1."]
+
+
+@pytest.mark.parametrize(
+    ("messages", "why"),
+    [
+        ([estimate(0)], "no identified window could be used"),
+        ([rejection(0)], "no window could be identified"),
+    ],
+)
+def test_without_a_posterior_it_is_said_why(
+    tmp_path: Path, messages: list[Message], why: str
+) -> None:
+    record = record_of(tmp_path, [LAYOUT, block(0), *messages])
+    assert condition(record) == "unknown"
+    assert headline(record) == f"Nothing is known of the foundation's stiffness: {why}."
+
+
+def test_a_record_knows_each_window_once_and_the_truth_that_held_then(tmp_path: Path) -> None:
+    repeated: list[Message] = [*session(), posterior(5, k22=0.912)]
+    record = record_of(tmp_path, repeated)
+    assert list(record.posteriors) == [START_NS + (n + 1) * WINDOW_NS for n in range(6)]
+    assert isinstance(record.summary.posterior, FoundationPosterior)
+    nominal = record.summary.posterior.parameter("k22").nominal
+    before, after = START_NS + WINDOW_NS, START_NS + 5 * WINDOW_NS
+    assert record.true_stiffness("k22", before) == pytest.approx(nominal)
+    assert record.true_stiffness("k22", after) == pytest.approx(0.91 * nominal)
