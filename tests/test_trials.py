@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from tests.benchmarks._disk_trial import disk_trial
 from tests.benchmarks._farm_trial import farm_trial
 from tests.benchmarks._fuzz_trial import fuzz_trial
@@ -9,7 +11,7 @@ from tests.benchmarks._kill_trial import kill_trial
 from tests.benchmarks._link_trials import cut_trial, frozen_trial, router_trial
 from tests.benchmarks._security_trial import security_trial
 from tests.benchmarks.transport import Load
-from tests.benchmarks.trials import SCENARIO, day_trial
+from tests.benchmarks.trials import day_trial, recorded
 
 
 def test_a_cable_cut_for_seconds_costs_no_block() -> None:
@@ -38,11 +40,17 @@ def test_a_router_that_is_killed_and_comes_back_costs_no_block() -> None:
     assert (outcome.lost, outcome.repeated) == (0, 0)
 
 
-def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path) -> None:
-    outcome = disk_trial(tmp_path, scenario=SCENARIO.format(duration=65.0), kilobytes=60)
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A little more than one window."""
+    return recorded(tmp_path_factory.mktemp("source"), duration=66.0)
+
+
+def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path, recording: Path) -> None:
+    outcome = disk_trial(tmp_path, recording, kilobytes=60)
     assert outcome.exit_code == 0
     assert outcome.warned
-    assert 0 < outcome.recorded < outcome.published == 65
+    assert 0 < outcome.recorded < outcome.published == 66
     assert outcome.told_lost == outcome.published - outcome.recorded
     assert outcome.same_posterior
 
@@ -66,11 +74,11 @@ def test_only_whom_the_station_knows_gets_in_and_each_says_only_what_it_may(tmp_
 
 
 def test_a_session_whose_nodes_are_killed_ends_with_the_same_posterior_and_nothing_missing(
-    tmp_path: Path,
+    tmp_path: Path, recording: Path
 ) -> None:
     outcome = kill_trial(
         tmp_path,
-        scenario=SCENARIO.format(duration=66.0),
+        recording,
         speed=12.0,
         kills=("recorder", "updating"),
         seed=3,

@@ -14,9 +14,8 @@ from pathlib import Path
 
 from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages
-from pipeline.scenario import scenario_from_text
 from pipeline.session import SessionOptions, run_session
-from pipeline.sources import record_simulation, replayed, simulated
+from pipeline.sources import replayed
 from sensors.blocks import AccelerationBlock
 
 KILOBYTE = 1000
@@ -34,10 +33,8 @@ class DiskOutcome:
     same_posterior: bool  # as the session with room
 
 
-def disk_trial(folder: Path, *, scenario: str, kilobytes: int) -> DiskOutcome:
-    """A session whose files may not exceed a size; and the same with room."""
-    recording = folder / "source.mcap"
-    record_simulation(simulated(scenario_from_text(scenario, "trial.toml")), recording)
+def disk_trial(folder: Path, recording: Path, *, kilobytes: int) -> DiskOutcome:
+    """A replay whose files may not exceed a size; and the same with room."""
     options = SessionOptions(out=folder / "room", way="lock-step", rrd=False)
     run_session(replayed(recording), options)
     full = _run(recording, folder / "full", kilobytes * KILOBYTE)

@@ -24,9 +24,9 @@ from pipeline.messages import FoundationPosterior, StreamGap, WindowRejected
 from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Recorder
-from pipeline.scenario import Scenario, scenario_from_text
+from pipeline.scenario import Scenario
 from pipeline.session import SessionOptions, run_session
-from pipeline.sources import record_simulation, replayed, simulated
+from pipeline.sources import replayed
 from pipeline.transport.zenoh_bus import free_endpoint
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from tests.benchmarks._fuzz_trial import wait_for_nodes
@@ -54,43 +54,44 @@ class KillOutcome:
 
 
 def kill_trial(
-    folder: Path, *, scenario: str, speed: float, kills: Sequence[str], seed: int, rrd: bool = True
+    folder: Path,
+    recording: Path,
+    *,
+    speed: float,
+    kills: Sequence[str],
+    seed: int,
+    rrd: bool = True,
 ) -> KillOutcome:
-    """A live session, its parts killed (SIGKILL) at random moments; and one undisturbed."""
-    recording = folder / "source.mcap"
-    described = scenario_from_text(scenario, "trial.toml")
-    record_simulation(simulated(described), recording)
+    """A live session of what was recorded, its parts killed (SIGKILL) at random moments; and one
+    undisturbed."""
     published = list(_blocks([recording]))
     duration = (published[-1].end_ns - published[0].start_ns) / NANOSECONDS / speed
     generator = random.Random(seed)
     out, endpoint, done = folder / "killed", free_endpoint(), list[str]()
     with live_session(recording, out, endpoint, rrd=rrd) as session:
         wait_for_nodes(endpoint, nodes=6 if rrd else 5)
-        with Unit(recording, endpoint, speed, reserve=kills.count(SOURCE)) as unit:
+        with Unit(recording, endpoint, speed, folder / SENT, reserve=kills.count(SOURCE)) as unit:
             for number, name in enumerate(kills):
                 moment = (number + generator.uniform(0.6, 1.0)) / (len(kills) + 0.5) * duration
                 time.sleep(max(0.0, unit.began + moment - time.monotonic()))
                 killed = unit.kill_and_replace() if name == SOURCE else kill_node(session.pid, name)
                 done += [name] if killed else []
-            last = end_of_last_window(published, described)
+            last = end_of_last_window(published, replayed(recording).scenario)
             wait_until(lambda: last_answer(out) >= last)
         session.send_signal(signal.SIGTERM)
         exit_code = session.wait(PATIENCE)
-    return _outcome(folder, published, done, speed, exit_code)
+    return _outcome(folder, recording, done, speed, exit_code)
 
 
 def _outcome(
-    folder: Path,
-    published: Sequence[AccelerationBlock],
-    done: Sequence[str],
-    speed: float,
-    exit_code: int,
+    folder: Path, recording: Path, done: Sequence[str], speed: float, exit_code: int
 ) -> KillOutcome:
+    published = [block.sequence for block in _blocks([recording])]
     parts = parts_of(folder / "killed" / "session.mcap")
     recorded = [block.sequence for block in _blocks(parts)]
-    missing = sorted({block.sequence for block in published} - set(recorded))
+    missing = sorted(set(published) - set(recorded))
     run_session(
-        replayed(without(folder / "source.mcap", missing, folder / "measured.mcap")),
+        replayed(without(recording, missing, folder / "measured.mcap")),
         SessionOptions(out=folder / "whole", way="lock-step", rrd=False),
     )
     ours, theirs = (_posteriors(folder / name) for name in ("killed", "whole"))
@@ -159,7 +160,7 @@ def live_session(
 ) -> Iterator["subprocess.Popen[bytes]"]:
     """`pilewatch run --source live --processes` under the recording's scenario; what it says goes
     to a file beside `out`."""
-    scenario = recording.with_suffix(".toml")
+    scenario = out.with_suffix(".toml")
     scenario.write_text(replayed(recording).scenario.text)
     command = [sys.executable, "-m", "pipeline", "run", "--source", "live", "--processes"]
     command += ["--scenario", str(scenario), "--listen", endpoint, "--out", str(out)]
@@ -178,8 +179,10 @@ class Unit:
     """The acquisition unit's process, and others in reserve that have come up and only wait: how
     long Python takes to start is no matter of the pipeline's."""
 
-    def __init__(self, recording: Path, endpoint: str, speed: float, *, reserve: int) -> None:
-        arguments = [str(recording), endpoint, repr(speed), str(recording.with_name(SENT))]
+    def __init__(
+        self, recording: Path, endpoint: str, speed: float, log: Path, *, reserve: int
+    ) -> None:
+        arguments = [str(recording), endpoint, repr(speed), str(log)]
         command = [sys.executable, "-m", "tests.benchmarks._unit", *arguments]
         self._processes = [
             subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

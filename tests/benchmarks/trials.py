@@ -72,6 +72,14 @@ def _blocks(paths: Sequence[Path]) -> Iterator[AccelerationBlock]:
             yield message
 
 
+def recorded(folder: Path, *, duration: float) -> Path:
+    """So many seconds of a small tower."""
+    path = folder / "source.mcap"
+    scenario = scenario_from_text(SCENARIO.format(duration=duration), "trial.toml")
+    record_simulation(simulated(scenario), path)
+    return path
+
+
 @dataclass(frozen=True, slots=True)
 class DamageOutcome:
     """What came back of damaged recordings."""
@@ -231,7 +239,7 @@ def router_trials(_folder: Path, _seed: int) -> None:
 
 def disk_trials(folder: Path, _seed: int) -> None:
     """A disk that is full."""
-    print(disk_trial(folder, scenario=SCENARIO.format(duration=600.0), kilobytes=400))
+    print(disk_trial(folder, recorded(folder, duration=600.0), kilobytes=400))
 
 
 def fuzz_trials(folder: Path, seed: int) -> None:
@@ -249,8 +257,8 @@ def security_trials(folder: Path, _seed: int) -> None:
 def kill_trials(folder: Path, seed: int) -> None:
     """Parts that are killed."""
     parts = ("recorder", "identification", "source", "updating", "viewer") * 2
-    scenario = SCENARIO.format(duration=1800.0)
-    print(kill_trial(folder, scenario=scenario, speed=10.0, kills=parts, seed=seed))
+    recording = recorded(folder, duration=1800.0)
+    print(kill_trial(folder, recording, speed=10.0, kills=parts, seed=seed))
 
 
 def farm_trials(folder: Path, _seed: int) -> None:
@@ -265,10 +273,7 @@ def day_trials(folder: Path, _seed: int) -> None:
 
 def truncation_trials(folder: Path, seed: int) -> None:
     """Recordings that are cut and damaged."""
-    recording = folder / "source.mcap"
-    text = SCENARIO.format(duration=120.0)
-    record_simulation(simulated(scenario_from_text(text, "trial.toml")), recording)
-    print(damage_trial(folder, recording, cuts=200, flips=200, seed=seed))
+    print(damage_trial(folder, recorded(folder, duration=120.0), cuts=200, flips=200, seed=seed))
 
 
 TRIALS: dict[str, Callable[[Path, int], None]] = {
