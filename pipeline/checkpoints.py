@@ -27,6 +27,7 @@ from pipeline.messages import (
     ModalEstimate,
     WindowRejected,
 )
+from pipeline.messages import Warning as Doubt
 from pipeline.nodes.updating import FoundationUpdaterNode
 from pipeline.streams import stream_of
 from pipeline.transport.codec import decode, encode
@@ -69,14 +70,21 @@ class CheckpointFolder:
         return self._path / f"updating-{turbine}.checkpoint"
 
     def write(self, checkpoint: NodeCheckpoint) -> None:
-        """Replace the turbine's checkpoint in one step, the bytes on disk before the name."""
+        """Replace the turbine's checkpoint in one step, the bytes on disk before the name.
+
+        Raises OSError where the disk refuses; the one before is then still there.
+        """
         self._path.mkdir(parents=True, exist_ok=True)
         path = self.file_of(checkpoint.turbine)
         beside = path.with_suffix(".new")
-        with beside.open("wb") as file:
-            file.write(_written(checkpoint))
-            file.flush()
-            os.fsync(file.fileno())
+        try:
+            with beside.open("wb") as file:
+                file.write(_written(checkpoint))
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError:
+            beside.unlink(missing_ok=True)
+            raise
         beside.replace(path)
 
     def read(self, turbine: str) -> NodeCheckpoint | None:
@@ -155,6 +163,8 @@ class CheckpointedUpdating:
     folder    where checkpoints lie
     turbine   whose checkpoint is read now, so that one that does not fit is told at the start
 
+    A disk that is full costs the checkpoint, not the posterior; `warnings` says so.
+
     Raises CheckpointError for a checkpoint of another version, turbine, layout or foundation.
     """
 
@@ -162,6 +172,7 @@ class CheckpointedUpdating:
     inputs: tuple[type, ...] = (ModalEstimate,)
 
     def __init__(self, updater: FoundationUpdater, folder: CheckpointFolder, turbine: str) -> None:
+        self.warnings: tuple[Doubt, ...] = ()
         self._updater = updater
         self._folder = folder
         self._turbine = turbine
@@ -197,7 +208,18 @@ class CheckpointedUpdating:
             self._answers = (*self._answers, answer)[-LATEST:]
             yield answer
         self._answered_ns = message.end_ns
-        self._folder.write(self._checkpoint())
+        self._write()
+
+    def _write(self) -> None:
+        try:
+            self._folder.write(self._checkpoint())
+        except OSError as error:
+            path, reason = self._folder.file_of(self._turbine), error.strerror or error
+            text = f"{path} could not be written ({reason}): a restart goes on from the one before"
+            self.warnings = (Doubt("checkpoint-not-written", text),)
+            logger.error(text)
+        else:
+            self.warnings = ()
 
     def _checkpoint(self) -> NodeCheckpoint:
         assert self._answered_ns is not None

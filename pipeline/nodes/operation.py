@@ -223,6 +223,12 @@ class UpdatingInContext:
             self._spare = None
         return self._updaters[message.turbine].handle(in_nacelle_axes(message, self._layout))
 
+    @property
+    def warnings(self) -> tuple[Warning, ...]:
+        """What the updaters say in the node's status."""
+        updaters = self._updaters.values()
+        return tuple(doubt for each in updaters for doubt in getattr(each, "warnings", ()))
+
     def _refusal(self, estimate: ModalEstimate) -> WindowRejected | None:
         """Why an estimate may not speak of the foundation."""
         state, allowed = estimate.operating_state, self._settings.allowed_states

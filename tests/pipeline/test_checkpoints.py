@@ -9,6 +9,7 @@ import pytest
 from pipeline.checkpoints import LATEST, CheckpointedUpdating, CheckpointFolder
 from pipeline.messages import FoundationPosterior
 from pipeline.nodes.account import NodeAccount
+from pipeline.nodes.operation import UpdatingInContext
 from pipeline.transport.codec import encode
 from pipeline.updating.checkpoint import CheckpointError
 from tests.pipeline.updating.small_tower import LAYOUT
@@ -77,6 +78,22 @@ def test_what_went_down_with_the_process_is_said_again_in_the_same_words(tmp_pat
         encode(a) for window in range(LATEST + 1) for a in restarted.handle(estimate_of(window))
     ]
     assert again == said[1:]
+
+
+def test_a_disk_that_takes_no_checkpoint_costs_no_posterior_and_is_told(tmp_path, undisturbed):
+    folder = tmp_path / "checkpoints"
+    node = UpdatingInContext(lambda: node_in(folder), LAYOUT)
+    folder.write_text("in the way")
+    for window in range(3):
+        assert list(node.handle(estimate_of(window)))
+        (doubt,) = node.warnings
+        assert doubt.code == "checkpoint-not-written"
+        assert str(folder) in doubt.text
+    folder.unlink()
+    *_, last = node.handle(estimate_of(3))
+    assert_same(last, undisturbed)
+    assert node.warnings == ()
+    assert CheckpointFolder(folder).read(TURBINE).answered_ns == estimate_of(3).end_ns
 
 
 def test_half_a_file_beside_the_checkpoint_changes_nothing(tmp_path, undisturbed):
