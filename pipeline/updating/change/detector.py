@@ -102,7 +102,7 @@ class ChangeDetector:
     ) -> Verdict:
         """Whether there was a change. window_duration [s]"""
         found = steps(state.sums, sensitivities.water)
-        kinds = np.stack([log_drift(found), log_foundation(found, sensitivities.stiffness)])
+        kinds = np.array([log_drift(found), log_foundation(found, sensitivities.stiffness)])
         share = self.settings.foundation_share
         shares = np.log([[1 - share], [share]]) + np.log(state.sums.shares)
         a_year = self.settings.windows_per_year(window_duration)

@@ -134,7 +134,7 @@ class Regression:
         return cls(
             intercept=(d * moment - c * of_level) / determinant,
             slope=(a * of_level - c * moment) / determinant,
-            covariance=np.stack([d, -c, a]) / determinant,
+            covariance=np.array([d, -c, a]) / determinant,
         )
 
     def variance(self, level: float) -> FloatArray:
@@ -194,7 +194,8 @@ def with_window(
     predicted = line.intercept + (line.slope + water[:, 0] + water[:, 1] * level) * level
     spread = np.sqrt(line.variance(level) + last[1] * scatter_factor(scatter))[seen]
     within = CUT * spread
-    cut = predicted[seen] + np.clip(values - predicted[seen], -within, within)
+    expected = predicted[seen]
+    cut = np.minimum(np.maximum(values, expected - within), expected + within)
     new = np.zeros((N_SUMS, 1, len(sums.tracks)))
     powers = np.array([1.0, level, level**2, level**3])[:, None]
     rows = np.concatenate([powers * np.ones(len(seen)), powers[:2] * cut, powers[:2] * values])
@@ -202,7 +203,7 @@ def with_window(
     grown = replace(
         sums,
         starts_ns=(*sums.starts_ns, window.start_ns),
-        shares=np.append(sums.shares, window.weight),
+        shares=np.concatenate([sums.shares, [window.weight]]),
         segments=np.concatenate([sums.segments, new], axis=1),
         scatter=scatter,
         last=last,
@@ -273,7 +274,7 @@ def _thinned(sums: ChangeSums, most: int) -> ChangeSums:
     starts = np.array(sums.starts_ns, dtype=float)
     dropped = int(np.argmin((starts[2:] - starts[:-2]) / (starts[-1] - starts[1:-1]))) + 1
     whole, shares = sums.segments, sums.shares
-    joined = whole[:, [dropped - 1]] + whole[:, [dropped]]
+    joined = whole[:, dropped - 1 : dropped] + whole[:, dropped : dropped + 1]
     return replace(
         sums,
         starts_ns=sums.starts_ns[:dropped] + sums.starts_ns[dropped + 1 :],

@@ -126,7 +126,7 @@ def wandered(
     covariances = state.covariances + window.weight * WALKED
     seen, errors, variances, levels = _from_the_mean(sums, window, told, sensitivities)
     S = sensitivities.stiffness[seen]
-    design = np.hstack([S, S * levels[:, None]])  # D, (n_seen, 6)
+    design = np.concatenate([S, S * levels[:, None]], axis=1)  # D, (n_seen, 6)
     expected = Mixture(_weights(state), state.means, covariances)
     errors = _cut(errors, variances, design, expected.mean, expected.covariance)
     means, covariances, gained = _filtered(state.means, covariances, design, errors, variances)
@@ -169,7 +169,7 @@ def _cut(
     D m + N(0, D P Dᵀ + variances): the same for every answer, so that they can be compared."""
     predicted = design @ mean
     within = CUT * np.sqrt(variances + ((design @ covariance) * design).sum(axis=1))
-    return predicted + np.maximum(np.minimum(errors - predicted, within), -within)
+    return np.minimum(np.maximum(errors, predicted - within), predicted + within)
 
 
 def _filtered(
