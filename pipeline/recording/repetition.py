@@ -18,34 +18,38 @@ from pathlib import Path
 
 from pipeline.recording.recent import payloads_backwards
 
-REMEMBERED = 2**18  # messages: of 200 turbines twenty minutes, more than publishers keep
+READ_BACK = 2**18  # messages: of 200 turbines twenty minutes, more than publishers keep
 
 
 class Repetition:
-    """Knows the latest messages again.
+    """Knows again what was recorded: as much of each key as its publisher may send once more.
 
-    recorded    payloads, the newest last; see `latest_payloads`
-    remembered  how many are known again; 80 bytes each
+    recorded   payloads of the recorder before; see `latest_payloads`
     """
 
-    def __init__(self, recorded: Iterable[bytes] = (), *, remembered: int = REMEMBERED) -> None:
+    def __init__(self, recorded: Iterable[bytes] = ()) -> None:
         # Python's own hash: 64 bits, with a key that no stranger can know
-        self._latest = deque((hash(payload) for payload in recorded), maxlen=remembered)
-        self._known = set(self._latest)
+        self._earlier = frozenset(hash(payload) for payload in recorded)
+        self._latest: dict[str, deque[int]] = {}  # by key
+        self._known: set[int] = set()
 
-    def is_known(self, payload: bytes) -> bool:
-        """Whether these bytes have been recorded; from now on they are known."""
+    def is_known(self, key: str, payload: bytes, *, kept: int) -> bool:
+        """Whether these bytes have been recorded; from now on they are known.
+
+        kept   how many messages of this key are known again
+        """
         number = hash(payload)
-        if number in self._known:
+        if number in self._known or number in self._earlier:
             return True
-        if len(self._latest) == self._latest.maxlen:
-            self._known.discard(self._latest[0])
-        self._latest.append(number)
+        latest = self._latest.setdefault(key, deque())
+        latest.append(number)
         self._known.add(number)
+        if len(latest) > kept:
+            self._known.discard(latest.popleft())
         return False
 
 
-def latest_payloads(files: Sequence[Path], count: int = REMEMBERED) -> Iterator[bytes]:
+def latest_payloads(files: Sequence[Path], count: int = READ_BACK) -> Iterator[bytes]:
     """The last so many messages of recordings in order of recording, as they were sent.
 
     files   in order of recording; read from the end, and no further than needed

@@ -26,7 +26,7 @@ from pipeline.recording.reader import recorded_messages
 from pipeline.recording.repetition import Repetition, latest_payloads
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
-from pipeline.streams import key_of
+from pipeline.streams import key_of, stream_of
 from pipeline.transport.codec import encode
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import SensorLayout
@@ -120,7 +120,8 @@ class SessionRecorder:
         """Whether it has been. What stands until it is said anew may be said anew."""
         if isinstance(message, (*STANDING, NodeStatus)):
             return False
-        return self._repetition.is_known(encode(message))
+        kept = stream_of(type(message)).cached
+        return self._repetition.is_known(key_of(message), encode(message), kept=kept)
 
     def close(self) -> None:
         """Finish the part. A second call does nothing."""

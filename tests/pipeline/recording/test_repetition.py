@@ -16,20 +16,21 @@ PAYLOADS = st.lists(st.binary(max_size=2), max_size=60)
 @given(PAYLOADS, PAYLOADS)
 def test_everything_is_new_once(recorded: list[bytes], later: list[bytes]) -> None:
     repetition = Repetition(recorded)
-    new = [payload for payload in later if not repetition.is_known(payload)]
+    new = [payload for payload in later if not repetition.is_known("key", payload, kept=60)]
     assert new == [p for p in dict.fromkeys(later) if p not in recorded]
 
 
-@given(PAYLOADS, st.integers(1, 20))
-def test_what_lies_further_back_than_is_remembered_is_new_again(
-    payloads: list[bytes], remembered: int
-) -> None:
-    repetition = Repetition(remembered=remembered)
-    latest: list[bytes] = []
-    for payload in payloads:
-        assert repetition.is_known(payload) == (payload in latest[-remembered:])
-        if payload not in latest[-remembered:]:
-            latest.append(payload)
+@given(st.lists(st.tuples(st.sampled_from("ab"), st.binary(max_size=1)), max_size=60))
+def test_of_each_key_so_many_are_known_again_and_no_more(sent: list[tuple[str, bytes]]) -> None:
+    repetition = Repetition()
+    latest: dict[str, list[bytes]] = {"a": [], "b": []}
+    kept = {"a": 3, "b": 7}
+    for key, rest in sent:
+        payload = key.encode() + rest  # no two keys carry the same bytes
+        known = payload in latest[key][-kept[key] :]
+        assert repetition.is_known(key, payload, kept=kept[key]) == known
+        if not known:
+            latest[key].append(payload)
 
 
 def test_the_latest_messages_are_read_from_the_ends_of_several_parts(tmp_path: Path) -> None:
