@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.viewer.display_signals import DISPLAY_STEP, DisplayDecimator, DisplaySignal, low_pass
+from pipeline.viewer.display_signals import (
+    DISPLAY_STEP,
+    SAME_CLOCK,
+    DisplayDecimator,
+    DisplaySignal,
+    joined_runs,
+    low_pass,
+)
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 
 START_NS = 1_767_225_600 * NANOSECONDS
@@ -55,6 +62,35 @@ def test_where_the_blocks_are_cut_does_not_matter():
     )
     assert (short.times_ns == long.times_ns).all()
     assert short.samples == pytest.approx(long.samples, abs=DISPLAY_STEP)
+
+
+@pytest.mark.parametrize("sampling_rate", [40.0, 62.5])
+def test_blocks_joined_to_minutes_show_what_each_of_them_would(sampling_rate: float):
+    made = blocks(3.0, sampling_rate=sampling_rate, seconds=12)
+    apart, together = shown(made), shown(list(joined_runs(made)))
+    assert (apart.times_ns == together.times_ns).all()
+    assert apart.samples == pytest.approx(together.samples, abs=DISPLAY_STEP)
+
+
+def test_blocks_with_a_gap_a_restart_or_another_clock_between_them_are_not_joined():
+    first, second, third, fourth = blocks(0.5, sampling_rate=40.0, seconds=4)
+    restarted = replace(second, session="restarted")
+    late = replace(second, start_ns=second.start_ns + 2 * SAME_CLOCK)
+    for pair in ([first, third], [first, restarted], [first, late]):
+        assert [len(run.samples) for run in joined_runs(pair)] == [40, 40]
+    assert [len(run.samples) for run in joined_runs([first, second, fourth])] == [80, 40]
+
+
+def test_a_clock_that_runs_fast_is_followed_to_a_millisecond():
+    drift = 100e-6  # 6 ms in a minute
+    made = [
+        replace(block, start_ns=block.start_ns + round(drift * (block.start_ns - START_NS)))
+        for block in blocks(0.5, sampling_rate=40.0, seconds=60)
+    ]
+    runs = list(joined_runs(made))
+    assert len(runs) == 6
+    apart, together = shown(made), shown(runs)
+    assert np.abs(apart.times_ns - together.times_ns).max() <= SAME_CLOCK
 
 
 def test_after_a_missing_block_the_line_is_broken_and_begins_anew():

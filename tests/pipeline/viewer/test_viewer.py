@@ -11,7 +11,7 @@ from pipeline.messages import FoundationTruth
 from pipeline.viewer.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.sink import Viewer
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from tests.pipeline.viewer.conftest import record
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import (
@@ -238,6 +238,43 @@ def test_every_node_has_its_losses_and_its_lag(recorded: Recorded):
     behind = recorded.scalars(f"{ROOT}/health/behind/identification")
     assert lost.max() == 0
     assert behind[-1] == 0.0
+
+
+def test_a_node_has_a_row_a_minute_in_a_file_however_often_it_speaks_and_its_worst_lag_in_it(
+    tmp_path: Path,
+):
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    viewer.handle(LAYOUT)
+    rng = np.random.default_rng(8)
+    for sequence in range(13):  # blocks of 10 s
+        viewer.handle(acceleration_block(sequence, 10, rng))
+        for behind in (0, 3 if sequence == 4 else 0, 0):
+            viewer.handle(node_status("running", sequence - behind))
+    viewer.close()
+    path = f"{ROOT}/health/behind/identification"
+    recorded = Recorded(tmp_path / "s.rrd")
+    assert [(t - START_NS) // NANOSECONDS for t in recorded.times_ns(path)] == [10, 70, 130]
+    assert recorded.scalars(path)[:, 0].tolist() == [0.0, 30.0, 0.0]
+
+
+def test_blocks_that_a_unit_reports_as_faulty_are_told_when_they_are_drawn_together(
+    tmp_path: Path,
+):
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    viewer.handle(LAYOUT)
+    rng = np.random.default_rng(8)
+    for sequence in range(4):
+        block = acceleration_block(sequence, 10, rng)
+        status = BlockStatus.SENSOR_FAULT if sequence == 2 else BlockStatus.OK
+        viewer.handle(replace(block, status=status))
+    viewer.close()
+    recorded = Recorded(tmp_path / "s.rrd")
+    sensors = f"{ROOT}/tower/sensors/tower"
+    told = [(t - START_NS) // NANOSECONDS for t in recorded.times_ns(sensors)]
+    assert told == [0, 20, 30]  # healthy, faulty, healthy again
+    lines = [text for (text,) in recorded.column(f"{ROOT}/events", "TextLog:text")]
+    assert "00:00:20" in lines[0]
+    assert lines[1].endswith("none any more")
 
 
 def test_an_untrusted_posterior_is_an_error_in_the_events(tmp_path: Path):
