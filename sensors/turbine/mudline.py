@@ -112,7 +112,9 @@ class MudlineCondensation:
             self._participation[:, :, None] * self._participation[:, None, :]
         ).T  # (n_poles, 3)
         self._stiffness = _entries(static.T @ free @ static)  # K_s
-        self._mass = _entries(static.T @ static)  # M_s
+        mass = static.T @ static  # M_s
+        self._mass = _entries(mass)
+        self._own_mass = mass - self._participation.T @ self._participation
         self._differences = self.poles - self.poles[:, None]  # p_j − p_near, (near, j)
 
     @property
@@ -231,16 +233,23 @@ class MudlineCondensation:
     def _mode_vectors(self, roots: _Roots) -> tuple[FloatArray, FloatArray]:
         """λ (n_roots,) and mass-normalised coordinates (n_roots, m).
 
-        The clamped modes' amplitudes are a_j = λ c_j · y / (p_j − λ).
+        The clamped modes' amplitudes are a_j = λ c_j · y / (p_j − λ), and the modal mass is
+            −yᵀ G' y = yᵀ (M_s − Σ c_j c_jᵀ) y + Σ (c_j · y + a_j)²
+        in this form, because near a pole the entries of G' are huge and cancel where y moves
+        across its c: their difference may even be negative.
         """
-        g, slope, inverse = self._condensed(roots.springs, roots.near, roots.offset)
+        g, _, inverse = self._condensed(roots.springs, roots.near, roots.offset)
         squares = self.poles[roots.near] + roots.offset
-        modal_mass = -_eigenvalue_slope(g, slope, roots.side)  # −yᵀ G' y
-        y = _eigenvector(g, roots.side) / np.sqrt(modal_mass)[:, None]
+        y = _eigenvector(g, roots.side)
         coordinates = np.empty((len(y), 2 + self.n_modes))
         coordinates[:, :2] = y
-        pull = (y * squares[:, None]) @ self._participation.T
-        np.multiply(pull, inverse, out=coordinates[:, 2:])
+        moved = y @ self._participation.T
+        inverse *= squares[:, None]
+        np.multiply(moved, inverse, out=coordinates[:, 2:])
+        moved += coordinates[:, 2:]
+        modal_mass = np.einsum("ni,ij,nj->n", y, self._own_mass, y)
+        modal_mass += np.einsum("nj,nj->n", moved, moved)
+        coordinates /= np.sqrt(modal_mass)[:, None]
         at_pole = np.flatnonzero(roots.at_pole)
         coordinates[at_pole] = 0.0
         coordinates[at_pole, 2 + roots.near[at_pole]] = 1.0

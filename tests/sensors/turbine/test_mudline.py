@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag, eigh
+from scipy.linalg import block_diag, eigh, null_space
 
 from sensors.turbine.mudline import (
     MudlineCondensation,
@@ -65,6 +65,29 @@ def test_a_mode_that_hardly_moves_the_mudline_is_found_beside_its_pole() -> None
         plain = SpringEigenproblem(squares, weak[None], REFERENCE).modes(springs)
         found = condensed.modes(springs)
         assert np.allclose(found.squares, plain.squares[:, : condensed.n_modes], rtol=1e-6)
+
+
+def test_a_mode_of_one_bar_at_a_pole_of_another_is_mass_normalised_too() -> None:
+    """Two bars that share no mudline coordinate. There G is as good as infinite across the mode,
+    and what is left of the mode's own mass in G' is rounding."""
+    generator = np.random.default_rng(16)
+    bars = [np.array([0.0, 0.8, 5.0, 40.0]), np.array([0.0, 1.3, 9.0, 70.0])]  # free, λ
+    rows = generator.normal(size=(2, 4))
+    mudline = block_diag(rows[:1], rows[1:])
+    free = np.diag(np.concatenate(bars))
+    squares, vectors = np.linalg.eigh(free + mudline.T @ REFERENCE @ mudline)
+    condensed = MudlineCondensation(squares, mudline @ vectors, REFERENCE)
+    clamped = null_space(rows[1:])
+    poles = np.linalg.eigvalsh(clamped.T @ np.diag(bars[1]) @ clamped)
+    for pole in poles:
+        wanted = pole * (1 + np.outer([-1, 1], np.geomspace(1e-11, 1e-3, 40)).ravel())
+        # the first bar has a mode of that λ on a spring of −1 / (Y (Λ − λ)⁻¹ Yᵀ)
+        flexibilities = (rows[0] ** 2 / (bars[0] - wanted[:, None])).sum(axis=1)
+        springs = np.array([np.diag([-1 / each, 0.7]) for each in flexibilities if each < 0])
+        found = condensed.modes(springs) if len(springs) else None
+        if found is not None:
+            vectors_found = found.coordinates @ condensed.basis.T
+            assert np.linalg.norm(vectors_found, axis=2) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_a_mode_that_does_not_move_the_mudline_stays_whatever_the_springs() -> None:
