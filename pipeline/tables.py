@@ -9,6 +9,7 @@ from pipeline.messages import FoundationPosterior
 from pipeline.model_modes import ModelModes
 from pipeline.recording.info import RecordingInfo
 from pipeline.scenario import Scenario
+from pipeline.structure_figures import StructureFigures
 from pipeline.summary import CombinedMode, Json
 
 
@@ -109,6 +110,21 @@ def model_modes_table(found: ModelModes) -> Table:
             f"{100 * mode['blade_energy_share']:.0f} %",
         )
     return table
+
+
+def structure_tables(figures: StructureFigures) -> list[Table]:
+    """Key figures of a description, and its first modes."""
+    described = _table(figures.description.title or figures.description.name)
+    described.add_column("what")
+    described.add_column("figure", justify="right")
+    for row in figures.rows():
+        described.add_row(*row)
+    modes = _table("First modes, at these springs")
+    for heading in ("f [Hz]", "direction", "blade energy"):
+        modes.add_column(heading, justify="right")
+    for frequency, direction, blades in figures.first:
+        modes.add_row(f"{frequency:.4f}", direction, f"{100 * blades:.0f} %")
+    return [described, modes]
 
 
 def recording_tables(info: RecordingInfo) -> list[Table]:

@@ -12,6 +12,7 @@ from rich.logging import RichHandler
 
 from pipeline.cli.certificates import certificates
 from pipeline.cli.console import escaped, people
+from pipeline.cli.describe import describe
 from pipeline.cli.export import export
 from pipeline.cli.importing import import_files
 from pipeline.cli.modal import identify, modes
@@ -38,6 +39,7 @@ for command in (
     simulate,
     identify,
     modes,
+    describe,
     update,
     reproduce,
     node,

@@ -16,8 +16,9 @@ def identify(
     file: Annotated[
         Path,
         typer.Argument(
-            help="An MCAP recording, or a CSV of channels: a header row; a time column called "
-            "t, time or timestamp, its unit in brackets; channel units in brackets."
+            help="An MCAP recording or a file of measurements: CSV, TSV, Parquet, NPZ, HDF5, TDMS "
+            "or miniSEED. A CSV has a header row; a time column called t, time or timestamp, its "
+            "unit in brackets; channel units in brackets."
         ),
     ],
     sampling_rate: Annotated[

@@ -266,18 +266,23 @@ def load_turbine(name_or_path: str | Path) -> TurbineDescription:
     Raises TurbineError, one line that names the file, the section and the key: no such turbine or
     file, not TOML, an unknown or missing key, a value of the wrong type or out of range.
     """
+    source = f"{name_or_path}.toml" if name_or_path in SHIPPED else str(name_or_path)
+    return parse_turbine(turbine_text(name_or_path), source=source)
+
+
+def turbine_text(name_or_path: str | Path) -> str:
+    """The TOML text of a shipped turbine or of a user's file. Raises TurbineError: none there."""
     if name_or_path in SHIPPED:
-        return parse_turbine(shipped_text(str(name_or_path)), source=f"{name_or_path}.toml")
+        return shipped_text(str(name_or_path))
     path = Path(name_or_path)
     try:
-        text = path.read_text("utf-8")
+        return path.read_text("utf-8")
     except FileNotFoundError:
         raise TurbineError(
             f"{path}: no such file; a turbine is one of {', '.join(SHIPPED)} or a TOML file"
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise TurbineError(f"{path}: cannot be read as text ({error})") from error
-    return parse_turbine(text, source=str(path))
 
 
 def shipped_text(name: str) -> str:

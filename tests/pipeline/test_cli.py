@@ -240,3 +240,21 @@ def test_a_recording_is_never_overwritten(pilewatch: Command, short_recording: P
     )
     assert "exists already" in complaint
     assert short_recording.read_bytes() == before
+
+
+def test_describe_prints_a_template_that_it_reads_again(pilewatch: Command) -> None:
+    template = pilewatch("describe", "--template")
+    Path("mine.toml").write_text(template.stdout, encoding="utf-8")
+    described = pilewatch("describe", "mine.toml", "--json")
+    assert described.returncode == 0
+    assert json.loads(described.stdout)["modes"][0]["frequency_hz"] == pytest.approx(0.1573, 1e-3)
+
+
+def test_describe_names_the_key_that_is_wrong(pilewatch: Command) -> None:
+    text = shipped_text("iea15mw_monopile").replace("overhang", "overhung")
+    Path("mine.toml").write_text(text, encoding="utf-8")
+    refused = pilewatch("describe", "mine.toml")
+    assert refused.returncode == 2
+    assert "mine.toml" in refused.stderr
+    assert "overhung" in refused.stderr
+    assert refused.stderr.count("\n") == 1
