@@ -139,7 +139,7 @@ def speed() -> None:
     print(f"  window from scratch, 100 block rows, 30 orders, with uncertainty: {scratch:.3f}")
     print(f"  slid by a tenth: {sliding:.3f}, {scratch / sliding:.1f} times faster")
     whole = cpu(lambda: identify(record, 40.0), 3)
-    print(f"  three bands, 10 min at 40 Hz, samples to modes: {whole:.3f}")
+    print(f"  all bands, 10 min at 40 Hz, samples to modes: {whole:.3f}")
 
 
 def every_order(samples: FloatArray, *, rows: int, orders: Sequence[int]) -> None:
