@@ -13,6 +13,13 @@ likelihood themselves, and asks where the truth ranks among draws of the posteri
 alike, or the posterior is not the prior's and the likelihood's (simulation-based calibration, Talts
 et al. 2018, arXiv:1804.06788). `pairing` draws all modes that the sensors see of a stiffness
 anywhere in the prior, and takes away, adds and spoils some.
+
+What it gave with Student-t tails, for k11, k22, k12:
+
+    streams (seeds 1..100): cover .91 .87 .90 without model error; .92 .93 .94 with a shared
+        discrepancy of .3 %; .95 .94 .95 with hops of one minute
+    single (seeds 1..100): median error of the peak .62 1.04 1.55 %, cover .95 .94 .96
+    ranks (seeds 1..200): p = .92 .60 .50, σ .24; Gaussian tails .64 .53 .88, σ .70
 """
 
 import argparse

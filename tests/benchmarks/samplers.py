@@ -7,6 +7,11 @@
 The data are the windows of recordings/parked.mcap. The reference of the first part is a product
 grid over the three ratios, σ integrated on its own grid: three times, with each ratio as the
 leading axis, so that every marginal is a smooth function on a line.
+
+What it gave, eleven modes, seeds 1 to 3: `tmcmc` with 100 000 draws from 200 000 likelihoods, KS
+.004 to .006, evidence within .0015 ± .0012 nats of the grid's; `importance` with 1600 likelihoods,
+evidence within .012 ± .012. A warm refresh costs 1.4 likelihoods an effective draw, emcee's stretch
+move 50 to 77: 34 to 57 times as many.
 """
 
 import argparse
