@@ -14,7 +14,7 @@ from typing import Any
 from pipeline.health import Health, NodeHealth, StreamHealth
 from pipeline.messages import FoundationPosterior, Message, StreamGap
 from pipeline.streams import STREAMS
-from pipeline.summary import known
+from pipeline.summary import known, with_nulls
 from pipeline.updating.summary import posterior_summary
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
@@ -73,8 +73,8 @@ class StatusDesk:
             }
 
     def answer(self, _asked: bytes = b"") -> bytes:
-        """`as_json` as it travels."""
-        return json.dumps(self.as_json(), allow_nan=False).encode()
+        """`as_json` as it travels: JSON knows no NaN and no ∞, which anybody may send."""
+        return json.dumps(with_nulls(self.as_json()), allow_nan=False).encode()
 
     def _node(self, health: NodeHealth) -> Json:
         status = health.status

@@ -66,6 +66,20 @@ def known(value: float | None) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
+def with_nulls(value: Any) -> Any:
+    """The same, dicts and lists all through, with null for every number that is not finite: a
+    stranger may send any."""
+    match value:
+        case dict():
+            return {name: with_nulls(each) for name, each in value.items()}
+        case list():
+            return [with_nulls(each) for each in value]
+        case float():
+            return known(value)
+        case _:
+            return value
+
+
 def combined_modes(
     estimates: Sequence[ModalEstimate], posterior: FoundationPosterior | None = None
 ) -> list[CombinedMode]:
@@ -255,6 +269,10 @@ class SessionSummary:
 
     def as_json(self, wall: float) -> Json:
         """wall: how long the session took [s]."""
+        figures: Json = with_nulls(self._figures(wall))
+        return figures
+
+    def _figures(self, wall: float) -> Json:
         return {
             "source": self.source,
             "turbine": self.turbine,

@@ -68,6 +68,17 @@ def test_what_seldom_happens_has_a_column_where_it_has_happened(desk: StatusDesk
     assert columns()[-3:] == ["received", "lost", "recovered"]
 
 
+@pytest.mark.parametrize("forged", [float("nan"), float("inf"), float("-inf")])
+def test_no_number_that_somebody_sends_keeps_the_desk_from_answering(
+    desk: StatusDesk, forged: float
+) -> None:
+    desk.handle(replace(status("forger"), busy_s=forged))
+    nodes = {each["node"]: each for each in json.loads(desk.answer())["nodes"]}
+    assert nodes["forger"]["busy_s"] is None
+    assert nodes["recorder"]["lost"] == 1
+    assert len(status_tables(json.loads(desk.answer()))) == 4
+
+
 def test_whoever_connects_can_ask(desk: StatusDesk) -> None:
     endpoint = free_endpoint()
     bus = ZenohBus(hub(endpoint))

@@ -122,6 +122,15 @@ def test_an_unknown_std_is_null_and_not_nan() -> None:
     assert combined.as_json()["frequency_std_hz"] is None
 
 
+def test_no_number_that_somebody_sends_keeps_the_summary_from_being_written() -> None:
+    summary = SessionSummary("live", "t1")
+    summary.handle(estimate(0, mode("m1", float("inf"), 0.1)))
+    summary.handle(replace(status("identification"), busy_s=float("nan")))
+    figures = summary.as_json(wall=1.0)
+    assert json.loads(json.dumps(figures, allow_nan=False)) == figures
+    assert figures["timing"]["identify_s_per_window"] is None
+
+
 def test_rejections_are_timed_from_the_first_sample() -> None:
     summary = SessionSummary("replay:x", "t1")
     first = block(0)
