@@ -26,7 +26,8 @@ from pipeline.viewer import colours
 
 WINDOW_SIZE = "1600x1000"  # [pixels]
 PATIENCE = 60.0  # for a viewer to come up on a slow machine [s]
-SETTLING = 4.0  # from a change of tab to a finished picture; the viewer does not say when [s]
+SETTLING = 2.0  # between two pictures that are the same when a tab is finished [s]
+SHADES = 128  # of a picture's palette: enough for flat surfaces and lines
 EXPECTED = {  # colours that data, not decoration, fill in each tab
     "Overview": (colours.POSTERIOR, colours.MODEL),
     "Signals": (colours.LEVELS[2], colours.LEVELS[3], colours.QUIET),
@@ -100,12 +101,28 @@ def take(rrd: Path, folder: Path) -> dict[str, Path]:
         layout = _laid_out(viewer).blueprint  # read once: the viewer rewrites what it shows
         for tab in tabs(layout):
             show_tab(viewer, layout, tab)
-            time.sleep(SETTLING)
             pictures[tab] = folder.resolve() / f"{tab.lower().replace(' ', '-')}.png"
-            viewer.save_screenshot(str(pictures[tab]))
+            _save_settled(viewer, pictures[tab])
             _require_content(tab, pictures[tab])
             _shrink(pictures[tab])
     return pictures
+
+
+def _save_settled(viewer: Any, png: Path) -> None:
+    """A picture of what does not change any more; after PATIENCE of what there is by then.
+
+    The viewer does not say when it has drawn everything, but shows moving dots until then.
+    """
+    before, deadline = b"", time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        time.sleep(SETTLING)
+        viewer.save_screenshot(str(png))
+        with Image.open(png) as picture:
+            now = picture.convert("RGB").tobytes()
+        if now == before:
+            return
+        before = now
+    _log.warning("%s: still changing after %g s", png, PATIENCE)
 
 
 def _require_content(tab: str, png: Path) -> None:
@@ -117,9 +134,9 @@ def _require_content(tab: str, png: Path) -> None:
 
 
 def _shrink(png: Path) -> None:
-    """A fifth of the bytes: a palette of 64 colours is enough for flat surfaces and lines."""
+    """A fifth of the bytes."""
     with Image.open(png) as picture:
-        small = picture.convert("RGB").quantize(64, dither=Image.Dither.NONE)
+        small = picture.convert("RGB").quantize(SHADES, dither=Image.Dither.NONE)
     small.save(png, optimize=True)
 
 
