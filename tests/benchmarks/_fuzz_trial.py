@@ -201,7 +201,7 @@ def _sent(
     names = {name: generator.choice(chosen) for name, chosen in NAMES.items()}
     own_key = type(message) is stream.message and all(getattr(message, n, "x") for n in NAMES)
     key = key_of(message) if own_key else stream.key.format(**names)
-    if not any(each in key for each in "*$?# "):
+    if all(key.split("/")) and not any(each in key for each in "*$?# "):  # else it is no key
         yield key, mutated(payload, generator) if damaged else payload
 
 
