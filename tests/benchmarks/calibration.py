@@ -20,6 +20,8 @@ What it gave with Student-t tails, for k11, k22, k12:
         discrepancy of .3 %; .95 .94 .95 with hops of one minute
     single (seeds 1..100): median error of the peak .62 1.04 1.55 %, cover .95 .94 .96
     ranks (seeds 1..200): p = .92 .60 .50, σ .24; Gaussian tails .64 .53 .88, σ .70
+    pairing (seeds 1001..1250 and 2001..2250, each with the truth anywhere in the prior and in .8 to
+        1.25): .4 % and .05 % of the pairs wrong; invented modes 99.5 % left alone
 """
 
 import argparse
