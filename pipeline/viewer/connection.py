@@ -20,7 +20,7 @@ from pipeline.viewer.viewer_process import spawn_viewer
 APPLICATION = "pilewatch"
 CONNECT_PATIENCE = 3.0  # for a running viewer to answer [s]
 # Between two hand-overs to a file [s]. It is what a kill costs the pictures, which the recording
-# can draw again; shorter, and the file grows: 30 s instead makes a quarter more.
+# can draw again; shorter, and the file grows: 30 s instead makes an eighth more.
 FILE_TICK = 600.0
 _log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from sensors.blocks import NANOSECONDS, AccelerationBlock
 
 FloatArray = NDArray[np.float64]
 
-DISPLAY_RATE = 20.0  # [Hz]; a day of eight channels then takes about 90 MB in a .rrd
+DISPLAY_RATE = 20.0  # [Hz]; a day of eight channels then takes about 80 MB in a .rrd
 DISPLAY_STEP = 2.0**-13  # [m/s²], 0.12 mm/s²: a power of two leaves zero bits, which compress
 SAME_CLOCK = NANOSECONDS // 1000  # between the ends of two blocks that are read as one [ns]
 _TAPS_PER_SAMPLE = 8  # length of the low-pass filter in display samples
