@@ -189,10 +189,11 @@ class WindowCutter:
         status = BlockStatus.OK
         for piece in inside:
             status |= piece.status
+        start_ns = self._time_of(first)
         window = Window(
             index=self._index,
-            start_ns=self._time_of(first),
-            end_ns=self._time_of(end),
+            start_ns=start_ns,
+            end_ns=max(start_ns, self._time_of(end)),  # a clock that is set back notwithstanding
             sampling_rate=self._newest.sampling_rate,
             layout_id=self._newest.layout_id,
             samples=np.empty((0, 0)) if gaps else _joined(inside, first, end),
