@@ -7,6 +7,7 @@ import typer
 
 from pipeline.cli.console import output, progress, stopped_by_signals
 from pipeline.cli.viewing import VIEW_HELP, viewing
+from sensors.errors import InputError
 
 
 def show(
@@ -29,8 +30,13 @@ def show(
         _draw(file, out, view)
     elif view == "web":
         _serve(file)
-    else:
+    elif view in (None, "spawn"):
         open_pictures(file)
+    else:
+        raise InputError(
+            f"--view {view}: {file} opens in a window or with --view web; a running viewer is "
+            "drawn on from the recording, FILE.mcap"
+        )
 
 
 def _draw(recording: Path, out: Path | None, view: str | None) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.cli.show import show
 from pipeline.recording.writer import Recorder
 from pipeline.showing import draw_recording, open_pictures, pictures_of
 from pipeline.viewer.outputs import RrdFile, ViewerError
@@ -48,3 +49,11 @@ def test_pictures_that_exist_are_never_overwritten(recording: Path, tmp_path: Pa
 def test_pictures_that_are_not_there_are_one_clear_line(tmp_path: Path):
     with pytest.raises(ViewerError, match=r"none\.rrd does not exist"):
         open_pictures(tmp_path / "none.rrd")
+
+
+def test_pictures_that_exist_are_not_sent_to_a_running_viewer_but_it_is_said_what_can_be(
+    tmp_path: Path,
+):
+    asked = "connect=rerun+http://127.0.0.1:1/proxy"
+    with pytest.raises(InputError, match=r"s\.rrd opens in a window or with --view web; .*mcap"):
+        show(tmp_path / "s.rrd", view=asked)
