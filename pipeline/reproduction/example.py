@@ -25,12 +25,13 @@ from pipeline.updating.deterministic import (
     deterministic_update,
     identified_by_label,
 )
-from pipeline.updating.evidence import ModalEvidence, sightings
+from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.laplace import laplace_peak
 from pipeline.updating.likelihood import LikelihoodSettings, ModalLikelihood, observations
 from pipeline.updating.pairing import Pairing
 from pipeline.updating.prior import Prior, UpdatingError
 from pipeline.updating.sampling import PosteriorDraws
+from pipeline.updating.sightings import sightings
 from pipeline.updating.tmcmc import (
     MendedTmcmc,
     PublishedSettings,

@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from pipeline.updating.evidence import ModalEvidence, ModeEvidence
+from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.forward_model import FloatArray, ModesOfStiffness
+from pipeline.updating.mode_evidence import ModeEvidence
 from pipeline.updating.pairing import Pairing
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.tails import ErrorModel, GaussianErrors, StudentErrors

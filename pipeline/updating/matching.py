@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.updating.evidence import EstimateRefused, ModalEvidence, PartnerInWater
+from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.forward_model import FloatArray, ForwardModel
 from pipeline.updating.laplace import Peak, laplace_peak
 from pipeline.updating.likelihood import (
@@ -14,8 +14,10 @@ from pipeline.updating.likelihood import (
     Observation,
     observations,
 )
+from pipeline.updating.mode_evidence import PartnerInWater
 from pipeline.updating.pairing import Pairing, PairingSearch, PairingSettings, PairingTargets, macs
 from pipeline.updating.prior import Prior, UpdatingError
+from pipeline.updating.sightings import EstimateRefused
 
 WATER_ROUNDS = 6  # at most, of taking the water out of the windows
 SETTLED = 0.001  # change of a ratio k / nominal at which no further round is needed [-]

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.modal_shapes import modal_assurance_criterion
-from pipeline.updating.evidence import ModeEvidence
 from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
+from pipeline.updating.mode_evidence import ModeEvidence
 from pipeline.updating.prior import Prior, UpdatingError, modal_where_supported
 
 STEP_LENGTHS = np.array([1.0, 0.5, 0.2, 0.05])  # of a Gauss-Newton step, tried in one batch [-]

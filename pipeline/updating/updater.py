@@ -27,8 +27,7 @@ from pipeline.updating.events import (
     sensitivities_of,
     watched_window,
 )
-from pipeline.updating.evidence import EstimateRefused, ModalEvidence, Sighting, diagonal
-from pipeline.updating.evidence import sightings as sightings_of
+from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.forward_model import FloatArray, ForwardModel
 from pipeline.updating.guards import GuardSettings, refusal
 from pipeline.updating.half_way import measured_half_way, stiffness_slopes
@@ -40,6 +39,8 @@ from pipeline.updating.prior import Prior, PriorSettings, modal_where_supported
 from pipeline.updating.sampler import SamplerSettings
 from pipeline.updating.samplers import SamplingSettings, sampler_of
 from pipeline.updating.sampling import PosteriorDraws, Target
+from pipeline.updating.sightings import EstimateRefused, Sighting, diagonal
+from pipeline.updating.sightings import sightings as sightings_of
 from sensors.layout import SensorLayout
 
 RECENT_WINDOWS = 36  # that are kept one by one: six hours of ten minutes

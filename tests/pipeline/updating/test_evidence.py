@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate
-from pipeline.updating import evidence as evidence_module
-from pipeline.updating.evidence import EstimateRefused, ModalEvidence, PartnerInWater, sightings
+from pipeline.updating import mode_evidence
+from pipeline.updating.evidence import ModalEvidence
+from pipeline.updating.mode_evidence import PartnerInWater
+from pipeline.updating.sightings import EstimateRefused, sightings
 from tests.pipeline.updating.small_tower import LAYOUT, drawn_estimate, drawn_mode
 
 TRUTH = np.array([1.1, 0.9, 0.95])
@@ -200,7 +202,7 @@ def noise_of(window, seed):
 
 
 def test_spurious_modes_are_forgotten_so_that_years_cost_what_days_do(monkeypatch):
-    monkeypatch.setattr(evidence_module, "PATIENCE", 10)
+    monkeypatch.setattr(mode_evidence, "PATIENCE", 10)
     counts, evidence = [], empty()
     for window in range(200):
         evidence = evidence.with_estimate(noise_of(window, 13))

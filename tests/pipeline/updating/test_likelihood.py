@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import kstest, multivariate_normal
 
-from pipeline.updating.evidence import ModalEvidence, sightings
+from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
@@ -17,6 +17,7 @@ from pipeline.updating.likelihood import (
 )
 from pipeline.updating.pairing import Pairing
 from pipeline.updating.prior import UpdatingError
+from pipeline.updating.sightings import sightings
 from tests.pipeline.updating.small_tower import LAYOUT, NOMINAL, LinearTower, drawn_estimate
 
 TRUTH = np.array([1.05, 0.97, 1.02])

@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from pipeline.updating.evidence import EstimateRefused, ModalEvidence
+from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.likelihood import LikelihoodSettings
 from pipeline.updating.matching import Matcher
 from pipeline.updating.pairing import PairingSettings
 from pipeline.updating.prior import Prior, UpdatingError
+from pipeline.updating.sightings import EstimateRefused
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 
 TOWER = LinearTower()
