@@ -252,9 +252,10 @@ class SessionSummary:
         return combined_modes(self.estimates, self.posterior)
 
     @property
-    def warnings(self) -> list[Warning]:
+    def doubts(self) -> list[Warning]:
         """Every doubt once, in order of appearance: the last posterior's, the windows', the
-        nodes'."""
+        nodes'. Not the summary's own `warnings`, which it would say in its status and hear again.
+        """
         doubts = [*(self.posterior.warnings if self.posterior else ())]
         doubts += [doubt for estimate in self.estimates for doubt in estimate.warnings]
         doubts += [doubt for status in self.statuses.values() for doubt in status.warnings]
@@ -284,7 +285,7 @@ class SessionSummary:
             "modes": [mode.as_json() for mode in self.modes],
             "posterior": self._posterior(),
             "events": [self._event(each) for each in self.events],
-            "warnings": [{"code": each.code, "text": each.text} for each in self.warnings],
+            "warnings": [{"code": each.code, "text": each.text} for each in self.doubts],
             "stream": self._stream(),
             "timing": {
                 "wall_s": wall,

@@ -134,7 +134,7 @@ def gaps_table(record: TurbineRecord) -> TextTable:
 
 def doubts_table(record: TurbineRecord) -> TextTable:
     """Every doubt that a window, the posterior or a node had, once."""
-    doubts = record.summary.warnings
+    doubts = record.summary.doubts
     rows = tuple((doubt.code, doubt.text) for doubt in doubts[:MOST_ROWS])
     left = len(doubts) - len(rows)
     title = "Doubts" + (f" (the first {MOST_ROWS} of {len(doubts)})" if left else "")

@@ -16,9 +16,10 @@ from pipeline.messages import (
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
+from pipeline.nodes.account import NodeAccount
 from pipeline.summary import SessionSummary, combined_modes
 from sensors.blocks import NANOSECONDS, AccelerationBlock
-from tests.pipeline.example_messages import block, status
+from tests.pipeline.example_messages import START_NS, block, status
 
 WINDOW = 600 * NANOSECONDS
 
@@ -177,6 +178,18 @@ def test_every_doubt_is_told_once() -> None:
     assert summary.as_json(wall=1.0)["warnings"] == [
         {"code": "clipped", "text": "channel a is clipped"}
     ]
+
+
+def test_what_each_node_dropped_is_told_once_however_many_statuses_came() -> None:
+    summary = SessionSummary("live", "t1", live=True)
+    account = NodeAccount(summary, "t1", clock=lambda: START_NS)
+    for dropped in range(1, 10):  # a second each; the summary hears its own statuses too
+        for node in ("recorder", "updating"):
+            told = Warning("malformed", f"the last one that {node} dropped: {dropped}")
+            list(account.handle(replace(status(node), warnings=(told,))))
+        list(account.handle(account.status("running", malformed=dropped, refusal=f"{dropped}")))
+    warnings = summary.as_json(wall=1.0)["warnings"]
+    assert [each["text"][-1] for each in warnings] == ["9", "9", "9"]
 
 
 def test_the_truth_is_kept_for_the_summary() -> None:
