@@ -1,12 +1,15 @@
-"""The model's modes at one foundation stiffness: `pilewatch modes`."""
+"""The model's modes at one foundation stiffness, and identified ones beside them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
+from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.scenario import DEFAULT_SCENARIO, Scenario, load_scenario
+from pipeline.summary import CombinedMode
 from sensors.errors import InputError
 from sensors.turbine.description import load_turbine
 from sensors.turbine.foundation import SpringSign
@@ -75,6 +78,33 @@ def model_modes(
             f"{_coupling(ratios * model.nominal):.3f}) and the structure must stand under gravity"
         )
     return ModelModes(model, modes, ratios)
+
+
+@dataclass(frozen=True, slots=True)
+class NearestMode:
+    """The model's mode nearest in frequency to an identified one, at the nominal foundation."""
+
+    identified: CombinedMode
+    label: str
+    frequency: float  # [Hz]
+    mac: float  # NaN where the sensors are not the model's [-]
+
+
+def nearest_modes(modes: Sequence[CombinedMode], scenario: Scenario) -> list[NearestMode]:
+    """How far identified modes lie from those of the scenario's structure, mode by mode: what
+    there is to say where none are taken for each other, so that there is no posterior."""
+    model = ModalModel(scenario.structure, scenario.layout)
+    at_nominal = model.modal(model.nominal[None])
+    frequencies, shapes = at_nominal.frequencies[0], at_nominal.shapes[0]
+    found = []
+    for mode in modes:
+        nearest = int(np.argmin(np.abs(np.log(frequencies / mode.frequency))))
+        mac = float("nan")
+        if len(mode.shape) == shapes.shape[1]:
+            mac = modal_assurance_criterion(np.array([mode.shape]), shapes[[nearest]])[0, 0]
+        label = model.labels[nearest]
+        found.append(NearestMode(mode, label, float(frequencies[nearest]), float(mac)))
+    return found
 
 
 def _coupling(stiffness: NDArray[np.float64]) -> float:

@@ -6,7 +6,7 @@ from typing import Any
 from rich.table import Table
 
 from pipeline.messages import FoundationPosterior
-from pipeline.model_modes import ModelModes
+from pipeline.model_modes import ModelModes, NearestMode
 from pipeline.recording.info import RecordingInfo
 from pipeline.scenario import Scenario
 from pipeline.structure_figures import StructureFigures
@@ -86,6 +86,24 @@ def misfit_table(posterior: FoundationPosterior) -> Table:
         f"share of the information on the stiffness; {posterior.paired_share:.0%} of the "
         f"identified modes paired, reduced χ² {posterior.reduced_chi_square:.2f}"
     )
+    return table
+
+
+def nearest_modes_table(nearest: Sequence[NearestMode]) -> Table:
+    """Identified modes beside the model's nearest ones at the nominal foundation."""
+    table = _table("Misfit mode by mode: the model's nearest mode at the nominal foundation")
+    for title in ("mode", "f [Hz]", "model's", "f [Hz]", "apart [%]", "MAC"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for each in nearest:
+        apart = 100 * (each.identified.frequency / each.frequency - 1)
+        table.add_row(
+            each.identified.name,
+            f"{each.identified.frequency:.4f}",
+            each.label,
+            f"{each.frequency:.4f}",
+            f"{apart:+.2f}",
+            f"{each.mac:.3f}",
+        )
     return table
 
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.cli.console import escaped, output
 
 if TYPE_CHECKING:
+    from pipeline.scenario import Scenario
     from pipeline.summary import SessionSummary
 
 
@@ -12,21 +13,29 @@ def print_results(
     summary: "SessionSummary",
     figures: dict[str, Any],
     *,
+    scenario: "Scenario",
     misfits: bool = False,
-    updates: bool = True,
 ) -> None:
     """Modes, posterior, changes, windows not used, doubts.
 
     figures   the content of summary.json
+    scenario  of the session; without a structural model there is no posterior to speak of
     misfits   also how each mode fits; always where the posterior is not to be trusted
-    updates   whether there is a structural model, so that a posterior could be
     """
-    from pipeline.tables import identified_modes_table, misfit_table, posterior_table
+    from pipeline.model_modes import nearest_modes
+    from pipeline.tables import (
+        identified_modes_table,
+        misfit_table,
+        nearest_modes_table,
+        posterior_table,
+    )
 
     output.print(identified_modes_table(summary.modes, figures["windows"]["identified"]))
-    if not updates:
+    if not scenario.has_structure:
         output.print("Modes only: the scenario has no structural model.")
     elif summary.posterior is None:
+        if summary.modes:
+            output.print(nearest_modes_table(nearest_modes(summary.modes, scenario)))
         output.print("[bold]No posterior:[/] no window could be used.")
     else:
         output.print(posterior_table(figures["posterior"]))

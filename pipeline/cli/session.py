@@ -108,7 +108,7 @@ def run(
         if as_json:
             output.print_json(json.dumps(session.figures))
         else:
-            _print_session(session, updates=opened.scenario.has_structure)
+            _print_session(session, opened.scenario)
         shown.stay(stopping)
 
 
@@ -147,9 +147,9 @@ def _session_options(
     )
 
 
-def _print_session(session: Any, *, updates: bool) -> None:
+def _print_session(session: Any, scenario: Any) -> None:
     figures = session.figures
-    print_results(session.summary, figures, updates=updates)
+    print_results(session.summary, figures, scenario=scenario)
     stream, timing = figures["stream"], figures["timing"]
     output.print(
         f"{stream['published']} blocks published, {stream['recorded']} recorded, "

@@ -39,4 +39,4 @@ def update(
         return
     if not again:
         people.print("From the modes that were recorded; --identify begins with the accelerations.")
-    print_results(summary, figures, misfits=True)
+    print_results(summary, figures, scenario=source.scenario, misfits=True)
