@@ -281,6 +281,7 @@ class NodeStatus:
     warnings: tuple[Warning, ...] = field(default=())
     malformed: int = 0  # messages that were dropped: forged, oversized, broken
     recovered: int = 0  # blocks that came when their link was back, from where they were kept
+    recorded: int = 0  # of a recorder: blocks in its recording, those of its earlier parts too
 
 
 Message = (

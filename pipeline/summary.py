@@ -326,16 +326,10 @@ class SessionSummary:
 
     def _stream(self) -> Json:
         recorder = self.statuses.get("recorder")
-        blocks = AccelerationBlock.__name__
-        recorded = None
-        if recorder is not None:
-            recorded = sum(each.count for each in recorder.received if each.message == blocks)
-            if any(doubt.code == "recording-stopped" for doubt in recorder.warnings):
-                recorded = min(recorded, self.published - recorder.lost)
         takers = [status for node, status in self.statuses.items() if node != "source"]
         return {
             "published": self.published,
-            "recorded": recorded,
+            "recorded": None if recorder is None else recorder.recorded,
             "lost": max((status.lost for status in takers), default=0),
             "recovered": max((status.recovered for status in takers), default=0),
             "late": max((status.late for status in takers), default=0),

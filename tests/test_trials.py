@@ -86,6 +86,7 @@ def test_a_session_whose_nodes_are_killed_ends_with_the_same_posterior_and_nothi
     )
     assert len(outcome.kills) == 2
     assert (outcome.published, outcome.missing, outcome.repeated) == (66, 0, 0)
+    assert outcome.told_recorded == 66
     assert (outcome.windows, outcome.differing) == (1, 0)
     assert outcome.exit_code == 0
 

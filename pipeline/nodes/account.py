@@ -94,6 +94,7 @@ class NodeAccount:
             warnings=doubts,
             malformed=malformed,
             recovered=recovered,
+            recorded=getattr(self.node, "recorded", 0),
         )
 
 

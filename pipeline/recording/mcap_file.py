@@ -17,6 +17,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Metadata, Schema
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import breakup_chunk
@@ -85,6 +86,28 @@ def is_closed_properly(file: BinaryIO) -> bool:
         return False
     file.seek(-len(MAGIC), 2)
     return file.read() == MAGIC
+
+
+def counted_in_summary(path: Path, message_type: type) -> int | None:
+    """Messages of one type as a finished recording itself counts them; None where it does not.
+
+    Raises RecordingError where it is no recording at all.
+    """
+    with open_recording(path) as file:
+        file.seek(0)
+        try:
+            summary = SeekingReader(file).get_summary()
+        except DAMAGE:
+            return None
+    if summary is None or summary.statistics is None:
+        return None
+    name = full_name(message_type.__name__)
+    counts = summary.statistics.channel_message_counts
+    return sum(
+        counts.get(channel.id, 0)
+        for channel in summary.channels.values()
+        if channel.schema_id in summary.schemas and summary.schemas[channel.schema_id].name == name
+    )
 
 
 def complete_records(file: BinaryIO) -> Iterator[Record]:

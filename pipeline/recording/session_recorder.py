@@ -14,6 +14,7 @@ from pathlib import Path
 from pipeline.messages import FoundationTruth, Message, NodeStatus
 from pipeline.messages import Warning as Doubt
 from pipeline.recording.errors import RecordingError
+from pipeline.recording.mcap_file import counted_in_summary
 from pipeline.recording.parts import (
     close_leftovers,
     closed_in_place,
@@ -48,6 +49,15 @@ def blocks_in(path: Path) -> int:
         return sum(each.message_type is AccelerationBlock for each in recorded_messages(path))
     except RecordingError:
         return 0
+
+
+def blocks_said_to_be_in(path: Path) -> int:
+    """What a finished recording says of itself, else `blocks_in`: a year's parts take no time."""
+    try:
+        counted = counted_in_summary(path, AccelerationBlock)
+    except RecordingError:
+        return 0
+    return blocks_in(path) if counted is None else counted
 
 
 class SessionRecorder:
@@ -90,7 +100,9 @@ class SessionRecorder:
         for whole in close_leftovers(path):
             logger.warning("%s was left unfinished; it ends with its last whole chunk now", whole)
         self._number = next_part(path)
-        self._repetition = Repetition(latest_payloads(parts_of(path)))
+        earlier = parts_of(path)
+        self._recorded_before = sum(map(blocks_said_to_be_in, earlier))  # … the part being written
+        self._repetition = Repetition(latest_payloads(earlier))
         self._checked_ns = 0
         self._recorder: Recorder | None = self._begun(clock())
 
@@ -98,6 +110,12 @@ class SessionRecorder:
     def path(self) -> Path:
         """Of the part that is, or was last, written."""
         return part_of(self._path, self._number)
+
+    @property
+    def recorded(self) -> int:
+        """Acceleration blocks in all parts, those of an earlier recorder too."""
+        in_this_part = 0 if self._recorder is None else self._recorder.recorded[AccelerationBlock]
+        return self._recorded_before + in_this_part
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Record one message, unless it has been. Gives nothing back."""
@@ -145,9 +163,11 @@ class SessionRecorder:
             return
         now_ns = self._clock()
         if self._is_due(self._recorder, now_ns):
-            self._recorder.close()
+            ended = self._recorder
+            ended.close()
             self._number += 1
             self._recorder = self._begun(now_ns)
+            self._recorded_before += ended.recorded[AccelerationBlock]
             thin(self._path, self._settings, now_ns)
         if abs(now_ns - self._checked_ns) >= ROOM_CHECKED_EVERY * NANOSECONDS:
             self._checked_ns = now_ns
@@ -184,7 +204,9 @@ class SessionRecorder:
             except (OSError, RecordingError) as error:
                 logger.error("%s can only be salvaged: %s", recorder.path, error)
         # what sat in the chunk that the disk refused was taken, and is not there
-        self.lost += recorder.recorded[AccelerationBlock] - blocks_in(recorder.path)
+        readable = blocks_in(recorder.path)
+        self.lost += recorder.recorded[AccelerationBlock] - readable
+        self._recorded_before += readable
 
     def _closed_by_itself(self, recorder: Recorder) -> bool:
         try:

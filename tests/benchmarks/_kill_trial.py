@@ -7,6 +7,7 @@ Beside it the same blocks undisturbed, in lock-step: without those that nobody m
 unit was down.
 """
 
+import json
 import os
 import random
 import signal
@@ -25,7 +26,7 @@ from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Recorder
 from pipeline.scenario import Scenario
-from pipeline.session import SessionOptions, run_session
+from pipeline.session import SUMMARY, SessionOptions, run_session
 from pipeline.sources import replayed
 from pipeline.transport.zenoh_bus import free_endpoint
 from sensors.blocks import NANOSECONDS, AccelerationBlock
@@ -47,6 +48,7 @@ class KillOutcome:
     longest_loss: float  # missing in one piece [s of wall time]
     untold: int  # of those in no gap that the session reports
     repeated: int  # blocks that are in the recording more than once
+    told_recorded: int  # as the summary says
     windows: int  # with a posterior in the undisturbed session
     rejected: int  # windows without one, for the unit's gaps
     differing: int  # windows whose posterior is not bit-identical, or is missing
@@ -104,6 +106,7 @@ def _outcome(
         longest_loss=longest_run(missing) / speed,
         untold=len(set(missing) - told_missing(parts)),
         repeated=len(recorded) - len(set(recorded)),
+        told_recorded=json.loads((folder / "killed" / SUMMARY).read_text())["stream"]["recorded"],
         windows=len(theirs),
         rejected=len(_rejected_for_gaps(folder / "whole")),
         differing=len(ours.keys() ^ theirs.keys())

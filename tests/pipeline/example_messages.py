@@ -70,6 +70,7 @@ def status(
     received: dict[str, int] | None = None,
     published: dict[str, int] | None = None,
     lost: int = 0,
+    recorded: int = 0,
     state: str = "running",
 ) -> NodeStatus:
     """What a node says of itself, its counts by message type."""
@@ -82,6 +83,7 @@ def status(
         received=tuple(MessageCount(name, n) for name, n in (received or {}).items()),
         published=tuple(MessageCount(name, n) for name, n in (published or {}).items()),
         lost=lost,
+        recorded=recorded,
     )
 
 
@@ -293,5 +295,6 @@ messages = st.one_of(
         warnings=warnings,
         malformed=counts,
         recovered=counts,
+        recorded=counts,
     ),
 )

@@ -146,7 +146,7 @@ def test_accounts_come_from_the_nodes_themselves() -> None:
     summary = SessionSummary("replay:x", "t1")
     for sequence in range(3):
         summary.count(block(sequence))
-    summary.handle(status("recorder", received={"AccelerationBlock": 2}, lost=1))
+    summary.handle(status("recorder", recorded=2, lost=1))
     assert summary.as_json(wall=1.0)["stream"] == {
         "published": 3,
         "recorded": 2,

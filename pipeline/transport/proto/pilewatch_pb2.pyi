@@ -401,7 +401,7 @@ class MessageCount(_message.Message):
     def __init__(self, message: _Optional[str] = ..., count: _Optional[int] = ...) -> None: ...
 
 class NodeStatus(_message.Message):
-    __slots__ = ("turbine", "node", "time_ns", "state", "last_sequence", "received", "published", "lost", "late", "duplicate", "busy_s", "warnings", "malformed", "recovered")
+    __slots__ = ("turbine", "node", "time_ns", "state", "last_sequence", "received", "published", "lost", "late", "duplicate", "busy_s", "warnings", "malformed", "recovered", "recorded")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     NODE_FIELD_NUMBER: _ClassVar[int]
     TIME_NS_FIELD_NUMBER: _ClassVar[int]
@@ -416,6 +416,7 @@ class NodeStatus(_message.Message):
     WARNINGS_FIELD_NUMBER: _ClassVar[int]
     MALFORMED_FIELD_NUMBER: _ClassVar[int]
     RECOVERED_FIELD_NUMBER: _ClassVar[int]
+    RECORDED_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     node: str
     time_ns: int
@@ -430,4 +431,5 @@ class NodeStatus(_message.Message):
     warnings: _containers.RepeatedCompositeFieldContainer[Warning]
     malformed: int
     recovered: int
-    def __init__(self, turbine: _Optional[str] = ..., node: _Optional[str] = ..., time_ns: _Optional[int] = ..., state: _Optional[str] = ..., last_sequence: _Optional[int] = ..., received: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., published: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., lost: _Optional[int] = ..., late: _Optional[int] = ..., duplicate: _Optional[int] = ..., busy_s: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., malformed: _Optional[int] = ..., recovered: _Optional[int] = ...) -> None: ...
+    recorded: int
+    def __init__(self, turbine: _Optional[str] = ..., node: _Optional[str] = ..., time_ns: _Optional[int] = ..., state: _Optional[str] = ..., last_sequence: _Optional[int] = ..., received: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., published: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., lost: _Optional[int] = ..., late: _Optional[int] = ..., duplicate: _Optional[int] = ..., busy_s: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., malformed: _Optional[int] = ..., recovered: _Optional[int] = ..., recorded: _Optional[int] = ...) -> None: ...

@@ -9,6 +9,7 @@ import pytest
 
 from pipeline.messages import WindowRejected
 from pipeline.recording.errors import RecordingError
+from pipeline.recording.mcap_file import counted_in_summary
 from pipeline.recording.parts import next_part, parts_of, raw_files
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.session_recorder import SessionRecorder
@@ -61,12 +62,13 @@ def sequences(paths: list[Path]) -> list[int]:
 
 
 def test_a_recording_goes_on_in_the_next_part_after_its_time(tmp_path):
-    recorded(tmp_path, 60, rotate_after=20.0)
+    recorder = recorded(tmp_path, 60, rotate_after=20.0)
     parts = parts_of(tmp_path / "session.mcap")
     assert [part.name for part in parts] == [
         "session.mcap", "session.part2.mcap", "session.part3.mcap", "session.part4.mcap",
     ]  # fmt: skip
     assert sequences(parts) == list(range(60))
+    assert recorder.recorded == 60
     for part in parts:
         assert read_metadata(part) == METADATA
         (layout,) = read_messages(part, (SensorLayout,))
@@ -106,6 +108,7 @@ def test_a_disk_that_fills_up_ends_the_recording_and_not_the_session(tmp_path):
     written = sequences(parts_of(tmp_path / "session.mcap"))
     assert written == list(range(len(written)))
     assert len(written) + recorder.lost == 60
+    assert recorder.recorded == len(written)
     assert not list(tmp_path.glob("*.active"))
 
 
@@ -163,6 +166,7 @@ def test_a_killed_recorder_is_followed_by_one_that_goes_on(tmp_path):
     assert (tmp_path / "session.mcap.active").exists()
     recorder = recorded(tmp_path, 30)
     assert recorder.path.name == "session.part2.mcap"
+    assert recorder.recorded == len(sequences(parts_of(tmp_path / "session.mcap")))
     left = sequences([tmp_path / "session.mcap"])
     assert left == list(range(len(left)))
     assert len(left) >= 28  # two seconds of samples at most are gone
@@ -198,11 +202,24 @@ def test_a_recorder_that_is_started_again_records_nothing_twice(tmp_path):
     second.close()
     parts = parts_of(path)
     assert len(parts) == 2
+    assert second.recorded == len(sequences(parts)) == 70
     assert sequences(parts) == list(range(70))
     assert second.duplicate == 30
     for part, expected in zip(parts, ([rejection(0)], [rejection(1)]), strict=True):
         assert all_same(list(read_messages(part, (WindowRejected,))), expected)
         assert all_same(list(read_messages(part, (SensorLayout,))), [LAYOUT])
+
+
+def test_what_finished_parts_say_they_hold_is_what_can_be_read(tmp_path):
+    recorded(tmp_path, 60, rotate_after=20.0)
+    path = tmp_path / "session.mcap"
+    for part in parts_of(path):
+        assert counted_in_summary(part, AccelerationBlock) == len(sequences([part])) > 0
+    again = SessionRecorder(path, metadata=METADATA, clock=Clock())
+    again.handle(block(60))
+    assert again.recorded == 61
+    again.close()
+    assert again.recorded == 61
 
 
 def test_a_block_that_a_stranger_replays_is_counted_and_not_recorded(tmp_path):
