@@ -5,7 +5,7 @@ the mean water level.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -92,15 +92,21 @@ class SensorLayout:
 def joined_layout(layouts: Sequence[SensorLayout]) -> SensorLayout:
     """All channels of a turbine's units as one layout; a single one is itself.
 
-    Raises LayoutError for a channel name that two units use.
+    layouts   of different units
+
+    Where two units use one channel name, as loggers of one make do, every channel is called after
+    its unit too: "lower/x", "upper/x".
     """
     if len(layouts) == 1:
         return layouts[0]
+    channels = [(layout.unit, channel) for layout in layouts for channel in layout.channels]
+    if len({channel.name for _, channel in channels}) < len(channels):
+        channels = [(u, replace(channel, name=f"{u}/{channel.name}")) for u, channel in channels]
     return SensorLayout(
         "+".join(layout.layout_id for layout in layouts),
         turbine=layouts[0].turbine,
         unit="+".join(layout.unit for layout in layouts),
-        channels=tuple(channel for layout in layouts for channel in layout.channels),
+        channels=tuple(channel for _, channel in channels),
     )
 
 

@@ -110,7 +110,6 @@ class UnitJoiner:
 
     The grid has the lowest of the units' sampling rates. It begins with the unit that starts last,
     or with the first where another is more than `lateness` later.
-    Raises LayoutError where two units use one channel name.
     """
 
     def __init__(self, layouts: Sequence[SensorLayout], lateness: float) -> None:
