@@ -14,11 +14,13 @@ latest of them are answered again, in the same words: an answer that was on its 
 was killed, or waited in its publisher's cache for a recorder that was down, went with the process.
 """
 
+import hashlib
 import logging
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote, unquote
 
 from pipeline.messages import (
     FoundationEvent,
@@ -47,6 +49,7 @@ LATEST = stream_of(FoundationPosterior).cached  # answers that a publisher would
 KIND = "pilewatch-node"
 VERSION = 2  # of the file's layout; another one is refused, never guessed at
 STATE = "state"
+LONGEST_NAME = 160  # of a turbine in a file's name; beyond it a checksum tells them apart
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +70,7 @@ class CheckpointFolder:
 
     def file_of(self, turbine: str) -> Path:
         """Where the turbine's checkpoint lies, if it has one."""
-        return self._path / f"updating-{turbine}.checkpoint"
+        return self._path / f"updating-{_in_file_names(turbine)}.checkpoint"
 
     def write(self, checkpoint: NodeCheckpoint) -> None:
         """Replace the turbine's checkpoint in one step, the bytes on disk before the name.
@@ -105,8 +108,17 @@ class CheckpointFolder:
         return _parsed(content, turbine, str(path))
 
 
+def _in_file_names(turbine: str) -> str:
+    """The turbine's id as every file system takes it, whatever a stranger calls his turbine."""
+    name = quote(turbine, safe=" ")
+    if len(name) <= LONGEST_NAME:
+        return name
+    return f"{name[:LONGEST_NAME]}-{hashlib.sha256(turbine.encode()).hexdigest()[:16]}"
+
+
 def _written(checkpoint: NodeCheckpoint) -> bytes:
-    head = f"{KIND} {VERSION} {checkpoint.answered_ns} {checkpoint.turbine}\n".encode()
+    turbine = quote(checkpoint.turbine, safe=" ")  # on one line, whatever it is called
+    head = f"{KIND} {VERSION} {checkpoint.answered_ns} {turbine}\n".encode()
     sections = [(type(answer).__name__, encode(answer)) for answer in checkpoint.answers]
     sections.append((STATE, checkpoint.state))
     return head + b"".join(
@@ -122,7 +134,7 @@ def _parsed(content: bytes, turbine: str, origin: str) -> NodeCheckpoint:
             f"{origin} begins with {content[:20]!r}: it is no checkpoint; move it away or begin "
             "anew with --fresh"
         )
-    version, answered, written_for = words[1:]
+    version, answered, written_for = *words[1:3], unquote(words[3])
     if version != str(VERSION):
         raise CheckpointError(
             f"{origin} has version {version} of the checkpoint's layout; this pilewatch reads "

@@ -80,6 +80,26 @@ def test_what_went_down_with_the_process_is_said_again_in_the_same_words(tmp_pat
     assert again == said[1:]
 
 
+@pytest.mark.parametrize(
+    "turbine", ["t\0", "line\nbreak", "..", "a b", "Nørre Øst 7%", "long" * 500]
+)
+def test_whatever_a_turbine_is_called_its_updating_goes_on(tmp_path, turbine):
+    folder = tmp_path / "checkpoints"
+    node = node_in(folder)
+    said = [encode(a) for a in node.handle(replace(estimate_of(0), turbine=turbine))]
+    assert not node.warnings
+    assert CheckpointFolder(folder).read(turbine).turbine == turbine
+    again = node_in(folder).handle(replace(estimate_of(0), turbine=turbine))
+    assert [encode(a) for a in again] == said
+    (file,) = folder.iterdir()
+    assert file == CheckpointFolder(folder).file_of(turbine)
+
+
+def test_long_names_that_begin_alike_have_checkpoints_of_their_own(tmp_path):
+    folder = CheckpointFolder(tmp_path)
+    assert folder.file_of("long" * 500 + "a") != folder.file_of("long" * 500 + "b")
+
+
 def test_a_disk_that_takes_no_checkpoint_costs_no_posterior_and_is_told(tmp_path, undisturbed):
     folder = tmp_path / "checkpoints"
     node = UpdatingInContext(lambda: node_in(folder), LAYOUT)
