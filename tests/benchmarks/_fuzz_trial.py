@@ -4,7 +4,9 @@
                                                                              asked how it does
 
 Every stream gets messages that are whole but mean nothing, whole ones of other streams, damaged
-ones and noise, on keys of turbines that exist.
+ones and noise, on keys of turbines that exist. They come in rounds, each with its share of every
+stream: what a session fetches once (a prior's draws, a model's modes) it has after the first, what
+grows with the messages grows from round to round.
 """
 
 import json
@@ -28,6 +30,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from pipeline.messages import Message, ModalEstimate, Mode
+from pipeline.session import SUMMARY
 from pipeline.status import KEY
 from pipeline.streams import STREAMS, Stream, key_of
 from pipeline.transport.codec import encode
@@ -41,7 +44,7 @@ from tests.pipeline.example_messages import LAYOUT, block, messages
 TURBINES = ("t1", "t2")
 NAMES = {"turbine": TURBINES, "unit": ("tower", "lower"), "node": ("recorder", "forger")}
 PATIENCE = 90.0  # for what another process does [s]
-GOOD = 30  # blocks before and after
+GOOD = 30  # blocks before and after, at least
 MADE_UP = 500  # messages of a type by hypothesis, from which the rest is mutated
 UPDATED = 20  # forged estimates that look good; each costs an updating
 
@@ -55,43 +58,50 @@ class FuzzOutcome:
     malformed: int  # dropped by the node that hears everything, as it says
     alive: bool  # every node still says that it runs
     recorded_after: int  # of the good blocks that followed
-    memory_growth: float  # of the session's process, from a fifth of the flood to its end [-]
+    memory: tuple[float, ...]  # of the session's process when it is at rest, after each round [MB]
+    told_malformed: int  # doubts of that name in the session's summary
     exit_code: int  # when it was told to stop
 
+    @property
+    def memory_growth(self) -> float:
+        """From the end of the first round to the end of the last [-]."""
+        return self.memory[-1] / self.memory[0] - 1.0
 
-def fuzz_trial(folder: Path, *, examples: int, rate: float, seed: int) -> FuzzOutcome:
+
+def fuzz_trial(
+    folder: Path, *, examples: int, rate: float, seed: int, rounds: int = 2
+) -> FuzzOutcome:
     """So many examples and their mutants on every key, so many messages a second."""
     endpoint = free_endpoint()
     payloads = list(nonsense(examples, seed))
+    memory = []
     with running_session(folder / "out", endpoint) as session:
         wait_for_nodes(endpoint)
         with closing(_raw(endpoint)) as sender:
-            put = paced_put(sender, rate)
-            for sequence in range(GOOD):
-                put(key_of(block(sequence)), encode(block(sequence)))
-            before = 0
-            for number, (key, payload) in enumerate(payloads):
-                put(key, payload)
-                if number == len(payloads) // 5:
-                    before = resident_bytes(session.pid)
-            settled(endpoint)
-            growth = resident_bytes(session.pid) / before - 1.0
+            until_heard(sender, endpoint)
+            for one in range(rounds):
+                put = paced_put(sender, rate)
+                for key, payload in payloads[one::rounds]:
+                    put(key, payload)
+                settled(endpoint)
+                memory.append(resident_bytes(session.pid) / 1e6)
             after = [replace(block(sequence), turbine="t9") for sequence in range(GOOD)]
+            put = paced_put(sender, rate)
             for message in after:
                 put(key_of(message), encode(message))
             status = settled(endpoint)
         session.send_signal(signal.SIGTERM)
         exit_code = session.wait(PATIENCE)
-    nodes = status["nodes"]
     counts = {each["key"]: each["messages"] for each in status["streams"]}
-    said = {each["node"]: each for each in nodes if each["turbine"] == "iea15mw"}
+    said = own_nodes(status)
     return FuzzOutcome(
         sent=len(payloads),
         keys=len({key for key, _ in payloads}),
         malformed=max(each["malformed"] for each in said.values()),
         alive=all(each["condition"] == "alive" for each in said.values()),
         recorded_after=counts.get(key_of(after[0]), 0),
-        memory_growth=growth,
+        memory=tuple(memory),
+        told_malformed=told_malformed(folder / "out" / SUMMARY),
         exit_code=exit_code,
     )
 
@@ -123,17 +133,43 @@ def wait_for_nodes(endpoint: str, *, nodes: int = 4) -> None:
 
 
 def settled(endpoint: str) -> dict[str, Any]:
-    """What the session says when it has nothing more to take."""
+    """What the session says when it has nothing more to take: every node speaks again, and none
+    but those that hear the others speak has taken anything since."""
     before: list[int] = []
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         status: dict[str, Any] = json.loads(asked(endpoint, f"{KEY}/*")[0])
+        nodes = own_nodes(status)
         now = [each["messages"] for each in status["streams"]]
-        if now == before:
+        now += [nodes[name]["received"] for name in ("identification", "updating")]
+        if now == before and all(each["silence_s"] < 2.0 for each in nodes.values()):
             return status
         before = now
         time.sleep(1.5)
     raise RuntimeError("the session is still busy")
+
+
+def own_nodes(status: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The session's own nodes by name, without those that the flood makes up."""
+    return {each["node"]: each for each in status["nodes"] if each["turbine"] == "iea15mw"}
+
+
+def until_heard(sender: "zenoh.Session", endpoint: str) -> None:
+    """Good blocks until the session has heard some: what is put before a sender knows of the
+    subscribers reaches nobody."""
+    deadline = time.monotonic() + PATIENCE
+    for sequence in range(1000):
+        sender.put(key_of(block(sequence)), encode(block(sequence)))
+        status = json.loads(asked(endpoint, f"{KEY}/*")[0])
+        counts = {each["key"]: each["messages"] for each in status["streams"]}
+        if counts.get(key_of(block(0)), 0) >= GOOD or time.monotonic() > deadline:
+            return
+
+
+def told_malformed(summary: Path) -> int:
+    """How often a session's summary says that messages were dropped."""
+    doubts = json.loads(summary.read_text(encoding="utf-8"))["warnings"]
+    return sum(doubt["code"] == "malformed" for doubt in doubts)
 
 
 def _raw(endpoint: str) -> "zenoh.Session":

@@ -244,7 +244,8 @@ def disk_trials(folder: Path, _seed: int) -> None:
 
 def fuzz_trials(folder: Path, seed: int) -> None:
     """A flood of nonsense."""
-    print(fuzz_trial(folder, examples=10_000, rate=1000.0, seed=seed))
+    outcome = fuzz_trial(folder, examples=10_000, rate=1000.0, seed=seed, rounds=5)
+    print(outcome, f"memory {100 * outcome.memory_growth:+.1f} % from the first round on")
     if importlib.util.find_spec("atheris") is not None:
         fuzz_decoder(seconds=60)
 
