@@ -152,9 +152,11 @@ class IdentificationInContext:
                 continue
             channel, since = still
             layout = self._layouts.get((estimate.turbine, unit))
-            name = layout.channel_names[channel] if layout else estimate.channels[channel]
-            if name in estimate.channels:
-                return f"{name} stands still from {since:.0f} s on"
+            names = layout.channel_names if layout else estimate.channels
+            for name in names[channel : channel + 1]:  # a layout may not be that of the blocks
+                for known_as in (name, f"{unit}/{name}"):  # the latter where two units have one
+                    if known_as in estimate.channels:
+                        return f"{known_as} stands still from {since:.0f} s on"
         return None
 
     def _link_and_clock_doubts(self, estimate: ModalEstimate) -> tuple[Warning, ...]:

@@ -5,6 +5,7 @@ upper    |0   |1   |▒▒▒▒| …      channels 4 and 5, with a clock of its
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -134,6 +135,22 @@ def test_a_missing_unit_leaves_a_window_with_fewer_channels(blocks, tower) -> No
         assert names.get(round(mode.frequency, 1), mode.name) == mode.name
     (gap,) = [message for message in said if isinstance(message, StreamGap)]
     assert (gap.unit, gap.n_blocks) == ("upper", 40)
+
+
+def test_a_still_channel_of_one_of_two_alike_units_is_called_after_its_unit(blocks) -> None:
+    node = IdentificationInContext(SETTINGS)
+    said: list[Message] = []
+    for layout in unit_layouts(LAYOUT, two_units()):
+        alike = tuple(replace(c, name=f"x{n}") for n, c in enumerate(layout.channels))
+        list(node.handle(replace(layout, channels=alike)))
+    for block in read_by_units(blocks[:ONE], LAYOUT, two_units()):
+        samples = block.samples.copy()
+        if block.unit == "upper" and block.sequence >= 200:
+            samples[:, 1] = samples[0, 1]
+        said += node.handle(replace(block, samples=samples))
+    (rejected,) = [message for message in said if isinstance(message, WindowRejected)]
+    assert rejected.code == "constant"
+    assert rejected.reason.startswith("upper/x1 stands still from 2")
 
 
 def test_the_order_in_which_units_arrive_does_not_matter(blocks) -> None:
