@@ -14,6 +14,9 @@ from sensors.blocks import NANOSECONDS, AccelerationBlock
 
 STUBBORN = 5  # blocks on end that fit each other and not the session
 FARTHEST = 86_400.0  # from one block to the next of a session [s]
+MOST_SAMPLES = (
+    10**8
+)  # that may be missing in between: a day at 1 kHz; what joins units lays them out
 CLOCK_STEP = 3600.0  # largest of a unit's clock against its sample count [s]
 
 
@@ -53,10 +56,12 @@ class BlockGate:
 def fits(last: AccelerationBlock, block: AccelerationBlock) -> bool:
     """Whether one unit may have sent both. A new session may have other channels and rate."""
     if block.session != last.session:
-        return abs(block.start_ns - last.end_ns) <= FARTHEST * NANOSECONDS
+        between = abs(block.start_ns - last.end_ns) / NANOSECONDS
+        return between <= FARTHEST and between * block.sampling_rate <= MOST_SAMPLES
     rate = last.sampling_rate
     if (block.sampling_rate, block.samples.shape[1]) != (rate, last.samples.shape[1]):
         return False
     since = (block.first_sample - last.first_sample) / rate
     clock = (block.start_ns - last.start_ns) / NANOSECONDS
-    return abs(since) <= FARTHEST and abs(clock - since) <= CLOCK_STEP
+    few = max(abs(since), abs(clock)) * rate <= MOST_SAMPLES
+    return few and abs(since) <= FARTHEST and abs(clock - since) <= CLOCK_STEP

@@ -24,6 +24,7 @@ FloatArray = NDArray[np.float64]
 FITTED_STAMPS = 120  # blocks whose stamps a unit's clock is fitted to: the newest
 FEWEST_STAMPS = 10  # below them the nominal rate is taken
 GRID_BLOCK = 1.0  # of the joined stream [s]
+LONGEST_HELD = 100_000  # missing samples that are laid out; after more of them a unit begins anew
 
 
 class UnitStream:
@@ -118,6 +119,7 @@ class UnitJoiner:
         self._n_channels = {layout.unit: len(layout.channels) for layout in layouts}
         self._lateness_ns = round(lateness * NANOSECONDS)
         self._streams: dict[str, list[UnitStream]] = {unit: [] for unit in self._units}
+        self._away: set[str] = set()  # units whose next block is a beginning
         self._origin_ns: int | None = None  # of the grid; None before it is settled
         self._rate = 0.0  # of the grid [Hz]
         self._session = ""
@@ -140,12 +142,16 @@ class UnitJoiner:
         """What one unit's block has put in order; gives the grid blocks that are now complete."""
         streams = self._streams[block.unit]
         for piece in pieces:
-            if isinstance(piece, AccelerationBlock) and (
-                not streams or streams[-1].session != piece.session
-            ):
+            if isinstance(piece, MissingSamples):
+                if piece.n_samples > LONGEST_HELD:
+                    self._away.add(block.unit)
+                elif streams:  # what is missing before the first block never was
+                    streams[-1].push(piece)
+                continue
+            if not streams or block.unit in self._away or streams[-1].session != piece.session:
                 streams.append(UnitStream(piece, self._n_channels[block.unit]))
-            if streams:  # what is missing before the first block never was
-                streams[-1].push(piece)
+                self._away.discard(block.unit)
+            streams[-1].push(piece)
         yield from self._ready(give_up=False)
 
     def finish(self) -> Iterator[AccelerationBlock | MissingSamples]:

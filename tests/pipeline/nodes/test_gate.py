@@ -12,7 +12,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.gate import STUBBORN, BlockGate
+from pipeline.nodes.gate import STUBBORN, BlockGate, fits
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.operation import IdentificationInContext
 from sensors.blocks import NANOSECONDS, AccelerationBlock
@@ -69,6 +69,17 @@ def test_a_unit_that_restarts_without_a_new_session_name_is_followed(blocks) -> 
     assert [each.window for each in estimates] == [0, 1, 0, 1]
     assert estimates[2].start_ns == again[0].start_ns
     assert not node.warnings
+
+
+def test_more_samples_than_anybody_misses_between_two_blocks_do_not_fit(blocks) -> None:
+    """A day may be missing of a tower's samples; not of ten million samples a second."""
+    first, later_ns = blocks[0], blocks[0].start_ns + DAY // 2 * NANOSECONDS
+    after = replace(first, session="later", start_ns=later_ns)
+    fast = replace(first, sampling_rate=1e7)
+    leap = round(1e7 * DAY / 2)
+    assert fits(first, after)
+    assert not fits(first, replace(after, sampling_rate=1e7))
+    assert not fits(fast, replace(fast, first_sample=fast.first_sample + leap, start_ns=later_ns))
 
 
 def test_the_gate_holds_no_more_than_it_needs_to_decide(blocks) -> None:

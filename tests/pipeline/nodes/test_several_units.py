@@ -137,6 +137,20 @@ def test_a_missing_unit_leaves_a_window_with_fewer_channels(blocks, tower) -> No
     assert (gap.unit, gap.n_blocks) == ("upper", 40)
 
 
+def test_a_long_gap_of_a_unit_is_not_laid_out_and_changes_nothing(blocks, monkeypatch) -> None:
+    lost = ("upper", range(100, 140))
+    whole = estimates(answers(blocks, two_units(), lost=lost))
+    monkeypatch.setattr("pipeline.oma.units.LONGEST_HELD", 100)  # 800 are missing
+    apart = estimates(answers(blocks, two_units(), lost=lost))
+    for ours, theirs in zip(apart, whole, strict=True):
+        assert ours.channels == theirs.channels
+        np.testing.assert_allclose(
+            [mode.frequency for mode in ours.modes],
+            [mode.frequency for mode in theirs.modes],
+            rtol=1e-9,
+        )
+
+
 def test_a_still_channel_of_one_of_two_alike_units_is_called_after_its_unit(blocks) -> None:
     node = IdentificationInContext(SETTINGS)
     said: list[Message] = []
