@@ -434,7 +434,8 @@ class TurbineScreen:
         """A unit's layout, or that of all units together under their joined name."""
         if layout_id in self._layouts or not self._layouts:
             return self._layouts.get(layout_id)
-        joined = joined_layout(sorted(self._layouts.values(), key=lambda layout: layout.unit))
+        units = {layout.unit: layout for layout in self._layouts.values()}  # the last that was new
+        joined = joined_layout([units[unit] for unit in sorted(units)])
         return joined if joined.layout_id == layout_id else None
 
     def _swing_on(self, at_least: float) -> None:

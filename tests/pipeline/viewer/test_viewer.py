@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.messages import FoundationTruth
+from pipeline.messages import FoundationTruth, ModalEstimate
 from pipeline.viewer.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.sink import Viewer
@@ -355,3 +355,13 @@ def test_a_file_that_cannot_be_written_is_one_clear_line(tmp_path: Path):
     (tmp_path / "folder.rrd").mkdir()
     with pytest.raises(ViewerError, match=r"--rrd .*folder\.rrd: cannot be written"):
         Viewer([RrdFile(tmp_path / "folder.rrd")], DESCRIPTION, session="s")
+
+
+def test_a_unit_that_was_rewired_may_be_spoken_of_by_any_layout(tmp_path: Path):
+    """Two layouts of one unit share their channels' names; an estimate names a third one."""
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="made-up", strict=True)
+    viewer.handle(replace(LAYOUT, layout_id="before"))
+    for message in session(Episode(n_windows=1)):
+        told = isinstance(message, ModalEstimate)
+        viewer.handle(replace(message, layout_id="unheard of") if told else message)
+    viewer.close()
