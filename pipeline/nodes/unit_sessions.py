@@ -309,6 +309,8 @@ class WindowAnswers:
 
     def _missing_units(self, window: Window) -> dict[str, float]:
         """Units that lack samples on all of their channels, and for how long [s]."""
+        if window.gaps:  # all of them did; such a window holds no samples
+            return {}
         absent = np.isnan(window.samples)
         lacking = {
             unit: int(absent[:, own].all(axis=1).sum()) for unit, own in self._columns.items()

@@ -151,6 +151,20 @@ def test_a_long_gap_of_a_unit_is_not_laid_out_and_changes_nothing(blocks, monkey
         )
 
 
+def test_samples_that_all_units_miss_at_once_reject_the_window(blocks) -> None:
+    node = IdentificationInContext(SETTINGS)
+    for layout in unit_layouts(LAYOUT, two_units()):
+        list(node.handle(layout))
+    heard = [
+        b for b in read_by_units(blocks, LAYOUT, two_units()) if b.sequence not in range(100, 140)
+    ]
+    said = [answer for message in with_end(heard) for answer in node.handle(message)]
+    rejected = [message.code for message in said if isinstance(message, WindowRejected)]
+    assert "gap" in rejected
+    (after,) = estimates(said)
+    assert after.channels == LAYOUT.channel_names
+
+
 def test_a_still_channel_of_one_of_two_alike_units_is_called_after_its_unit(blocks) -> None:
     node = IdentificationInContext(SETTINGS)
     said: list[Message] = []
