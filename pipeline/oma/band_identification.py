@@ -10,7 +10,7 @@ from pipeline.messages import Mode  # the field's word
 from pipeline.oma.bands import Band
 from pipeline.oma.covariance import ALL, LagCovariances, References, lag_covariances
 from pipeline.oma.mode_shapes import normalised_with_deviations
-from pipeline.oma.preprocessing import decimated
+from pipeline.oma.preprocessing import above
 from pipeline.oma.quantities import to_acceleration
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
@@ -47,13 +47,22 @@ class BandIdentification:
 
 
 def band_covariances(
-    samples: FloatArray, band: Band, settings: OmaSettings, references: References = ALL
+    samples: FloatArray,
+    band: Band,
+    settings: OmaSettings,
+    references: References = ALL,
+    *,
+    n_samples: int,
 ) -> LagCovariances:
-    """Lag covariances of a window in a band. samples: (n, n_channels) at the full rate."""
+    """Lag covariances of a window in a band.
+
+    samples     decimated to the band's rate, before its high pass, (n, n_channels)
+    n_samples   of the window at the full rate
+    """
     return lag_covariances(
-        decimated(samples, band.decimation, high_passed=band.high_passed),
+        above(samples) if band.high_passed else samples,
         n_lags=2 * band.block_rows,
-        block_length=block_length(len(samples), band, settings),
+        block_length=block_length(n_samples, band, settings),
         references=references,
     )
 

@@ -24,7 +24,7 @@ from pipeline.oma.input_checks import (
     mended,
 )
 from pipeline.oma.merging import merged
-from pipeline.oma.preprocessing import without_offset
+from pipeline.oma.preprocessing import decimated, without_offset
 from pipeline.oma.quantities import integrations_of
 from pipeline.oma.references import references_among
 from pipeline.oma.settings import OmaSettings
@@ -91,9 +91,12 @@ def identify(
     )
     steady = without_offset(clean)
     integrations = integrations_of(quantities, samples.shape[1])
+    at_rate = {q: decimated(steady, q) for q in {band.decimation for band in bands}}
     by_band = [
         modes_of_covariances(
-            band_covariances(steady, band, settings, references),
+            band_covariances(
+                at_rate[band.decimation], band, settings, references, n_samples=len(steady)
+            ),
             band,
             settings,
             integrations=integrations,

@@ -59,9 +59,15 @@ def decimated(samples: FloatArray, decimation: int, *, high_passed: bool = False
         first = -(-(len(taps) - 1) // decimation)
         last = (len(samples) - 1) // decimation
         samples = filtered[first : last + 1]
-    if high_passed:
-        samples = signal.oaconvolve(samples, high_pass_taps()[:, None], mode="valid", axes=0)
-    return np.asarray(samples)
+    return above(samples) if high_passed else np.asarray(samples)
+
+
+def above(samples: FloatArray) -> FloatArray:
+    """A band's samples, (n, n_channels), after its high pass, where that is wholly filled."""
+    taps = high_pass_taps()[:, None]
+    if len(samples) < len(taps):
+        return samples[:0]
+    return np.asarray(signal.oaconvolve(samples, taps, mode="valid", axes=0))
 
 
 def n_decimated(n_samples: int, decimation: int, *, high_passed: bool = False) -> int:
