@@ -9,15 +9,12 @@ from numpy.typing import NDArray
 from pipeline.messages import Mode  # the field's word
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.oma.bands import Band
-from pipeline.oma.stabilization import (
-    unexplained_spread,
-)
+from pipeline.oma.stabilization import unexplained_spread
 
 FloatArray = NDArray[np.float64]
 
 
-MUCH_SHARPER = 2.0  # a band's frequency std must be this many times smaller than one's at the
-# next slower rate to be taken instead
+MUCH_SHARPER = 2.0  # for each slower rate, a band's frequency std must be so many times smaller
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,12 +34,10 @@ def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[Me
     those at one rate the sharpest. What the bands differ by, beyond their std, is added to the
     covariance of the one that stays.
     """
-    faster = np.unique([band.sampling_rate for band in bands], return_inverse=True)[
-        1
-    ]  # how many rates are slower
+    _, n_slower = np.unique([band.sampling_rate for band in bands], return_inverse=True)
     ranked = sorted(
         (
-            (mode.frequency_std * MUCH_SHARPER ** faster[place] / mode.frequency, place, mode)
+            (mode.frequency_std * MUCH_SHARPER ** n_slower[place] / mode.frequency, place, mode)
             for place, modes in enumerate(by_band)
             for mode in modes
         ),
@@ -57,14 +52,15 @@ def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[Me
             group.append(mode)
     joined = [
         MergedMode(
-            _with_spread_over_bands(first, others), not others and _reached(first, bands) > 1
+            _with_spread_over_bands(first, others),
+            alone=not others and _n_reaching(first, bands) > 1,
         )
         for first, *others in kept
     ]
     return tuple(sorted(joined, key=lambda each: each.mode.frequency))
 
 
-def _reached(mode: Mode, bands: Sequence[Band]) -> int:
+def _n_reaching(mode: Mode, bands: Sequence[Band]) -> int:
     """How many bands report modes of such a frequency."""
     return sum(band.lowest <= mode.frequency <= band.highest for band in bands)
 
