@@ -269,7 +269,9 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
     if kind == "live" and not name:
         chosen = load_scenario(scenario or DEFAULT_SCENARIO)
         return Source("live", chosen, chosen.layout, truth=None, duration=None)
-    raise SourceError(f"--source {text!r} is none of replay:FILE, simulate:SCENARIO and live")
+    raise SourceError(
+        f"--source {text!r} is none of replay:FILE, simulate:SCENARIO, live and a file that exists"
+    )
 
 
 def _default_source(scenario: str | None) -> Source:

@@ -149,7 +149,9 @@ def known_as_modes_are(
     """Whether a frequency is known as well as that of a mode is.
 
     duration   T of the window [s]
-    alone      one band reports it where others should: its f and ζ must be known to .4
+    alone      one band reports it where others should: its f and ζ must be known to .4. Chosen on
+               `records` of at most 15 000 samples, seeds 5001 to 5020; on 6001 to 6040 .945 of the
+               modes were found and one invented
 
     No unbiased estimate of a mode's frequency is sharper than about std(f)/f = √(ζ/(2π f T)). A
     mode is taken where its frequency
