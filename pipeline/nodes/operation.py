@@ -101,12 +101,15 @@ class IdentificationInContext:
     Every estimate carries the state, yaw and water level of its window by SCADA. What the link and
     the clock did wrong is told with the next estimate; a window in which two channels have changed
     place is rejected.
+
+    compared   False: whoever has all windows compares each one's channels with the window's before
     """
 
     name = "identification"
     inputs: tuple[type, ...] = (*IdentificationNode.inputs, ScadaSample)
 
-    def __init__(self, settings: OmaSettings | None = None) -> None:
+    def __init__(self, settings: OmaSettings | None = None, *, compared: bool = True) -> None:
+        self._compared = compared
         self._settings = settings or OmaSettings()
         self._inner = IdentificationNode(self._settings)
         self._log = OperationLog()
@@ -137,10 +140,12 @@ class IdentificationInContext:
         estimate = self._log.with_conditions(estimate)
         still = self._still_channel(estimate)
         if still is not None:
-            return _rejected(estimate, "constant", still)
-        swapped = self._channels.setdefault(estimate.turbine, ChannelWatch()).swap_in(estimate)
-        if swapped is not None:
-            return _rejected(estimate, "swapped-channels", swapped)
+            return rejected_estimate(estimate, "constant", still)
+        if self._compared:
+            watch = self._channels.setdefault(estimate.turbine, ChannelWatch())
+            swapped = watch.swap_in(estimate)
+            if swapped is not None:
+                return rejected_estimate(estimate, "swapped-channels", swapped)
         doubts = self._link_and_clock_doubts(estimate)
         return replace(estimate, warnings=estimate.warnings + doubts)
 
@@ -217,7 +222,7 @@ class UpdatingInContext:
     def handle(self, message: Message) -> Iterable[Message]:
         if not isinstance(message, ModalEstimate):
             return ()
-        refused = self._refusal(message)
+        refused = refusal_by_operation(message, self._settings)
         if refused is not None:
             return (refused,)
         if message.turbine not in self._updaters:
@@ -231,26 +236,29 @@ class UpdatingInContext:
         updaters = self._updaters.values()
         return tuple(doubt for each in updaters for doubt in getattr(each, "warnings", ()))
 
-    def _refusal(self, estimate: ModalEstimate) -> WindowRejected | None:
-        """Why an estimate may not speak of the foundation."""
-        state, allowed = estimate.operating_state, self._settings.allowed_states
-        if state and state not in allowed:
-            reason = (
-                f"the turbine was {state}; only {' and '.join(allowed)} windows update the "
-                "foundation"
-            )
-            return _rejected(estimate, "operating-state", reason)
-        for doubt in estimate.warnings:
-            if doubt.code in self._settings.unusable:
-                return _rejected(estimate, doubt.code, f"{doubt.text}; not used")
-        return None
-
     def close(self) -> None:
         for updater in self._updaters.values():
             updater.close()
 
 
-def _rejected(estimate: ModalEstimate, code: str, reason: str) -> WindowRejected:
+def refusal_by_operation(
+    estimate: ModalEstimate, settings: OperationSettings
+) -> WindowRejected | None:
+    """Why an estimate may not speak of the foundation; None: it may."""
+    state, allowed = estimate.operating_state, settings.allowed_states
+    if state and state not in allowed:
+        reason = (
+            f"the turbine was {state}; only {' and '.join(allowed)} windows update the foundation"
+        )
+        return rejected_estimate(estimate, "operating-state", reason)
+    for doubt in estimate.warnings:
+        if doubt.code in settings.unusable:
+            return rejected_estimate(estimate, doubt.code, f"{doubt.text}; not used")
+    return None
+
+
+def rejected_estimate(estimate: ModalEstimate, code: str, reason: str) -> WindowRejected:
+    """The estimate's window as one that is not used."""
     return WindowRejected(
         turbine=estimate.turbine,
         window=estimate.window,

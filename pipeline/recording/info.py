@@ -35,6 +35,11 @@ class UnitInfo:
     start_ns: int  # first sample
     end_ns: int  # one sample after the last
     gaps: tuple[StreamGap, ...]  # between the first and the last block
+    layout_id: str = ""  # of the first block
+    first_sample: int = 0  # since the session's start
+    next_sample: int = 0  # one after the last
+    first_sequence: int = 0  # of the blocks
+    last_sequence: int = 0
 
     @property
     def duration(self) -> float:
@@ -140,6 +145,11 @@ def _unit_info(first: AccelerationBlock, spans: list[_Span]) -> UnitInfo:
         start_ns=in_order[0].start_ns,
         end_ns=in_order[-1].end_ns,
         gaps=tuple(_gaps(first, in_order)),
+        layout_id=first.layout_id,
+        first_sample=in_order[0].first_sample,
+        next_sample=in_order[-1].next_sample,
+        first_sequence=in_order[0].sequence,
+        last_sequence=in_order[-1].sequence,
     )
 
 

@@ -168,17 +168,47 @@ class FoundationUpdater:
         new one, but what the window said is remembered: later ones may make sense of it.
         """
         try:
-            seen = sightings_of(estimate, self._layout.channel_names)
-            evidence = state.evidence.with_sightings(
-                seen, estimate.weight, estimate.duration, rise=self._rise(estimate)
-            )
-            recent = self._with_recent(state, estimate, seen)
-            after = replace(state, evidence=evidence, recent=recent)
-            after, event = self._looked_for_change(after, estimate)
+            after, event = self._accumulated(state, estimate)
             after, posterior = self._refreshed(after, estimate)
         except EstimateRefused as refusal:
             return state, (_rejected(estimate, refusal),)
         return after, (posterior,) if event is None else (event, posterior)
+
+    def accumulated(
+        self, state: UpdatingState, estimate: ModalEstimate
+    ) -> tuple[UpdatingState, FoundationEvent | WindowRejected | None]:
+        """What `watched` does before its posterior: the window's sums alone, without a posterior.
+
+        The springs' influence on the frequencies, by which changes are told, stays that of the
+        last posterior in the state.
+        """
+        try:
+            return self._accumulated(state, estimate)
+        except EstimateRefused as refusal:
+            return state, _rejected(estimate, refusal)
+
+    def refreshed(
+        self, state: UpdatingState, estimate: ModalEstimate
+    ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
+        """The posterior of a state that the estimate's window has entered by `accumulated`.
+
+        The last posterior in the state only says where the sampler starts.
+        """
+        try:
+            return self._refreshed(state, estimate)
+        except EstimateRefused as refusal:
+            return state, _rejected(estimate, refusal)
+
+    def _accumulated(
+        self, state: UpdatingState, estimate: ModalEstimate
+    ) -> tuple[UpdatingState, FoundationEvent | None]:
+        seen = sightings_of(estimate, self._layout.channel_names)
+        evidence = state.evidence.with_sightings(
+            seen, estimate.weight, estimate.duration, rise=self._rise(estimate)
+        )
+        recent = self._with_recent(state, estimate, seen)
+        after = replace(state, evidence=evidence, recent=recent)
+        return self._looked_for_change(after, estimate)
 
     def _looked_for_change(
         self, state: UpdatingState, estimate: ModalEstimate
