@@ -1,0 +1,1 @@
+"""Many recordings and many turbines: what one session is not large enough for."""
