@@ -28,7 +28,7 @@ from pipeline.updating.forward_model import FloatArray
 from sensors.errors import InputError
 
 KIND = b"pilewatch-updating"
-VERSION = 2  # of the layout; another one is refused, never guessed at
+VERSION = 3  # of the layout; another one is refused, never guessed at
 LARGEST = 256 * 2**20  # [bytes] unpacked; a state of a hundred modes has some 10⁶
 
 S = TypeVar("S")

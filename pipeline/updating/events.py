@@ -7,7 +7,12 @@ import numpy as np
 
 from pipeline.messages import FoundationEvent, FrequencyShift, ModalEstimate, StiffnessChange
 from pipeline.updating.change.detector import Change, ChangeState, Verdict
-from pipeline.updating.change.sums import SeenFrequency, Sensitivities, WatchedWindow
+from pipeline.updating.change.sums import (
+    WIND_REFERENCE,
+    SeenFrequency,
+    Sensitivities,
+    WatchedWindow,
+)
 from pipeline.updating.change.walk import deviation
 from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.forward_model import FloatArray
@@ -49,6 +54,7 @@ def watched_window(
         seen=tuple(latest.values()),
         weight=estimate.weight,
         water_level=water_level,
+        wind=float(np.nan_to_num(estimate.wind_speed - WIND_REFERENCE)),
     )
 
 

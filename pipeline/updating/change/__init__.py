@@ -8,13 +8,13 @@
     walk         a stiffness that wanders or rides with the water, beside the change at one moment
     detector     both kinds together: the alarm, its kind, the new beginning
 
-Every tracked mode's ln f is a line in what is known of the environment (the water level, after the
-model's own dependence on it is taken out), with errors of known size; a change adds a step δ_j from
-some window k on:
+Every tracked mode's ln f is a line in what SCADA says of the surroundings (the wind speed, and the
+water level after the model's own dependence on it is taken out), with errors of known size; a
+change adds a step δ_j from some window k on:
 
-    y_tj = β_jᵀ z_t + δ_j [t ≥ k] + e_tj,   z = (1, water level),   e ~ N(0, s_j² σ_tj²)
+    y_tj = β_jᵀ z_t + δ_j [t ≥ k] + e_tj,   z = (1, water level, wind),   e ~ N(0, s_j² σ_tj²)
 
-β is integrated out under a flat prior of the intercept. With the sums from k on,
+β is integrated out, its intercept under a flat prior. With the sums from k on,
 n = Σ 1/σ², c = Σ z/σ², r = Σ y/σ², and A, β̂ of all windows, what is left of the step is
 
     g = r − cᵀ β̂,   h = n − cᵀ A⁻¹ c      (g ~ N(δ h, h))

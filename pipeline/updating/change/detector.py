@@ -71,7 +71,7 @@ class Change:
     step: StiffnessStep  # if it was the foundation
     shifts: FloatArray  # (J,) change of ln f; NaN for tracks not seen before and after
     shift_stds: FloatArray  # (J,)
-    log_frequencies: FloatArray  # (J,) before the change, at the model's water level
+    log_frequencies: FloatArray  # (J,) before it, at the model's water level and WIND_REFERENCE
 
 
 class ChangeDetector:
@@ -134,7 +134,7 @@ class ChangeDetector:
             step=stiffness_step(step, sensitivities.stiffness),
             shifts=step.g[0] / known,
             shift_stds=1 / np.sqrt(known),
-            log_frequencies=sums.reference + line.intercept,
+            log_frequencies=sums.reference + line.coefficients[0],
         )
 
     def remeasured(self, state: ChangeState, found: Change, sensitivities: Sensitivities) -> Change:

@@ -1,13 +1,14 @@
 """What is remembered of the windows: sums over segments of time, and the steps between them.
 
-A segment is what lies between two candidates, the windows a change may have begun with. Every
-segment holds, for each track, eight sums over its windows of weight w = hop / (duration · σ²):
+A segment is what lies between two candidates, the windows a change may have begun with. With the
+surroundings of a window z = (1, l, v), l the water level and v the wind, every segment holds for
+each track these sums over its windows of weight w = hop / (duration · σ²):
 
-    Σ w l⁰ … l³,   Σ w y l⁰ … l¹ of y cut,   the same of y as it was     (l the water level)
+    Σ w z (z, l²)ᵀ,   Σ w y z of y cut,   the same of y as it was
 
-From them follow the regression on the level and every candidate's step; the model's dependence on
-the level, slope and curvature of each paired track, can be taken out afterwards, so that it is
-always the present pairing's.
+From them follow the regression on z and every candidate's step; the model's dependence on the
+level, slope and curvature of each paired track, can be taken out afterwards, so that it is always
+the present pairing's.
 
 Why errors are cut at three standard deviations: an identification that takes a mode's sister for
 the mode must not look like scour. What is found is then measured on the errors uncut.
@@ -23,14 +24,20 @@ from numpy.typing import NDArray
 from pipeline.updating.forward_model import FloatArray
 
 SLOPE_STD = 0.01  # prior of ∂ ln f / ∂ level, beyond what the model says of it [1/m]
+WIND_STD = 0.0003  # prior of ∂ ln f / ∂ wind speed [s/m]
+WIND_REFERENCE = 10.0  # where the regression counts the wind from [m/s]
 FLAT = 1e-6  # information on the intercept of ln f: a standard deviation of 1000
+PRIOR = np.diag([FLAT, SLOPE_STD**-2, WIND_STD**-2])[:, :, None]  # of β, as information
 CUT = 3.0  # errors beyond so many standard deviations count as such [-]
 SCATTER_WINDOWS = 10.0  # what the identification's own standard deviation counts for
 SCATTER_RANGE = (0.5, 25.0)  # of s²
 
-N_SUMS = 8
-CUT_MOMENTS = (4, 5)  # places of Σ w y l⁰, l¹ of y cut, after those of Σ w l⁰ … l³
-UNCUT_MOMENTS = (6, 7)
+N_Z = 3
+PRODUCTS = slice(0, N_Z * (N_Z + 1))  # places of Σ w z (z, l²)ᵀ row by row
+CUT_MOMENTS = slice(PRODUCTS.stop, PRODUCTS.stop + N_Z)  # of Σ w y z of y cut
+UNCUT_MOMENTS = slice(CUT_MOMENTS.stop, CUT_MOMENTS.stop + N_Z)
+N_SUMS = UNCUT_MOMENTS.stop
+NEXT, LAST = np.array([[1], [2], [0]]), np.array([[2], [0], [1]])  # rows of a cofactor
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +58,12 @@ class WatchedWindow:
     seen: tuple[SeenFrequency, ...]
     weight: float = 1.0  # hop / window duration: how much of it is new [-]
     water_level: float = 0.0  # above the model's [m]; 0 where it is not known
+    wind: float = 0.0  # mean speed above WIND_REFERENCE [m/s]; 0 where it is not known
+
+    @property
+    def surroundings(self) -> FloatArray:
+        """z, (3,)"""
+        return np.array([1.0, self.water_level, self.wind])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +73,7 @@ class Seen:
     columns: NDArray[np.intp]  # (n_seen,)
     values: FloatArray  # y, ln f from the reference, (n_seen,)
     variances: FloatArray  # σ² as stated, (n_seen,)
-    totals: FloatArray  # of the sums before it, (8, J)
+    totals: FloatArray  # of the sums before it, (N_SUMS, J)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +103,9 @@ class ChangeSums:
     tracks: tuple[int, ...] = ()
     starts_ns: tuple[int, ...] = ()  # of each segment's first window
     shares: FloatArray = field(default_factory=_NONE)  # (K,) windows that a candidate stands for
-    segments: FloatArray = field(default_factory=_NO_SEGMENTS)  # (8, K, J); y from the reference
+    segments: FloatArray = field(
+        default_factory=_NO_SEGMENTS
+    )  # (N_SUMS, K, J), y from the reference
     reference: FloatArray = field(default_factory=_NONE)  # ln f when first seen, (J,)
     last: FloatArray = field(default_factory=_NO_PAIRS)  # (2, J) y and σ² when last seen
     scatter: FloatArray = field(
@@ -99,7 +114,7 @@ class ChangeSums:
 
     @property
     def totals(self) -> FloatArray:
-        """(8, J) sums over all segments."""
+        """(N_SUMS, J) sums over all segments."""
         return np.asarray(self.segments.sum(axis=1))
 
     @property
@@ -116,31 +131,24 @@ def scatter_factor(scatter: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regression:
-    """ln f, from the reference, of every track as a line in the water level."""
+    """ln f, from the reference, of every track as β z, the model's dependence on the water taken
+    out."""
 
-    intercept: FloatArray  # (J,)
-    slope: FloatArray  # (J,) beyond the model's [1/m]
-    covariance: FloatArray  # A⁻¹: of the intercept, of both, of the slope, (3, J)
+    coefficients: FloatArray  # β: at the model's level and WIND_REFERENCE, 1/m, s/m, (3, J)
+    covariance: FloatArray  # A⁻¹, (3, 3, J)
 
     @classmethod
     def of(
-        cls, sums: FloatArray, water: FloatArray, moments: tuple[int, int] = UNCUT_MOMENTS
+        cls, sums: FloatArray, water: FloatArray, moments: slice = UNCUT_MOMENTS
     ) -> "Regression":
-        """sums: (8, J). water: the model's slope and curvature, (J, 2)."""
-        n, c, square = sums[:3]
-        moment, of_level = reduced_moments(sums, water, moments)
-        a, d = n + FLAT, square + SLOPE_STD**-2
-        determinant = a * d - c**2
-        return cls(
-            intercept=(d * moment - c * of_level) / determinant,
-            slope=(a * of_level - c * moment) / determinant,
-            covariance=np.array([d, -c, a]) / determinant,
-        )
+        """sums: (N_SUMS, J). water: the model's slope and curvature, (J, 2)."""
+        covariance = _inverse(_products(sums)[:, :N_Z] + PRIOR)
+        moved = reduced_moments(sums, water, moments)
+        return cls((covariance * moved).sum(axis=1), covariance)
 
-    def variance(self, level: float) -> FloatArray:
-        """(J,) of the line at a level [m]."""
-        own, both, slope = self.covariance
-        return np.asarray(own + 2 * level * both + level**2 * slope)
+    def variance(self, surroundings: FloatArray) -> FloatArray:
+        """(J,) of the line at z."""
+        return np.asarray(surroundings @ (surroundings @ self.covariance))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,29 +165,46 @@ class Steps:
 
 
 def reduced_moments(
-    sums: FloatArray, water: FloatArray, moments: tuple[int, int], n_powers: int = 2
+    sums: FloatArray, water: FloatArray, moments: slice, n: int = N_Z
 ) -> FloatArray:
-    """(n_powers, …, J): Σ w y lᵖ, p = 0, 1, with the model's slope a and curvature b of the level
-    taken out of y, y − a l − b l², from (8, …, J) sums."""
+    """(n, …, J): the first n of Σ w y z with the model's slope a and curvature b of the level
+    taken out of y, y − a l − b l², from (N_SUMS, …, J) sums."""
     slope, curvature = water.T
-    own = sums[moments[0] : moments[0] + n_powers]
-    return np.asarray(own - slope * sums[1 : 1 + n_powers] - curvature * sums[2 : 2 + n_powers])
+    products = _products(sums)[:n]
+    return np.asarray(sums[moments][:n] - slope * products[:, 1] - curvature * products[:, N_Z])
 
 
-def steps(sums: ChangeSums, water: FloatArray, moments: tuple[int, int] = CUT_MOMENTS) -> Steps:
+def _products(sums: FloatArray) -> FloatArray:
+    """(3, 4, …, J) Σ w z (z, l²)ᵀ"""
+    return sums[PRODUCTS].reshape(N_Z, N_Z + 1, *sums.shape[1:])
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Of symmetric 3 × 3 matrices, (3, 3, …), by cofactors: for dozens so small twice as fast as a
+    library's decomposition."""
+    cofactors = (
+        matrix[NEXT, NEXT.T] * matrix[LAST, LAST.T] - matrix[NEXT, LAST.T] * matrix[LAST, NEXT.T]
+    )
+    return np.asarray(cofactors / (matrix[0] * cofactors[0]).sum(axis=0))
+
+
+def steps(sums: ChangeSums, water: FloatArray, moments: slice = CUT_MOMENTS) -> Steps:
     """g and h of every candidate and track. water: (J, 2)."""
     line = Regression.of(sums.totals, water, moments)
-    wanted = np.concatenate([sums.segments[:2], reduced_moments(sums.segments, water, moments, 1)])
-    n, c, r = np.cumsum(wanted[:, ::-1], axis=1)[:, ::-1]  # sums from each candidate on
-    own, both, slope = line.covariance
-    h = n - (own * n**2 + 2 * both * n * c + slope * c**2)
-    g = r - line.intercept * n - line.slope * c
-    told = (h > 1e-9 * n) / sums.scatter_factor  # 0: the rounding of a track not seen before
+    wanted = np.concatenate(
+        [_products(sums.segments)[0, :N_Z], reduced_moments(sums.segments, water, moments, 1)]
+    )
+    from_each = np.cumsum(wanted[:, ::-1], axis=1)[:, ::-1]  # sums from each candidate on
+    c, r = from_each[:N_Z], from_each[N_Z]
+    pulled = (line.covariance[:, :, None] * c).sum(axis=1)  # A⁻¹ c
+    h = c[0] - (c * pulled).sum(axis=0)
+    g = r - (c * line.coefficients[:, None]).sum(axis=0)
+    told = (h > 1e-9 * c[0]) / sums.scatter_factor  # 0: the rounding of a track not seen before
     return Steps(g * told, h * told)
 
 
 def before(sums: ChangeSums, candidate: int) -> FloatArray:
-    """(8, J) sums over the windows before a candidate."""
+    """(N_SUMS, J) sums over the windows before a candidate."""
     return np.asarray(sums.segments[:, :candidate].sum(axis=1))
 
 
@@ -188,18 +213,19 @@ def with_window(
 ) -> ChangeSums:
     """The sums after one more window, told as `seen_in` tells it."""
     seen, values, variances = told.columns, told.values, told.variances
-    level = window.water_level
+    level, surroundings = window.water_level, window.surroundings
     scatter, last = _scatter(sums, seen, values, variances, window.weight)
     line = Regression.of(told.totals, water, CUT_MOMENTS)
-    predicted = line.intercept + (line.slope + water[:, 0] + water[:, 1] * level) * level
-    spread = np.sqrt(line.variance(level) + last[1] * scatter_factor(scatter))[seen]
+    predicted = surroundings @ line.coefficients + (water[:, 0] + water[:, 1] * level) * level
+    spread = np.sqrt(line.variance(surroundings) + last[1] * scatter_factor(scatter))[seen]
     within = CUT * spread
     expected = predicted[seen]
     cut = np.minimum(np.maximum(values, expected - within), expected + within)
     new = np.zeros((N_SUMS, 1, len(sums.tracks)))
-    powers = np.array([1.0, level, level**2, level**3])[:, None]
-    rows = np.concatenate([powers * np.ones(len(seen)), powers[:2] * cut, powers[:2] * values])
-    new[:, 0, seen] = rows * window.weight / variances
+    products = np.outer(surroundings, [*surroundings, level**2]).ravel()
+    of_values = surroundings[:, None] * np.stack([cut, values])[:, None]  # (2, 3, n_seen)
+    rows = [np.tile(products[:, None], len(seen)), *of_values]
+    new[:, 0, seen] = np.concatenate(rows) * window.weight / variances
     grown = replace(
         sums,
         starts_ns=(*sums.starts_ns, window.start_ns),
@@ -257,7 +283,7 @@ def since(sums: ChangeSums, candidate: int) -> ChangeSums:
     """The windows from a candidate on as all there is; their errors uncut, since it was the change
     that they were cut for."""
     segments = sums.segments[:, candidate:].copy()
-    segments[list(CUT_MOMENTS)] = segments[list(UNCUT_MOMENTS)]
+    segments[CUT_MOMENTS] = segments[UNCUT_MOMENTS]
     return replace(
         sums,
         starts_ns=sums.starts_ns[candidate:],
