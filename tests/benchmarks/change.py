@@ -8,7 +8,8 @@ recording of the parked turbine; nothing is simulated or sampled. The threshold 
 between false alarms, nothing else is set:
 
     shift   144 windows, modes 1 to 5 together shift by .2 % in the middle; one false alarm in three
-            years. The water moves every frequency by ±.5 %, and no model says so
+            years. The water moves every frequency by ±.5 %, and no model says so; the wind moves
+            each by some hundredths of a percent a m/s, in every row
     drop    144 windows, 10 % of k22 gone in the middle, one false alarm in ten times 36 h; the
             model knows what the water does. When, how much, and how often the 90 % interval holds
             the stiffness of its window 4 to 12 h after
@@ -40,6 +41,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.nodes.identification import IdentificationNode
@@ -72,6 +74,9 @@ STREAM = 144  # windows of a trial
 MIDDLE = 72  # the first one after the change
 LATER = range(MIDDLE + 24, MIDDLE + 72)  # windows 4 to 12 h after it
 SOFTER = np.array([1.0, 0.9, 1.0])  # k / nominal after the drop [-]
+WIND_SLOPE = 1e-4  # standard deviation over the modes of ∂ ln f / ∂ wind speed [s/m]
+WIND_STD = 5.0  # of the wind [m/s]
+WIND_MEMORY = 0.98  # correlation of the wind from window to window: of a day or so [-]
 HIGH_WATER = 1.5  # of the tide that the springs ride with [m]
 RIDE = 0.02  # of k at high water [-]
 QUANTILE = 1.6449  # of the standard normal distribution at 95 %
@@ -138,44 +143,62 @@ def watched_in_recording() -> Watched:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """Tide and wind of a stream's windows, and what the wind does to the modes."""
+
+    levels: FloatArray  # of the water [m], (n,)
+    winds: FloatArray  # from the regression's reference [m/s], (n,)
+    wind_slopes: FloatArray  # ∂ ln f / ∂ wind speed, (J,) [s/m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Case:
     """What happens in the windows of a stream, one a row."""
 
-    log_frequencies: FloatArray  # (n, J) at the model's water level
-    levels: FloatArray  # of the water [m], (n,)
+    log_frequencies: FloatArray  # (n, J) at the model's water level, without wind
+    around: Surroundings
     pairs: tuple[TrackSensitivity, ...]  # what the detectors are told of the modes
     truth: FloatArray | None = None  # k / nominal, (n, 3), where it is asked for
     softer: FloatArray | None = None  # ln f at SOFTER, (J,)
     softer_pairs: tuple[TrackSensitivity, ...] = ()  # with the slopes there
 
 
-def levels_of(n: int, phase: float, amplitude: float = 1.0) -> FloatArray:
-    """(n,) of a tide at the windows' mid-times [m]."""
+def surroundings(
+    n: int, n_modes: int, generator: np.random.Generator, *, high_water: float = 1.0
+) -> Surroundings:
+    """A tide of that height at the windows' mid-times, and a wind that wanders for days."""
     times = (np.arange(n) + 0.5) * WINDOW
-    return np.asarray(amplitude * np.sin(2 * np.pi * (times / TIDE + phase)))
+    tide = high_water * np.sin(2 * np.pi * (times / TIDE + generator.random()))
+    gusts = generator.standard_normal(n) * WIND_STD * np.sqrt(1 - WIND_MEMORY**2)
+    gusts[0] = WIND_STD * generator.standard_normal()
+    winds = lfilter([1.0], [1.0, -WIND_MEMORY], gusts)
+    return Surroundings(tide, winds, WIND_SLOPE * generator.standard_normal(n_modes))
 
 
-def still(modes: Watched, n: int, phase: float) -> Case:
-    """Nothing but the water moves."""
+def still(modes: Watched, n: int, generator: np.random.Generator) -> Case:
+    """Nothing moves but what water and wind do."""
     logs = np.tile(modes.log_frequencies(np.ones((1, 3))), (n, 1))
-    return Case(logs, levels_of(n, phase), modes.pairs(np.ones(3), water=False))
+    around = surroundings(n, len(modes.labels), generator)
+    return Case(logs, around, modes.pairs(np.ones(3), water=False))
 
 
-def shifted(modes: Watched, phase: float) -> Case:
+def shifted(modes: Watched, generator: np.random.Generator) -> Case:
     """Modes 1 to 5 shift by .2 % in the middle."""
-    case = still(modes, STREAM, phase)
+    case = still(modes, STREAM, generator)
     case.log_frequencies[MIDDLE:, np.isin(modes.labels, ["1", "2", "3", "4", "5"])] += 0.002
     return case
 
 
-def softened(modes: Watched, phase: float, *, high_water: float, ride: float) -> Case:
+def softened(
+    modes: Watched, generator: np.random.Generator, *, high_water: float, ride: float
+) -> Case:
     """A tenth of k22 gone in the middle; beside it all springs ride with the tide."""
-    levels = levels_of(STREAM, phase, high_water)
+    around = surroundings(STREAM, len(modes.labels), generator, high_water=high_water)
     truth = np.where(np.arange(STREAM)[:, None] < MIDDLE, 1.0, SOFTER)
-    truth = truth * (1 + ride * levels / high_water)[:, None]
+    truth = truth * (1 + ride * around.levels / high_water)[:, None]
     return Case(
         log_frequencies=modes.log_frequencies(truth),
-        levels=levels,
+        around=around,
         pairs=modes.pairs(np.ones(3), water=True),
         truth=truth,
         softer=modes.log_frequencies(SOFTER[None])[0],
@@ -187,15 +210,17 @@ def window(
     number: int, modes: Watched, case: Case, generator: np.random.Generator
 ) -> WatchedWindow:
     """One window's drawn estimates."""
-    level = float(case.levels[number])
+    level, wind = float(case.around.levels[number]), float(case.around.winds[number])
     found = np.flatnonzero(generator.random(len(modes.stds)) < modes.presence)
     errors = modes.stds[found] * generator.standard_normal(len(found))
-    logs = case.log_frequencies[number, found] + WATER * level + errors
+    moved = WATER * level + case.around.wind_slopes[found] * wind
+    logs = case.log_frequencies[number, found] + moved + errors
     seen = tuple(
         SeenFrequency(int(track), float(value), float(modes.stds[track]))
         for track, value in zip(found, logs, strict=True)
     )
-    return WatchedWindow(int(number * WINDOW * 1e9), WINDOW, seen, water_level=level)
+    start = int(number * WINDOW * 1e9)
+    return WatchedWindow(start, WINDOW, seen, water_level=level, wind=wind)
 
 
 def looked(
@@ -213,7 +238,7 @@ def looked(
 def quiet(modes: Watched, n_windows: int, seed: int) -> str:
     """Alarms in years without a change, the largest R / A, and CPU time a window."""
     detector, generator = ChangeDetector(), np.random.default_rng(seed)
-    case, state = still(modes, n_windows, generator.random()), ChangeState()
+    case, state = still(modes, n_windows, generator), ChangeState()
     alarms, highest, seconds = 0, -np.inf, 0.0
     for number in range(n_windows):
         drawn = window(number, modes, case, generator)
@@ -265,15 +290,15 @@ class Outcome:
 
 def changes_found(
     modes: Watched,
-    case_at: Callable[[float], Case],
+    case_of: Callable[[np.random.Generator], Case],
     settings: ChangeSettings,
     trials: range,
 ) -> Outcome:
-    """Trials of one change in the middle; case_at: of a tide's phase."""
+    """Trials of one change in the middle; case_of: with the tide and the wind that it draws."""
     outcome, detector = Outcome(len(trials)), ChangeDetector(settings)
     for trial in trials:
         generator = np.random.default_rng([20261121, trial])
-        _one_trial(outcome, modes, case_at(generator.random()), detector, generator)
+        _one_trial(outcome, modes, case_of(generator), detector, generator)
     return outcome
 
 
@@ -336,7 +361,8 @@ def _covered(state: ChangeState, case: Case, number: int) -> FloatArray:
     tracks, totals = list(state.sums.tracks), state.sums.totals
     known = sensitivities_of(state.sums.tracks, case.softer_pairs)
     n = np.maximum(totals[0], 1e-300)
-    mean = state.sums.reference + reduced_moments(totals, known.water, UNCUT_MOMENTS)[0] / n
+    (moment,) = reduced_moments(totals, known.water, UNCUT_MOMENTS, 1)
+    mean = state.sums.reference + moment / n
     moved = mean - case.softer[tracks]
     weight = 1 / (1 / n + LikelihoodSettings().frequency_floor ** 2)
     S = known.stiffness
