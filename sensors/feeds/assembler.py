@@ -1,0 +1,109 @@
+"""What the messages of a feed bring, channel by channel → the AccelerationBlocks of one unit.
+
+topic a  |▮▮▮▮|▮▮▮▮|    |▮▮▮▮|        each piece is put where its stamp says, on one clock
+topic b    |▮▮▮▮|▮▮▮▮|▮▮▮▮|▮▮▮▮|      whose samples the stamps' jitter does not move
+             │ rows that every channel has, or that nobody is waited for any longer
+blocks   |0   |1   |2   |3   |        what only some channels lack is NaN, what all lack a gap
+
+Decisions depend on the stamps alone, never on when a message arrived.
+"""
+
+from collections.abc import Iterator
+
+from sensors.blocks import AccelerationBlock
+from sensors.feeds.clock import RateFinder
+from sensors.feeds.columns import Columns
+from sensors.feeds.feed import ChannelSamples, FeedCounts
+from sensors.feeds.placing import Placing
+from sensors.files.layout_file import LayoutFile
+
+BLOCK = 1.0  # [s]
+WAIT = 2.0  # of sensor time, for a channel that is late [s]
+RATE_TOLERANCE = 1e-3  # between what is told of the sampling rate, relative
+MOST_EARLY = 100_000  # pieces that wait for a rate
+
+
+class Assembler:
+    """Puts together the channels of one unit.
+
+    layout          which channels there are, and in which unit they come
+    counts          takes what is late, duplicate, unknown or wild
+    sampling_rate   [Hz]; None: as the messages say, or the stamps of single samples
+    block           length of a block [s]
+    wait            for a channel that is late [s of sensor time]; at least two messages' length
+    """
+
+    def __init__(
+        self,
+        layout: LayoutFile,
+        counts: FeedCounts,
+        *,
+        sampling_rate: float | None = None,
+        block: float = BLOCK,
+        wait: float = WAIT,
+    ) -> None:
+        self._columns = Columns(layout)
+        self._counts = counts
+        self._rate = sampling_rate
+        self._block, self._wait = block, wait
+        self._finder = RateFinder()
+        self._early: list[ChannelSamples] = []  # that came before the rate was known
+        self._placing: Placing | None = None
+
+    @property
+    def missing_blocks(self) -> int:
+        """Blocks that the gaps so far cost."""
+        return self._placing.missing_blocks if self._placing else 0
+
+    def push(self, piece: ChannelSamples) -> Iterator[AccelerationBlock]:
+        """Take what a message brought; give the blocks that it completes."""
+        if not self._is_usable(piece):
+            return
+        self._early.append(piece)
+        self._rate = self._rate or self._told_rate(piece)
+        if self._rate is None:
+            return
+        early, self._early = self._early, []
+        for each in early:
+            if self._has_the_rate(each, self._rate):
+                yield from self._placed(each, self._rate)
+
+    def finish(self) -> Iterator[AccelerationBlock]:
+        """Nothing more will come: give what is left."""
+        if self._placing is not None:
+            yield from self._placing.finish()
+
+    def _is_usable(self, piece: ChannelSamples) -> bool:
+        unlisted = [name for name in piece.names if not self._columns.has(name)]
+        for name in unlisted:
+            self._counts.miss(name)
+        if not piece.samples.size:
+            self._counts.refuse(f"{piece.stream}: a message without samples")
+        return bool(piece.samples.size) and len(unlisted) < len(piece.names)
+
+    def _told_rate(self, piece: ChannelSamples) -> float | None:
+        rate = piece.sampling_rate
+        if rate is None and len(piece.samples) == 1:
+            rate = self._finder.rate(piece.stream, piece.start_ns)
+        if rate is None and len(self._early) > MOST_EARLY:
+            self._counts.refuse(f"{piece.stream} tells no sampling rate; say it with ?rate=")
+            self._early.clear()
+        return rate
+
+    def _has_the_rate(self, piece: ChannelSamples, rate: float) -> bool:
+        told = piece.sampling_rate or rate
+        if abs(told / rate - 1) <= RATE_TOLERANCE:
+            return True
+        self._counts.refuse(
+            f"{piece.stream} is sampled at {told:g} Hz, the unit at {rate:g} Hz; what is sampled "
+            "otherwise is a unit of its own"
+        )
+        return False
+
+    def _placed(self, piece: ChannelSamples, rate: float) -> Iterator[AccelerationBlock]:
+        if self._placing is None:
+            size = max(1, round(self._block * rate))
+            self._placing = Placing(
+                piece, self._columns, self._counts, rate=rate, size=size, wait=self._wait
+            )
+        yield from self._placing.push(piece)

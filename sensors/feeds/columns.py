@@ -1,0 +1,72 @@
+"""Which column of a unit's blocks a channel of the instrument is, and what turns it into m/s²."""
+
+import numpy as np
+
+from sensors.feeds.feed import ChannelSamples, FeedError, FloatArray
+from sensors.files.layout_file import LayoutFile, MappedChannel
+from sensors.files.table import in_standard_unit
+from sensors.layout import Accelerometer, SensorLayout
+
+FeedLayout = LayoutFile
+UNSAID = "m/s²"  # what samples are in where neither layout nor message says it
+
+
+class Columns:
+    """The channels of a layout as the columns of a unit's blocks."""
+
+    def __init__(self, layout: FeedLayout) -> None:
+        self._channels = {channel.name: channel for channel in layout.channels}
+        self._numbers = {channel.name: i for i, channel in enumerate(layout.channels)}
+        self.layout = sensor_layout(layout)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def has(self, name: str) -> bool:
+        """Whether the layout lists a channel of this name."""
+        return name in self._numbers
+
+    def of(self, piece: ChannelSamples) -> tuple[list[int], FloatArray]:
+        """Columns of the piece's channels that are listed, and their samples in the layout's
+        units, (n_samples, n_listed)."""
+        listed = [i for i, name in enumerate(piece.names) if name in self._numbers]
+        names = [piece.names[i] for i in listed]
+        factors = [factor_of(self._channels[name], piece.unit) for name in names]
+        return [self._numbers[name] for name in names], piece.samples[:, listed] * np.array(factors)
+
+
+def sensor_layout(layout: FeedLayout) -> SensorLayout:
+    """The layout that is published: every channel in its standard unit."""
+    return SensorLayout(
+        layout.layout_id,
+        turbine=layout.turbine,
+        unit=layout.unit,
+        channels=tuple(_accelerometer(channel) for channel in layout.channels),
+    )
+
+
+def _accelerometer(channel: MappedChannel) -> Accelerometer:
+    x, y, z = (np.array(channel.direction) / np.linalg.norm(channel.direction)).tolist()
+    return Accelerometer(
+        channel.name,
+        channel.elevation,
+        (x, y, z),
+        channel.coupling,
+        channel.corner_frequency,
+        channel.serial,
+        unit=in_standard_unit(channel.unit or UNSAID)[0],
+    )
+
+
+def factor_of(channel: MappedChannel, said: str) -> float:
+    """What a sample is multiplied by to be in the channel's standard unit.
+
+    said   unit of the samples by the message's own words; what the layout says goes before
+    """
+    unit, factor = in_standard_unit(channel.unit or said or UNSAID)
+    if channel.unit is None and unit != UNSAID:
+        raise FeedError(
+            f"channel {channel.name!r} comes in {said!r}, which is no acceleration; say in the "
+            "layout what it is, e.g. unit = 'm/s'"
+        )
+    return factor / (channel.sensitivity or 1.0)

@@ -1,0 +1,106 @@
+"""A feed as an iterator: what a source is for everybody else."""
+
+import asyncio
+import threading
+from collections.abc import Iterator
+
+from sensors.blocks import AccelerationBlock
+from sensors.feeds.assembler import Assembler
+from sensors.feeds.feed import Arrival, ChannelSamples, Feed, FeedCounts, Inbox
+from sensors.scada import ScadaSample
+
+TICK = 0.1  # how often somebody may look at the clock, when nothing comes [s]
+
+Measured = AccelerationBlock | ScadaSample
+
+
+class LiveFeed:
+    """One instrument: its feed, and what puts its channels together.
+
+    assembler   None: the feed gives no accelerations
+    """
+
+    def __init__(self, feed: Feed, assembler: Assembler | None) -> None:
+        self._feed, self._assembler = feed, assembler
+
+    @property
+    def name(self) -> str:
+        """The feed's."""
+        return self._feed.name
+
+    @property
+    def counts(self) -> FeedCounts:
+        """What was received and what was not."""
+        return self._feed.counts
+
+    @property
+    def port(self) -> int:
+        """That the feed listens on; 0 where it connects to others."""
+        return int(getattr(self._feed, "port", 0))
+
+    @property
+    def missing_blocks(self) -> int:
+        """Blocks that the gaps so far cost."""
+        return self._assembler.missing_blocks if self._assembler else 0
+
+    def measured(self, stopping: threading.Event) -> Iterator[Measured | None]:
+        """Blocks and SCADA samples as they come, until `stopping` is set; None in between, about
+        ten times a second, so that the caller can see to other things.
+
+        Raises FeedError; see Feed.
+        """
+        for batch in batches(self._feed, stopping):
+            for arrival in batch:
+                yield from self._taken(arrival)
+            yield None
+        if self._assembler is not None:
+            yield from self._assembler.finish()
+
+    def _taken(self, arrival: Arrival) -> Iterator[Measured]:
+        if not isinstance(arrival, ChannelSamples):
+            yield arrival
+        elif self._assembler is not None:
+            yield from self._assembler.push(arrival)
+
+
+def batches(feed: Feed, stopping: threading.Event) -> Iterator[list[Arrival]]:
+    """What a feed gives, in order, some at a time, or nothing after a TICK.
+
+    The feed runs in this thread, whenever the next batch is asked for, and is closed at the end.
+    """
+    inbox = Inbox()
+    with asyncio.Runner() as runner:
+        running = runner.get_loop().create_task(feed.run(inbox))
+        try:
+            while not stopping.is_set():
+                batch = runner.run(_next_batch(inbox))
+                if batch:
+                    yield batch
+                elif running.done():
+                    running.result()  # raises what ended it
+                    return
+                else:
+                    yield []
+        finally:
+            running.cancel()
+            runner.run(_ended(running))
+        yield _waiting(inbox)
+
+
+async def _next_batch(inbox: Inbox) -> list[Arrival]:
+    try:
+        first = await asyncio.wait_for(inbox.get(), TICK)
+    except TimeoutError:
+        return []
+    return [first, *_waiting(inbox)]
+
+
+def _waiting(inbox: Inbox) -> list[Arrival]:
+    taken = []
+    while not inbox.empty():
+        taken.append(inbox.get_nowait())
+    return taken
+
+
+async def _ended(running: "asyncio.Task[None]") -> None:
+    await asyncio.wait({running})
