@@ -9,7 +9,7 @@ between false alarms, nothing else is set:
 
     shift   144 windows, modes 1 to 5 together shift by .2 % in the middle; one false alarm in three
             years. The water moves every frequency by ±.5 %, and no model says so; the wind moves
-            each by some hundredths of a percent a m/s, in every row
+            each by some thousandths of a percent a m/s, in every row
     drop    144 windows, 10 % of k22 gone in the middle, one false alarm in ten times 36 h; the
             model knows what the water does. When, how much, and how often the 90 % interval holds
             the stiffness of its window 4 to 12 h after
@@ -74,7 +74,7 @@ STREAM = 144  # windows of a trial
 MIDDLE = 72  # the first one after the change
 LATER = range(MIDDLE + 24, MIDDLE + 72)  # windows 4 to 12 h after it
 SOFTER = np.array([1.0, 0.9, 1.0])  # k / nominal after the drop [-]
-WIND_SLOPE = 1e-4  # standard deviation over the modes of ∂ ln f / ∂ wind speed [s/m]
+WIND_SLOPE = 3e-5  # standard deviation over the modes of ∂ ln f / ∂ wind speed, as simulated [s/m]
 WIND_STD = 5.0  # of the wind [m/s]
 WIND_MEMORY = 0.98  # correlation of the wind from window to window: of a day or so [-]
 HIGH_WATER = 1.5  # of the tide that the springs ride with [m]
