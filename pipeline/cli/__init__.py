@@ -14,11 +14,13 @@ from pipeline.cli.certificates import certificates
 from pipeline.cli.console import escaped, people
 from pipeline.cli.describe import describe
 from pipeline.cli.export import export
+from pipeline.cli.feeding import feed
 from pipeline.cli.importing import import_files
 from pipeline.cli.modal import identify, modes
 from pipeline.cli.playing import control, publish
 from pipeline.cli.recordings import info, salvage, simulate
 from pipeline.cli.report import report
+from pipeline.cli.reprocess import reprocess
 from pipeline.cli.reproduce import reproduce
 from pipeline.cli.session import node, run
 from pipeline.cli.show import show
@@ -42,9 +44,11 @@ for command in (
     describe,
     update,
     reproduce,
+    reprocess,
     node,
     status,
     publish,
+    feed,
     control,
     certificates,
     info,

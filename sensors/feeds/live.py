@@ -34,6 +34,11 @@ class LiveFeed:
         return self._feed.counts
 
     @property
+    def gives_blocks(self) -> bool:
+        """Whether it measures accelerations; otherwise it is the controller's."""
+        return self._assembler is not None
+
+    @property
     def port(self) -> int:
         """That the feed listens on; 0 where it connects to others."""
         return int(getattr(self._feed, "port", 0))

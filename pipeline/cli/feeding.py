@@ -1,0 +1,99 @@
+"""`pilewatch feed`: a live instrument, published as any other sensor is."""
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline.cli.console import (
+    ConnectOption,
+    ListenOption,
+    ModeOption,
+    ScenarioOption,
+    ZenohConfigOption,
+    output,
+    progress,
+    stopped_by_signals,
+    zenoh_settings,
+)
+from sensors.errors import InputError
+
+
+def feed(
+    address: Annotated[
+        str,
+        typer.Argument(
+            help="mqtt://HOST/TOPIC, seedlink://HOST/NET.STA, udp://:PORT, scada+mqtt://HOST/TOPIC "
+            "or scada+csv:FILE; s. README, Live instruments."
+        ),
+    ],
+    layout: Annotated[
+        Path | None,
+        typer.Option(help="TOML that says where its channels are; else the scenario's sensors."),
+    ] = None,
+    scenario: ScenarioOption = None,
+    turbine: Annotated[
+        str | None, typer.Option(help="That it belongs to; else the layout's.")
+    ] = None,
+    once: Annotated[
+        bool, typer.Option("--once", help="Give up where nobody answers at the start.")
+    ] = False,
+    seconds: Annotated[
+        float | None, typer.Option("--for", help="Stop after so many seconds.")
+    ] = None,
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    mode: ModeOption = "peer",
+    zenoh_config: ZenohConfigOption = None,
+) -> None:
+    """Publish a live instrument (MQTT, SeedLink, UDP, SCADA) until it is stopped."""
+    from pipeline.feeding import publish_feed
+    from sensors.feeds.columns import sensor_layout
+    from sensors.feeds.opening import open_feed
+
+    if seconds is not None and not seconds > 0:
+        raise InputError(f"--for {seconds:g} is no time; a positive number of seconds is needed")
+    settings = zenoh_settings(mode, listen, connect, zenoh_config)
+    channels = _channels(layout, scenario, turbine)
+    live = open_feed(address, channels, once=once)
+    with stopped_by_signals() as stopping, progress(address, None) as report:
+        if seconds is not None:
+            timer = threading.Timer(seconds, stopping.set)
+            timer.daemon = True
+            timer.start()
+        fed = publish_feed(
+            live, sensor_layout(channels), settings, stopping=stopping, report=report
+        )
+    _print(fed, channels.turbine, blocks=live.gives_blocks)
+
+
+def _channels(layout: Path | None, scenario: str | None, turbine: str | None) -> Any:
+    """The layout of the instrument's channels."""
+    from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
+    from sensors.feeds.opening import layout_file_of
+    from sensors.files.layout_file import load_layout
+
+    if layout is not None and scenario is not None:
+        raise InputError(
+            f"--layout {layout} and --scenario {scenario}: both say where the channels are"
+        )
+    if layout is not None:
+        channels = load_layout(layout)
+    else:
+        channels = layout_file_of(load_scenario(scenario or DEFAULT_SCENARIO).layout)
+    return channels if turbine is None else replace(channels, turbine=turbine)
+
+
+def _print(fed: Any, turbine: str, *, blocks: bool) -> None:
+    status = fed.status
+    given = f"{fed.blocks} blocks" if blocks else f"{fed.scada_samples} SCADA samples"
+    output.print(
+        f"{given} of {turbine} published; {status.received[0].count} messages received, "
+        f"{status.lost} lost, {status.late} late, {status.duplicate} twice, "
+        f"{status.malformed} refused",
+        soft_wrap=True,
+    )
+    for doubt in status.warnings:
+        output.print(doubt.text, soft_wrap=True)

@@ -1,0 +1,143 @@
+"""A live instrument on the bus: its blocks and SCADA samples, and what it says of itself.
+
+instrument ──► [feed] ──► AccelerationBlock, ScadaSample     as of any other source
+                     └──► NodeStatus, every second: what came, what never did, why the link is down
+"""
+
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from pipeline.messages import Message, MessageCount, NodeStatus
+from pipeline.messages import Warning as Doubt
+from pipeline.nodes.account import message_counts
+from pipeline.runner import STATUS_PERIOD, Report, open_session, with_end
+from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
+from sensors.blocks import AccelerationBlock
+from sensors.feeds.live import LiveFeed
+from sensors.layout import SensorLayout
+
+logger = logging.getLogger(__name__)
+
+NODE = "feed"
+
+
+@dataclass(frozen=True, slots=True)
+class Fed:
+    """What became of a feed."""
+
+    status: NodeStatus  # its last word
+    blocks: int  # published
+    scada_samples: int  # published
+    missing_blocks: int  # that its gaps cost
+
+
+def publish_feed(
+    live: LiveFeed,
+    layout: SensorLayout,
+    settings: ZenohSettings,
+    *,
+    stopping: threading.Event,
+    report: Report | None = None,
+) -> Fed:
+    """Publish what an instrument measures until `stopping` is set.
+
+    layout   of its channels, with the turbine and the unit that it stands for
+
+    Raises FeedError where the feed cannot be opened, TransportError where nobody can be reached.
+    """
+    account = FeedAccount(live, layout)
+    with open_session(lambda: ZenohBus(settings)) as bus:
+        for message in with_end(account.messages(stopping)):
+            bus.publish(message)
+            if report and isinstance(message, AccelerationBlock):
+                report(message)
+    return account.fed()
+
+
+class FeedAccount:
+    """A feed's messages with its books.
+
+    clock   → time [ns since 1970]
+    """
+
+    def __init__(
+        self,
+        live: LiveFeed,
+        layout: SensorLayout,
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self.published: Counter[str] = Counter()
+        self._live, self._layout, self._clock = live, layout, clock
+        self._last_sequence = -1
+        self._named: set[str] = set()  # channels that nobody lists, and that were told
+
+    def messages(self, stopping: threading.Event) -> Iterator[Message]:
+        """Layout, then what is measured as it comes, with a status at the beginning, every second
+        and at the end."""
+        if self._live.gives_blocks:
+            yield self._layout
+        yield self.status("ready")
+        said_ns = self._clock()
+        for measured in self._live.measured(stopping):
+            if measured is not None:
+                self.published[type(measured).__name__] += 1
+                if isinstance(measured, AccelerationBlock):
+                    self._last_sequence = measured.sequence
+                yield measured
+            if self._clock() - said_ns > STATUS_PERIOD * 1e9:
+                said_ns = self._clock()
+                yield self.status("running")
+                self._name_unknown()
+        self._name_unknown()
+        yield self.status("stopped")
+
+    def fed(self) -> Fed:
+        """What became of it."""
+        return Fed(
+            self.status("stopped"),
+            self.published["AccelerationBlock"],
+            self.published["ScadaSample"],
+            self._live.missing_blocks,
+        )
+
+    def status(self, state: str) -> NodeStatus:
+        """What the feed would say of itself now; `lost` counts its instrument's messages."""
+        counts = self._live.counts
+        unit = self._layout.unit if self._live.gives_blocks else "scada"
+        return NodeStatus(
+            turbine=self._layout.turbine,
+            node=f"{NODE}-{unit}",
+            time_ns=self._clock(),
+            state=state,
+            last_sequence=self._last_sequence,
+            received=(MessageCount("FeedMessage", counts.received),),
+            published=message_counts(self.published),
+            lost=counts.lost,
+            late=counts.late,
+            duplicate=counts.duplicate,
+            malformed=counts.malformed + counts.forged,
+            warnings=tuple(self._doubts(state)),
+        )
+
+    def _doubts(self, state: str) -> Iterator[Doubt]:
+        counts, name = self._live.counts, self._live.name
+        if not counts.connected and state == "running":
+            yield Doubt("link-down", f"{name}: {counts.trouble or 'not connected yet'}")
+        if counts.unknown:
+            channels = ", ".join(sorted(counts.unknown))
+            yield Doubt("unknown-channels", f"{name} sends what no layout lists: {channels}")
+        if counts.malformed + counts.forged:
+            yield Doubt("malformed", f"{name}: messages were dropped, the last: {counts.refusal}")
+        missing = self._live.missing_blocks
+        if missing:
+            yield Doubt("gap", f"{name}: {missing} blocks are missing in its gaps")
+
+    def _name_unknown(self) -> None:
+        """Tell a person of channels that are left out, each once."""
+        for channel in sorted(self._live.counts.unknown.keys() - self._named):
+            self._named.add(channel)
+            logger.warning("%s: no layout lists the channel %r", self._live.name, channel)
