@@ -172,6 +172,7 @@ class FoundationPosterior:
     pairing_cost: float  # mean cost per identified mode [-]
     trusted: bool = True  # False: published, but the data contradict the model
     warnings: tuple[Warning, ...] = ()
+    population: str = ""  # the farm's prior that it began with; "" for the uniform one
 
     def parameter(self, name: str) -> ParameterSummary:
         """The parameter of that name; KeyError where there is none."""
@@ -179,6 +180,19 @@ class FoundationPosterior:
             if summary.name == name:
                 return summary
         raise KeyError(name)
+
+
+@dataclass(frozen=True, slots=True)
+class PooledPosterior:
+    """A turbine's springs given its own measurements and those of the other turbines alike."""
+
+    turbine: str
+    window: int  # of the FoundationPosterior that entered
+    time_ns: int  # end of that window
+    n_turbines: int  # that were pooled, this one included
+    parameters: tuple[ParameterSummary, ...]  # k11, k22, k12
+    outlier_probability: float  # that this turbine is unlike the others [-]
+    text: str  # one sentence for people
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,6 +306,7 @@ Message = (
     | StabilisationDiagram
     | WindowRejected
     | FoundationPosterior
+    | PooledPosterior
     | FoundationEvent
     | FoundationTruth
     | StreamGap

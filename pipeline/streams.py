@@ -9,6 +9,7 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     NodeStatus,
+    PooledPosterior,
     StabilisationDiagram,
     StreamEnd,
     StreamGap,
@@ -55,6 +56,7 @@ STREAMS = (
     Stream(
         FoundationPosterior, "pilewatch/{turbine}/foundation-posterior", period=600.0, cached=10
     ),
+    Stream(PooledPosterior, "pilewatch/{turbine}/pooled-posterior"),
     Stream(FoundationEvent, "pilewatch/{turbine}/foundation-event", cached=100),
     Stream(NodeStatus, "pilewatch/{turbine}/status/{node}", period=1.0),
 )

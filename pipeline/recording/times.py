@@ -7,6 +7,7 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     NodeStatus,
+    PooledPosterior,
     StabilisationDiagram,
     StreamEnd,
     StreamGap,
@@ -27,7 +28,7 @@ def time_of(message: Message) -> int | None:
             return message.start_ns
         case ModalEstimate() | StabilisationDiagram() | WindowRejected():
             return message.end_ns
-        case FoundationPosterior() | FoundationEvent() | FoundationTruth():
+        case FoundationPosterior() | PooledPosterior() | FoundationEvent() | FoundationTruth():
             return message.time_ns
         case ScadaSample() | StreamEnd() | NodeStatus():
             return message.time_ns

@@ -16,6 +16,7 @@ from pipeline.messages import (
     ModalEstimate,
     NodeStatus,
     ParameterSummary,
+    PooledPosterior,
     StabilisationDiagram,
     StreamEnd,
     StreamGap,
@@ -32,6 +33,7 @@ LATEST_NS = 2**62  # [ns since 1970], the year 2116: times and their differences
 LATEST_SAMPLE_NS = LATEST_NS - 2**59  # 18 years before: windows and gaps end later than samples
 LARGEST_CONDITION = 1e9  # of wind, power, water level and the like, in whatever unit
 LEAST_WEIGHT = 1e-6  # hop / window duration [-]
+SPRINGS = ("k11", "k22", "k12")  # of a pooled posterior, in this order
 PARAMETERS = ("k11", "k22", "k12", "sigma")  # of a posterior, in this order
 HIGHEST_COUNT = 2**62  # of blocks or samples: 10⁹ years at 100 Hz, and sums fit into 64 bits
 
@@ -168,6 +170,15 @@ def _check_posterior(posterior: FoundationPosterior) -> None:
     )
 
 
+def _check_pooled(posterior: PooledPosterior) -> None:
+    _check_time("time_ns", posterior.time_ns)
+    _check_count("n_turbines", posterior.n_turbines)
+    names = tuple(parameter.name for parameter in posterior.parameters)
+    _require(names == SPRINGS, f"parameters are {names} instead of {SPRINGS}")
+    for parameter in posterior.parameters:
+        _check_parameter(parameter)
+
+
 def _check_event(event: FoundationEvent) -> None:
     _check_time("time_ns", event.time_ns)
     _check_span(event.since_earliest_ns, event.since_latest_ns)
@@ -205,6 +216,7 @@ _CHECKS: dict[type, Callable[[Any], None]] = {
     StabilisationDiagram: _check_diagram,
     WindowRejected: _check_rejected,
     FoundationPosterior: _check_posterior,
+    PooledPosterior: _check_pooled,
     FoundationEvent: _check_event,
     FoundationTruth: _check_timed,
     StreamGap: _check_gap,

@@ -21,6 +21,7 @@ from pipeline.messages import (
     ModePair,
     NodeStatus,
     ParameterSummary,
+    PooledPosterior,
     StabilisationDiagram,
     StiffnessChange,
     StreamEnd,
@@ -223,6 +224,20 @@ def posteriors(draw: st.DrawFn) -> FoundationPosterior:
         **{name: draw(numbers) for name in _POSTERIOR_NUMBERS},
         trusted=draw(st.booleans()),
         warnings=draw(warnings),
+        population=draw(texts),
+    )
+
+
+@st.composite
+def pooled(draw: st.DrawFn) -> PooledPosterior:
+    return PooledPosterior(
+        turbine=draw(texts),
+        window=draw(counts),
+        time_ns=draw(times),
+        n_turbines=draw(counts),
+        parameters=tuple(draw(summaries(name)) for name in ("k11", "k22", "k12")),
+        outlier_probability=draw(numbers),
+        text=draw(texts),
     )
 
 
@@ -278,6 +293,7 @@ messages = st.one_of(
     estimates(),
     diagrams(),
     posteriors(),
+    pooled(),
     events(),
     _spanned(),
     st.builds(FoundationTruth, texts, times, numbers, numbers, numbers),
