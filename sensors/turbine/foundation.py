@@ -40,8 +40,13 @@ class FoundationSprings:
     k22: float  # rotational stiffness [N·m/rad]
     k12: float  # magnitude of the coupling stiffness [N/rad]
     sign: SpringSign = "published"
+    embedded_length: float = 0.0  # of the pile below the mudline; 0: not told [m]
 
     def __post_init__(self) -> None:
+        if not self.embedded_length >= 0:
+            raise TurbineError(
+                f"foundation: embedded_length is {self.embedded_length:g} m; it must not be negative"
+            )
         if self.sign not in SPRING_SIGNS:
             raise TurbineError(
                 f"foundation: sign {self.sign!r} is neither 'published' nor 'embedded-pile'"

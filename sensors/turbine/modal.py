@@ -26,8 +26,10 @@ from sensors.turbine.foundation import positive_definite, spring_matrix
 from sensors.turbine.mudline import MudlineCondensation, SpringEigenproblem, spring_modes_solver
 from sensors.turbine.observation import Observation
 from sensors.turbine.reference import ReferenceModes, visible_modes
+from sensors.turbine.variation import responses
 from sensors.turbine.water_level import modes_in_water
 from sensors.turbine.whole import FullModes, decoupled_groups, full_modes, solved_modes
+from sensors.turbine.winkler import PileInSoil
 
 __all__ = ["FullModes", "ModalModel", "ModalParameters", "followed_by_overlap", "full_modes"]
 
@@ -180,6 +182,7 @@ class ModalModel:
         self.directions = reference.directions
         self.blade_energy_share = reference.blade_energy_share
         self._reference = reference
+        self._pile: PileInSoil | None = None  # made where scour is asked for
         model = assemble(description, stiffness=reference.theta)
         observation = Observation.of(model, layout)
         self._gravity = mudline_gravity_stiffness(model)
@@ -262,6 +265,32 @@ class ModalModel:
             shapes=np.array([shapes for _, shapes in rows]),
             admissible=np.full(len(rows), bool(still.admissible[0])),
         )
+
+    def responses(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """How the modes at the reference θ answer to a figure of the description (`variation`).
+
+        returns   ∂ ln f / ∂ ln (figure), (n_modes,) [-], and ∂ φ / ∂ ln (figure), largest
+                  component 1, (n_modes, n_channels) [-]
+
+        Raises TurbineError: no such figure, or one that the turbine does not have.
+        """
+        return responses(
+            self.description,
+            self.layout,
+            self._reference,
+            name,
+            highest_frequency=_BASIS_MARGIN * self.highest_frequency,
+        )
+
+    def scoured(self, theta: ArrayLike, depths: ArrayLike) -> FloatArray:
+        """Springs after scour, (n, 3), from θ before it, (n, 3), and its depth, (n,) [m]; by a pile
+        on Winkler springs (`winkler`).
+
+        Raises TurbineError where the description has no embedded length.
+        """
+        if self._pile is None:
+            self._pile = PileInSoil.of(self.description)
+        return np.asarray(theta) * self._pile.scoured(depths)
 
     def following(self, theta_reference: ArrayLike) -> "ModalModel":
         """The same modes, followed by overlap from another θ, (3,), instead of the present one.
