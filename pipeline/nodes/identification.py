@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 
 from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
-from pipeline.nodes.gate import BlockGate
+from pipeline.nodes.gate import BlockGate, window_complaint
 from pipeline.nodes.unit_sessions import JoinedSession, UnitSession
 from pipeline.oma.settings import OmaSettings
 from sensors.blocks import AccelerationBlock
@@ -50,7 +50,12 @@ class IdentificationNode:
 
     def _admitted(self, block: AccelerationBlock) -> Iterator[Message]:
         gate = self._gates.setdefault((block.turbine, block.unit), BlockGate())
-        admission = gate.admit(block)
+        too_much = window_complaint(block, self._settings.window_duration)
+        if too_much:
+            gate.refuse(too_much)
+            return
+        session = self._sessions.get(block.turbine)
+        admission = gate.admit(block, "" if session is None else session.refusal(block))
         if admission.anew and block.turbine in self._sessions:
             yield from self._sessions.pop(block.turbine).finish()
         for each in admission.blocks:
@@ -62,6 +67,10 @@ class IdentificationNode:
             if session is not None:
                 yield from session.finish()
             session = self._sessions[block.turbine] = self._new_session(block)
+        misfit = session.misfit(block)
+        if misfit:
+            self._gates[block.turbine, block.unit].refuse(misfit)
+            return
         yield from session.push(block)
         yield from self._finish_if_complete(block.turbine)
 
@@ -107,3 +116,11 @@ class IdentificationNode:
     def unfit(self) -> int:
         """Blocks that did not fit their unit's session and were dropped."""
         return sum(gate.unfit for gate in self._gates.values())
+
+    @property
+    def complaint(self) -> str:
+        """Of one of them: whose it was and what was wrong; "" where there are none."""
+        for (turbine, unit), gate in reversed(self._gates.items()):
+            if gate.unfit:
+                return f"unit {unit} of {turbine}: {gate.complaint}"
+        return ""

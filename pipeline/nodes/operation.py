@@ -192,8 +192,10 @@ class IdentificationInContext:
         unfit = self._inner.unfit
         if not unfit:
             return ()
-        text = "blocks of another rate, shape or time than their session's were dropped"
-        return (Warning("unfit-blocks", f"{unfit} {text}"),)
+        text = (
+            "blocks of another rate, shape or time than their session's were dropped; the last of"
+        )
+        return (Warning("unfit-blocks", f"{unfit} {text} {self._inner.complaint}"),)
 
 
 class UpdatingInContext:

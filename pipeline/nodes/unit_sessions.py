@@ -53,6 +53,14 @@ class UnitSession:
         """Whether a block belongs to this session."""
         return (block.unit, block.session) == (self._unit, self._name)
 
+    def refusal(self, _: AccelerationBlock) -> str:
+        """Why the session cannot go on with a block; with its only unit's it can."""
+        return ""
+
+    def misfit(self, _: AccelerationBlock) -> str:
+        """Why a block is of no use, however many like it come; the only unit's never is."""
+        return ""
+
     def push(self, block: AccelerationBlock) -> Iterator[Message]:
         self._newest_ns = max(self._newest_ns, block.end_ns)
         yield from self._answers(self._order.push(block))
@@ -90,7 +98,7 @@ class JoinedSession:
         self._settings = settings
         self._joiner = UnitJoiner(layouts, settings.lateness)
         self._orders: dict[str, BlockOrder] = {}
-        self._finished: list[BlockOrder] = []  # of sessions that are over; their counts stay
+        self._late = self._duplicate = 0  # blocks of sessions of units that are over
         self.newest: dict[str, tuple[str, int]] = {}
         joined = self._joiner.layout
         self._windows = WindowAnswers(
@@ -105,9 +113,17 @@ class JoinedSession:
         """Whether a block belongs to this session."""
         return block.unit in self._joiner.units
 
+    def refusal(self, block: AccelerationBlock) -> str:
+        """Why a unit's block cannot be joined with the others'; "" where it can."""
+        return self._joiner.refusal(block) if self.goes_on_with(block) else ""
+
+    def misfit(self, block: AccelerationBlock) -> str:
+        """Why a block is of no use, however many like it come; "" where it is of some."""
+        named, own = len(self._joiner.columns(block.unit)), block.samples.shape[1]
+        return "" if own == named else f"{own} channels where its unit's layout names {named}"
+
     def push(self, block: AccelerationBlock) -> Iterator[Message]:
-        if block.samples.shape[1] != len(self._joiner.columns(block.unit)):
-            return  # other channels than the unit's layout names
+        """Take a block of which `misfit` says nothing."""
         name, newest_ns = self.newest.get(block.unit, (block.session, 0))
         if block.unit not in self._orders or name != block.session:
             yield from self._close_order(block)
@@ -136,8 +152,9 @@ class JoinedSession:
         order = self._orders.get(following.unit)
         if order is None:
             return
-        self._finished.append(order)
         pieces = list(order.flush())
+        self._late += order.late
+        self._duplicate += order.duplicate
         blocks = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
         if blocks:
             yield from self._taken(blocks[-1], pieces)
@@ -153,11 +170,11 @@ class JoinedSession:
 
     @property
     def late(self) -> int:
-        return sum(order.late for order in (*self._orders.values(), *self._finished))
+        return self._late + sum(order.late for order in self._orders.values())
 
     @property
     def duplicate(self) -> int:
-        return sum(order.duplicate for order in (*self._orders.values(), *self._finished))
+        return self._duplicate + sum(order.duplicate for order in self._orders.values())
 
 
 class WindowAnswers:

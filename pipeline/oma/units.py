@@ -24,7 +24,11 @@ FloatArray = NDArray[np.float64]
 FITTED_STAMPS = 120  # blocks whose stamps a unit's clock is fitted to: the newest
 FEWEST_STAMPS = 10  # below them the nominal rate is taken
 GRID_BLOCK = 1.0  # of the joined stream [s]
-LONGEST_HELD = 100_000  # missing samples that are laid out; after more of them a unit begins anew
+LONGEST_HELD = 10_000  # missing samples that are laid out; after more of them a unit begins anew
+RATES_APART = 100.0  # between units that are joined, at most: what reading one on the other costs
+BELOW_GRID = 2.0  # times that the rate of a unit that comes later may be below the grid's
+CLOCK_ERROR = 0.01  # of a converter's rate, at most; stamps that say more say nothing of it
+MOST_SESSIONS = 8  # of a unit whose samples are held: a stranger may begin one with every block
 
 
 class UnitStream:
@@ -86,6 +90,12 @@ class UnitStream:
         del self._stamps[: max(0, behind)]
         self._status = [each for each in self._status if each[1] > time_ns]
 
+    def next_samples(self, time_ns: int) -> int | None:
+        """When its earliest samples from a time on were taken, by the stamps; None: it has none."""
+        return min(
+            (max(start, time_ns) for start, end, _ in self._status if end > time_ns), default=None
+        )
+
     def _positions(self, times_ns: NDArray[np.int64], *, until_ns: int) -> FloatArray:
         """Sample numbers at sensor times, by a line through the stamps of the blocks up to a time.
 
@@ -96,11 +106,19 @@ class UnitStream:
         numbers, stamps = np.array(known or self._stamps[:1]).T
         seconds = (stamps - stamps[-1]) / NANOSECONDS
         asked = (times_ns - stamps[-1]) / NANOSECONDS
-        rate = self.sampling_rate
-        if len(seconds) >= FEWEST_STAMPS:
-            rate = float(np.polyfit(seconds, (numbers - numbers[-1]).astype(float), 1)[0])
-        origin = float(np.mean(numbers - numbers[-1] - rate * seconds))
+        counted = (numbers - numbers[-1]).astype(float)
+        rate = self._true_rate(seconds, counted)
+        origin = float(np.mean(counted - rate * seconds))
         return np.asarray(numbers[-1] + origin + rate * asked)
+
+    def _true_rate(self, seconds: FloatArray, counted: FloatArray) -> float:
+        """The converter's rate by least squares [Hz]; the nominal one where stamps cannot tell."""
+        steps = seconds - seconds.mean()
+        if len(seconds) < FEWEST_STAMPS or not steps.any():
+            return self.sampling_rate
+        rate = float(steps @ counted / (steps @ steps))
+        plausible = abs(rate / self.sampling_rate - 1.0) <= CLOCK_ERROR
+        return rate if plausible else self.sampling_rate
 
 
 class UnitJoiner:
@@ -110,7 +128,8 @@ class UnitJoiner:
     lateness   how long a unit that has nothing to say is waited for, in sensor time [s]
 
     The grid has the lowest of the units' sampling rates. It begins with the unit that starts last,
-    or with the first where another is more than `lateness` later.
+    or with the first where another is more than `lateness` later. What no unit was there for is
+    passed over in one step: the work is bounded by the samples that came, not by the time between.
     """
 
     def __init__(self, layouts: Sequence[SensorLayout], lateness: float) -> None:
@@ -136,6 +155,23 @@ class UnitJoiner:
     def units(self) -> tuple[str, ...]:
         return self._units
 
+    def refusal(self, block: AccelerationBlock) -> str:
+        """Why a block of one of the units cannot be joined with the others'; "" where it can."""
+        lowest, highest = self._joinable_rates()
+        if lowest <= block.sampling_rate <= highest:
+            return ""
+        return (
+            f"{block.sampling_rate:g} Hz, which cannot be joined with the other units' samples: "
+            f"that takes {lowest:.3g} to {highest:.3g} Hz"
+        )
+
+    def _joinable_rates(self) -> tuple[float, float]:
+        """[Hz]"""
+        if self._origin_ns is not None:
+            return self._rate / BELOW_GRID, self._rate * RATES_APART
+        rates = [s[-1].sampling_rate for s in self._streams.values() if s]
+        return max(rates, default=0.0) / RATES_APART, min(rates, default=np.inf) * RATES_APART
+
     def push(
         self, block: AccelerationBlock, pieces: Sequence[AccelerationBlock | MissingSamples]
     ) -> Iterator[AccelerationBlock | MissingSamples]:
@@ -148,15 +184,26 @@ class UnitJoiner:
                 elif streams:  # what is missing before the first block never was
                     streams[-1].push(piece)
                 continue
+            if self._is_past(piece):
+                self._away.add(block.unit)
+                continue
             if not streams or block.unit in self._away or streams[-1].session != piece.session:
                 streams.append(UnitStream(piece, self._n_channels[block.unit]))
                 self._away.discard(block.unit)
+                del streams[:-MOST_SESSIONS]
             streams[-1].push(piece)
         yield from self._ready(give_up=False)
 
     def finish(self) -> Iterator[AccelerationBlock | MissingSamples]:
         """Nothing more will come: give what there is."""
         yield from self._ready(give_up=True)
+
+    def _is_past(self, piece: AccelerationBlock) -> bool:
+        """Whether nothing will ever be read from a piece: the grid is well beyond it."""
+        if self._origin_ns is None:
+            return False
+        reach = 4 * HALF_LENGTH / min(piece.sampling_rate, self._rate)
+        return piece.end_ns + round(reach * NANOSECONDS) < int(self._grid(1)[0])
 
     def _ready(self, *, give_up: bool) -> Iterator[AccelerationBlock | MissingSamples]:
         newest = max((s[-1].newest_ns for s in self._streams.values() if s), default=None)
@@ -165,7 +212,11 @@ class UnitJoiner:
         if self._origin_ns is None and not self._settled(newest, give_up=give_up):
             return
         while True:
-            times = self._grid(round(GRID_BLOCK * self._rate))
+            size = max(1, round(GRID_BLOCK * self._rate))
+            empty = self._empty_blocks(size, newest)
+            if empty > 1:
+                yield self._passed_over(empty, size)
+            times = self._grid(size)
             if give_up:
                 times = times[times < newest]
             if not len(times) or not (give_up or self._complete(int(times[-1]), newest)):
@@ -195,6 +246,24 @@ class UnitJoiner:
         if all(streams and streams[-1].covers(last_ns) for streams in self._streams.values()):
             return True
         return newest - last_ns > self._lateness_ns + round(HALF_LENGTH / self._rate * NANOSECONDS)
+
+    def _empty_blocks(self, size: int, newest: int) -> int:
+        """Grid blocks from the next one on that no unit has samples for, nor will be waited for."""
+        now_ns = int(self._grid(1)[0])
+        waited_ns = self._lateness_ns + round(HALF_LENGTH / self._rate * NANOSECONDS)
+        ahead = [s.next_samples(now_ns) for streams in self._streams.values() for s in streams]
+        until_ns = min([newest - waited_ns, *(each for each in ahead if each is not None)])
+        return int((until_ns - now_ns) / NANOSECONDS * self._rate) // size - 1  # stamps scatter
+
+    def _passed_over(self, n_blocks: int, size: int) -> MissingSamples:
+        first, start_ns = self._next, int(self._grid(1)[0])
+        sequence, self._sequence = self._sequence, self._sequence + n_blocks
+        self._next += n_blocks * size
+        end_ns = int(self._grid(1)[0])
+        for streams in self._streams.values():
+            for stream in streams:
+                stream.forget_before(end_ns)
+        return MissingSamples(first, n_blocks * size, sequence, n_blocks, start_ns, end_ns)
 
     def _given(self, times: NDArray[np.int64]) -> AccelerationBlock | MissingSamples:
         samples = np.hstack([self._read(unit, times) for unit in self._units])
