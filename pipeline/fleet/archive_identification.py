@@ -7,8 +7,10 @@ have changed place.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 from pipeline.fleet.archive_plan import IdentificationTask, Piece
+from pipeline.fleet.archive_store import Frame, frames_of, key_of_result
 from pipeline.messages import (
     FoundationTruth,
     Message,
@@ -35,6 +37,19 @@ class IdentificationCall:
 
     task: IdentificationTask
     settings: OmaSettings
+    layouts: tuple[SensorLayout, ...] = ()  # of its blocks, from whatever file has them
+
+    @property
+    def key(self) -> str:
+        """Fingerprint of the samples and of what is done with them."""
+        return key_of_result(
+            "identification", self.task.content, repr(self.settings), repr(self.layouts)
+        )
+
+
+def identified_frames(call: IdentificationCall) -> tuple[Frame, ...]:
+    """What `identified` gives, as it is kept."""
+    return frames_of(identified(call))
 
 
 def identified(call: IdentificationCall) -> tuple[Message, ...]:
@@ -45,7 +60,7 @@ def identified(call: IdentificationCall) -> tuple[Message, ...]:
     node = IdentificationInContext(call.settings, compared=False)
     answers: list[Message] = []
     with one_blas_thread():
-        for message in with_end(task_messages(call.task)):
+        for message in chain(call.layouts, with_end(task_messages(call.task))):
             if isinstance(message, FoundationTruth):
                 answers.append(message)
             else:

@@ -12,7 +12,7 @@ Pure functions of what `archive_survey` has seen.
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
 
@@ -42,13 +42,21 @@ class IdentificationTask:
     """The windows of one turbine that begin in one file."""
 
     path: Path  # of that file
-    fingerprints: tuple[str, ...]  # of every file that is read
+    fingerprints: tuple[str, ...]  # of every file that is read, `before` among them
     turbine: str
+    layout_ids: tuple[str, ...]  # of the blocks
     pieces: tuple[Piece, ...]  # in order of time; () the file is taken as it is
     start_ns: int
     end_ns: int
     n_windows: int  # complete ones and the one that a chain ends in; 0 where nobody knows before
     before: Path | None = None  # file that the chain comes from: what SCADA said last stands there
+
+    @property
+    def content(self) -> str:
+        """What is done with what, wherever the files are."""
+        pieces = tuple(replace(piece, path=Path()) for piece in self.pieces)
+        before = None if self.before is None else Path()
+        return repr(replace(self, path=Path(), pieces=pieces, before=before))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,21 +82,25 @@ class _Link:
         return self.end - self.part.next_sample
 
 
-def planned(surveys: Sequence[FileSurvey], settings: OmaSettings) -> tuple[TurbinePlan, ...]:
-    """The tasks of every turbine of an archive, turbines in order of their names.
-
-    Files of a turbine with several acquisition units are taken one by one: its units are joined on
-    one clock within a file, never over files.
-    """
+def parts_by_turbine(surveys: Sequence[FileSurvey]) -> dict[str, list[Part]]:
+    """The parts of each turbine in order of time, turbines in order of their names."""
     parts: dict[str, list[Part]] = defaultdict(list)
     for survey in surveys:
         for part in survey.parts:
             parts[part.turbine].append(part)
-    return tuple(_plan_of(turbine, parts[turbine], settings) for turbine in sorted(parts))
+    return {
+        turbine: sorted(parts[turbine], key=lambda part: (part.start_ns, part.path, part.unit))
+        for turbine in sorted(parts)
+    }
 
 
-def _plan_of(turbine: str, parts: list[Part], settings: OmaSettings) -> TurbinePlan:
-    parts.sort(key=lambda part: (part.start_ns, part.path, part.unit))
+def turbine_plan(parts: Sequence[Part], settings: OmaSettings) -> TurbinePlan:
+    """The tasks of one turbine, from its parts in order of time.
+
+    Files of a turbine with several acquisition units are taken one by one: its units are joined on
+    one clock within a file, never over files.
+    """
+    turbine = parts[0].turbine
     if len({part.unit for part in parts}) > 1:
         tasks = _tasks_of_whole_files(turbine, parts)
     else:
@@ -107,6 +119,7 @@ def _tasks_of_whole_files(turbine: str, parts: Sequence[Part]) -> list[Identific
             path=path,
             fingerprints=(own[0].fingerprint,),
             turbine=turbine,
+            layout_ids=tuple(dict.fromkeys(part.layout_id for part in own)),
             pieces=(),
             start_ns=min(part.start_ns for part in own),
             end_ns=max(part.end_ns for part in own),
@@ -168,7 +181,7 @@ def _tasks_of_chain(chain: Sequence[Part], settings: OmaSettings) -> Iterator[Id
         if own:
             end = min(own[-1] + length, n_samples)
             read = _beginning_before(end, islice(links, place, None))
-            before = chain[place - 1].path if place else None
+            before = chain[place - 1] if place else None
             yield _task(read, own[0], end, n_windows=len(own), before=before)
 
 
@@ -188,7 +201,7 @@ def _windows(n_samples: int, length: int, hop: float) -> Iterator[int]:
 
 
 def _task(
-    read: Sequence[_Link], origin: int, end: int, *, n_windows: int, before: Path | None
+    read: Sequence[_Link], origin: int, end: int, *, n_windows: int, before: Part | None
 ) -> IdentificationTask:
     """The samples from `origin` to `end` of a chain, each from the part that holds it."""
     of, pieces, blocks = read[0].part, [], 0
@@ -210,11 +223,14 @@ def _task(
     start_ns = of.start_ns + round(start / of.sampling_rate * NANOSECONDS)
     return IdentificationTask(
         path=of.path,
-        fingerprints=tuple(link.part.fingerprint for link in read),
+        fingerprints=tuple(
+            part.fingerprint for part in (before, *(link.part for link in read)) if part
+        ),
         turbine=of.turbine,
+        layout_ids=(of.layout_id,),
         pieces=tuple(pieces),
         start_ns=start_ns,
         end_ns=start_ns + round((end - origin) / of.sampling_rate * NANOSECONDS),
         n_windows=n_windows,
-        before=before,
+        before=None if before is None else before.path,
     )

@@ -25,6 +25,8 @@ def cut_into_files(recording: Path, folder: Path, duration: float) -> list[Path]
     for message in read_messages(recording, MEASURED):
         if isinstance(message, SensorLayout):
             layouts[message.layout_id] = message
+            for recorder in list(recorders.values())[-1:]:
+                recorder.handle(message)
             continue
         time_ns = message.start_ns if isinstance(message, AccelerationBlock) else message.time_ns
         begun = time_ns if begun is None else begun

@@ -7,7 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.fleet.archive_plan import IdentificationTask, chains_of, planned
+from pipeline.fleet.archive_plan import (
+    IdentificationTask,
+    chains_of,
+    parts_by_turbine,
+    turbine_plan,
+)
 from pipeline.fleet.archive_survey import FileSurvey, Part, archive_files, without_copies
 from pipeline.oma.settings import OmaSettings
 from sensors.blocks import NANOSECONDS
@@ -47,8 +52,8 @@ def survey(*parts: Part) -> FileSurvey:
 
 
 def tasks(*parts: Part, settings: OmaSettings = TEN_SECONDS) -> tuple[IdentificationTask, ...]:
-    (plan,) = planned([survey(each) for each in parts], settings)
-    return plan.tasks
+    (found,) = parts_by_turbine([survey(each) for each in parts]).values()
+    return turbine_plan(found, settings).tasks
 
 
 def test_a_window_that_spans_two_joining_files_belongs_to_the_first() -> None:
