@@ -4,6 +4,7 @@ Tower axes: x downwind in the parked position (fore-aft), y to the side (side-si
 the mean water level.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -67,9 +68,8 @@ class SensorLayout:
     channels: tuple[Accelerometer, ...]
 
     def __post_init__(self) -> None:
-        names = [channel.name for channel in self.channels]
-        for name in names:
-            if names.count(name) > 1:
+        for name, count in Counter(channel.name for channel in self.channels).items():
+            if count > 1:
                 raise LayoutError(
                     f"layout {self.layout_id}: channel name {name!r} appears more than once"
                 )

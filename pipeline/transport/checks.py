@@ -35,6 +35,7 @@ LARGEST_CONDITION = 1e9  # of wind, power, water level and the like, in whatever
 LEAST_WEIGHT = 1e-6  # hop / window duration [-]
 SPRINGS = ("k11", "k22", "k12")  # of a pooled posterior, in this order
 PARAMETERS = ("k11", "k22", "k12", "sigma")  # of a posterior, in this order
+MOST_CHANNELS = 4096  # of one acquisition unit
 HIGHEST_COUNT = 2**62  # of blocks or samples: 10⁹ years at 100 Hz, and sums fit into 64 bits
 
 
@@ -81,6 +82,10 @@ def _check_block(block: AccelerationBlock) -> None:
     )
     _require(block.samples.ndim == 2, f"samples have {block.samples.ndim} axes instead of 2")
     _require(block.samples.size > 0, f"samples have the shape {block.samples.shape}: none")
+    _require(
+        block.samples.shape[1] <= MOST_CHANNELS,
+        f"samples have {block.samples.shape[1]} channels; a unit has 1 to {MOST_CHANNELS}",
+    )
     _check_count("sequence", block.sequence)
     _check_count("first_sample", block.first_sample)
     _check_span(block.start_ns, block.end_ns)
@@ -91,7 +96,11 @@ def _check_block(block: AccelerationBlock) -> None:
 
 
 def _check_layout(layout: SensorLayout) -> None:
-    _require(len(layout.channels) > 0, f"layout {layout.layout_id} has no channels")
+    n_channels = len(layout.channels)
+    _require(
+        0 < n_channels <= MOST_CHANNELS,
+        f"layout {layout.layout_id} has {n_channels} channels; a unit has 1 to {MOST_CHANNELS}",
+    )
     for channel in layout.channels:
         _require(
             math.isfinite(channel.elevation) and math.isfinite(channel.corner_frequency),

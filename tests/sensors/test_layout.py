@@ -2,7 +2,16 @@
 
 from dataclasses import replace
 
-from sensors.layout import FORE_AFT, SIDE_SIDE, Accelerometer, SensorLayout, joined_layout
+import pytest
+
+from sensors.layout import (
+    FORE_AFT,
+    SIDE_SIDE,
+    Accelerometer,
+    LayoutError,
+    SensorLayout,
+    joined_layout,
+)
 
 LOWER = SensorLayout(
     "low", "t", "lower", (Accelerometer("x", 10.0, FORE_AFT), Accelerometer("y", 10.0, SIDE_SIDE))
@@ -29,3 +38,10 @@ def test_no_choice_of_names_makes_units_that_cannot_be_joined() -> None:
     names = joined_layout([LOWER, UPPER, sly]).channel_names
     assert names[-1] == "third/lower/x"
     assert len(set(names)) == 5
+
+
+def test_a_name_that_appears_twice_among_many_is_found() -> None:
+    channels = [Accelerometer(f"x{n}", 10.0, FORE_AFT) for n in range(50_000)]
+    assert len(SensorLayout("many", "t", "u", tuple(channels)).channels) == 50_000
+    with pytest.raises(LayoutError, match="'x7' appears more than once"):
+        SensorLayout("many", "t", "u", (*channels, channels[7]))

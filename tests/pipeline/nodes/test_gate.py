@@ -110,3 +110,14 @@ def test_a_year_missing_is_one_gap_and_not_a_flood_of_windows(blocks) -> None:
     estimates = [each for each in said if isinstance(each, ModalEstimate)]
     assert [each.window for each in estimates] == [year // 60, year // 60 + 1]
     assert estimates[0].start_ns == START
+
+
+def test_a_rate_at_which_no_window_can_be_held_is_refused_however_often_it_comes(blocks) -> None:
+    fast = [replace(block, sampling_rate=1e7, session="fast") for block in blocks[:20]]
+    node = IdentificationInContext(SETTINGS)
+    disturbed = [each for pair in zip(blocks, fast * 7, strict=False) for each in pair]
+    ours, theirs = answers(node, disturbed), answers(IdentificationInContext(SETTINGS), blocks)
+    assert [type(each) for each in ours] == [type(each) for each in theirs]
+    (warning,) = node.warnings
+    assert warning.text.startswith(f"{len(disturbed) - len(blocks)} blocks")
+    assert "a window of 60 s would hold 1.2e+09 values at 1e+07 Hz" in warning.text

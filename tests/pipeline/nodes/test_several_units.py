@@ -196,3 +196,33 @@ def test_the_order_in_which_units_arrive_does_not_matter(blocks) -> None:
 def test_heights_without_a_unit_are_one_clear_line() -> None:
     with pytest.raises(UnitError, match=r"sensors at 100 m are read by no unit"):
         unit_layouts(LAYOUT, (UnitSettings("a", ELEVATIONS[:4]),))
+
+
+def test_a_unit_whose_rate_cannot_be_joined_is_refused_counted_and_told(blocks) -> None:
+    """One at a time; five on end are a unit that has begun anew, which is followed."""
+    whole = estimates(answers(blocks[:ONE], two_units()))
+    node = IdentificationInContext(SETTINGS)
+    heard: list[Message] = [*unit_layouts(LAYOUT, two_units())]
+    for block in read_by_units(blocks[:ONE], LAYOUT, two_units()):
+        heard.append(block)
+        if block.unit == "upper" and block.sequence % 50 == 20:
+            heard.append(replace(block, session="slow", sampling_rate=1e-3))
+    said = estimates([a for message in with_end(heard) for a in node.handle(message)])
+    for ours, theirs in zip(said, whole, strict=True):
+        assert [m.frequency for m in ours.modes] == [m.frequency for m in theirs.modes]
+    (doubt,) = node.warnings
+    assert doubt.code == "unfit-blocks"
+    assert "the last of unit upper of t: 0.001 Hz, which cannot be joined" in doubt.text
+
+
+def test_blocks_of_other_channels_than_their_units_layout_are_counted(blocks) -> None:
+    node = IdentificationInContext(SETTINGS)
+    for layout in unit_layouts(LAYOUT, two_units()):
+        list(node.handle(layout))
+    for block in read_by_units(blocks[:10], LAYOUT, two_units()):
+        if block.unit == "upper":
+            block = replace(block, samples=block.samples[:, :1])
+        list(node.handle(block))
+    (doubt,) = node.warnings
+    assert doubt.text.startswith("10 blocks")
+    assert doubt.text.endswith("1 channels where its unit's layout names 2")

@@ -20,6 +20,7 @@ from pipeline.transport.proto import pilewatch_pb2
 from pipeline.transport.wire import schema
 from sensors import blocks, layout, scada
 from sensors.blocks import AccelerationBlock
+from sensors.layout import SensorLayout
 from sensors.scada import ScadaSample
 from tests.pipeline.example_messages import START_NS, block, messages, same
 
@@ -164,6 +165,14 @@ def test_a_block_whose_samples_do_not_fill_its_rows_is_refused() -> None:
 def test_a_payload_beyond_all_reason_is_refused_unread() -> None:
     with pytest.raises(CodecError, match="largest allowed"):
         decode(NodeStatus, bytes(LARGEST_PAYLOAD + 1))
+
+
+def test_a_layout_of_more_channels_than_any_unit_has_is_refused() -> None:
+    written = pilewatch_pb2.SensorLayout(turbine="t1", unit="tower")
+    for number in range(5000):
+        written.channels.add(name=str(number), direction=[1.0, 0.0, 0.0], coupling="dc")
+    with pytest.raises(CodecError, match="5000 channels; a unit has 1 to 4096"):
+        decode(SensorLayout, written.SerializeToString())
 
 
 def test_a_mode_with_fewer_components_than_channels_is_refused() -> None:
