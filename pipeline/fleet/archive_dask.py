@@ -90,16 +90,18 @@ def local_workers(count: int) -> Iterator[Workers]:
 
 
 @contextmanager
-def cluster_workers(address: str) -> Iterator[Workers]:
+def cluster_workers(address: str, *, patience: float = CONNECTING) -> Iterator[Workers]:
     """The workers of a scheduler, e.g. tcp://10.0.0.5:8786. All of them must be able to read the
     archive under the same paths and have this pilewatch.
+
+    patience   how long the scheduler is waited for [s]
 
     Raises InputError where nobody answers there, or none of its workers.
     """
     _require_dask()
     from distributed import Client
 
-    with _opened(lambda: Client(address, timeout=CONNECTING), address) as client:
+    with _opened(lambda: Client(address, timeout=patience), address) as client:
         if not client.nthreads():
             raise InputError(f"--cluster {address}: the scheduler has no workers")
         yield DaskWorkers(client)

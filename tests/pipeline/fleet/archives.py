@@ -60,16 +60,6 @@ class Change:
         return block
 
 
-class ShiftedInTime(Change):
-    """The same measurements some seconds later, in a session of their own."""
-
-    def __init__(self, seconds: float, session: str) -> None:
-        self._shift_ns, self._session = round(seconds * NANOSECONDS), session
-
-    def block(self, block: AccelerationBlock) -> AccelerationBlock:
-        return replace(block, start_ns=block.start_ns + self._shift_ns, session=self._session)
-
-
 class Renamed(Change):
     """The same measurements of another turbine."""
 
