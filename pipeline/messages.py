@@ -137,11 +137,11 @@ class ModePair:
 
 @dataclass(frozen=True, slots=True)
 class ParameterSummary:
-    """Marginal posterior of one parameter."""
+    """Marginal posterior of one parameter, or of a figure of the structure that is uncertain."""
 
-    name: str  # "k11", "k22", "k12" or "sigma"
+    name: str  # "k11", "k22", "k12" or "sigma"; "rna_mass", …
     unit: str
-    nominal: float  # the turbine description's value [unit]; 1 for sigma
+    nominal: float  # the turbine description's value [unit]; 1 for sigma and for factors
     median: float  # [unit]
     p05: float  # 5 % quantile [unit]
     p95: float  # 95 % quantile [unit]
@@ -173,6 +173,7 @@ class FoundationPosterior:
     trusted: bool = True  # False: published, but the data contradict the model
     warnings: tuple[Warning, ...] = ()
     population: str = ""  # the farm's prior that it began with; "" for the uniform one
+    figures: tuple[ParameterSummary, ...] = ()  # of the structure that are uncertain as well
 
     def parameter(self, name: str) -> ParameterSummary:
         """The parameter of that name; KeyError where there is none."""

@@ -161,6 +161,9 @@ def _check_posterior(posterior: FoundationPosterior) -> None:
     _require(names == PARAMETERS, f"parameters are {names} instead of {PARAMETERS}")
     for parameter in posterior.parameters:
         _check_parameter(parameter)
+    for figure in posterior.figures:
+        known = (figure.nominal, figure.median, figure.p05, figure.p95)
+        _require(all(map(math.isfinite, known)), f"{figure.name}: {known} are no finite figures")
     n_labels = len(posterior.model_labels)
     _require(
         posterior.correlation.shape == (3, 3),

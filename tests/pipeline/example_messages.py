@@ -225,6 +225,7 @@ def posteriors(draw: st.DrawFn) -> FoundationPosterior:
         trusted=draw(st.booleans()),
         warnings=draw(warnings),
         population=draw(texts),
+        figures=draw(st.lists(summaries("rna_mass"), max_size=1).map(tuple)),
     )
 
 
