@@ -45,7 +45,7 @@ class FoundationSprings:
     def __post_init__(self) -> None:
         if not self.embedded_length >= 0:
             raise TurbineError(
-                f"foundation: embedded_length is {self.embedded_length:g} m; it must not be negative"
+                f"foundation: embedded_length is {self.embedded_length:g} m; it must be positive"
             )
         if self.sign not in SPRING_SIGNS:
             raise TurbineError(

@@ -56,8 +56,8 @@ class PileInSoil:
         softest, hardest = np.log(SOILS)
         if excess(softest) > 0 or excess(hardest) < 0:
             raise TurbineError(
-                f"{description.name}: no soil holds a pile of {foundation.embedded_length:g} m with "
-                f"k11 = {foundation.k11:g} N/m"
+                f"{description.name}: no soil holds a pile of {foundation.embedded_length:g} m "
+                f"with k11 = {foundation.k11:g} N/m"
             )
         gradient = float(np.exp(brentq(excess, softest, hardest)))
         return cls(foundation.embedded_length, rigidity, gradient)
