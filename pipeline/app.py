@@ -76,7 +76,9 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
 
     def updating_of_one_turbine() -> Node:
         model = ModalModel(scenario.structure, layout)
-        updater = FoundationUpdater(model, layout, scenario.updating, seed=scenario.seed)
+        updater = FoundationUpdater(
+            model, layout, scenario.updating, seed=scenario.seed, population=scenario.population
+        )
         if outputs.checkpoints is None:
             return FoundationUpdaterNode(updater)
         return CheckpointedUpdating(updater, CheckpointFolder(outputs.checkpoints), layout.turbine)

@@ -17,6 +17,7 @@ import numpy as np
 from pipeline.nodes.operation import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
+from pipeline.updating.population import StiffnessPopulation, load_population
 from pipeline.updating.updater import UpdatingSettings
 from sensors.errors import InputError
 from sensors.layout import Coupling, SensorLayout, biaxial_layout
@@ -112,6 +113,15 @@ class Scenario:
             coupling=self.sensors.coupling,
             corner_frequency=self.sensors.corner_frequency,
         )
+
+    @property
+    def population(self) -> StiffnessPopulation | None:
+        """What a farm says of this turbine's springs; None where `[updating] population` is none.
+
+        Raises UpdatingError for a file that cannot be read or is none.
+        """
+        file = self.updating.population
+        return load_population(Path(file)) if file else None
 
     @property
     def has_structure(self) -> bool:

@@ -32,6 +32,7 @@ from scipy.special import logsumexp
 from pipeline.fleet.farm_evidence import StackedEvidence
 from pipeline.updating.convergence import effective_sample_size, split_rhat
 from pipeline.updating.forward_model import FloatArray
+from pipeline.updating.population import log_gaussian
 from sensors.errors import InputError
 
 STEPS = (0.2, 0.4, 0.8)  # of the walk, in ln Σ
@@ -302,28 +303,6 @@ class Gibbs:
         precision = np.diagonal(_inverse(covariance), axis1=1, axis2=2)
         gamma = self._generator.standard_gamma((nu + self._d) / 2, size=precision.shape)
         return (nu * precision + 1 / scale**2) / gamma
-
-
-def log_gaussian(offsets: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(...) log N(offsets; 0, covariance) of (..., d) offsets and (..., d, d) covariances.
-
-    By Cholesky's factor L and L⁻¹ offsets, column by column for all matrices at once: for thousands
-    of matrices of three rows LAPACK spends its time in being called.
-    """
-    d = offsets.shape[-1]
-    A, y = np.moveaxis(covariance, (-2, -1), (0, 1)), np.moveaxis(offsets, -1, 0)
-    L: list[list[FloatArray]] = [[] for _ in range(d)]
-    whitened: list[FloatArray] = []
-    log_density = np.asarray(-d / 2 * np.log(2 * np.pi))
-    for i in range(d):
-        for j in range(i):
-            L[i].append((A[i, j] - sum(L[i][k] * L[j][k] for k in range(j))) / L[j][j])
-        variance = A[i, i] - sum(each**2 for each in L[i])
-        L[i].append(np.sqrt(variance))
-        reached = sum(L[i][k] * whitened[k] for k in range(i))
-        whitened.append((y[i] - reached) / L[i][i])
-        log_density = log_density - 0.5 * (whitened[i] ** 2 + np.log(variance))
-    return log_density
 
 
 def inverse_wishart(

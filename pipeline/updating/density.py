@@ -8,12 +8,18 @@ import numpy as np
 from pipeline.updating.forward_model import FloatArray, ForwardModel
 from pipeline.updating.laplace import Peak
 from pipeline.updating.likelihood import SMALLEST_SIGMA_STEP, ModalLikelihood
+from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.prior import Prior, modal_where_supported
 from pipeline.updating.sampling import Target, log_prior_volume
 
 
 class StiffnessDensity:
-    """log p(d | r) of ratios, (n, 3), with σ integrated out; a σ drawn for each as companion."""
+    """log p(d | r) of ratios, (n, 3), with σ integrated out; a σ drawn for each as companion.
+
+    With a population, p(d | r) p(r | population) V, V the volume of the uniform prior: what a
+    sampler takes for a likelihood under the uniform prior is then the posterior under the
+    population's, and its evidence is that of both.
+    """
 
     def __init__(
         self,
@@ -21,12 +27,14 @@ class StiffnessDensity:
         forward: ForwardModel,
         prior: Prior,
         generator: np.random.Generator,
+        population: StiffnessPopulation | None = None,
     ) -> None:
         """forward: the modes that the likelihood compares, in its order. generator: for σ."""
         self._likelihood = likelihood
         self._forward = forward
         self._prior = prior
         self._generator = generator
+        self._population = population
         self.log_prior_volume = log_prior_volume(prior)
 
     def __call__(self, ratios: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -36,6 +44,9 @@ class StiffnessDensity:
         sigma = np.zeros(len(ratios))
         if modes is not None:
             density[supported], sigma[supported] = self._likelihood.marginal(modes, self._generator)
+        if self._population is not None and supported.any():
+            farm = self._population.log_density(ratios[supported, :3])
+            density[supported] += farm + self.log_prior_volume
         return density, sigma
 
     def prior_draws(self, n: int, generator: np.random.Generator) -> FloatArray:

@@ -34,6 +34,7 @@ from pipeline.updating.half_way import measured_half_way, stiffness_slopes
 from pipeline.updating.likelihood import LikelihoodSettings
 from pipeline.updating.matching import Match, Matcher, partners_in_water
 from pipeline.updating.pairing import PairingSettings
+from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.posterior_message import posterior_message
 from pipeline.updating.prior import Prior, PriorSettings, modal_where_supported
 from pipeline.updating.sampler import SamplerSettings
@@ -43,6 +44,7 @@ from pipeline.updating.sightings import EstimateRefused, Sighting, diagonal
 from pipeline.updating.sightings import sightings as sightings_of
 from sensors.layout import SensorLayout
 
+POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for
 RECENT_WINDOWS = 36  # that are kept one by one: six hours of ten minutes
 
 
@@ -57,6 +59,7 @@ class UpdatingSettings:
     sampler: SamplerSettings = field(default_factory=SamplerSettings)  # emcee's
     guards: GuardSettings = field(default_factory=GuardSettings)
     change: ChangeSettings = field(default_factory=ChangeSettings)
+    population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,12 +99,17 @@ class FoundationUpdater:
         settings: UpdatingSettings | None = None,
         *,
         seed: int = 0,
+        population: StiffnessPopulation | None = None,
     ) -> None:
         """forward: the structure at this layout's sensors. seed: the scenario's; with the window's
         number it decides every random choice, wherever and in whatever order nodes run.
+        population: what a farm's other turbines say of this one's springs; None: the uniform prior.
 
-        Raises UpdatingError.
+        Raises UpdatingError, also for a population of foundations about another nominal one.
         """
+        if population is not None:
+            population.require_nominal(forward.nominal)
+        self._population = population
         self.settings = settings or UpdatingSettings()
         self._forward = forward
         self._layout = layout
@@ -259,18 +267,20 @@ class FoundationUpdater:
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
         generator = np.random.default_rng([self._seed, estimate.window])
-        match = self._matcher.matched(state.evidence, state.median)
+        match = self._matcher.matched(state.evidence, self._begun_at(state))
         pairing, guards = match.pairing, self.settings.guards
         against = refusal(pairing.paired_share, pairing.cost, guards)
         if against is not None:
             return state, _rejected(estimate, EstimateRefused(against.code, against.text))
-        density = StiffnessDensity(match.likelihood, match.forward, self._prior, generator)
+        density = StiffnessDensity(
+            match.likelihood, match.forward, self._prior, generator, self._population
+        )
         target = Target(
             log_density=density,
             prior_draws=density.prior_draws,
             log_prior_volume=density.log_prior_volume,
             peak=match.peak,
-            ensemble=state.ensemble,
+            ensemble=self._ensemble(state),
         )
         draws = self._sampler(target, generator)
         median = self._representative(draws)
@@ -283,6 +293,8 @@ class FoundationUpdater:
             prior=self._prior,
             guards=guards,
         )
+        if self._population is not None:
+            posterior = replace(posterior, population=self._population.name)
         # contiguous, as a checkpoint gives it back: BLAS may round by layout
         ensemble = np.ascontiguousarray(draws.ensemble)
         sensitivities = self._sensitivities(state.evidence, match, median)
@@ -290,6 +302,21 @@ class FoundationUpdater:
             replace(state, ensemble=ensemble, median=median, sensitivities=sensitivities),
             posterior,
         )
+
+    def _begun_at(self, state: UpdatingState) -> FloatArray | None:
+        """(3,) ratios that the pairing looks at too: the last posterior's, before it the farm's."""
+        if state.median is None and self._population is not None:
+            return self._population.centre
+        return state.median
+
+    def _ensemble(self, state: UpdatingState) -> FloatArray | None:
+        """(n, 3) ratios about which the sampler looks first: the last posterior's, before it the
+        farm's."""
+        if state.ensemble is not None or self._population is None:
+            return state.ensemble
+        generator = np.random.default_rng([self._seed, 2])
+        drawn = self._population.draws(POPULATION_ENSEMBLE, generator)
+        return drawn[self._prior.supports(drawn)]
 
     def _in_this_window(
         self, draws: PosteriorDraws, change: ChangeState, estimate: ModalEstimate

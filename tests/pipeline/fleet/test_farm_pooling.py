@@ -10,7 +10,6 @@ from pipeline.fleet.farm_pooling import (
     GibbsSettings,
     PopulationPrior,
     inverse_wishart,
-    log_gaussian,
     pooled,
 )
 
@@ -152,17 +151,6 @@ def test_an_outlier_does_not_widen_the_others():
     assert beside.outlier_probabilities[:-1].max() < 0.2
     widths = [d.points[:, :11].std(axis=0) for d in (alone, beside)]
     np.testing.assert_allclose(widths[1], widths[0], rtol=0.15)
-
-
-def test_the_log_density_is_scipys():
-    generator = np.random.default_rng(31)
-    root = generator.standard_normal((4, 3, 3))
-    covariance = root @ np.swapaxes(root, 1, 2) + 0.1 * np.eye(3)
-    offsets = generator.standard_normal((4, 3))
-    expected = [
-        stats.multivariate_normal.logpdf(o, cov=c) for o, c in zip(offsets, covariance, strict=True)
-    ]
-    np.testing.assert_allclose(log_gaussian(offsets, covariance), expected, rtol=1e-10)
 
 
 def test_inverse_wishart_draws_have_their_mean_and_spread():
