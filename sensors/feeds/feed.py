@@ -56,6 +56,12 @@ class FeedCounts:
     refusal: str = ""  # of the last malformed message: what was wrong
     trouble: str = ""  # of the link: why it is down, or went down last
 
+    def connect(self) -> bool:
+        """Count that the link was made; whether it was there before."""
+        self.connected = True
+        self.connections += 1
+        return self.connections > 1
+
     def refuse(self, sentence: str) -> None:
         """Count a message that is dropped, and keep why."""
         self.malformed += 1

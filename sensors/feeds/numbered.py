@@ -2,9 +2,7 @@
 
 from sensors.feeds.feed import ChannelSamples, FeedCounts
 from sensors.feeds.frame import ForgedFrame, FrameError, decoded
-from sensors.feeds.sequences import Place, SequenceWatch
-
-MOST_SENDERS = 1000  # whose numbers are watched; more are nonsense
+from sensors.feeds.sequences import SenderNumbers
 
 
 class FrameReader:
@@ -17,7 +15,7 @@ class FrameReader:
 
     def __init__(self, names: tuple[str, ...], counts: FeedCounts, key: bytes = b"") -> None:
         self._names, self._counts, self._key = names, counts, key
-        self._watches: dict[str, SequenceWatch] = {}
+        self._numbers = SenderNumbers(counts, rising=bool(key))
 
     def read(self, payload: bytes, sender: str) -> ChannelSamples | None:
         """The samples of a frame; None for one that is dropped and counted.
@@ -42,8 +40,10 @@ class FrameReader:
             )
             return None
         stream = sender or ",".join(names)
-        place = self._place(stream, frame.sequence, frame.session, frame.start_ns)
-        if place in (Place.DUPLICATE, Place.OLD):
+        follows = self._numbers.follows(
+            stream, frame.sequence, frame.session, time_ns=frame.start_ns
+        )
+        if follows is None:
             return None
         return ChannelSamples(
             stream,
@@ -51,22 +51,10 @@ class FrameReader:
             frame.samples,
             frame.start_ns,
             frame.sampling_rate,
-            follows=place is Place.NEXT,
+            follows=follows,
             status=frame.status,
         )
 
     def drop(self) -> None:
         """Count a frame that was read and cannot be taken in."""
         self._counts.lost += 1
-
-    def _place(self, stream: str, sequence: int, session: int, time_ns: int) -> Place:
-        if stream not in self._watches and len(self._watches) >= MOST_SENDERS:
-            self._counts.refuse(f"{stream}: more than {MOST_SENDERS} senders")
-            return Place.OLD
-        watch = self._watches.setdefault(stream, SequenceWatch(rising=bool(self._key)))
-        before = watch.lost
-        place = watch.place(sequence, session, time_ns=time_ns)
-        self._counts.lost += watch.lost - before
-        self._counts.duplicate += place is Place.DUPLICATE
-        self._counts.late += place is Place.OLD
-        return place

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 from sensors.feeds.address import FeedAddress, parsed
 from sensors.feeds.assembler import WAIT, Assembler
-from sensors.feeds.feed import Feed, FeedError
+from sensors.feeds.feed import Feed, FeedCounts, FeedError
 from sensors.feeds.live import LiveFeed
+from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages
+from sensors.feeds.scada import ScadaReader
 from sensors.feeds.udp import UdpFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from sensors.layout import SensorLayout
@@ -38,6 +40,13 @@ def _feed(address: FeedAddress, layout: LayoutFile, *, once: bool) -> Feed:
     match address.scheme:
         case "udp":
             return UdpFeed(address, names)
+        case "mqtt":
+            counts = FeedCounts()
+            return MqttFeed(address, SamplesReader(address, names, counts), counts, once=once)
+        case "scada+mqtt":
+            counts = FeedCounts()
+            reader = ScadaMessages(ScadaReader(address, layout.turbine), counts)
+            return MqttFeed(address, reader, counts, once=once)
         case _:
             raise FeedError(f"{address.text}: {address.scheme} cannot be read yet")
 

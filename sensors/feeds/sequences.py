@@ -2,6 +2,9 @@
 
 from enum import Enum
 
+from sensors.feeds.feed import FeedCounts
+
+MOST_SENDERS = 1000  # whose numbers are watched; more are nonsense
 WATCHED = 4096  # newest numbers of which it is known one by one whether they came
 FARTHEST = 1_000_000  # a number so far ahead is no loss but nonsense, or another start
 
@@ -79,3 +82,29 @@ class SequenceWatch:
         self._newest, self._newest_ns = sequence, time_ns
         if len(self._missing) > WATCHED:
             self._missing = {each for each in self._missing if sequence - each <= WATCHED}
+
+
+class SenderNumbers:
+    """The numbers of all senders of one feed.
+
+    counts   takes what is lost, late or duplicate
+    rising   see SequenceWatch
+    """
+
+    def __init__(self, counts: FeedCounts, *, rising: bool = False) -> None:
+        self._counts, self._rising = counts, rising
+        self._watches: dict[str, SequenceWatch] = {}
+
+    def follows(self, sender: str, sequence: int, session: int = 0, *, time_ns: int) -> bool | None:
+        """Whether a message is directly behind its sender's last; None: it is not to be taken,
+        and counted."""
+        if sender not in self._watches and len(self._watches) >= MOST_SENDERS:
+            self._counts.refuse(f"{sender}: more than {MOST_SENDERS} senders")
+            return None
+        watch = self._watches.setdefault(sender, SequenceWatch(rising=self._rising))
+        before = watch.lost
+        place = watch.place(sequence, session, time_ns=time_ns)
+        self._counts.lost += watch.lost - before
+        self._counts.duplicate += place is Place.DUPLICATE
+        self._counts.late += place is Place.OLD
+        return None if place in (Place.DUPLICATE, Place.OLD) else place is Place.NEXT

@@ -41,7 +41,7 @@ class UdpFeed:
         link = await self._bind(inbox)
         try:
             self.port = link.get_extra_info("sockname")[1]
-            self.counts.connected, self.counts.connections = True, 1
+            self.counts.connect()
             self.bound.set()
             await asyncio.Event().wait()  # until it is cancelled
         finally:

@@ -1,9 +1,14 @@
-"""A feed that gives what a test has written down."""
+"""A feed that gives what a test has written down, and how tests listen to any feed."""
 
 import asyncio
+import threading
+import time
 from collections.abc import Callable, Sequence
 
 from sensors.feeds.feed import Arrival, FeedCounts, Inbox
+from sensors.feeds.live import LiveFeed, Measured
+
+PATIENCE = 30.0  # before a test gives up [s]
 
 
 class ScriptedFeed:
@@ -25,3 +30,32 @@ class ScriptedFeed:
             await asyncio.sleep(0)
         self._then()
         await asyncio.Event().wait()
+
+
+def measured_until(
+    live: LiveFeed,
+    done: Callable[[], bool],
+    act: Callable[[], object] = lambda: None,
+    again: Callable[[], object] = lambda: None,
+) -> list[Measured]:
+    """What a feed gives.
+
+    done    looked at in between; ends the listening when True
+    act     called once, when the feed is connected
+    again   called when it is connected for the second time
+    """
+    stopping = threading.Event()
+    acts = [act, again]
+    given: list[Measured] = []
+    deadline = time.monotonic() + PATIENCE
+    for each in live.measured(stopping):
+        if each is not None:
+            given.append(each)
+            continue
+        while live.counts.connected and acts and live.counts.connections > 2 - len(acts):
+            acts.pop(0)()
+        if done():
+            stopping.set()
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{live.counts}")
+    return given

@@ -1,0 +1,198 @@
+"""MQTT: whatever a broker passes on, by topic (needs the extra `mqtt`).
+
+    mqtt://[USER@]HOST/TOPIC[?qos=1&format=auto&rate=40&client=NAME]
+
+A message is told by itself (format=auto), or by the option: `json` (`json_samples.py`), `float32`
+(`frame.py`) or `cpsens` (`cpsens.py`). With client=NAME the broker keeps what comes while the link
+is cut (quality of service 1 or 2), and gives it afterwards; without, it is lost, and counted where
+messages are numbered. mqtts:// checks the broker's certificate, by the authorities in ca=FILE or
+the system's; cert=FILE and key=FILE are the client's own.
+"""
+
+import logging
+import ssl
+import time
+from collections.abc import Iterator
+from importlib import import_module
+from typing import Any, Protocol
+
+from sensors.feeds.address import FeedAddress
+from sensors.feeds.cpsens import CpSensReader, is_cpsens
+from sensors.feeds.feed import Arrival, FeedCounts, FeedError, Inbox
+from sensors.feeds.frame import MAGIC
+from sensors.feeds.json_samples import JsonReader, MessageError, json_of
+from sensors.feeds.numbered import FrameReader
+from sensors.feeds.reconnecting import LinkError, kept_connected
+from sensors.feeds.scada import ScadaReader
+
+logger = logging.getLogger(__name__)
+
+FORMATS = ("auto", "json", "float32", "cpsens")
+KEEP_ALIVE = 10  # a silent broker is given up after one and a half of it [s]
+WAITING_MESSAGES = 20_000  # between the socket and the inbox
+_REFUSED = {4, 5, 134, 135}  # CONNACK: bad user name or password, not authorised (MQTT 3.1.1, 5)
+
+
+class Reader(Protocol):
+    """Turns messages into arrivals."""
+
+    def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
+        """What a message brings. Raises MessageError."""
+        ...
+
+
+class MqttFeed:
+    """Messages of one topic filter of one broker.
+
+    reader   of the messages
+    counts   that the reader writes too
+    once     give up where the broker cannot be reached at the start
+
+    Raises FeedError where aiomqtt is missing, and for options that are none.
+    """
+
+    def __init__(
+        self, address: FeedAddress, reader: Reader, counts: FeedCounts, *, once: bool
+    ) -> None:
+        self.name = address.text
+        self.counts = counts
+        self._address, self._reader, self._once = address, reader, once
+        self._aiomqtt = _aiomqtt()
+        self._qos = int(address.one_of("qos", ("1", "0", "2")))
+        self._tls = _tls(address)
+        self._password = address.secret("password") if address.user else ""
+
+    async def run(self, inbox: Inbox) -> None:
+        """Raises FeedError for a user or a password that the broker refuses at the start."""
+        logging.getLogger("mqtt").setLevel(logging.ERROR)  # its own words on what is told here
+
+        async def session() -> None:
+            await self._session(inbox)
+
+        await kept_connected(session, self.name, self.counts, once=self._once)
+
+    async def _session(self, inbox: Inbox) -> None:
+        try:
+            async with self._client() as client:
+                await client.subscribe(self._address.path, qos=self._qos)
+                if self.counts.connect():
+                    logger.warning("%s: connected again", self.name)
+                async for message in client.messages:
+                    for arrival in self._arrivals(message):
+                        await inbox.put(arrival)
+        except self._aiomqtt.MqttError as error:
+            code = getattr(error, "rc", None)
+            if getattr(code, "value", code) in _REFUSED and not self.counts.connections:
+                raise FeedError(f"{self.name}: the broker refuses this user: {error}") from error
+            raise LinkError(_reason(error)) from error
+
+    def _client(self) -> Any:
+        address = self._address
+        client = address.options.get("client")
+        return self._aiomqtt.Client(
+            address.host,
+            address.port,
+            username=address.user or None,
+            password=self._password or None,
+            identifier=client,
+            clean_session=client is None,
+            tls_context=self._tls,
+            keepalive=KEEP_ALIVE,
+            max_queued_incoming_messages=WAITING_MESSAGES,
+            timeout=KEEP_ALIVE,
+        )
+
+    def _arrivals(self, message: Any) -> Iterator[Arrival]:
+        topic, payload = message.topic.value, bytes(message.payload or b"")
+        try:
+            yield from self._reader.read(topic, payload, retained=message.retain)
+        except MessageError as error:
+            self.counts.refuse(f"{topic}: {error}")
+
+
+class SamplesReader:
+    """Accelerations in any of the formats.
+
+    address   its options choose
+    names     of the layout's channels
+    """
+
+    def __init__(self, address: FeedAddress, names: tuple[str, ...], counts: FeedCounts) -> None:
+        self._format = address.one_of("format", FORMATS)
+        self._counts = counts
+        self._json = JsonReader(names, counts)
+        self._frames = FrameReader(names, counts, address.secret("key").encode())
+        self._cpsens = CpSensReader(
+            names, counts, sampling_rate=address.number("rate"), clock=time.time_ns
+        )
+
+    def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
+        kind = self._format if self._format != "auto" else kind_of(topic, payload)
+        if retained and not topic.endswith("/metadata"):
+            return  # what was measured before: not now, and its number is no loss
+        if kind == "float32":
+            piece = self._frames.read(payload, topic)
+        else:
+            self._counts.received += 1
+            if kind == "json":
+                yield from self._json.read(payload, topic)
+                return
+            piece = self._cpsens.read(payload, topic)
+        if piece is not None:
+            yield piece
+
+
+def kind_of(topic: str, payload: bytes) -> str:
+    """The format of a message. Raises MessageError where it is of none."""
+    if payload.startswith(MAGIC):
+        return "float32"
+    if is_cpsens(topic, payload):
+        return "cpsens"
+    if payload.lstrip()[:1] in (b"{", b"["):
+        return "json"
+    raise MessageError(f"{payload[:20]!r}… is neither JSON nor a frame nor CP-SENS")
+
+
+class ScadaMessages:
+    """What a controller says as JSON."""
+
+    def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:
+        self._reader, self._counts = reader, counts
+
+    def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
+        self._counts.received += 1
+        said = json_of(payload)
+        for each in said if isinstance(said, list) else [said]:
+            if not isinstance(each, dict):
+                raise MessageError(f"{each!r:.40} is no report; an object is")
+            yield self._reader.sample(each)
+
+
+def _aiomqtt() -> Any:
+    try:
+        return import_module("aiomqtt")
+    except ImportError as error:
+        raise FeedError("MQTT needs the extra `mqtt`: pip install 'pilewatch[mqtt]'") from error
+
+
+def _tls(address: FeedAddress) -> ssl.SSLContext | None:
+    options = address.options
+    if not address.tls:
+        given = [name for name in ("ca", "cert", "key") if name in options]
+        if given:
+            raise FeedError(f"{address.text}: {given[0]} is for mqtts://")
+        return None
+    try:
+        context = ssl.create_default_context(cafile=options.get("ca"))
+        if "cert" in options:
+            context.load_cert_chain(options["cert"], options.get("key"))
+    except OSError as error:
+        raise FeedError(
+            f"{address.text}: its certificates cannot be read: {error.strerror or error}"
+        ) from error
+    return context
+
+
+def _reason(error: BaseException) -> str:
+    """In few words why a link is down."""
+    return " ".join(str(error.__cause__ or error).split()) or type(error).__name__

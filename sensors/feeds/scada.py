@@ -1,0 +1,94 @@
+"""What a turbine's controller says, as JSON or as rows of a table → ScadaSample.
+
+    {"time": "2024-03-01T12:00:00Z", "wind_speed": 9.1, "rotor_speed": 0.2, "state": "parked"}
+
+Names are the ScadaSample's; others are mapped by options of the feed's address, with a factor
+where the unit differs:  ?wind_speed=Wind.Avg&power=P_kW*1000
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from sensors.feeds.address import FeedAddress
+from sensors.feeds.feed import FeedError
+from sensors.feeds.json_samples import MessageError
+from sensors.feeds.moments import moment_ns
+from sensors.scada import ScadaSample
+
+STATES = ("parked", "idling", "start", "operating", "stop", "")
+LARGEST = 1e9  # of any figure, in whatever unit
+_FIGURES = tuple(
+    field.name
+    for field in dataclasses.fields(ScadaSample)
+    if field.name not in ("turbine", "time_ns", "state")
+)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Mapped:
+    name: str  # as the source has it
+    factor: float = 1.0
+
+
+class ScadaReader:
+    """Reads what one controller says.
+
+    address   of the feed; its options map names
+    turbine   that the controller is of
+
+    Raises FeedError for a factor that is no number.
+    """
+
+    def __init__(self, address: FeedAddress, turbine: str) -> None:
+        self._turbine = turbine
+        self._figures = {name: _mapped(address, name) for name in _FIGURES}
+        self._time, self._state = _mapped(address, "time").name, _mapped(address, "state").name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What it looks for."""
+        return (self._time, self._state, *(each.name for each in self._figures.values()))
+
+    def sample(self, said: Mapping[str, Any]) -> ScadaSample:
+        """What is said at one moment; what is not said is unknown (NaN).
+
+        Raises MessageError where there is no time, or nothing else.
+        """
+        if self._time not in said:
+            raise MessageError(f"no {self._time!r} in it; it has {', '.join(list(said)[:10])}")
+        try:
+            time_ns = moment_ns(said[self._time])
+        except ValueError as error:
+            raise MessageError(f"{self._time}: {error}") from error
+        if not any(name in said for name in self.names[1:]):
+            raise MessageError(f"none of {', '.join(self.names[1:])} in it")
+        state = str(said.get(self._state, "") or "").strip().lower()
+        if state not in STATES:
+            raise MessageError(f"{self._state} is {state!r:.20}; {', '.join(STATES[:-1])}")
+        figures = {name: _figure(each, said) for name, each in self._figures.items()}
+        return ScadaSample(self._turbine, time_ns, state, **figures)
+
+
+def _mapped(address: FeedAddress, name: str) -> _Mapped:
+    written, star, factor = address.options.get(name, name).rpartition("*")
+    if not star:
+        return _Mapped(factor)
+    try:
+        return _Mapped(written, float(factor))
+    except ValueError as error:
+        raise FeedError(
+            f"{address.text}: {name}={written}*{factor}: {factor!r} is no factor"
+        ) from error
+
+
+def _figure(mapped: _Mapped, said: Mapping[str, Any]) -> float:
+    written = said.get(mapped.name)
+    if written is None or (isinstance(written, str) and not written.strip()):
+        return math.nan
+    try:
+        value = float(written) * mapped.factor
+    except (TypeError, ValueError, OverflowError) as error:
+        raise MessageError(f"{mapped.name} is {written!r:.40}, which is no number") from error
+    return value if abs(value) <= LARGEST else math.nan

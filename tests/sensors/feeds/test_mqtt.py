@@ -1,0 +1,255 @@
+"""MQTT through a real broker."""
+
+import json
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.deploy.certificates import make_certificates
+from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.feeds.feed import FeedError
+from sensors.feeds.frame import Frame, encoded
+from sensors.feeds.live import Measured
+from sensors.feeds.opening import open_feed
+from sensors.files.layout_file import LayoutFile, MappedChannel
+from sensors.scada import ScadaSample
+from tests.sensors.feeds.broker import Broker, broker, free_port, mosquitto, publisher
+from tests.sensors.feeds.scripted import measured_until
+
+X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+LAYOUT = LayoutFile((MappedChannel("ax", 100.0, X), MappedChannel("ay", 100.0, Y)), "t1", "top")
+START = 1_700_000_000 * NANOSECONDS
+RATE = 40
+
+pytestmark = pytest.mark.skipif(mosquitto() is None, reason="mosquitto is not installed")
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Broker]:
+    with broker(tmp_path_factory.mktemp("broker")) as made:
+        yield made
+
+
+def frame(number: int, session: int = 1) -> bytes:
+    samples = np.full((RATE, 2), float(number))
+    start_ns = START + number * NANOSECONDS
+    return encoded(Frame(number, session, start_ns, RATE, samples, ("ax", "ay")))
+
+
+def blocks_of(given: list[Measured]) -> list[AccelerationBlock]:
+    return [each for each in given if isinstance(each, AccelerationBlock)]
+
+
+def test_frames_become_blocks(running: Broker) -> None:
+    live = open_feed(f"mqtt://127.0.0.1:{running.port}/frames/#", LAYOUT)
+    with publisher(running.port) as sender:
+
+        def send() -> None:
+            for number in range(6):
+                sender.publish("frames/top", frame(number))
+
+        given = measured_until(live, lambda: live.counts.received == 6, send)
+    blocks = blocks_of(given)
+    assert [block.samples[0, 1] for block in blocks] == [0, 1, 2, 3, 4, 5]
+    assert [block.start_ns for block in blocks] == [START + i * NANOSECONDS for i in range(6)]
+
+
+def test_channels_on_json_topics_of_their_own_are_put_together(running: Broker) -> None:
+    live = open_feed(f"mqtt://127.0.0.1:{running.port}/json/+", LAYOUT)
+    with publisher(running.port) as sender:
+
+        def send() -> None:
+            for number in range(5):
+                for offset, name in enumerate(("ax", "ay")):
+                    values = [number + offset] * RATE
+                    said = {"time": 1_700_000_000 + number, "rate": RATE, "value": values}
+                    sender.publish(f"json/{name}", json.dumps(said))
+
+        given = measured_until(live, lambda: live.counts.received == 10, send)
+    assert [tuple(block.samples[0]) for block in blocks_of(given)] == [(i, i + 1) for i in range(5)]
+
+
+def test_cpsens_metadata_that_were_said_before_are_known(running: Broker) -> None:
+    layout = LayoutFile((MappedChannel("1", 100.0, X), MappedChannel("2", 100.0, Y)), "t1", "top")
+    live = open_feed(f"mqtt://127.0.0.1:{running.port}/cpsens/#", layout)
+    metadata = {
+        "Data": {"Type": "float", "Unit": "m/s^2"},
+        "Analysis chain": [{"Sampling": 64.0}],
+    }
+    with publisher(running.port) as sender:
+        for channel in (1, 2):
+            topic = f"cpsens/daq/module/{channel}/acc/raw/metadata"
+            sender.publish(topic, json.dumps(metadata), retain=True)
+        sender.settled()
+
+        def send() -> None:
+            for number in range(12):
+                for channel in (1, 2):
+                    seconds, rest = divmod(number * 500_000_000, NANOSECONDS)
+                    head = struct.pack("<HHQQQ", 28, 2, 1_700_000_000 + seconds, rest, number * 32)
+                    values = struct.pack("<32f", *[number + channel] * 32)
+                    sender.publish(f"cpsens/daq/module/{channel}/acc/raw/data", head + values)
+
+        given = measured_until(live, lambda: live.counts.received == 26, send)
+    blocks = blocks_of(given)
+    samples = np.concatenate([block.samples for block in blocks])
+    np.testing.assert_array_equal(samples[::32], [(i + 1, i + 2) for i in range(12)])
+    assert live.counts.malformed == 0
+
+
+def test_a_retained_measurement_is_of_another_time_and_left_out(running: Broker) -> None:
+    live = open_feed(f"mqtt://127.0.0.1:{running.port}/kept/#", LAYOUT)
+    with publisher(running.port) as sender:
+        sender.publish("kept/top", frame(3), retain=True)
+        sender.settled()
+
+        def send() -> None:
+            for number in range(100, 104):
+                sender.publish("kept/top", frame(number))
+
+        given = measured_until(live, lambda: live.counts.received == 4, send)
+    assert [block.samples[0, 0] for block in blocks_of(given)] == [100, 101, 102, 103]
+    assert live.counts.lost == 0
+
+
+def test_what_is_nothing_is_counted_and_told(running: Broker) -> None:
+    live = open_feed(f"mqtt://127.0.0.1:{running.port}/nothing/#", LAYOUT)
+    with publisher(running.port) as sender:
+
+        def send() -> None:
+            for payload in (b"", b"\x00\xff", b"{", b"PWB1", b'{"time": 1}'):
+                sender.publish("nothing/x", payload)
+
+        measured_until(live, lambda: live.counts.malformed == 5, send)
+    assert live.counts.refusal == "nothing/x: no values in it"
+
+
+def test_what_the_controller_says_is_a_scada_sample(running: Broker) -> None:
+    address = f"scada+mqtt://127.0.0.1:{running.port}/scada?wind_speed=Wind.Avg&power=P_kW*1000"
+    live = open_feed(address, LAYOUT, turbine="t9")
+    said = {"time": "2023-11-14T22:13:20Z", "Wind.Avg": "9.5", "P_kW": 3.2, "state": "Parked"}
+    with publisher(running.port) as sender:
+        given = measured_until(
+            live,
+            lambda: live.counts.received == 2,
+            lambda: [sender.publish("scada", json.dumps(each)) for each in ({}, said)],
+        )
+    (sample,) = given
+    assert isinstance(sample, ScadaSample)
+    assert (sample.turbine, sample.time_ns, sample.state) == ("t9", START, "parked")
+    assert (sample.wind_speed, sample.power) == (9.5, 3200.0)
+    assert np.isnan(sample.yaw)
+    assert live.counts.refusal == "scada: no 'time' in it; it has "
+
+
+def test_a_broker_that_dies_and_comes_back_is_found_again_and_the_loss_is_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with broker(tmp_path) as dying:
+        live = open_feed(f"mqtt://127.0.0.1:{dying.port}/#?qos=0", LAYOUT)
+
+        def before() -> None:
+            with publisher(dying.port) as sender:
+                for number in range(5):
+                    sender.publish("top", frame(number))
+                sender.settled()
+
+        def die() -> bool:
+            if live.counts.received == 5 and live.counts.connections == 1 and live.counts.connected:
+                dying.kill()
+                dying.start()  # frames 5 to 64 are measured and nobody hears them
+            return live.counts.received == 10
+
+        def after() -> None:
+            with publisher(dying.port) as sender:
+                for number in range(65, 70):
+                    sender.publish("top", frame(number))
+                sender.settled()
+
+        blocks = blocks_of(measured_until(live, die, before, after))
+    assert [block.samples[0, 0] for block in blocks] == [0, 1, 2, 3, 4, 65, 66, 67, 68, 69]
+    assert [block.sequence for block in blocks] == [0, 1, 2, 3, 4, 65, 66, 67, 68, 69]
+    assert (live.counts.lost, live.missing_blocks, live.counts.connections) == (60, 60, 2)
+    assert any("the link was cut" in line for line in caplog.messages)
+    assert caplog.messages[-1].endswith("connected again")
+
+
+def test_with_a_name_the_broker_keeps_what_comes_while_nobody_listens(running: Broker) -> None:
+    address = f"mqtt://127.0.0.1:{running.port}/named/#?client=tower-7"
+    first, second = open_feed(address, LAYOUT), open_feed(address, LAYOUT)
+    with publisher(running.port) as sender:
+        measured_until(
+            first, lambda: first.counts.received == 1, lambda: sender.publish("named/a", frame(0))
+        )
+        for number in range(1, 6):
+            sender.publish("named/a", frame(number))
+        sender.settled()
+        given = measured_until(second, lambda: second.counts.received == 5)
+    assert [block.samples[0, 0] for block in blocks_of(given)] == [1, 2, 3, 4, 5]
+
+
+def test_a_password_that_is_refused_is_one_line_and_the_right_one_lets_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    passwords = tmp_path / "passwords"
+    program = Path(mosquitto() or "").with_name("mosquitto_passwd")
+    if not program.exists():
+        program = Path("/usr/bin/mosquitto_passwd")
+    subprocess.run([program, "-b", "-c", passwords, "unit", "right"], check=True)
+    passwords.chmod(0o644)
+    with broker(tmp_path, "allow_anonymous false", f"password_file {passwords}") as closed:
+        address = f"mqtt://unit@127.0.0.1:{closed.port}/#"
+        monkeypatch.setenv("PILEWATCH_FEED_PASSWORD", "wrong")
+        with pytest.raises(FeedError, match="the broker refuses this user") as caught:
+            list(open_feed(address, LAYOUT).measured(threading.Event()))
+        assert "wrong" not in str(caught.value)
+        monkeypatch.setenv("PILEWATCH_FEED_PASSWORD", "right")
+        live = open_feed(address, LAYOUT)
+        measured_until(live, lambda: live.counts.connected)
+
+
+def test_tls_knows_the_broker_by_its_certificate(tmp_path: Path) -> None:
+    make_certificates(tmp_path, ["broker"], host="localhost")
+    for path in tmp_path.iterdir():
+        path.chmod(0o644)
+    lines = [f"certfile {tmp_path}/broker.pem", f"keyfile {tmp_path}/broker-key.pem"]
+    with broker(tmp_path, *lines) as encrypted:
+        address = f"mqtts://localhost:{encrypted.port}/#"
+        live = open_feed(f"{address}?ca={tmp_path}/ca.pem", LAYOUT)
+        measured_until(live, lambda: live.counts.connected)
+        with pytest.raises(FeedError, match=r"cannot be reached: .*certificate verify failed"):
+            list(open_feed(address, LAYOUT, once=True).measured(threading.Event()))
+
+
+def test_nobody_at_the_start_is_one_line_with_once_and_patience_without() -> None:
+    address = f"mqtt://127.0.0.1:{free_port()}/#"
+    with pytest.raises(FeedError, match=r"cannot be reached: .*refused") as caught:
+        list(open_feed(address, LAYOUT, once=True).measured(threading.Event()))
+    assert "\n" not in str(caught.value)
+    live = open_feed(address, LAYOUT)
+    assert measured_until(live, lambda: bool(live.counts.trouble)) == []
+
+
+@pytest.mark.parametrize(
+    ("query", "sentence"),
+    [
+        ("qos=3", "qos=3 is none of 1, 0, 2"),
+        ("format=xml", "format=xml is none of auto, json, float32, cpsens"),
+        ("ca=x.pem", "ca is for mqtts://"),
+    ],
+)
+def test_options_that_are_none_are_one_line(query: str, sentence: str) -> None:
+    with pytest.raises(FeedError, match=sentence):
+        open_feed(f"mqtt://h/t?{query}", LAYOUT)
+
+
+def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "aiomqtt", None)
+    with pytest.raises(FeedError, match=r"pip install 'pilewatch\[mqtt\]'"):
+        open_feed("mqtt://h/t", LAYOUT)
