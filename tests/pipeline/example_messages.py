@@ -226,6 +226,7 @@ def posteriors(draw: st.DrawFn) -> FoundationPosterior:
         warnings=draw(warnings),
         population=draw(texts),
         figures=draw(st.lists(summaries("rna_mass"), max_size=1).map(tuple)),
+        change_probability=draw(numbers),
     )
 
 

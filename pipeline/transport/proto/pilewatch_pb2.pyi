@@ -295,7 +295,7 @@ class ModePair(_message.Message):
     def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: bool = ..., misfit: _Optional[float] = ..., information: _Optional[float] = ...) -> None: ...
 
 class FoundationPosterior(_message.Message):
-    __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings", "population", "figures")
+    __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings", "population", "figures", "change_probability")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     WINDOW_FIELD_NUMBER: _ClassVar[int]
     TIME_NS_FIELD_NUMBER: _ClassVar[int]
@@ -318,6 +318,7 @@ class FoundationPosterior(_message.Message):
     WARNINGS_FIELD_NUMBER: _ClassVar[int]
     POPULATION_FIELD_NUMBER: _ClassVar[int]
     FIGURES_FIELD_NUMBER: _ClassVar[int]
+    CHANGE_PROBABILITY_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     window: int
     time_ns: int
@@ -340,7 +341,8 @@ class FoundationPosterior(_message.Message):
     warnings: _containers.RepeatedCompositeFieldContainer[Warning]
     population: str
     figures: _containers.RepeatedCompositeFieldContainer[ParameterSummary]
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: bool = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., population: _Optional[str] = ..., figures: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ...) -> None: ...
+    change_probability: float
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: bool = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., population: _Optional[str] = ..., figures: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., change_probability: _Optional[float] = ...) -> None: ...
 
 class PooledPosterior(_message.Message):
     __slots__ = ("turbine", "window", "time_ns", "n_turbines", "parameters", "outlier_probability", "text")
