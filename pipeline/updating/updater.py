@@ -295,6 +295,8 @@ class FoundationUpdater:
         )
         if self._population is not None:
             posterior = replace(posterior, population=self._population.name)
+        chance = self._change_probability(state.change, state.sensitivities, estimate.duration)
+        posterior = replace(posterior, change_probability=chance)
         # contiguous, as a checkpoint gives it back: BLAS may round by layout
         ensemble = np.ascontiguousarray(draws.ensemble)
         sensitivities = self._sensitivities(state.evidence, match, median)
@@ -302,6 +304,14 @@ class FoundationUpdater:
             replace(state, ensemble=ensemble, median=median, sensitivities=sensitivities),
             posterior,
         )
+
+    def _change_probability(
+        self, change: ChangeState, pairs: Sequence[TrackSensitivity], duration: float
+    ) -> float:
+        """That the modes are no longer what they were, by all windows of that duration [s]."""
+        known = sensitivities_of(change.sums.tracks, pairs)
+        verdict = self._detector.verdict(change, known, window_duration=duration)
+        return float(verdict.probability)
 
     def _begun_at(self, state: UpdatingState) -> FloatArray | None:
         """(3,) ratios that the pairing looks at too: the last posterior's, before it the farm's."""
