@@ -9,6 +9,8 @@ from pipeline.oma.settings import OmaSettings
 from sensors.blocks import AccelerationBlock
 from sensors.layout import SensorLayout
 
+LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
+
 Session = UnitSession | JoinedSession
 
 
@@ -29,15 +31,16 @@ class IdentificationNode:
         self._sessions: dict[str, Session] = {}  # by turbine
         self._gates: dict[tuple[str, str], BlockGate] = {}  # by turbine and unit
         self._ends: dict[tuple[str, str, str], StreamEnd] = {}  # announced, blocks still missing
+        self._unfit_of_forgotten = 0  # blocks of units that were let go
 
     def handle(self, message: Message) -> Iterable[Message]:
         match message:
             case SensorLayout():
-                self._layouts[message.layout_id] = message
+                self._note_layout(message)
             case AccelerationBlock():
                 yield from self._admitted(message)
             case StreamEnd():
-                self._ends[message.turbine, message.unit, message.session] = message
+                self._note_end(message)
                 yield from self._finish_if_complete(message.turbine)
 
     def recall(self, answer: ModalEstimate | WindowRejected) -> None:
@@ -45,8 +48,47 @@ class IdentificationNode:
         if answer.turbine in self._sessions:
             self._sessions[answer.turbine].recall(answer)
 
+    def forget(self, turbine: str) -> Iterator[Message]:
+        """Let go of a turbine; what its session still has to say."""
+        if turbine in self._sessions:
+            yield from self._sessions.pop(turbine).finish()
+        units = {unit for of, unit in self._gates if of == turbine}
+        units |= {layout.unit for layout in self._layouts.values() if layout.turbine == turbine}
+        units |= {unit for of, unit, _ in self._ends if of == turbine}
+        for unit in units:
+            self.forget_unit(turbine, unit)
+
+    def forget_unit(self, turbine: str, unit: str) -> None:
+        """Let go of a unit of a turbine; a session that it has part in goes on without it."""
+        gate = self._gates.pop((turbine, unit), None)
+        self._unfit_of_forgotten += 0 if gate is None else gate.unfit
+        for layout_id in self._layout_ids(turbine, unit):
+            del self._layouts[layout_id]
+        for end in self._ends_of(turbine, unit):
+            del self._ends[end]
+
+    def _layout_ids(self, turbine: str, unit: str) -> list[str]:
+        known = self._layouts.items()
+        return [name for name, of in known if (of.turbine, of.unit) == (turbine, unit)]
+
+    def _ends_of(self, turbine: str, unit: str) -> list[tuple[str, str, str]]:
+        return [key for key in self._ends if key[:2] == (turbine, unit)]
+
     def close(self) -> None:
         """Nothing is held."""
+
+    def _note_layout(self, layout: SensorLayout) -> None:
+        """The latest of each unit are kept."""
+        self._layouts.pop(layout.layout_id, None)
+        self._layouts[layout.layout_id] = layout
+        for oldest in self._layout_ids(layout.turbine, layout.unit)[:-LATEST_OF_A_UNIT]:
+            del self._layouts[oldest]
+
+    def _note_end(self, end: StreamEnd) -> None:
+        """The latest of each unit are kept."""
+        self._ends[end.turbine, end.unit, end.session] = end
+        for oldest in self._ends_of(end.turbine, end.unit)[:-LATEST_OF_A_UNIT]:
+            del self._ends[oldest]
 
     def _admitted(self, block: AccelerationBlock) -> Iterator[Message]:
         gate = self._gates.setdefault((block.turbine, block.unit), BlockGate())
@@ -115,7 +157,7 @@ class IdentificationNode:
     @property
     def unfit(self) -> int:
         """Blocks that did not fit their unit's session and were dropped."""
-        return sum(gate.unfit for gate in self._gates.values())
+        return self._unfit_of_forgotten + sum(gate.unfit for gate in self._gates.values())
 
     @property
     def complaint(self) -> str:

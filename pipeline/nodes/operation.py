@@ -22,12 +22,14 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     Mode,
+    StreamEnd,
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
 from pipeline.modal_shapes import normalised_to, renormalised_factor
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.node import Node
+from pipeline.nodes.roster import MOST_TURBINES, MOST_UNITS, Roster, told_of_gone
 from pipeline.oma.block_watch import BlockWatch
 from pipeline.oma.channel_watch import ChannelWatch
 from pipeline.oma.settings import OmaSettings
@@ -68,6 +70,10 @@ class OperationLog:
     def note(self, sample: ScadaSample) -> None:
         """Remember a sample."""
         self._samples.setdefault(sample.turbine, deque(maxlen=KEPT)).append(sample)
+
+    def forget(self, turbine: str) -> None:
+        """Let go of a turbine."""
+        self._samples.pop(turbine, None)
 
     def with_conditions(self, estimate: ModalEstimate) -> ModalEstimate:
         """The estimate with what the controller said of its window; unchanged where it said
@@ -116,8 +122,12 @@ class IdentificationInContext:
         self._blocks: dict[str, dict[str, BlockWatch]] = {}  # by turbine and unit
         self._layouts: dict[tuple[str, str], SensorLayout] = {}  # by turbine and unit
         self._channels: dict[str, ChannelWatch] = {}
+        self._turbines = Roster(MOST_TURBINES)
+        self._units: dict[str, Roster] = {}  # by turbine
+        self._units_gone = 0  # that were let go because their turbine had too many
 
     def handle(self, message: Message) -> Iterator[Message]:
+        yield from self._make_room(message)
         if isinstance(message, ScadaSample):
             self._log.note(message)
             return
@@ -126,8 +136,31 @@ class IdentificationInContext:
             units.setdefault(message.unit, BlockWatch(self._settings.lateness)).note(message)
         if isinstance(message, SensorLayout):
             self._layouts[message.turbine, message.unit] = message
-        for answer in self._inner.handle(message):
+        yield from self._answers(self._inner.handle(message))
+
+    def _answers(self, inner: Iterable[Message]) -> Iterator[Message]:
+        for answer in inner:
             yield self._in_context(answer) if isinstance(answer, ModalEstimate) else answer
+
+    def _make_room(self, message: Message) -> Iterator[Message]:
+        """Let go of a turbine, or of a unit of one, where there are too many with this one."""
+        leaving = self._turbines.heard(message.turbine)
+        if leaving is not None:
+            yield from self._answers(self._inner.forget(leaving))
+            self._log.forget(leaving)
+            self._blocks.pop(leaving, None)
+            self._channels.pop(leaving, None)
+            self._units.pop(leaving, None)
+            for key in [key for key in self._layouts if key[0] == leaving]:
+                del self._layouts[key]
+        if isinstance(message, (AccelerationBlock, SensorLayout, StreamEnd)):
+            units = self._units.setdefault(message.turbine, Roster(MOST_UNITS))
+            silent = units.heard(message.unit)
+            if silent is not None:
+                self._units_gone += 1
+                self._inner.forget_unit(message.turbine, silent)
+                self._blocks.get(message.turbine, {}).pop(silent, None)
+                self._layouts.pop((message.turbine, silent), None)
 
     def recall(self, answer: ModalEstimate | WindowRejected) -> None:
         """Take up what an identification that has ended answered, so that modes keep their names
@@ -189,13 +222,18 @@ class IdentificationInContext:
     @property
     def warnings(self) -> tuple[Warning, ...]:
         """What the node says in its status beside its counts."""
-        unfit = self._inner.unfit
-        if not unfit:
-            return ()
-        text = (
-            "blocks of another rate, shape or time than their session's were dropped; the last of"
-        )
-        return (Warning("unfit-blocks", f"{unfit} {text} {self._inner.complaint}"),)
+        said = []
+        if self._inner.unfit:
+            said.append(
+                Warning(
+                    "unfit-blocks",
+                    f"{self._inner.unfit} blocks of another rate, shape or time than their "
+                    f"session's were dropped; the last of {self._inner.complaint}",
+                )
+            )
+        gone = self._turbines.gone + self._units_gone
+        limits = f"{MOST_TURBINES} turbines and {MOST_UNITS} units of a turbine"
+        return (*said, *told_of_gone(gone, limits))
 
 
 class UpdatingInContext:
@@ -220,6 +258,7 @@ class UpdatingInContext:
         self._settings = settings or OperationSettings()
         self._spare: Node | None = make()  # made before the first window waits for it
         self._updaters: dict[str, Node] = {}
+        self._turbines = Roster(MOST_TURBINES)
 
     def handle(self, message: Message) -> Iterable[Message]:
         if not isinstance(message, ModalEstimate):
@@ -227,6 +266,9 @@ class UpdatingInContext:
         refused = refusal_by_operation(message, self._settings)
         if refused is not None:
             return (refused,)
+        leaving = self._turbines.heard(message.turbine)
+        if leaving is not None:
+            self._updaters.pop(leaving).close()
         if message.turbine not in self._updaters:
             self._updaters[message.turbine] = self._spare or self._make()
             self._spare = None
@@ -236,7 +278,8 @@ class UpdatingInContext:
     def warnings(self) -> tuple[Warning, ...]:
         """What the updaters say in the node's status."""
         updaters = self._updaters.values()
-        return tuple(doubt for each in updaters for doubt in getattr(each, "warnings", ()))
+        told = tuple(doubt for each in updaters for doubt in getattr(each, "warnings", ()))
+        return told + told_of_gone(self._turbines.gone, f"{MOST_TURBINES} turbines")
 
     def close(self) -> None:
         for updater in self._updaters.values():

@@ -12,6 +12,7 @@ CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps b
 CLOCK_JITTER = 1e-3  # std of the blocks' stamps about a straight line [s]
 FEWEST_STAMPS = 20  # that a line is fitted to
 STILL_BLOCKS = 2  # blocks on end in which a channel that is alive never keeps one value
+REMEMBERED_STAMPS = 100_000  # blocks: a day of them without an estimate that asks
 FEWEST_SAMPLES = 10  # of a block that can tell
 
 
@@ -27,10 +28,14 @@ class BlockWatch:
         self._seen: deque[int] = deque(maxlen=REMEMBERED)
         self._newest: AccelerationBlock | None = None
         self._counts: Counter[str] = Counter()
-        self._stamps: deque[tuple[int, float, float]] = deque()  # start [ns], due, off [s]
+        self._stamps: deque[tuple[int, float, float]] = deque(
+            maxlen=REMEMBERED_STAMPS
+        )  # start [ns], due, off [s]
         self._origin: AccelerationBlock | None = None
         self._still: dict[int, int] = {}  # blocks on end that a channel has kept its value
-        self._dead: deque[tuple[int, int]] = deque()  # start of a block [ns], its still channel
+        self._dead: deque[tuple[int, int]] = deque(
+            maxlen=REMEMBERED_STAMPS
+        )  # start of a block [ns], its still channel
 
     def note(self, block: AccelerationBlock) -> None:
         """Take a block as it arrives."""

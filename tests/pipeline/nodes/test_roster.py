@@ -1,0 +1,113 @@
+"""A stranger can make up any number of turbines and units; what is kept of them is bounded."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import pytest
+
+from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
+from pipeline.nodes import operation
+from pipeline.nodes.operation import IdentificationInContext, UpdatingInContext
+from pipeline.nodes.roster import Roster
+from pipeline.oma.settings import OmaSettings
+from sensors.scada import ScadaSample
+from tests.pipeline.example_messages import LAYOUT, block, rejection
+
+SETTINGS = OmaSettings(window_duration=60.0, hop=60.0)
+
+
+def test_who_has_said_least_goes_and_of_these_who_was_silent_longest() -> None:
+    roster = Roster(3)
+    assert [roster.heard(name) for name in "aabbc"] == [None] * 5
+    assert roster.heard("d") == "c"
+    assert roster.heard("e") == "d"
+    assert roster.heard("e") is None
+    assert roster.heard("f") == "a"
+    assert (roster.gone, len(roster)) == (3, 3)
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At most four turbines of three units each."""
+    monkeypatch.setattr(operation, "MOST_TURBINES", 4)
+    monkeypatch.setattr(operation, "MOST_UNITS", 3)
+
+
+def holdings(node: IdentificationInContext) -> list[int]:
+    """How many entries each of the node's tables has, nested ones counted through."""
+
+    def size(table: object) -> int:
+        return sum(map(size, table.values())) if isinstance(table, dict) and table else 1
+
+    tables = {**vars(node), **vars(node._inner), **vars(node._log)}
+    return [size(each) for each in tables.values() if isinstance(each, dict)]
+
+
+def flood(number: int) -> Iterable[Message]:
+    """What a stranger says of a turbine and a unit that nobody has heard of."""
+    turbine, unit, name = f"forged {number}", f"forged {number}", f"forged {number}"
+    yield replace(LAYOUT, turbine=turbine)
+    yield replace(LAYOUT, unit=unit, layout_id=name)
+    yield replace(LAYOUT, layout_id=name)
+    yield block(number, turbine=turbine)
+    yield StreamEnd(LAYOUT.turbine, LAYOUT.unit, name, 1, 1)
+    yield StreamEnd(turbine, unit, name, 1, 1)
+    yield ScadaSample(turbine, block(number).start_ns, "parked", *(6 * [0.0]))
+
+
+@pytest.mark.usefixtures("few")
+def test_a_flood_of_names_leaves_bounded_memory_and_the_session_that_ran() -> None:
+    node = IdentificationInContext(SETTINGS)
+    list(node.handle(LAYOUT))
+    said: list[Message] = []
+    sizes = []
+    for number in range(62):
+        said += node.handle(block(number))
+        for message in flood(number):
+            list(node.handle(message))
+        sizes.append(sum(holdings(node)))
+    assert max(sizes) == max(sizes[:20])
+    windows = [each for each in said if isinstance(each, (ModalEstimate, WindowRejected))]
+    assert [each.window for each in windows if each.turbine == "t1"] == [0]
+    (doubt,) = [each for each in node.warnings if each.code == "too-many-turbines"]
+    assert doubt.text.startswith("more than 4 turbines and 3 units of a turbine: ")
+
+
+@pytest.mark.usefixtures("few")
+def test_the_updating_keeps_the_updaters_of_those_who_have_said_most() -> None:
+    made: list[Refuser] = []
+
+    def make() -> Refuser:
+        made.append(Refuser())
+        return made[-1]
+
+    node = UpdatingInContext(make, LAYOUT)
+    for number in range(20):
+        list(node.handle(estimate("t1")))
+        list(node.handle(estimate(f"forged {number}")))
+    assert made[0].taken == 20
+    assert sum(not each.closed for each in made) == 4
+    (doubt,) = node.warnings
+    assert doubt.text == "more than 4 turbines: 17 times who had said least was let go"
+
+
+def estimate(turbine: str) -> ModalEstimate:
+    return ModalEstimate(turbine, 0, 0, 60, LAYOUT.layout_id, LAYOUT.channel_names, ())
+
+
+class Refuser:
+    """An updating that has nothing to say."""
+
+    name = "updating"
+    inputs = (ModalEstimate,)
+
+    def __init__(self) -> None:
+        self.taken = 0
+        self.closed = False
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        self.taken += 1
+        return (rejection(0, turbine=message.turbine),)
+
+    def close(self) -> None:
+        self.closed = True
