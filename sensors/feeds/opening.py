@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from sensors.feeds.address import FeedAddress, parsed
 from sensors.feeds.assembler import WAIT, Assembler
+from sensors.feeds.csv_tail import CsvTailFeed
 from sensors.feeds.feed import Feed, FeedCounts, FeedError
 from sensors.feeds.live import LiveFeed
 from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages
@@ -47,6 +48,8 @@ def _feed(address: FeedAddress, layout: LayoutFile, *, once: bool) -> Feed:
             counts = FeedCounts()
             reader = ScadaMessages(ScadaReader(address, layout.turbine), counts)
             return MqttFeed(address, reader, counts, once=once)
+        case "scada+csv":
+            return CsvTailFeed(address, ScadaReader(address, layout.turbine), once=once)
         case _:
             raise FeedError(f"{address.text}: {address.scheme} cannot be read yet")
 

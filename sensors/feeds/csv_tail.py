@@ -1,0 +1,158 @@
+"""A CSV file that grows, as controllers and gateways write it: every new row is a SCADA sample.
+
+    scada+csv:/var/log/turbine.csv[?from=end]
+
+The first row names the columns; it may come again. A file that is renamed and begun anew, or
+emptied, is followed: what the old one still got is read first. Rows that are not later than the
+last one are counted, not given.
+"""
+
+import asyncio
+import csv
+import logging
+import os
+from pathlib import Path
+from typing import BinaryIO
+
+from sensors.feeds.address import FeedAddress
+from sensors.feeds.feed import FeedCounts, Inbox
+from sensors.feeds.json_samples import MessageError
+from sensors.feeds.reconnecting import LinkError, kept_connected
+from sensors.feeds.scada import ScadaReader
+from sensors.scada import ScadaSample
+
+logger = logging.getLogger(__name__)
+
+POLL = 0.2  # how often the file is looked at [s]
+LONGEST_ROW = 2**16  # [bytes]
+_SEPARATORS = (";", "\t", ",")  # the first that a header has
+
+
+class CsvTailFeed:
+    """The rows of one growing file.
+
+    once   give up where the file is not there at the start
+    """
+
+    def __init__(self, address: FeedAddress, reader: ScadaReader, *, once: bool) -> None:
+        self.name = address.text
+        self.counts = FeedCounts()
+        self._path = Path(address.path)
+        self._from_start = address.one_of("from", ("end", "start")) == "start"
+        self._rows = _Rows(reader, self.counts)
+        self._once = once
+
+    async def run(self, inbox: Inbox) -> None:
+        """Raises FeedError where there is no such file and `once` is asked for."""
+
+        async def session() -> None:
+            await self._follow(inbox)
+
+        await kept_connected(session, self.name, self.counts, once=self._once)
+
+    async def _follow(self, inbox: Inbox) -> None:
+        """Until the file is gone."""
+        try:
+            with self._path.open("rb") as file:
+                again = self.counts.connect()
+                whole = self._from_start or again  # what came while it was away is new
+                self._rows.begin(file, from_start=whole)
+                while True:
+                    replaced = self._is_replaced(file)  # looked at first: then it gets no more
+                    await self._take(file, inbox)
+                    if replaced:
+                        raise LinkError("the file was replaced or removed")
+                    await asyncio.sleep(POLL)
+        except OSError as error:
+            raise LinkError(f"{error.strerror or error}") from error
+
+    async def _take(self, file: BinaryIO, inbox: Inbox) -> None:
+        if os.fstat(file.fileno()).st_size < file.tell():
+            self._rows.begin(file, from_start=True)  # it was emptied
+        for line in self._rows.lines(file):
+            sample = self._rows.sample(line)
+            if sample is not None:
+                await inbox.put(sample)
+
+    def _is_replaced(self, file: BinaryIO) -> bool:
+        try:
+            return os.stat(self._path).st_ino != os.fstat(file.fileno()).st_ino
+        except FileNotFoundError:
+            return True
+
+
+class _Rows:
+    """The rows of a file and of those that follow it."""
+
+    def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:
+        self._reader, self._counts = reader, counts
+        self._columns: list[str] = []
+        self._separator = ","
+        self._newest_ns = -1
+        self._part = b""  # of a row that is being written
+
+    def begin(self, file: BinaryIO, *, from_start: bool) -> None:
+        """Go to where the new rows begin.
+
+        Raises LinkError for a file that has no header yet.
+        """
+        file.seek(0)
+        self._part = b""
+        if from_start:
+            return
+        header = file.readline(LONGEST_ROW)
+        if not header.endswith(b"\n"):
+            raise LinkError("no row that names the columns yet")
+        self._take_header(header)
+        file.seek(0, os.SEEK_END)
+
+    def lines(self, file: BinaryIO) -> list[bytes]:
+        """The rows that have been finished since."""
+        whole = self._part + file.read()
+        *lines, self._part = whole.split(b"\n")
+        if len(self._part) > LONGEST_ROW:
+            self._counts.refuse(f"a row of more than {LONGEST_ROW} bytes")
+            self._part = b""
+        return [line for line in lines if line.strip()]
+
+    def sample(self, line: bytes) -> ScadaSample | None:
+        """What a row says; None of a header, and of what is counted instead."""
+        if self._is_header(line):
+            self._take_header(line)
+            return None
+        self._counts.received += 1
+        try:
+            sample = self._reader.sample(self._said(line))
+        except MessageError as error:
+            self._counts.refuse(f"row {line[:40]!r}: {error}")
+            return None
+        if sample.time_ns <= self._newest_ns:
+            same = sample.time_ns == self._newest_ns
+            self._counts.duplicate += same
+            self._counts.late += not same
+            return None
+        self._newest_ns = sample.time_ns
+        return sample
+
+    def _is_header(self, line: bytes) -> bool:
+        return not self._columns or self._reader.names[0] in self._cells(line)
+
+    def _take_header(self, line: bytes) -> None:
+        text = line.decode("utf-8-sig", "replace")
+        self._separator = next((each for each in _SEPARATORS if each in text), ",")
+        self._columns = self._cells(line)
+
+    def _said(self, line: bytes) -> dict[str, str]:
+        cells = self._cells(line)
+        if len(cells) != len(self._columns):
+            raise MessageError(f"{len(cells)} cells under {len(self._columns)} names")
+        if self._separator == ";":  # then a comma is a decimal point
+            cells = [cell.replace(",", ".") for cell in cells]
+        return dict(zip(self._columns, cells, strict=True))
+
+    def _cells(self, line: bytes) -> list[str]:
+        text = line.decode("utf-8-sig", "replace").strip("\r\n")
+        try:
+            return [cell.strip() for cell in next(csv.reader([text], delimiter=self._separator))]
+        except (csv.Error, StopIteration):
+            return []
