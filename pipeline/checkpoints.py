@@ -49,6 +49,7 @@ LATEST = stream_of(FoundationPosterior).cached  # answers that a publisher would
 KIND = "pilewatch-node"
 VERSION = 2  # of the file's layout; another one is refused, never guessed at
 STATE = "state"
+MOST_FILES = 1000  # checkpoints in a folder; of more, those not renewed for longest go
 LONGEST_NAME = 160  # of a turbine in a file's name; beyond it a checksum tells them apart
 
 
@@ -63,7 +64,8 @@ class NodeCheckpoint:
 
 
 class CheckpointFolder:
-    """One file a turbine in one folder, which is made when it is first needed."""
+    """One file a turbine in one folder, which is made when it is first needed, and at most
+    MOST_FILES of them."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -79,6 +81,8 @@ class CheckpointFolder:
         """
         self._path.mkdir(parents=True, exist_ok=True)
         path = self.file_of(checkpoint.turbine)
+        if not path.exists():
+            self._make_room()
         beside = path.with_suffix(".new")
         try:
             with beside.open("wb") as file:
@@ -89,6 +93,14 @@ class CheckpointFolder:
             beside.unlink(missing_ok=True)
             raise
         beside.replace(path)
+
+    def _make_room(self) -> None:
+        """For one more file: a stranger may make up turbines for ever, each answered window of
+        his costs an updating, and those that exist renew theirs meanwhile."""
+        files = sorted(self._path.glob("updating-*.checkpoint"), key=_renewed)
+        for longest_left in files[: len(files) + 1 - MOST_FILES]:
+            logger.warning("removed %s: %d checkpoints are kept", longest_left, MOST_FILES)
+            longest_left.unlink(missing_ok=True)
 
     def read(self, turbine: str) -> NodeCheckpoint | None:
         """The turbine's checkpoint; None where there is none.
@@ -106,6 +118,14 @@ class CheckpointFolder:
                 "begin anew with --fresh"
             ) from error
         return _parsed(content, turbine, str(path))
+
+
+def _renewed(path: Path) -> int:
+    """When a file was last written [ns]; 0 for one that is gone."""
+    try:
+        return path.stat().st_mtime_ns
+    except FileNotFoundError:
+        return 0
 
 
 def _in_file_names(turbine: str) -> str:

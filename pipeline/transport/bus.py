@@ -21,6 +21,9 @@ logger = logging.getLogger(__name__)
 
 INBOX_CAPACITY = 10_000  # messages; nearly three hours of one unit's one-second blocks
 INBOX_BYTES = 256 * 2**20  # of all messages that wait: what a flood may cost in memory
+MOST_KEYS = (
+    20_000  # that are listened to: of 1500 turbines; what is kept of each is small, not none
+)
 
 _NOT_IN_A_KEY = frozenset("/*$?#")
 
@@ -84,7 +87,9 @@ class Inbox:
 
     When it is full, the oldest message makes room: what a late subscriber still needs is the end
     of the stream. `dropped` and `malformed` count what was never handed out, and `refusal` says of
-    the last malformed one where it came and what was wrong with it.
+    the last malformed one where it came and what was wrong with it. Messages on more keys than
+    MOST_KEYS count as malformed too: a stranger may make up keys for ever, of which all that
+    listen would remember something.
     """
 
     def __init__(
@@ -96,6 +101,7 @@ class Inbox:
         self._bytes = 0  # of the deliveries that wait
         self._changed = threading.Condition()
         self._closed = False
+        self._keys: set[str] = set()
         self._dropped: Counter[type] = Counter()
         self.malformed = 0
         self.refusal = ""
@@ -137,7 +143,7 @@ class Inbox:
         """
         while (delivery := self._next(timeout)) is not None:
             try:
-                return _opened(delivery)
+                return self._opened(delivery)
             except CodecError as error:
                 self._reject(delivery, error)
         return None
@@ -147,6 +153,14 @@ class Inbox:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+
+    def _opened(self, delivery: Delivery) -> Message:
+        message = _opened(delivery)
+        if delivery.key not in self._keys:
+            if len(self._keys) >= MOST_KEYS:
+                raise CodecError(f"another key than the {MOST_KEYS} that are listened to")
+            self._keys.add(delivery.key)
+        return message
 
     def _taken(self) -> Delivery:
         delivery = self._deliveries.popleft()

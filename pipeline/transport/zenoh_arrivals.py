@@ -27,6 +27,7 @@ from pipeline.transport.zenoh_settings import without_source
 logger = logging.getLogger(__name__)
 
 HEARTBEAT = 0.5  # a publisher says how far it is; what is missed is noticed then at the latest [s]
+MOST_KNOWN = 100_000  # publishers of a stream: each start of a unit is one more
 FETCH_TIMEOUT = 2.0  # for the beginning of a stream; it is held back so long at most [s]
 
 
@@ -53,7 +54,7 @@ class Arrivals:
         self._inbox = inbox
         self._beginnings = beginnings
         self._arriving = threading.Lock()
-        self._known: set[Publisher] = set()
+        self._known: dict[Publisher, None] = {}  # who was heard first comes first
         self._held: dict[Publisher, list[Delivery]] = {}  # while their beginning is fetched
 
     def __call__(self, sample: zenoh.Sample) -> None:
@@ -64,12 +65,19 @@ class Arrivals:
             if publisher in self._held:
                 self._held[publisher].append(delivery)
             elif publisher in self._known or number == 0:
-                self._known.add(publisher)
+                self._know(publisher)
                 self._inbox.put(delivery)
             else:
-                self._known.add(publisher)
+                self._know(publisher)
                 self._held[publisher] = [delivery]
                 self._beginnings.ask(publisher, number, self.begin)
+
+    def _know(self, publisher: Publisher) -> None:
+        """The latest to begin are known; one that was forgotten begins again, with what it still
+        keeps, and those who listen know that they have it."""
+        self._known[publisher] = None
+        if len(self._known) > MOST_KNOWN:
+            del self._known[next(iter(self._known))]
 
     def begin(self, publisher: Publisher, earlier: Iterable[zenoh.Sample]) -> None:
         """Let a stream that was held back go on, after what came before it."""

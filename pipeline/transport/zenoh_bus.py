@@ -51,6 +51,8 @@ __all__ = [
 
 logger = logging.getLogger(__name__)
 
+MOST_PUBLISHERS = 5000  # of one session: of 1000 turbines' estimates, or posteriors, and their kin
+
 
 @dataclass(frozen=True, slots=True)
 class Link:
@@ -79,9 +81,18 @@ class ZenohBus:
     def publish(self, message: Message) -> None:
         key = publishing_key(message)
         payload = encode(message)
-        if key not in self._publishers:
-            self._publishers[key] = _publisher(self._session, key, stream_of(type(message)))
-        self._publishers[key].put(payload)
+        self._publisher_of(key, stream_of(type(message))).put(payload)
+
+    def _publisher_of(self, key: str, stream: Stream) -> ext.AdvancedPublisher:
+        """The key's publisher. Of more than MOST_PUBLISHERS the one that was silent longest goes,
+        and its cache with it: what is answered to turbines that a stranger makes up is bounded."""
+        publisher = self._publishers.pop(key, None)
+        if publisher is None:
+            publisher = _publisher(self._session, key, stream)
+            if len(self._publishers) >= MOST_PUBLISHERS:
+                self._publishers.pop(next(iter(self._publishers))).undeclare()
+        self._publishers[key] = publisher  # the last is who spoke last
+        return publisher
 
     def subscribe(self, message_types: Sequence[type], inbox: Inbox) -> "ZenohSubscription":
         subscription = ZenohSubscription(self._session, self._beginnings, message_types, inbox)

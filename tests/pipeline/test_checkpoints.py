@@ -1,12 +1,13 @@
 """An updating that was killed goes on to the posteriors it would have had, or says why not."""
 
+import os
 from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipeline.checkpoints import LATEST, CheckpointedUpdating, CheckpointFolder
+from pipeline.checkpoints import LATEST, CheckpointedUpdating, CheckpointFolder, NodeCheckpoint
 from pipeline.messages import FoundationPosterior
 from pipeline.nodes.account import NodeAccount
 from pipeline.nodes.operation import UpdatingInContext
@@ -151,3 +152,13 @@ def test_a_checkpoint_of_other_sensors_is_refused(tmp_path):
     fewer = replace(LAYOUT, channels=LAYOUT.channels[:-1])
     with pytest.raises(CheckpointError, match="channels"):
         CheckpointedUpdating(updater_of(layout=fewer), CheckpointFolder(tmp_path), TURBINE)
+
+
+def test_of_too_many_checkpoints_those_not_renewed_for_longest_go(tmp_path, monkeypatch):
+    monkeypatch.setattr("pipeline.checkpoints.MOST_FILES", 3)
+    folder = CheckpointFolder(tmp_path)
+    for number, turbine in enumerate(["real", "b", "c", "real", "d", "real", "e"]):
+        folder.write(NodeCheckpoint(turbine, number, b"state"))
+        os.utime(folder.file_of(turbine), ns=(number, number))  # clocks of disks are coarse
+    kept = {turbine for turbine in ("real", "b", "c", "d", "e") if folder.read(turbine)}
+    assert kept == {"real", "d", "e"}

@@ -177,3 +177,27 @@ def test_a_flood_of_large_messages_costs_no_more_memory_than_is_allowed() -> Non
     assert inbox.dropped_of(AccelerationBlock) == 25 - len(inbox)
     last = [message.sequence for _ in range(len(inbox)) if (message := inbox.get(timeout=0))]
     assert last[-1] == 24
+
+
+def test_keys_beyond_those_that_are_listened_to_are_dropped_and_counted(monkeypatch) -> None:
+    monkeypatch.setattr("pipeline.transport.bus.MOST_KEYS", 3)
+    inbox = Inbox()
+    for sequence in range(2):
+        for number in range(5):
+            message = block(sequence, turbine=f"t{number}")
+            inbox.put(Delivery(AccelerationBlock, key_of(message), encode(message)))
+    inbox.close()
+    heard = [message.turbine for message in take(inbox, 10)]
+    assert heard == ["t0", "t1", "t2", "t0", "t1", "t2"]
+    assert inbox.malformed == 4
+    assert inbox.refusal == (
+        "on pilewatch/t4/tower/acceleration: another key than the 3 that are listened to"
+    )
+
+
+def test_what_is_malformed_takes_no_place_among_the_keys(monkeypatch) -> None:
+    monkeypatch.setattr("pipeline.transport.bus.MOST_KEYS", 1)
+    inbox = Inbox()
+    inbox.put(Delivery(AccelerationBlock, "pilewatch/t9/tower/acceleration", b"nonsense"))
+    inbox.put(Delivery(AccelerationBlock, key_of(block(0)), encode(block(0))))
+    assert [message.turbine for message in take(inbox, 1)] == ["t1"]

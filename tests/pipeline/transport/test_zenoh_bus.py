@@ -61,6 +61,22 @@ def test_peers_that_start_in_any_order_all_hear_each_other_completely(seed: int)
     }
 
 
+def test_of_too_many_publishers_the_one_silent_longest_goes_and_may_come_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pipeline.transport.zenoh_bus.MOST_PUBLISHERS", 3)
+    endpoint = free_endpoint()
+    with closing(ZenohBus(hub(endpoint))) as bus, closing(ZenohBus(peer_of(endpoint))) as other:
+        inbox = Inbox()
+        other.subscribe([WindowRejected], inbox)
+        turbines = ["t1", "t2", "t3", "t1", "t4", "t2", "t1"]
+        for window, turbine in enumerate(turbines):
+            bus.publish(rejection(window, turbine=turbine))
+            (heard,) = take(inbox, 1)
+            assert (heard.turbine, heard.window) == (turbine, window)
+        assert [key.split("/")[1] for key in bus._publishers] == ["t4", "t2", "t1"]
+
+
 def publish_blocks(endpoint: str, n_blocks: int) -> None:
     """A process of its own: publish, and leave at once."""
     with closing(ZenohBus(peer_of(endpoint))) as bus:
