@@ -5,7 +5,8 @@ from typing import Any
 
 from rich.table import Table
 
-from pipeline.messages import FoundationPosterior
+from pipeline.fleet.farm import Farm
+from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.model_modes import ModelModes, NearestMode
 from pipeline.recording.info import RecordingInfo
 from pipeline.scenario import Scenario
@@ -63,6 +64,38 @@ def posterior_table(posterior: Json) -> Table:
         "σ: relative discrepancy of the model"
     )
     return table
+
+
+def farm_table(farm: Farm) -> Table:
+    """Every turbine's springs with the farm's help, and how unlike the others it is."""
+    table = _table(f"Springs ÷ nominal, {_counted(len(farm.turbines), 'turbine')} pooled")
+    for title in ("turbine", "windows", "k11", "k22", "k12", "outlier"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for each in farm.turbines:
+        springs = [
+            f"{pooled.median / pooled.nominal:.3f} ± {_half_width(pooled):.3f} "
+            f"({_half_width(own):.3f})"
+            for pooled, own in zip(each.pooled, each.own, strict=True)
+        ]
+        style = "bold red" if each.outlying else None
+        table.add_row(
+            each.turbine, str(each.n_windows), *springs, f"{each.outlier_probability:.3f}",
+            style=style,
+        )  # fmt: skip
+    spreads = ", ".join(
+        f"{name} {100 * each.median:.1f} % [{100 * each.p05:.1f}, {100 * each.p95:.1f}]"
+        for name, each in zip(("k11", "k22", "k12"), farm.spread, strict=True)
+    )
+    table.caption = (
+        f"± half a 90 % interval, (alone); turbines differ by {spreads} (standard deviation); "
+        f"outlier: probability; R-hat {farm.rhat:.3f}"
+    )
+    return table
+
+
+def _half_width(spring: ParameterSummary) -> float:
+    """Of the 90 % interval, over nominal."""
+    return abs((spring.p95 - spring.p05) / 2 / spring.nominal)
 
 
 def misfit_table(posterior: FoundationPosterior) -> Table:

@@ -14,8 +14,10 @@ from pipeline.cli.certificates import certificates
 from pipeline.cli.console import escaped, people
 from pipeline.cli.describe import describe
 from pipeline.cli.export import export
+from pipeline.cli.farm import farm
 from pipeline.cli.feeding import feed
 from pipeline.cli.importing import import_files
+from pipeline.cli.metrics import metrics
 from pipeline.cli.modal import identify, modes
 from pipeline.cli.playing import control, publish
 from pipeline.cli.recordings import info, salvage, simulate
@@ -47,6 +49,7 @@ for command in (
     reprocess,
     node,
     status,
+    metrics,
     publish,
     feed,
     control,
@@ -56,6 +59,7 @@ for command in (
     show,
     report,
     export,
+    farm,
 ):
     app.command()(command)
 app.command("import")(import_files)

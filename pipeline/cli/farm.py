@@ -1,0 +1,142 @@
+"""`pilewatch farm`: what the turbines of a farm say of each other."""
+
+import json
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pipeline.cli.console import (
+    JsonOption,
+    ZenohConfigOption,
+    escaped,
+    output,
+    people,
+    stopped_by_signals,
+    zenoh_settings,
+)
+
+if TYPE_CHECKING:
+    from pipeline.fleet.farm import Farm
+    from pipeline.messages import FoundationPosterior
+
+
+def farm(
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            help="Sessions or recordings with posteriors, or folders of them; without any, the "
+            "session that runs in --out or at --connect."
+        ),
+    ] = None,
+    connect: Annotated[
+        str | None, typer.Option(help="Zenoh endpoint of a session or router that runs.")
+    ] = None,
+    zenoh_config: ZenohConfigOption = None,
+    out: Annotated[Path, typer.Option(help="Folder of the session that runs.")] = Path("out"),
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write what the farm says of one more turbine, for [updating] population."
+        ),
+    ] = None,
+    parquet: Annotated[
+        Path | None, typer.Option(help="Write a table, one row a turbine and spring.")
+    ] = None,
+    follow: Annotated[
+        bool,
+        typer.Option(
+            "--follow", help="Pool again when posteriors come, and publish, until stopped."
+        ),
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Pool the posteriors of turbines alike: sharper springs, and those unlike the others."""
+    from sensors.errors import InputError
+
+    if files and (connect or zenoh_config or follow):
+        raise InputError("FILES are recordings; --connect, --zenoh-config and --follow need none")
+    if files:
+        from pipeline.fleet.farm_sources import recorded_posteriors
+
+        _tell(recorded_posteriors(files), prior, parquet, as_json)
+        return
+    _of_running_sessions(_whom(connect, zenoh_config, out), follow, prior, parquet, as_json)
+
+
+def _whom(connect: str | None, zenoh_config: Path | None, out: Path) -> Any:
+    """How the sessions that run are reached."""
+    from pipeline.status import endpoint_of
+
+    if zenoh_config is not None:
+        return zenoh_settings("peer", None, None, zenoh_config)
+    endpoint = endpoint_of(out) if connect is None else connect
+    return zenoh_settings("client", None, [endpoint], None)
+
+
+def _of_running_sessions(
+    settings: Any, follow: bool, prior: Path | None, parquet: Path | None, as_json: bool
+) -> None:
+    from pipeline.fleet.farm_pooling import FarmError
+    from pipeline.fleet.farm_results import pooled_posterior
+    from pipeline.fleet.farm_sources import RunningFarm
+    from pipeline.transport.zenoh_bus import ZenohBus
+
+    with closing(ZenohBus(settings)) as bus, closing(RunningFarm(bus)) as running:
+        if not follow:
+            _tell(running.posteriors(), prior, parquet, as_json)
+            return
+        with stopped_by_signals() as stopping:
+            for posteriors in running.rounds(stopping):
+                try:
+                    found = _tell(posteriors, prior, parquet, as_json)
+                except FarmError as error:  # too few as yet
+                    people.print(escaped(str(error)), soft_wrap=True)
+                    continue
+                for turbine in found.turbines:
+                    bus.publish(pooled_posterior(found, turbine))
+
+
+def _tell(
+    posteriors: "Sequence[FoundationPosterior]",
+    prior: Path | None,
+    parquet: Path | None,
+    as_json: bool,
+) -> "Farm":
+    from pipeline.fleet.farm import pooled_farm
+    from pipeline.fleet.farm_results import farm_json, write_parquet
+    from pipeline.runner import one_blas_thread
+
+    with one_blas_thread():
+        found = pooled_farm(posteriors)
+    if prior is not None:
+        _write(prior, found.population.as_json())
+    if parquet is not None:
+        write_parquet(found, parquet)
+    if as_json:
+        output.print_json(json.dumps(farm_json(found), allow_nan=False))
+    else:
+        _print(found)
+    return found
+
+
+def _write(path: Path, text: str) -> None:
+    from sensors.errors import InputError
+
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _print(found: "Farm") -> None:
+    from pipeline.tables import farm_table
+
+    output.print(farm_table(found))
+    for turbine in found.turbines:
+        if turbine.outlying:
+            output.print(f"[bold red]unlike:[/] {escaped(turbine.text)}", soft_wrap=True)
+    for each in found.left_out:
+        output.print(f"{escaped(each.turbine)} left out: {escaped(each.reason)}", soft_wrap=True)
