@@ -10,8 +10,8 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,6 +20,8 @@ from typing import Literal
 from pipeline import runner
 from pipeline.app import Outputs, build
 from pipeline.checkpoints import FOLDER as CHECKPOINTS
+from pipeline.metrics import MetricsDesk, served
+from pipeline.nodes.node import Node
 from pipeline.recording.parts import close_leftovers, raw_files
 from pipeline.recording.recent import files_of
 from pipeline.recording.writer import ACTIVE_SUFFIX
@@ -54,6 +56,7 @@ class SessionOptions:
     view: ViewerOutput | None = None  # a viewer beside it
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
     fresh: bool = False  # begin anew, whatever checkpoint there is
+    metrics: int | None = None  # port on this machine where Prometheus may ask
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +99,14 @@ def run_session(
         if report:
             report(block)
 
+    desks: list[Node] = [summary]
     try:
-        _run(source, options, outputs, summary, account, scenario_option, stopping)
+        with ExitStack() as stack:
+            if options.metrics is not None:
+                figures_desk = MetricsDesk()
+                stack.enter_context(served(figures_desk, options.metrics))
+                desks.append(figures_desk)
+            _run(source, options, outputs, desks, account, scenario_option, stopping)
     finally:
         figures = summary.as_json(wall=time.monotonic() - started)
         written = json.dumps(figures, indent=2, ensure_ascii=False, allow_nan=False)
@@ -128,7 +137,7 @@ def _run(
     source: Source,
     options: SessionOptions,
     outputs: Outputs,
-    summary: SessionSummary,
+    desks: Sequence[Node],
     report: Callable[[AccelerationBlock], None],
     scenario_option: str | None,
     stopping: threading.Event | None,
@@ -138,7 +147,7 @@ def _run(
     if options.way == "lock-step":
         if source.is_live:
             raise InputError("--lock-step cannot run a live source: it waits for nobody")
-        nodes = [*(plan.make() for plan in graph), summary]
+        nodes = [*(plan.make() for plan in graph), *desks]
         messages = source.messages(options.speed, stopping)
         runner.run_lock_step(messages, nodes, turbine=turbine, report=report)
         return
@@ -154,7 +163,7 @@ def _run(
             workers.append(SupervisedProcess(plan.node, command))
         else:
             workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
-    workers.append(runner.NodeThread(summary, open_bus, turbine))
+    workers += [runner.NodeThread(each, open_bus, turbine) for each in desks]
     follows = options.speed == float("inf")
     desk = StatusDesk(source.text)
     control = ReplayControl(source, options.speed, stopping)

@@ -21,6 +21,7 @@ from sensors.errors import InputError
 
 Json = dict[str, Any]
 
+API = 1  # of the answer: a field may come, none goes or changes its meaning under one number
 KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @
 ENDPOINT_FILE = "endpoint"  # in a session's folder while it runs
 GAPS_TOLD = 20
@@ -63,6 +64,7 @@ class StatusDesk:
         now_ns = self._clock()
         with self._asked:
             return {
+                "api": API,
                 "source": self._source,
                 "connections": self.connections(),
                 "time_ns": now_ns,

@@ -76,6 +76,9 @@ def run(
         bool,
         typer.Option("--fresh", help="Begin with nothing seen, even where a checkpoint exists."),
     ] = False,
+    metrics: Annotated[
+        int | None, typer.Option(help="Port on this machine where Prometheus may ask: /metrics.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Turn accelerations into a posterior of the foundation's stiffness."""
@@ -93,6 +96,7 @@ def run(
         zenoh=zenoh_settings(mode, listen, connect, zenoh_config),
         fresh=fresh,
     )
+    options = replace(options, metrics=metrics)
     playback = Playback(start, float("inf") if end is None else end, loop)
     opened = open_source(_imported(source, out, layout, scenario), scenario)
     opened = opened.with_sampler(sampler).with_playback(playback)
