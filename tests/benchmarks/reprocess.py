@@ -1,26 +1,28 @@
 """An archive of many files: in series, by two processes, with a worker killed, stopped and resumed.
 
 python -m tests.benchmarks reprocess [--files 240] [--minutes 10] [--workers 2] [--folder FOLDER]
-                                     [--part series parallel trouble]
+                                     [--part series parallel trouble] [--limit SECONDS]
 
 The archive is one simulation of the parked turbine cut into files; windows are as long as a file.
 `parallel` must give the tables of `series` byte by byte, and so must `trouble`: a worker is killed
 when a quarter of the files are identified, the run is stopped at half of them and begun again.
-Results in FOLDER are found again, so that parts may be run one after the other. Wall time depends
-on what else the machine does: CPU and load are told beside it.
+Results in FOLDER are found again: parts may be run one after the other, and a run that `--limit`
+ends goes on with the same command, its costs added up. Wall time depends on what else the machine
+does: CPU and load are told beside it.
 """
 
 import argparse
+import json
 import os
 import resource
 import signal
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from pipeline.fleet.archive import ArchiveReport, reprocessed
+from pipeline.fleet.archive import ArchiveReport, Report, reprocessed
 from pipeline.fleet.archive_dask import local_workers
 from pipeline.fleet.archive_work import ThisProcess, Workers
 from pipeline.scenario import scenario_from_text
@@ -41,13 +43,22 @@ hop = {window}
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one run took."""
+    """What a part took, in all its runs."""
 
-    wall: float  # [s]
-    cpu: float  # of this process and all its workers [s]
-    own: float  # of this process [s]
-    load: float  # of the machine over the last minute, at the end
-    memory: float  # the largest worker's peak [MB]
+    wall: float = 0.0  # [s]
+    cpu: float = 0.0  # of this process and all its workers [s]
+    own: float = 0.0  # of this process [s]
+    load: float = 0.0  # of the machine over the last minute, the largest at the end of a run
+    memory: float = 0.0  # the largest worker's peak [MB]
+
+    def __add__(self, other: "Cost") -> "Cost":
+        return Cost(
+            self.wall + other.wall,
+            self.cpu + other.cpu,
+            self.own + other.own,
+            max(self.load, other.load),
+            max(self.memory, other.memory),
+        )
 
 
 class _Stopped(Exception):  # noqa: N818  # as if by Ctrl-C
@@ -62,16 +73,22 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--folder", type=Path, help="for archive and results; kept")
     parser.add_argument("--part", nargs="+", default=["series", "parallel", "trouble"])
+    parser.add_argument("--limit", type=float, default=float("inf"), help="of this run [s]")
     options = parser.parse_args(arguments)
+    until = time.monotonic() + options.limit
     folder = options.folder or Path(tempfile.mkdtemp(prefix="reprocess-"))
     archive = made_archive(folder / "archive", options.files, options.minutes)
     print(f"{len(archive)} files of {options.minutes:g} minutes in {folder}", flush=True)
     costs = {}
     for part in options.part:
-        runs = {"series": _series, "parallel": _parallel, "trouble": _trouble}
-        cost, report = runs[part](archive, folder / part, options.workers)
-        costs[part] = cost
-        _print(part, cost, report)
+        run = {"series": _series, "parallel": _parallel, "trouble": _trouble}[part]
+        try:
+            report = _measured(folder / f"{part}.json", run, archive, folder / part, options, until)
+        except _Stopped:
+            print(f"{part}: stopped by --limit; the same command goes on", flush=True)
+            return
+        costs[part] = _cost_in(folder / f"{part}.json")
+        _print(part, costs[part], report)
         if part != "series":
             same = tables_of(folder / part) == tables_of(folder / "series")
             print(f"  tables {'equal those in series, byte by byte' if same else 'DIFFER'}")
@@ -100,32 +117,25 @@ def tables_of(results: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(results.glob("*.parquet"))}
 
 
-def _series(archive: list[Path], out: Path, _: int) -> tuple[Cost, ArchiveReport]:
-    return _measured(lambda: reprocessed(archive, out, ThisProcess()))
+def _series(archive: list[Path], out: Path, _: int, follow: Report) -> ArchiveReport:
+    return reprocessed(archive, out, ThisProcess(), report=follow)
 
 
-def _parallel(archive: list[Path], out: Path, count: int) -> tuple[Cost, ArchiveReport]:
-    def run() -> ArchiveReport:
+def _parallel(archive: list[Path], out: Path, count: int, follow: Report) -> ArchiveReport:
+    with local_workers(count) as workers:
+        return reprocessed(archive, out, workers, report=follow)
+
+
+def _trouble(archive: list[Path], out: Path, count: int, follow: Report) -> ArchiveReport:
+    try:
         with local_workers(count) as workers:
-            return reprocessed(archive, out, workers)
-
-    return _measured(run)
-
-
-def _trouble(archive: list[Path], out: Path, count: int) -> tuple[Cost, ArchiveReport]:
-    def run() -> ArchiveReport:
-        try:
-            with local_workers(count) as workers:
-                reprocessed(archive, out, workers, report=_troubled(workers))
-        except _Stopped:
-            print("  stopped; begun again", flush=True)
-        with local_workers(count) as workers:
-            return reprocessed(archive, out, workers)
-
-    return _measured(run)
+            reprocessed(archive, out, workers, report=_troubled(workers))
+    except _Stopped:
+        print("  stopped; begun again", flush=True)
+    return _parallel(archive, out, count, follow)
 
 
-def _troubled(workers: Workers) -> Callable[[str, int, int], None]:
+def _troubled(workers: Workers) -> Report:
     """Kills a worker at a quarter of the identification and stops it at half."""
     killed: list[int] = []
 
@@ -143,18 +153,37 @@ def _troubled(workers: Workers) -> Callable[[str, int, int], None]:
     return follow
 
 
-def _measured(run: Callable[[], ArchiveReport]) -> tuple[Cost, ArchiveReport]:
+def _measured(
+    kept: Path,
+    run: Callable[[list[Path], Path, int, Report], ArchiveReport],
+    archive: list[Path],
+    out: Path,
+    options: argparse.Namespace,
+    until: float,
+) -> ArchiveReport:
+    """What the run reports; its cost goes to the file of its part."""
+
+    def follow(phase: str, done: int, total: int) -> None:
+        if time.monotonic() > until:
+            raise _Stopped
+
     wall, own, children = time.monotonic(), time.process_time(), _children()
-    report = run()
-    own = time.process_time() - own
-    cost = Cost(
-        wall=time.monotonic() - wall,
-        cpu=own + _children() - children,
-        own=own,
-        load=os.getloadavg()[0],
-        memory=resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
-    )
-    return cost, report
+    try:
+        return run(archive, out, options.workers, follow)
+    finally:
+        own = time.process_time() - own
+        cost = Cost(
+            wall=time.monotonic() - wall,
+            cpu=own + _children() - children,
+            own=own,
+            load=os.getloadavg()[0],
+            memory=resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
+        )
+        kept.write_text(json.dumps(asdict(_cost_in(kept) + cost)))
+
+
+def _cost_in(kept: Path) -> Cost:
+    return Cost(**json.loads(kept.read_text())) if kept.exists() else Cost()
 
 
 def _children() -> float:
