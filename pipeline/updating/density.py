@@ -44,13 +44,14 @@ class StiffnessDensity:
         sigma = np.zeros(len(ratios))
         if modes is not None:
             density[supported], sigma[supported] = self._likelihood.marginal(modes, self._generator)
+            density[supported] += self._prior.log_density(ratios[supported])
         if self._population is not None and supported.any():
             farm = self._population.log_density(ratios[supported, :3])
             density[supported] += farm + self.log_prior_volume
         return density, sigma
 
     def prior_draws(self, n: int, generator: np.random.Generator) -> FloatArray:
-        """(n, 3)"""
+        """(n, 3), what else is uncertain beside it"""
         return self._prior.draws(n, generator)
 
     def target(self, peak: Peak, ensemble: FloatArray | None = None) -> Target:

@@ -17,7 +17,7 @@ WIDEST = 1.0  # standard deviation of a ratio beyond which a Gaussian says nothi
 class Peak:
     """Gaussian approximation of the posterior in the ratios k / nominal."""
 
-    ratios: FloatArray  # (3,)
+    ratios: FloatArray  # (3,); what else is uncertain follows (`uncertain`)
     covariance: FloatArray  # (3, 3)
 
 
@@ -52,7 +52,7 @@ def laplace_peak(
         ratios = better
         if np.abs(jacobian @ step).max() < 0.02:
             break
-    return Peak(ratios, _bounded_inverse(hessian))
+    return Peak(ratios, bounded_inverse(hessian))
 
 
 def _best_on_line(
@@ -72,7 +72,7 @@ def _best_on_line(
     return None if np.array_equal(trials[best], ratios) else trials[best]
 
 
-def _bounded_inverse(hessian: FloatArray) -> FloatArray:
+def bounded_inverse(hessian: FloatArray) -> FloatArray:
     """H⁻¹ with every direction's standard deviation at most WIDEST."""
     values, directions = np.linalg.eigh(hessian)
     variances = 1 / np.maximum(values, 1 / WIDEST**2)

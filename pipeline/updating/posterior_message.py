@@ -44,7 +44,8 @@ def posterior_message(
 
     estimate   of the window that was the last to enter the evidence
     draws      of the stiffness that all windows have in common, with which their modes are compared
-    median     (3,) ratios of the same, at which the model's modes are shown
+    median     (3,) ratios of the same, at which the model's modes are shown; uncertain figures
+               follow
     now        (n_draws, 4) draws of the stiffness in the estimate's window: what is published
     """
     evidence = match.evidence
@@ -163,17 +164,19 @@ class _ModeCheck:
 def _mode_check(match: Match, prior: Prior, draws: PosteriorDraws) -> _ModeCheck:
     flat = draws.flat[np.linspace(0, len(draws.flat) - 1, CHECKED_DRAWS).round().astype(int)]
     rows = match.likelihood.frequency_components
-    modes = match.forward.modal(prior.stiffness(flat[:, :3]))
+    points, sigma = flat[:, :-1], flat[:, -1]
+    modes = match.forward.modal(prior.stiffness(points))
     variances = np.diag(match.likelihood.measurement_covariance)[rows]
     misfits = predictive_misfits(
         match.likelihood.errors(modes)[:, rows],
         variances,
-        np.outer(flat[:, 3] ** 2, match.likelihood.reference[rows]),
+        np.outer(sigma**2, match.likelihood.reference[rows]),
     )
-    points = match.peak.ratios + DIFFERENCE * np.vstack([np.zeros(3), np.eye(3)])
-    errors = match.likelihood.errors(match.forward.modal(prior.stiffness(points)))
+    steps = DIFFERENCE * np.eye(3, len(match.peak.ratios))  # of the springs alone
+    near = match.peak.ratios + np.vstack([np.zeros_like(match.peak.ratios), steps])
+    errors = match.likelihood.errors(match.forward.modal(prior.stiffness(near)))
     everything = np.diag(match.likelihood.measurement_covariance)
-    everything = everything + np.median(flat[:, 3]) ** 2 * match.likelihood.reference
+    everything = everything + np.median(sigma) ** 2 * match.likelihood.reference
     information = mode_information(
         (errors[1:] - errors[0]).T / DIFFERENCE,
         1 / everything,

@@ -69,6 +69,10 @@ class Prior:
         definite = ratios[..., 0] * ratios[..., 1] > self._coupling * ratios[..., 2] ** 2
         return within.all(axis=-1) & definite
 
+    def log_density(self, ratios: FloatArray) -> FloatArray:
+        """(n,) relative to the uniform one where it is supported: 0."""
+        return np.zeros(ratios.shape[:-1])
+
     def draws(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, 3) ratios drawn from the supported part of the box (gravity not yet asked)."""
         low, high = self.settings.lowest_ratio, self.settings.highest_ratio

@@ -39,9 +39,16 @@ from pipeline.updating.posterior_message import posterior_message
 from pipeline.updating.prior import Prior, PriorSettings, modal_where_supported
 from pipeline.updating.sampler import SamplerSettings
 from pipeline.updating.samplers import SamplingSettings, sampler_of
-from pipeline.updating.sampling import PosteriorDraws, Target
+from pipeline.updating.sampling import PosteriorDraws
 from pipeline.updating.sightings import EstimateRefused, Sighting, diagonal
 from pipeline.updating.sightings import sightings as sightings_of
+from pipeline.updating.uncertain import (
+    UncertainSettings,
+    WidePrior,
+    figure_summaries,
+    require_figures,
+    widened,
+)
 from sensors.layout import SensorLayout
 
 POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for
@@ -59,6 +66,7 @@ class UpdatingSettings:
     sampler: SamplerSettings = field(default_factory=SamplerSettings)  # emcee's
     guards: GuardSettings = field(default_factory=GuardSettings)
     change: ChangeSettings = field(default_factory=ChangeSettings)
+    uncertain: UncertainSettings = field(default_factory=UncertainSettings)
     population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none
 
 
@@ -78,7 +86,8 @@ class UpdatingState:
     """All that is remembered between windows; its size doesn't grow with their number."""
 
     evidence: ModalEvidence
-    ensemble: FloatArray | None = None  # (n, 3) ratios drawn from the last posterior
+    ensemble: FloatArray | None = None  # (n, 3) ratios drawn from the last posterior; what else
+    # is uncertain beside it
     median: FloatArray | None = None  # (3,) ratios, of the last posterior
     change: ChangeState = field(default_factory=ChangeState)
     recent: tuple[RecentWindow, ...] = ()  # from which the evidence is begun anew after a change
@@ -115,6 +124,12 @@ class FoundationUpdater:
         self._layout = layout
         self._seed = seed
         self._prior = Prior(forward.nominal, self.settings.prior)
+        self._wide_prior: WidePrior | None = None  # where figures of the structure are uncertain
+        if self.settings.uncertain.names:
+            self._wide_prior = WidePrior(
+                forward.nominal, self.settings.prior, self.settings.uncertain
+            )
+            require_figures(forward, self._wide_prior.names)
         self._sampler = sampler_of(self.settings.sampling, self.settings.sampler)
         self._detector = ChangeDetector(self.settings.change)
         self._matcher = Matcher(
@@ -272,33 +287,33 @@ class FoundationUpdater:
         against = refusal(pairing.paired_share, pairing.cost, guards)
         if against is not None:
             return state, _rejected(estimate, EstimateRefused(against.code, against.text))
+        prior, sampled = self._prior, match
+        if self._wide_prior is not None:
+            prior, sampled = self._wide_prior, widened(match, self._wide_prior)
         density = StiffnessDensity(
-            match.likelihood, match.forward, self._prior, generator, self._population
+            sampled.likelihood, sampled.forward, prior, generator, self._population
         )
-        target = Target(
-            log_density=density,
-            prior_draws=density.prior_draws,
-            log_prior_volume=density.log_prior_volume,
-            peak=match.peak,
-            ensemble=self._ensemble(state),
-        )
-        draws = self._sampler(target, generator)
-        median = self._representative(draws)
+        draws = self._sampler(density.target(sampled.peak, self._ensemble(state)), generator)
+        representative = self._representative(draws)
         posterior = posterior_message(
             estimate,
-            match,
+            sampled,
             draws,
-            median,
+            representative,
             now=self._in_this_window(draws, state.change, estimate),
-            prior=self._prior,
+            prior=prior,
             guards=guards,
         )
+        if self._wide_prior is not None:
+            figures = figure_summaries(draws.flat[:, 3:-1], self._wide_prior)
+            posterior = replace(posterior, figures=figures)
         if self._population is not None:
             posterior = replace(posterior, population=self._population.name)
         chance = self._change_probability(state.change, state.sensitivities, estimate.duration)
         posterior = replace(posterior, change_probability=chance)
         # contiguous, as a checkpoint gives it back: BLAS may round by layout
         ensemble = np.ascontiguousarray(draws.ensemble)
+        median = representative[:3]
         sensitivities = self._sensitivities(state.evidence, match, median)
         return (
             replace(state, ensemble=ensemble, median=median, sensitivities=sensitivities),
@@ -321,12 +336,18 @@ class FoundationUpdater:
 
     def _ensemble(self, state: UpdatingState) -> FloatArray | None:
         """(n, 3) ratios about which the sampler looks first: the last posterior's, before it the
-        farm's."""
-        if state.ensemble is not None or self._population is None:
+        farm's. What else is uncertain lies beside them."""
+        n_uncertain = len(self.settings.uncertain.names)
+        if state.ensemble is not None and state.ensemble.shape[1] == 3 + n_uncertain:
             return state.ensemble
+        if self._population is None:
+            return None
         generator = np.random.default_rng([self._seed, 2])
         drawn = self._population.draws(POPULATION_ENSEMBLE, generator)
-        return drawn[self._prior.supports(drawn)]
+        drawn = drawn[self._prior.supports(drawn)]
+        if self._wide_prior is None:
+            return drawn
+        return np.hstack([drawn, self._wide_prior.draws(len(drawn), generator)[:, 3:]])
 
     def _in_this_window(
         self, draws: PosteriorDraws, change: ChangeState, estimate: ModalEstimate
@@ -337,9 +358,10 @@ class FoundationUpdater:
         from it by. A draw that the prior does not allow then stays as it was.
         """
         generator = np.random.default_rng([self._seed, estimate.window, 1])
-        now = draws.flat.copy()
+        common = draws.flat[:, [0, 1, 2, -1]]
+        now = common.copy()
         now[:, :3] += deviation(change.walk).draws(len(now), generator)
-        return np.where(self._prior.supports(now[:, :3])[:, None], now, draws.flat)
+        return np.where(self._prior.supports(now[:, :3])[:, None], now, common)
 
     def _rise(self, estimate: ModalEstimate) -> float:
         """Of the water above the model's in the window [m]; 0 where the level is not known."""
@@ -379,11 +401,11 @@ class FoundationUpdater:
         return tuple(each for each in found.values() if np.all(np.isfinite(each.slopes)))
 
     def _representative(self, draws: PosteriorDraws) -> FloatArray:
-        """(3,) the median of each ratio; where these three cannot stand together, the draw
-        nearest to them."""
-        flat = draws.flat[:, :3]
+        """(3,) the median of each ratio, what else is uncertain beside it; where these three cannot
+        stand together, the draw nearest to them."""
+        flat = draws.flat[:, :-1]
         median = np.median(flat, axis=0)
-        supported, modes = modal_where_supported(self._forward, self._prior, median[None])
+        supported, modes = modal_where_supported(self._forward, self._prior, median[None, :3])
         if supported[0] and modes is not None and modes.admissible[0]:
             return median
         distances = (((flat - median) / flat.std(axis=0)) ** 2).sum(axis=1)

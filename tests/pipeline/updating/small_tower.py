@@ -43,6 +43,7 @@ class SmallTower:
     n_modes: int = 6  # a direction
     chosen: tuple[int, ...] = ()  # of all 2 n_modes; () for all
     stiffening: float = 1.0  # of the tube, to make a structure that the updater gets wrong
+    heavier: float = 1.0  # mass and inertia at the top, likewise
     water_level: float = 0.0  # on land
 
     @property
@@ -61,6 +62,21 @@ class SmallTower:
 
     def following(self, theta_reference: FloatArray) -> "SmallTower":
         return self
+
+    def responses(self, name: str) -> tuple[FloatArray, FloatArray]:
+        field = {"steel_modulus": "stiffening", "rna_mass": "heavier"}[name]
+        step = 1e-3
+        more, less = (
+            replace(self, **{field: getattr(self, field) + sign * step}).modal(NOMINAL[None])
+            for sign in (1, -1)
+        )
+        largest = np.argmax(np.abs(more.shapes[0]), axis=1)[:, None]
+        unit = [m.shapes[0] / np.take_along_axis(m.shapes[0], largest, 1) for m in (more, less)]
+        logs = np.log(more.frequencies[0] / less.frequencies[0])
+        return logs / (2 * step), (unit[0] - unit[1]) / (2 * step)
+
+    def scoured(self, theta: FloatArray, depths: FloatArray) -> FloatArray:
+        return theta * np.exp(-np.outer(depths, [0.12, 0.02, 0.06]))  # as the real pile, roughly
 
     def in_water(self, rises: Sequence[float]) -> SmallModes:
         return self.modal(np.tile(NOMINAL, (len(rises), 1)))  # on land
@@ -83,8 +99,8 @@ class SmallTower:
 
     def _direction(self, theta: FloatArray, direction: str) -> tuple[FloatArray, FloatArray]:
         stiffness, mass = tube_matrices(self.stiffening)
-        mass[-2, -2] += TOP_MASS
-        mass[-1, -1] += TOP_INERTIA[direction]
+        mass[-2, -2] += self.heavier * TOP_MASS
+        mass[-1, -1] += self.heavier * TOP_INERTIA[direction]
         whole = np.repeat(stiffness[None], len(theta), axis=0)
         whole[:, 0, 0] += theta[:, 0]
         whole[:, 1, 1] += theta[:, 1]
