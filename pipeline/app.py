@@ -8,8 +8,9 @@ To change the identification, the updating, a sink or a view, change its line in
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from pipeline.checkpoints import CheckpointedUpdating, CheckpointFolder
@@ -20,7 +21,7 @@ from pipeline.oma.references import references_among
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Metadata
 from pipeline.resumption import ResumedIdentification, recorded_past
-from pipeline.scenario import Scenario
+from pipeline.scenario import Scenario, farm_members
 from pipeline.updating.updater import FoundationUpdater
 from pipeline.viewer.outputs import ViewerOutput
 from pipeline.viewer.sink import Viewer
@@ -56,8 +57,16 @@ class Plan:
         return self.node.name  # type: ignore[return-value]  # a class attribute of every node
 
 
-def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[Plan, ...]:
+def build(
+    scenario: Scenario,
+    layout: SensorLayout,
+    outputs: Outputs,
+    layouts: Mapping[str, SensorLayout] | None = None,
+) -> tuple[Plan, ...]:
     """The nodes of a session in the order of the flow.
+
+    layout    of the turbines that `layouts` doesn't name
+    layouts   turbine → its own; None: as the scenario's farm has them
 
     Raises OmaSettingsError where the scenario names a reference channel that the layout lacks, and
     LayoutError where its channels are not what the structural model is compared with.
@@ -65,6 +74,11 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
     references_among(layout.channel_names, scenario.oma)
     if scenario.has_structure:
         _require_accelerations(layout)
+    farm = {each.turbine.id: each for each in farm_members(scenario)}
+    known = {name: each.layout for name, each in farm.items()} | dict(layouts or {})
+    models: dict[
+        object, ModalModel
+    ] = {}  # turbines alike share one: it is costly, and never changes
 
     def identification() -> Node:
         if not outputs.earlier:
@@ -72,12 +86,24 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
         return ResumedIdentification(scenario.oma, recorded_past(outputs.earlier, scenario.oma))
 
     def updating() -> Node:
-        return UpdatingInContext(updating_of_one_turbine, layout, scenario.operation)
+        special = {
+            turbine: (partial(updating_of_one_turbine, farm.get(turbine, scenario), own), own)
+            for turbine, own in known.items()
+            if _kind(farm.get(turbine, scenario), own) != _kind(scenario, layout)
+        }
+        most = partial(updating_of_one_turbine, scenario, layout)
+        return UpdatingInContext(most, layout, scenario.operation, special=special)
 
-    def updating_of_one_turbine() -> Node:
-        model = ModalModel(scenario.structure, layout)
+    def updating_of_one_turbine(member: Scenario, layout: SensorLayout) -> Node:
+        kind = _kind(member, layout)
+        if kind not in models:
+            models[kind] = ModalModel(member.structure, layout)
         updater = FoundationUpdater(
-            model, layout, scenario.updating, seed=scenario.seed, population=scenario.population
+            models[kind],
+            layout,
+            scenario.updating,
+            seed=scenario.seed,
+            population=scenario.population,
         )
         if outputs.checkpoints is None:
             return FoundationUpdaterNode(updater)
@@ -106,6 +132,12 @@ def build(scenario: Scenario, layout: SensorLayout, outputs: Outputs) -> tuple[P
             Plan(SessionRecorder, recorder)
         )  # last: it hears what the others say at the end
     return tuple(graph)
+
+
+def _kind(scenario: Scenario, layout: SensorLayout) -> tuple[object, ...]:
+    """Turbines of which this is the same have the same model at the same sensors."""
+    turbine = scenario.turbine
+    return turbine.description, turbine.springs_sign, layout.channels
 
 
 def _require_accelerations(layout: SensorLayout) -> None:

@@ -34,7 +34,8 @@ def updated_from(source: Source, *, identify: bool, report: Report | None = None
     report     called with every block of accelerations
     """
     summary = SessionSummary(source=source.text, turbine=source.layout.turbine)
-    nodes = [plan.make() for plan in build(source.scenario, source.layout, Outputs())]
+    graph = build(source.scenario, source.layout, Outputs(), source.layouts)
+    nodes = [plan.make() for plan in graph]
 
     def count(block: AccelerationBlock) -> None:
         summary.count(block)

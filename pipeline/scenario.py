@@ -69,17 +69,60 @@ class FlowSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class FarmSettings:
-    """Several turbines alike but for their foundations."""
+class FarmMember:
+    """What is a turbine's own where the scenario says otherwise for all; "" and () for the same."""
 
-    turbines: int = 1
+    number: int | None = None  # from 1; None: its place in the list
+    id: str = ""
+    description: str = ""
+    springs_sign: Literal["published", "embedded-pile"] | None = None
+    unit: str = ""
+    layout_id: str = ""
+    elevations: tuple[float, ...] = ()  # above mean water level [m]
+    stiffness: tuple[float, float, float] = (
+        1.0,
+        1.0,
+        1.0,
+    )  # its true springs, times the drawn ones
+
+    def __post_init__(self) -> None:
+        if not min(self.stiffness) > 0:
+            raise ScenarioError(f"stiffness is {list(self.stiffness)}; factors are positive")
+
+
+@dataclass(frozen=True, slots=True)
+class FarmSettings:
+    """Several turbines alike but for their foundations, and for what `members` says of some."""
+
+    turbines: int = 1  # as many as members at least
     spread: float = 0.0  # of the true springs about the scenario's, uniform, relative [-]
+    log_std: float = 0.0  # of their logarithms, Gaussian and independent [-]
+    members: tuple[FarmMember, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.turbines >= 1:
             raise ScenarioError(f"turbines is {self.turbines}; a farm has at least 1")
         if not 0.0 <= self.spread < 0.5:
             raise ScenarioError(f"spread is {self.spread:g}; it is 0 to 0.5")
+        if not 0.0 <= self.log_std < 0.5:
+            raise ScenarioError(f"log_std is {self.log_std:g}; it is 0 to 0.5")
+        numbers = [number for number, _ in self._numbered]
+        if min(numbers, default=1) < 1 or len(set(numbers)) < len(numbers):
+            raise ScenarioError(f"members have the numbers {numbers}; each once, from 1")
+
+    @property
+    def _numbered(self) -> tuple[tuple[int, FarmMember], ...]:
+        placed = enumerate(self.members, start=1)
+        return tuple((place if m.number is None else m.number, m) for place, m in placed)
+
+    @property
+    def size(self) -> int:
+        """Turbines, those of `members` counted."""
+        return max(self.turbines, *(number for number, _ in self._numbered), 1)
+
+    def member(self, number: int) -> FarmMember:
+        """What is said of the turbine of that number, from 1."""
+        return dict(self._numbered).get(number, FarmMember())
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,30 +248,60 @@ def farm_members(scenario: Scenario) -> tuple[Scenario, ...]:
     A farm of one is the scenario itself. Truths that are not positive definite are drawn again.
     """
     farm = scenario.farm
-    if farm.turbines == 1:
+    if farm.size == 1 and not farm.members:
         return (scenario,)
-    nominal = scenario.structure.nominal
-    truths = np.random.default_rng([scenario.seed, farm.turbines])
-    members = []
-    for number in range(1, farm.turbines + 1):
-        ratios = np.zeros(3)
-        while not positive_definite(ratios * nominal):
-            spread = truths.uniform(-farm.spread, farm.spread, 3)
-            ratios = np.array(scenario.simulation.stiffness_ratios) * (1.0 + spread)
-        k11, k22, k12 = ratios.tolist()
-        members.append(
-            replace(
-                scenario,
-                seed=1000 * scenario.seed + number,
-                turbine=replace(scenario.turbine, id=f"{scenario.turbine.id}-{number}"),
-                sensors=replace(
-                    scenario.sensors, layout_id=f"{scenario.sensors.layout_id}-{number}"
-                ),
-                simulation=replace(scenario.simulation, stiffness_ratios=(k11, k22, k12)),
-                farm=FarmSettings(),
-            )
-        )
-    return tuple(members)
+    truths = np.random.default_rng([scenario.seed, farm.size])
+    numbers = range(1, farm.size + 1)
+    members = tuple(_member(scenario, number, truths) for number in numbers)
+    ids = [member.turbine.id for member in members]
+    for name in ids:
+        if ids.count(name) > 1:
+            raise ScenarioError(f"[farm] has {ids.count(name)} turbines called {name!r}")
+    return members
+
+
+def _member(scenario: Scenario, number: int, truths: np.random.Generator) -> Scenario:
+    own = scenario.farm.member(number)
+    turbine, sensors = scenario.turbine, scenario.sensors
+    member = replace(
+        scenario,
+        seed=1000 * scenario.seed + number,
+        turbine=replace(
+            turbine,
+            id=own.id or f"{turbine.id}-{number}",
+            description=own.description or turbine.description,
+            springs_sign=own.springs_sign or turbine.springs_sign,
+        ),
+        sensors=replace(
+            sensors,
+            unit=own.unit or sensors.unit,
+            layout_id=own.layout_id or f"{sensors.layout_id}-{number}",
+            elevations=own.elevations or sensors.elevations,
+        ),
+        farm=FarmSettings(),
+    )
+    if not scenario.has_structure:
+        return member
+    ratios = _true_ratios(member, scenario.farm, own, truths)
+    return replace(member, simulation=replace(scenario.simulation, stiffness_ratios=ratios))
+
+
+def _true_ratios(
+    member: Scenario, farm: FarmSettings, own: FarmMember, truths: np.random.Generator
+) -> tuple[float, float, float]:
+    """k / nominal, drawn until positive definite."""
+    nominal, centre = member.structure.nominal, np.array(member.simulation.stiffness_ratios)
+    for _ in range(1000):
+        even = 1.0 + truths.uniform(-farm.spread, farm.spread, 3)
+        scatter = np.exp(farm.log_std * truths.standard_normal(3)) if farm.log_std else 1.0
+        ratios = centre * own.stiffness * even * scatter
+        if positive_definite(ratios * nominal):
+            k11, k22, k12 = ratios.tolist()
+            return k11, k22, k12
+    raise ScenarioError(
+        f"[farm] turbine {member.turbine.id}: of 1000 drawn foundations about "
+        f"{(centre * own.stiffness).tolist()} times nominal none is positive definite"
+    )
 
 
 def with_sampler(scenario: Scenario, method: str) -> Scenario:

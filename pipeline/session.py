@@ -18,10 +18,11 @@ from pathlib import Path
 from typing import Literal
 
 from pipeline import runner
-from pipeline.app import Outputs, build
+from pipeline.app import Outputs, Plan, build
 from pipeline.checkpoints import FOLDER as CHECKPOINTS
 from pipeline.metrics import MetricsDesk, served
 from pipeline.nodes.node import Node
+from pipeline.nodes.shard import Shard, ShardedNode, parsed_shard
 from pipeline.recording.parts import close_leftovers, raw_files
 from pipeline.recording.recent import files_of
 from pipeline.recording.writer import ACTIVE_SUFFIX
@@ -42,6 +43,7 @@ from sensors.errors import InputError
 logger = logging.getLogger(__name__)
 
 RECORDING, PICTURES, SUMMARY = "session.mcap", "session.rrd", "summary.json"
+SHARED = ("identification", "updating")  # nodes whose turbines several processes can share
 Way = Literal["threads", "processes", "lock-step"]
 
 
@@ -56,6 +58,7 @@ class SessionOptions:
     view: ViewerOutput | None = None  # a viewer beside it
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
     fresh: bool = False  # begin anew, whatever checkpoint there is
+    shards: int = 1  # processes that share the turbines, of each node that can be shared
     metrics: int | None = None  # port on this machine where Prometheus may ask
 
 
@@ -143,7 +146,8 @@ def _run(
     stopping: threading.Event | None,
 ) -> None:
     turbine = source.layout.turbine
-    graph = build(source.scenario, source.layout, outputs)
+    graph = build(source.scenario, source.layout, outputs, source.layouts)
+    _require_processes(options)
     if options.way == "lock-step":
         if source.is_live:
             raise InputError("--lock-step cannot run a live source: it waits for nobody")
@@ -160,7 +164,7 @@ def _run(
     for plan in graph:
         if options.way == "processes":
             command = node_command(plan.name, source, options, meeting.nodes, scenario_option)
-            workers.append(SupervisedProcess(plan.node, command))
+            workers += _processes(plan, command, options.shards)
         else:
             workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
     workers += [runner.NodeThread(each, open_bus, turbine) for each in desks]
@@ -180,6 +184,27 @@ def _run(
             report=report,
             stopping=stopping,
         )
+
+
+def _require_processes(options: SessionOptions) -> None:
+    if options.shards != 1 and options.way != "processes":
+        raise InputError(f"--shards {options.shards} needs --processes, which shares the turbines")
+    if options.shards < 1:
+        raise InputError(f"--shards is {options.shards}; at least 1 process has all turbines")
+
+
+def _processes(plan: Plan, command: Sequence[str], shards: int) -> list[SupervisedProcess]:
+    """The node in a process, or its shares of the turbines in one each."""
+    if shards == 1 or plan.name not in SHARED:
+        return [SupervisedProcess(plan.node, command)]
+    return [
+        SupervisedProcess(
+            plan.node,
+            [*command, "--shard", f"{number}/{shards}"],
+            name=plan.name + Shard(number, shards).suffix,
+        )
+        for number in range(1, shards + 1)
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,23 +287,37 @@ def bus_options(settings: ZenohSettings) -> list[str]:
     return [word for option in given for word in option]
 
 
-def run_node(name: str, source: Source, options: SessionOptions, stopping: threading.Event) -> None:
+def run_node(
+    name: str,
+    source: Source,
+    options: SessionOptions,
+    stopping: threading.Event,
+    shard: str | None = None,
+) -> None:
     """One node of the graph by itself, until `stopping` is set.
 
-    Raises InputError for a node that the graph does not have, NodeFailed for one that failed.
+    shard   "2/4": of the turbines, those that are the second of four such nodes'
+
+    Raises InputError for a node that the graph does not have or that cannot be shared, NodeFailed
+    for one that failed.
     """
     outputs = session_outputs(
         source, options, () if options.fresh else files_of(options.out / RECORDING)
     )
-    plans = {plan.name: plan for plan in build(source.scenario, source.layout, outputs)}
+    graph = build(source.scenario, source.layout, outputs, source.layouts)
+    plans = {plan.name: plan for plan in graph}
     if name not in plans:
         raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")
+    if shard is not None and name not in SHARED:
+        raise InputError(f"--shard is for {' and '.join(SHARED)}, not for {name}")
     options.out.mkdir(parents=True, exist_ok=True)
     if options.fresh and name == "updating":
         set_checkpoints_aside(options.out)
     if name == "viewer" and (options.out / PICTURES).exists():
         _set_aside(options.out / PICTURES)  # of the viewer that this one follows
     node = plans[name].make()
+    if shard is not None:
+        node = ShardedNode(node, parsed_shard(shard, source.turbines))
     with runner.one_blas_thread(), runner.open_session(lambda: ZenohBus(options.zenoh)) as bus:
         runner.serve(node, bus, turbine=source.layout.turbine, stopping=stopping)
 

@@ -3,7 +3,7 @@
 import heapq
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
@@ -54,10 +54,16 @@ class Source:
     duration: float | None  # [s]; None: live, without end
     recording: Path | None = None  # of a replay: a file, or a folder of files
     playback: Playback = field(default_factory=Playback)  # which part of it
+    layouts: Mapping[str, SensorLayout] = field(default_factory=dict)  # turbine → of a recording
 
     @property
     def is_live(self) -> bool:
         return self.duration is None
+
+    @property
+    def turbines(self) -> tuple[str, ...]:
+        """Those that are known beforehand, in their order: a recording's, or the scenario's."""
+        return tuple(self.layouts) or tuple(m.turbine.id for m in farm_members(self.scenario))
 
     @property
     def metadata(self) -> Metadata:
@@ -268,7 +274,8 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
         return simulated(load_scenario(name or scenario or DEFAULT_SCENARIO))
     if kind == "live" and not name:
         chosen = load_scenario(scenario or DEFAULT_SCENARIO)
-        return Source("live", chosen, chosen.layout, truth=None, duration=None)
+        first = farm_members(chosen)[0]
+        return Source("live", chosen, first.layout, truth=None, duration=None)
     raise SourceError(
         f"--source {text!r} is none of replay:FILE, simulate:SCENARIO, live and a file that exists"
     )
@@ -298,7 +305,7 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
         chosen = scenario_from_metadata(stored, f"scenario in {path}")
     else:
         chosen = load_scenario(DEFAULT_SCENARIO)
-    layout = joined_layout(_units_of_last_turbine(info.layouts))
+    layout = joined_layout(_units_of(info.layouts, info.layouts[-1].turbine))
     return Source(
         text=f"replay:{path}",
         scenario=chosen,
@@ -306,6 +313,10 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
         truth=_recorded_truth(info.metadata, layout.turbine),
         duration=_duration(infos),
         recording=path,
+        layouts={
+            each: joined_layout(_units_of(info.layouts, each))
+            for each in dict.fromkeys(layout.turbine for layout in info.layouts)
+        },
     )
 
 
@@ -315,9 +326,8 @@ def _duration(infos: Sequence[RecordingInfo]) -> float:
     return span_ns / NANOSECONDS
 
 
-def _units_of_last_turbine(layouts: Sequence[SensorLayout]) -> list[SensorLayout]:
-    """The newest layout of each unit of the turbine that spoke last, in the order of the units."""
-    turbine = layouts[-1].turbine
+def _units_of(layouts: Sequence[SensorLayout], turbine: str) -> list[SensorLayout]:
+    """The newest layout of each of the turbine's units, in their order."""
     newest = {layout.unit: layout for layout in layouts if layout.turbine == turbine}
     return [newest[unit] for unit in sorted(newest)]
 

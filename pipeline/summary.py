@@ -24,6 +24,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.nodes.shard import of_kind
 from pipeline.updating.summary import empty_summary, posterior_summary
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 
@@ -339,5 +340,6 @@ class SessionSummary:
         }
 
     def _busy(self, node: str) -> float | None:
-        status, windows = self.statuses.get(node), len(self.estimates)
-        return status.busy_s / windows if status is not None and windows else None
+        shares = [each for name, each in self.statuses.items() if of_kind(name, node)]
+        windows = len(self.estimates)
+        return sum(each.busy_s for each in shares) / windows if shares and windows else None

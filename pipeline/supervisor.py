@@ -49,6 +49,7 @@ class SupervisedProcess:
     command   starts the process; it should stop when its standard input ends
     back_off  how long to wait before starting it again
     clock     → [s], never set back
+    name      of the node in this process; "" for its class's
     """
 
     def __init__(
@@ -58,8 +59,9 @@ class SupervisedProcess:
         *,
         back_off: BackOff | None = None,
         clock: Callable[[], float] = time.monotonic,
+        name: str = "",
     ) -> None:
-        self.name: str = node.name  # type: ignore[assignment]  # a class attribute of every node
+        self.name: str = name or node.name  # type: ignore[assignment]  # the class's attribute
         self.inputs: tuple[type, ...] = node.inputs  # type: ignore[assignment]
         self.restarts = 0
         self._command = command

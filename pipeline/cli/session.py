@@ -65,6 +65,9 @@ def run(
     processes: Annotated[
         bool, typer.Option("--processes", help="Each node in a process of its own.")
     ] = False,
+    shards: Annotated[
+        int, typer.Option(help="With --processes: so many share a farm's turbines.")
+    ] = 1,
     lock_step: Annotated[
         bool, typer.Option("--lock-step", help="One thread, no transport; for checks.")
     ] = False,
@@ -138,6 +141,7 @@ def _session_options(
     rrd: bool,
     zenoh: Any,
     fresh: bool,
+    shards: int = 1,
 ) -> Any:
     from pipeline.session import SessionOptions
 
@@ -148,6 +152,7 @@ def _session_options(
         rrd=rrd,
         fresh=fresh,
         zenoh=zenoh,
+        shards=shards,
     )
 
 
@@ -181,6 +186,10 @@ def node(
     view: Annotated[str | None, typer.Option(help="For the viewer: as in `run`.")] = None,
     rrd: Annotated[bool, typer.Option(help="For the viewer: write session.rrd.")] = True,
     sampler: Annotated[str | None, typer.Option(help="For updating: as in `run`.")] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(help="1/4: of a farm's turbines the first of four such nodes' share."),
+    ] = None,
     tied: Annotated[
         bool, typer.Option("--tied", help="Stop when standard input ends: the parent has gone.")
     ] = False,
@@ -207,4 +216,4 @@ def node(
     with stopped_by_signals() as stopping, viewing(view) as shown:
         if tied:
             stopped_with_parent(stopping)
-        run_node(name, source, replace(options, view=shown.output), stopping)
+        run_node(name, source, replace(options, view=shown.output), stopping, shard)

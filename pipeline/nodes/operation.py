@@ -12,7 +12,7 @@ Both are the ordinary nodes in a coat: they keep their names and take what those
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -242,6 +242,7 @@ class UpdatingInContext:
     make      → the updating node of one more turbine
     layout    of the sensors, whose axes the model's shapes are read along
     settings  which states are allowed
+    special   turbines with a layout or a structure of their own: how theirs is made, their layout
     """
 
     name = "updating"
@@ -252,10 +253,13 @@ class UpdatingInContext:
         make: Callable[[], Node],
         layout: SensorLayout,
         settings: OperationSettings | None = None,
+        *,
+        special: Mapping[str, tuple[Callable[[], Node], SensorLayout]] | None = None,
     ) -> None:
         self._make = make
         self._layout = layout
         self._settings = settings or OperationSettings()
+        self._special = dict(special or {})
         self._spare: Node | None = make()  # made before the first window waits for it
         self._updaters: dict[str, Node] = {}
         self._turbines = Roster(MOST_TURBINES)
@@ -269,10 +273,15 @@ class UpdatingInContext:
         leaving = self._turbines.heard(message.turbine)
         if leaving is not None:
             self._updaters.pop(leaving).close()
+        make, layout = self._special.get(message.turbine, (self._made, self._layout))
         if message.turbine not in self._updaters:
-            self._updaters[message.turbine] = self._spare or self._make()
-            self._spare = None
-        return self._updaters[message.turbine].handle(in_nacelle_axes(message, self._layout))
+            self._updaters[message.turbine] = make()
+        return self._updaters[message.turbine].handle(in_nacelle_axes(message, layout))
+
+    def _made(self) -> Node:
+        """An updater of a turbine like most; the first was made before it was needed."""
+        spare, self._spare = self._spare, None
+        return spare or self._make()
 
     @property
     def warnings(self) -> tuple[Warning, ...]:
