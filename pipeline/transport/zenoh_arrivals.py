@@ -13,10 +13,12 @@ until the samples before have been fetched too.
 """
 
 import logging
+import math
 import queue
+import struct
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import zenoh
@@ -45,31 +47,32 @@ class Arrivals:
 
     Called by Zenoh's threads; asks Zenoh for nothing by itself. `recovered` counts the samples
     that were on their way for so long that they did not come by themselves: their link was down,
-    or nobody listened yet.
+    or nobody listened yet; `lost` those of beginnings that were promised and can no longer be had.
     """
 
     def __init__(self, message_type: type, inbox: Inbox, beginnings: "Beginnings") -> None:
         self.recovered = 0
+        self.lost = 0
+        self._since = time.time()  # what is published from now on is promised [s since 1970]
         self._message_type = message_type
         self._inbox = inbox
         self._beginnings = beginnings
         self._arriving = threading.Lock()
         self._known: dict[Publisher, None] = {}  # who was heard first comes first
-        self._held: dict[Publisher, list[Delivery]] = {}  # while their beginning is fetched
+        self._held: dict[Publisher, list[zenoh.Sample]] = {}  # while their beginning is fetched
 
     def __call__(self, sample: zenoh.Sample) -> None:
-        delivery = self._delivery(sample)
         publisher, number = _origin(sample)
         with self._arriving:
             self.recovered += is_recovered(sample, time.time())
             if publisher in self._held:
-                self._held[publisher].append(delivery)
+                self._held[publisher].append(sample)
             elif publisher in self._known or number == 0:
                 self._know(publisher)
-                self._inbox.put(delivery)
+                self._inbox.put(self._delivery(sample))
             else:
                 self._know(publisher)
-                self._held[publisher] = [delivery]
+                self._held[publisher] = [sample]
                 self._beginnings.ask(publisher, number, self.begin)
 
     def _know(self, publisher: Publisher) -> None:
@@ -81,14 +84,58 @@ class Arrivals:
 
     def begin(self, publisher: Publisher, earlier: Iterable[zenoh.Sample]) -> None:
         """Let a stream that was held back go on, after what came before it."""
-        beginning = [self._delivery(sample) for sample in earlier]
+        beginning = list(earlier)
         with self._arriving:
+            held = self._held.pop(publisher)
             self.recovered += len(beginning)
-            for delivery in beginning + self._held.pop(publisher):
-                self._inbox.put(delivery)
+            self.lost += lost_at_beginning([*beginning, *held], self._since)
+            for sample in (*beginning, *held):
+                self._inbox.put(self._delivery(sample))
 
     def _delivery(self, sample: zenoh.Sample) -> Delivery:
         return Delivery(self._message_type, str(sample.key_expr), sample.payload.to_bytes())
+
+
+def beginning(now: float) -> bytes:
+    """What a sample carries of its publisher: when it began [s since 1970-01-01 UTC]."""
+    return struct.pack("<d", now)
+
+
+def lost_at_beginning(samples: Sequence[zenoh.Sample], since: float) -> int:
+    """How many samples before these, a publisher's earliest that can be had, were promised.
+
+    samples   in the order of their numbers, one at least
+    since     when the reader subscribed [s since 1970-01-01 UTC]; the clocks are taken to agree
+    """
+    missing, oldest = _number(samples[0]), _published(samples[0])
+    began = _began(samples[0])
+    if missing == 0 or oldest is None or began is None or oldest <= since:
+        return 0
+    if began >= since:
+        return missing
+    duration = (_published(samples[-1]) or oldest) - began
+    rhythm = _number(samples[-1]) / duration if duration > 0 else 0.0  # [1/s]
+    return min(missing, math.floor((oldest - since) * rhythm))
+
+
+def _number(sample: zenoh.Sample) -> int:
+    return _origin(sample)[1]
+
+
+def _published(sample: zenoh.Sample) -> float | None:
+    """[s since 1970-01-01 UTC]; None where nobody says so."""
+    if sample.timestamp is None:
+        return None
+    return float(sample.timestamp.get_time_as_ntp64().as_secs_f64())
+
+
+def _began(sample: zenoh.Sample) -> float | None:
+    """When a sample's publisher began; None where it does not say so."""
+    said = b"" if sample.attachment is None else sample.attachment.to_bytes()
+    if len(said) != struct.calcsize("<d"):
+        return None
+    (moment,) = struct.unpack("<d", said)
+    return moment if math.isfinite(moment) else None
 
 
 def is_recovered(sample: zenoh.Sample, now: float) -> bool:
@@ -96,9 +143,8 @@ def is_recovered(sample: zenoh.Sample, now: float) -> bool:
 
     now   [s since 1970-01-01 UTC]; the machines' clocks are taken to agree
     """
-    if sample.timestamp is None:
-        return False
-    return now - sample.timestamp.get_time_as_ntp64().as_secs_f64() > HEARTBEAT
+    published = _published(sample)
+    return published is not None and now - published > HEARTBEAT
 
 
 def _origin(sample: zenoh.Sample) -> tuple[Publisher, int]:

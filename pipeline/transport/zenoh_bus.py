@@ -8,7 +8,8 @@ directly. They may start in any order, and the hub may go: the others keep their
 Zenoh drops samples where a link is cut or a reader too slow, so every publisher keeps the last
 `Stream.cached` samples of each key and says twice a second how far it is; a subscriber asks for
 what it missed, and what can no longer be had is counted (`ZenohSubscription.lost`). A put never
-waits for a reader. What Zenoh overlooks is the beginning of a stream: see `zenoh_arrivals`.
+waits for a reader. What Zenoh overlooks is the beginning of a stream: see `zenoh_arrivals`, which
+is why every sample says when its publisher began.
 
 This module, `zenoh_arrivals` and `zenoh_settings` are the only ones that import zenoh. Its advanced
 publisher and subscriber are labelled unstable, hence the narrow version range in pyproject.toml.
@@ -16,6 +17,7 @@ publisher and subscriber are labelled unstable, hence the narrow version range i
 
 import logging
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,7 +30,13 @@ from pipeline.streams import Stream, stream_of
 from pipeline.transport.bus import Inbox, publishing_key
 from pipeline.transport.codec import encode
 from pipeline.transport.errors import TransportError
-from pipeline.transport.zenoh_arrivals import FETCH_TIMEOUT, HEARTBEAT, Arrivals, Beginnings
+from pipeline.transport.zenoh_arrivals import (
+    FETCH_TIMEOUT,
+    HEARTBEAT,
+    Arrivals,
+    Beginnings,
+    beginning,
+)
 from pipeline.transport.zenoh_settings import (
     ZenohSettings,
     configuration,
@@ -73,7 +81,8 @@ class ZenohBus:
 
     def __init__(self, settings: ZenohSettings | None = None) -> None:
         self._session = _opened(settings or ZenohSettings())
-        self._publishers: dict[str, ext.AdvancedPublisher] = {}
+        self._publishers: dict[str, ext.AdvancedPublisher] = {}  # by key
+        self._began: dict[str, bytes] = {}  # when they were declared, by key
         self._subscriptions: list[ZenohSubscription] = []
         self._queryables: list[zenoh.Queryable[None]] = []  # forgotten by Zenoh unless held
         self._beginnings = Beginnings(self._session)
@@ -81,7 +90,8 @@ class ZenohBus:
     def publish(self, message: Message) -> None:
         key = publishing_key(message)
         payload = encode(message)
-        self._publisher_of(key, stream_of(type(message))).put(payload)
+        publisher = self._publisher_of(key, stream_of(type(message)))
+        publisher.put(payload, attachment=self._began[key])
 
     def _publisher_of(self, key: str, stream: Stream) -> ext.AdvancedPublisher:
         """The key's publisher. Of more than MOST_PUBLISHERS the one that was silent longest goes,
@@ -89,8 +99,11 @@ class ZenohBus:
         publisher = self._publishers.pop(key, None)
         if publisher is None:
             publisher = _publisher(self._session, key, stream)
+            self._began[key] = beginning(time.time())
             if len(self._publishers) >= MOST_PUBLISHERS:
-                self._publishers.pop(next(iter(self._publishers))).undeclare()
+                silent = next(iter(self._publishers))
+                self._publishers.pop(silent).undeclare()
+                del self._began[silent]
         self._publishers[key] = publisher  # the last is who spoke last
         return publisher
 
@@ -177,10 +190,11 @@ class ZenohSubscription:
 
     @property
     def lost(self) -> int:
-        return self._lost.total()
+        return sum(map(self.lost_of, self._arrivals))
 
     def lost_of(self, message_type: type) -> int:
-        return self._lost[message_type]
+        at_beginnings = self._arrivals[message_type].lost if message_type in self._arrivals else 0
+        return self._lost[message_type] + at_beginnings
 
     def recovered_of(self, message_type: type) -> int:
         return self._arrivals[message_type].recovered if message_type in self._arrivals else 0

@@ -7,14 +7,16 @@ import threading
 from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from zenoh import NTP64
 
 from pipeline.messages import NodeStatus, WindowRejected
+from pipeline.streams import stream_of
 from pipeline.transport.bus import Inbox
 from pipeline.transport.errors import TransportError
-from pipeline.transport.zenoh_arrivals import is_recovered
+from pipeline.transport.zenoh_arrivals import beginning, is_recovered, lost_at_beginning
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub, peer_of
 from sensors.blocks import AccelerationBlock
 from tests.pipeline.example_messages import block, rejection, status
@@ -123,6 +125,71 @@ def test_what_arrives_and_what_is_counted_as_lost_is_what_was_published() -> Non
     assert heard == sorted(set(heard))
     assert heard[-1] == n_statuses - 1
     assert n_statuses - len(heard) == subscription.lost == subscription.lost_of(NodeStatus)
+
+
+def test_a_beginning_beyond_the_cache_is_lost_to_whoever_subscribed_before_it() -> None:
+    """
+    published   0 1 2 … 99 100 … 199     the publisher keeps the last 100
+    subscribed ┘         link up ┘
+    """
+    endpoint = free_endpoint()
+    with closing(ZenohBus(peer_of(endpoint))) as early:  # nobody there yet
+        inbox = Inbox()
+        subscription = early.subscribe([WindowRejected], inbox)
+        with closing(ZenohBus(hub(endpoint))) as bus:
+            for window in range(200):
+                bus.publish(rejection(window))
+            (first,) = take(inbox, 1)
+            heard = [first.window, *(each.window for each in take(inbox, 199 - first.window))]
+    assert heard == list(range(heard[0], 200))
+    assert subscription.lost == subscription.lost_of(WindowRejected) == heard[0]  # 100, as a rule
+
+
+def test_who_joins_a_publisher_that_runs_has_lost_nothing_of_what_was_before() -> None:
+    kept = stream_of(WindowRejected).cached
+    endpoint = free_endpoint()
+    with closing(ZenohBus(hub(endpoint))) as bus:
+        for window in range(200):
+            bus.publish(rejection(window))
+        with closing(ZenohBus(peer_of(endpoint))) as late:
+            inbox = Inbox()
+            subscription = late.subscribe([WindowRejected], inbox)
+            heard = [each.window for each in take(inbox, kept)]
+            bus.publish(rejection(200))
+            heard += [each.window for each in take(inbox, 1)]
+    assert heard == list(range(200 - kept, 201))
+    assert subscription.lost == 0
+
+
+def sample_of(number: int, *, published: float, began: float | None) -> Any:
+    """As much of a sample as says when it was published and by whom."""
+    source = SimpleNamespace(source_id=SimpleNamespace(zid="z", eid=1), source_sn=number)
+    moment = SimpleNamespace(as_secs_f64=lambda: published)
+    said = None if began is None else SimpleNamespace(to_bytes=lambda: beginning(began))
+    return SimpleNamespace(
+        key_expr="k",
+        source_info=source,
+        timestamp=SimpleNamespace(get_time_as_ntp64=lambda: moment),
+        attachment=said,
+    )
+
+
+@pytest.mark.parametrize(
+    ("since", "began", "lost"),
+    [
+        (10.0, 20.0, 100),  # there before it began: all that is missing
+        (10.0, 10.0, 100),
+        (170.0, 20.0, 0),  # came when the oldest that is kept was out: nothing
+        (110.0, 20.0, 10),  # came ten seconds before that: ten, at one a second
+        (20.5, 20.0, 99),  # came half a second too late for the first
+        (10.0, None, 0),  # a publisher that does not say when it began
+    ],
+)
+def test_what_is_lost_of_a_beginning_is_what_was_published_since_the_reader_subscribed(
+    since: float, began: float | None, lost: int
+) -> None:
+    kept = [sample_of(n, published=20.0 + n, began=began) for n in range(100, 150)]
+    assert lost_at_beginning(kept, since) == lost
 
 
 def refusal(settings: ZenohSettings) -> str:
