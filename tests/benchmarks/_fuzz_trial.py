@@ -64,8 +64,19 @@ class FuzzOutcome:
 
     @property
     def memory_growth(self) -> float:
-        """From the end of the first round to the end of the last [-]."""
-        return self.memory[-1] / self.memory[0] - 1.0
+        """From the end of the rounds that warm it up to the end of the last [-]."""
+        return self.memory[-1] / self.memory[self._warm] - 1.0
+
+    @property
+    def growth_of_a_thousand(self) -> float:
+        """The same a thousand messages [MB]."""
+        sent = self.sent / len(self.memory) * (len(self.memory) - 1 - self._warm)
+        return (self.memory[-1] - self.memory[self._warm]) / sent * 1000
+
+    @property
+    def _warm(self) -> int:
+        """The round after which everything that is fetched once has been: the second of many."""
+        return min(1, len(self.memory) - 2)
 
 
 def fuzz_trial(

@@ -245,7 +245,11 @@ def disk_trials(folder: Path, _seed: int) -> None:
 def fuzz_trials(folder: Path, seed: int) -> None:
     """A flood of nonsense."""
     outcome = fuzz_trial(folder, examples=10_000, rate=1000.0, seed=seed, rounds=5)
-    print(outcome, f"memory {100 * outcome.memory_growth:+.1f} % from the first round on")
+    print(outcome)
+    print(
+        f"memory after the warm-up: {100 * outcome.memory_growth:+.1f} %, "
+        f"{outcome.growth_of_a_thousand:+.3f} MB a thousand messages"
+    )
     if importlib.util.find_spec("atheris") is not None:
         fuzz_decoder(seconds=60)
 
