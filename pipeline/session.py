@@ -23,6 +23,11 @@ from pipeline.checkpoints import FOLDER as CHECKPOINTS
 from pipeline.metrics import MetricsDesk, served
 from pipeline.nodes.node import Node
 from pipeline.nodes.shard import Shard, ShardedNode, parsed_shard
+from pipeline.notices.channels import channels_of
+from pipeline.notices.desk import FOLDER as NOTICES
+from pipeline.notices.desk import KEY as NOTICES_KEY
+from pipeline.notices.desk import NoticesDesk, desk_of
+from pipeline.notices.settings import NoticesSettings
 from pipeline.recording.parts import close_leftovers, raw_files
 from pipeline.recording.recent import files_of
 from pipeline.recording.writer import ACTIVE_SUFFIX
@@ -60,6 +65,7 @@ class SessionOptions:
     fresh: bool = False  # begin anew, whatever checkpoint there is
     shards: int = 1  # processes that share the turbines, of each node that can be shared
     metrics: int | None = None  # port on this machine where Prometheus may ask
+    notices: NoticesSettings | None = None  # whom to tell of what; None: nobody
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +115,12 @@ def run_session(
                 figures_desk = MetricsDesk()
                 stack.enter_context(served(figures_desk, options.metrics))
                 desks.append(figures_desk)
+            if options.notices is not None:
+                channels = channels_of(options.notices)
+                folder = options.out / NOTICES
+                desks.append(
+                    stack.enter_context(desk_of(folder, options.notices.notices, channels))
+                )
             _run(source, options, outputs, desks, account, scenario_option, stopping)
     finally:
         figures = summary.as_json(wall=time.monotonic() - started)
@@ -173,6 +185,9 @@ def _run(
     control = ReplayControl(source, options.speed, stopping)
     workers.append(runner.NodeThread(desk, open_bus, turbine))
     with _hub(meeting, desk, f"{STATUS_KEY}/{turbine}", options.out) as bus:
+        for told in desks:
+            if isinstance(told, NoticesDesk):
+                bus.answer(f"{NOTICES_KEY}/{turbine}", told.answer)
         if not source.is_live:
             bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
         runner.run_workers(

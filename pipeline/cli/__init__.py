@@ -10,6 +10,7 @@ import sys
 import typer
 from rich.logging import RichHandler
 
+from pipeline.cli.ack import ack
 from pipeline.cli.certificates import certificates
 from pipeline.cli.console import escaped, people
 from pipeline.cli.describe import describe
@@ -50,6 +51,7 @@ for command in (
     node,
     status,
     metrics,
+    ack,
     publish,
     feed,
     control,

@@ -82,9 +82,14 @@ def run(
     metrics: Annotated[
         int | None, typer.Option(help="Port on this machine where Prometheus may ask: /metrics.")
     ] = None,
+    notices: Annotated[
+        Path | None,
+        typer.Option(help="TOML file: who is told of changes, gaps and faults, and how."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Turn accelerations into a posterior of the foundation's stiffness."""
+    from pipeline.notices.settings import load_notices
     from pipeline.playback import Playback
     from pipeline.session import run_session
     from pipeline.sources import open_source
@@ -99,7 +104,8 @@ def run(
         zenoh=zenoh_settings(mode, listen, connect, zenoh_config),
         fresh=fresh,
     )
-    options = replace(options, metrics=metrics)
+    told = None if notices is None else load_notices(notices)
+    options = replace(options, metrics=metrics, notices=told)
     playback = Playback(start, float("inf") if end is None else end, loop)
     opened = open_source(_imported(source, out, layout, scenario), scenario)
     opened = opened.with_sampler(sampler).with_playback(playback)

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pipeline.files import written_whole
 from pipeline.fleet.archive_identification import IdentificationCall, identified_frames
 from pipeline.fleet.archive_plan import TurbinePlan, parts_by_turbine, turbine_plan
 from pipeline.fleet.archive_posteriors import PosteriorPass, UpdatingPlan
@@ -23,7 +24,6 @@ from pipeline.fleet.archive_store import (
     FinishedResults,
     Frame,
     messages_in,
-    written_whole,
 )
 from pipeline.fleet.archive_survey import FileSurvey, Part, surveyed, without_copies
 from pipeline.fleet.archive_tables import ArchiveTables, Ledger

@@ -9,15 +9,13 @@ wherever the files have moved, and is never mistaken for that of other content o
 """
 
 import hashlib
-import os
 import struct
-import tempfile
 import zlib
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
+from pipeline.files import written_whole
 from pipeline.messages import Message
 from pipeline.streams import STREAMS
 from pipeline.transport.codec import decode, encode
@@ -56,21 +54,6 @@ class FinishedResults:
 
     def _path(self, key: str) -> Path:
         return self._folder / key[:2] / f"{key}{SUFFIX}"
-
-
-def written_whole(path: Path, content: bytes) -> None:
-    """Write a file that is never seen half written, not even after a power cut."""
-    descriptor, name = tempfile.mkstemp(prefix=".", suffix=".part", dir=path.parent)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(name).replace(path)
-    except BaseException:
-        with suppress(OSError):
-            Path(name).unlink()
-        raise
 
 
 def key_of_result(*parts: str | bytes) -> str:
