@@ -4,9 +4,10 @@
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +30,12 @@ from pipeline.updating.summary import empty_summary, posterior_summary
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 
 Json = dict[str, Any]
+
+KEPT = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
+
+NO_FACTOR = np.empty((0, 0))  # frequencies, shapes and their stds are all that is told
+M = TypeVar("M")
+T = TypeVar("T", StreamGap, WindowRejected)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,6 +183,7 @@ class SessionSummary:
     rejected: list[WindowRejected] = field(default_factory=list)
     gaps: list[StreamGap] = field(default_factory=list)
     events: list[FoundationEvent] = field(default_factory=list)
+    gone: Counter[str] = field(default_factory=Counter)  # counts of what was let go of all this
     posterior: FoundationPosterior | None = None
     truth: FoundationTruth | None = None
     statuses: dict[str, NodeStatus] = field(default_factory=dict)
@@ -202,10 +210,10 @@ class SessionSummary:
             case WindowRejected():
                 self._add_rejection(message)
             case StreamGap():
-                if message not in self.gaps:
-                    self.gaps.append(message)
+                self._add_gap(message)
             case FoundationEvent():
                 self.events.append(message)
+                self._let_go(self.events, "events")
             case FoundationPosterior():
                 self.posterior = message
             case FoundationTruth():
@@ -226,7 +234,23 @@ class SessionSummary:
     def _add_estimate(self, estimate: ModalEstimate) -> None:
         """A window once, even where a restarted identification has seen it again."""
         if all(each.start_ns != estimate.start_ns for each in self.estimates):
-            self.estimates.append(estimate)
+            modes = tuple(replace(mode, covariance_factor=NO_FACTOR) for mode in estimate.modes)
+            self.estimates.append(replace(estimate, modes=modes))
+            self._let_go(self.estimates, "windows")
+
+    def _add_gap(self, gap: StreamGap) -> None:
+        """One that is told again is the same one."""
+        if gap not in self.gaps:
+            self.gaps.append(gap)
+            for oldest in self._let_go(self.gaps, "gaps"):
+                self.gone["gap_ns"] += oldest.end_ns - oldest.start_ns
+
+    def _let_go(self, told: list[M], name: str) -> list[M]:
+        """Keep the latest of a live session, which may run for years; what went, counted."""
+        gone = told[: max(0, len(told) - KEPT)] if self.live else []
+        del told[: len(gone)]
+        self.gone[name] += len(gone)
+        return gone
 
     def _add_rejection(self, rejected: WindowRejected) -> None:
         """A window once; the identification, restarted, also rejects what it has identified
@@ -238,6 +262,14 @@ class SessionSummary:
         seen = any(each.start_ns == rejected.start_ns for each in self.estimates)
         if not again and not (seen and rejected.code == "gap"):
             self.rejected.append(rejected)
+            self._let_go(self.rejected, "rejected")
+
+    def _in_its_time(self, told: Sequence[T]) -> list[T]:
+        """Without what lies before the first block that was heard of a live session: whoever joins
+        a unit that has been running for months has not lost them."""
+        if not self.live or self.first_ns is None:
+            return list(told)
+        return [each for each in told if each.end_ns > self.first_ns]
 
     def close(self) -> None:
         """Nothing is held."""
@@ -280,8 +312,8 @@ class SessionSummary:
             "turbine": self.turbine,
             "duration_s": self.duration,
             "windows": {
-                "identified": len(self.estimates),
-                "rejected": [self._rejection(each) for each in self.rejected],
+                "identified": len(self.estimates) + self.gone["windows"],
+                "rejected": [self._rejection(each) for each in self._in_its_time(self.rejected)],
             },
             "modes": [mode.as_json() for mode in self.modes],
             "posterior": self._posterior(),
@@ -327,6 +359,7 @@ class SessionSummary:
 
     def _stream(self) -> Json:
         recorder = self.statuses.get("recorder")
+        gaps = self._in_its_time(self.gaps)
         takers = [status for node, status in self.statuses.items() if node != "source"]
         return {
             "published": self.published,
@@ -335,8 +368,9 @@ class SessionSummary:
             "recovered": max((status.recovered for status in takers), default=0),
             "late": max((status.late for status in takers), default=0),
             "duplicate": max((status.duplicate for status in takers), default=0),
-            "gaps": len(self.gaps),
-            "gap_s": sum(gap.end_ns - gap.start_ns for gap in self.gaps) / NANOSECONDS,
+            "gaps": len(gaps) + self.gone["gaps"],
+            "gap_s": (sum(gap.end_ns - gap.start_ns for gap in gaps) + self.gone["gap_ns"])
+            / NANOSECONDS,
         }
 
     def _busy(self, node: str) -> float | None:

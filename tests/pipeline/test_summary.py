@@ -13,6 +13,7 @@ from pipeline.messages import (
     ModalEstimate,
     Mode,
     ModePair,
+    StreamGap,
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
@@ -216,3 +217,35 @@ def test_a_change_is_told_with_its_time_from_the_first_sample() -> None:
         "since": 1200.0,
         "text": told,
     }
+
+
+def gap(start: int, end: int) -> StreamGap:
+    """[s]"""
+    return StreamGap("t1", "tower", "s", start * NANOSECONDS, end * NANOSECONDS, start, end - start)
+
+
+def test_who_joins_a_unit_that_runs_is_not_told_that_all_before_is_missing() -> None:
+    began = START_NS // NANOSECONDS
+    for live, gaps in ((True, 1), (False, 2)):
+        summary = SessionSummary("live", "t1", live=live)
+        summary.handle(gap(began - 10**6, began))
+        summary.handle(WindowRejected("t1", 0, 0, WINDOW, "gap", "gap of a million seconds"))
+        for sequence in (0, 9):
+            (summary.handle if live else summary.count)(block(sequence))
+        summary.handle(gap(began + 1, began + 9))
+        figures = summary.as_json(wall=1.0)
+        assert figures["stream"]["gaps"] == gaps
+        assert len(figures["windows"]["rejected"]) == gaps - 1
+        assert (figures["stream"]["gap_s"] == 8.0) == live
+
+
+def test_a_live_session_of_years_keeps_the_latest_and_counts_all(monkeypatch) -> None:
+    monkeypatch.setattr("pipeline.summary.KEPT", 3)
+    summary = SessionSummary("live", "t1", live=True)
+    for window in range(10):
+        summary.handle(estimate(window, mode("m1", 1.0, 0.1)))
+        summary.handle(gap(2 * window, 2 * window + 1))
+    assert [each.window for each in summary.estimates] == [7, 8, 9]
+    figures = summary.as_json(wall=1.0)
+    assert figures["windows"]["identified"] == 10
+    assert (figures["stream"]["gaps"], figures["stream"]["gap_s"]) == (10, 10.0)
