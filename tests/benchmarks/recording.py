@@ -1,23 +1,32 @@
 """How fast recordings are written and read, and how large an hour is.
 
-python -m tests.benchmarks recording [--minutes N]
+python -m tests.benchmarks recording [--minutes N] [--turbines N]
 
-One tower, eight channels at 40 Hz, noise in steps of 2⁻¹⁴ m/s²; a block a second.
+One tower, eight channels at 40 Hz, noise in steps of 2⁻¹⁴ m/s²; a block a second. Then a session's
+recorder, with all that it does beside writing (what was recorded before, room on the disk, parts,
+fsync), fed with the blocks of many turbines: how long each takes, and which share of a core they
+all take in real time.
 """
 
 import argparse
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.recording.salvage import salvage
+from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Recorder, RecorderSettings
 from sensors.blocks import NANOSECONDS, AccelerationBlock
+
+FloatArray = NDArray[np.float64]
 
 ADC_STEP = 2.0**-14  # [m/s²]
 START_NS = 1_700_000_000 * NANOSECONDS
@@ -27,6 +36,7 @@ def main(arguments: list[str]) -> None:
     """Print one row for each age at which a chunk is closed."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks recording")
     parser.add_argument("--minutes", type=int, default=60)
+    parser.add_argument("--turbines", type=int, default=200)
     options = parser.parse_args(arguments)
     blocks = made_up_blocks(60 * options.minutes)
     print("chunk [s]   MB an hour   written   read   info   salvaged   [blocks a CPU second]")
@@ -44,6 +54,58 @@ def main(arguments: list[str]) -> None:
                 f"{chunk_duration:9g}   {size:10.2f}   {written:7.0f}  {read:6.0f} "
                 f"{info:6.0f} {salvaged:8.0f}"
             )
+        print(told(session_recorder(Path(folder), blocks, options.turbines)))
+
+
+@dataclass(frozen=True, slots=True)
+class SessionCost:
+    """What a session's recorder takes for the blocks of some turbines."""
+
+    turbines: int
+    n_blocks: int
+    wall: float  # [s]
+    cpu: float  # [s]
+    times_ms: FloatArray  # of each block, wall [ms]
+
+
+def session_recorder(
+    folder: Path, blocks: Sequence[AccelerationBlock], turbines: int
+) -> SessionCost:
+    """As many blocks as are given, second by second, a turbine after the other."""
+    n_seconds = -(-len(blocks) // turbines)
+    sent = [
+        replace(blocks[(second * turbines + turbine) % len(blocks)], **names(turbine, second))
+        for second in range(n_seconds)
+        for turbine in range(turbines)
+    ]
+    recorder = SessionRecorder(folder / "session.mcap", metadata={}, clock=time.time_ns)
+    times = np.empty(len(sent))
+    started, cpu = time.perf_counter(), time.process_time()
+    for number, block in enumerate(sent):
+        before = time.perf_counter()
+        recorder.handle(block)
+        times[number] = time.perf_counter() - before
+    recorder.close()
+    wall, cpu = time.perf_counter() - started, time.process_time() - cpu
+    return SessionCost(turbines, len(sent), wall, cpu, 1e3 * times)
+
+
+def names(turbine: int, second: int) -> dict[str, Any]:
+    """What makes a block that of a turbine's second."""
+    start_ns = START_NS + second * NANOSECONDS
+    place = {"sequence": second, "first_sample": 40 * second, "start_ns": start_ns}
+    return {"turbine": f"t{turbine:03d}", **place}
+
+
+def told(cost: SessionCost) -> str:
+    """The cost in a line."""
+    p50, p99 = np.percentile(cost.times_ms, [50, 99])
+    share = cost.cpu / cost.n_blocks * cost.turbines
+    return (
+        f"session's recorder, {cost.turbines} turbines: {cost.n_blocks / cost.wall:.0f} blocks/s; "
+        f"a block p50 {p50:.2f} ms, p99 {p99:.2f} ms, longest {cost.times_ms.max():.1f} ms; "
+        f"CPU {cost.cpu / cost.wall:.0%} while writing, {share:.1%} of a core in real time"
+    )
 
 
 def made_up_blocks(count: int) -> list[AccelerationBlock]:
