@@ -49,13 +49,19 @@ def _answered(whom: Any, ids: list[int], name: str, out: Path) -> dict[str, Any]
     """By the session that runs; by its file where none does."""
     from pipeline.notices.desk import BOOK, FOLDER, KEY, acknowledged_in_file
     from pipeline.status import ENDPOINT_FILE, endpoint_of
+    from pipeline.transport.errors import TransportError
     from pipeline.transport.zenoh_bus import asked
 
     if whom is None and not (out / ENDPOINT_FILE).exists():
         return acknowledged_in_file(out / FOLDER / BOOK, ids, name)
     place = whom or endpoint_of(out)
     query = json.dumps({"acknowledge": ids, "by": name}).encode()
-    answers = [json.loads(each) for each in asked(place, f"{KEY}/*", query)]
+    try:
+        answers = [json.loads(each) for each in asked(place, f"{KEY}/*", query)]
+    except TransportError:
+        if whom is not None:
+            raise
+        return acknowledged_in_file(out / FOLDER / BOOK, ids, name)  # a session that was killed
     if not answers:
         raise InputError(f"nobody at {place} keeps notices; `pilewatch run --notices FILE` does")
     known = [notice for answer in answers for notice in answer["notices"]]

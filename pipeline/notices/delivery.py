@@ -10,7 +10,6 @@ go, and are counted.
 import json
 import logging
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,6 @@ logger = logging.getLogger(__name__)
 
 MOST_WAITING = 1000  # tellings of one channel
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 300.0  # between attempts [s]
-
-Wait = Callable[[threading.Event, float], None]
 
 
 class Outbox:
@@ -52,9 +49,13 @@ class Outbox:
 
 
 class Delivery(threading.Thread):
-    """Sends what waits in one channel's outbox until it is told to stop."""
+    """Sends what waits in one channel's outbox until it is told to stop.
 
-    def __init__(self, channel: Channel, outbox: Outbox) -> None:
+    pause   before the second attempt; each further one waits twice as long [s]
+    """
+
+    def __init__(self, channel: Channel, outbox: Outbox, pause: float = FIRST_PAUSE) -> None:
+        self._pause = pause
         super().__init__(name=f"notices-{channel.name}", daemon=True)
         self._channel = channel
         self._outbox = outbox
@@ -74,13 +75,13 @@ class Delivery(threading.Thread):
         self.join(patience)
 
     def run(self) -> None:
-        pause = FIRST_PAUSE
+        pause = self._pause
         while True:
             self._woken.clear()
             for path in self._outbox.waiting():
                 if not self._sent(path):
                     break
-                pause = FIRST_PAUSE
+                pause = self._pause
             if self._stopping.is_set():
                 return
             if self.problem:
