@@ -58,6 +58,11 @@ def posterior_table(posterior: Json) -> Table:
         )
     sigma = posterior["sigma"]
     table.add_row("σ", "", f"below {sigma['p95']:.1e} (95 %)", "", f"{sigma['median']:.1e}", "-")
+    for name, each in posterior["figures"].items():
+        interval = f"{each['p05']:.4g} to {each['p95']:.4g}"
+        table.add_row(
+            name.replace("_", " "), "", interval, "", f"{each['median']:.4g}", each["unit"]
+        )
     table.caption = (
         f"{_counted(posterior['windows'], 'window')}, {posterior['sampler']}: "
         f"{posterior['ess']:.0f} effective draws, R-hat {posterior['rhat']:.3f}; "

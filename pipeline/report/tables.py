@@ -40,6 +40,11 @@ def springs_table(record: TurbineRecord) -> TextTable:
         ("σ", "", f"below {sigma.p95:.1e} (95 %)", "", f"{sigma.median:.1e}", "-",
          figure(100 * sigma.contraction, ".1f"))
     )  # fmt: skip
+    rows += [
+        (each.name.replace("_", " "), "", f"{each.p05:.4g} to {each.p95:.4g}", "",
+         f"{each.median:.4g}", each.unit, figure(100 * each.contraction, ".1f"))
+        for each in posterior.figures
+    ]  # fmt: skip
     head = (
         "", "÷ nominal", "90 % interval", "truth", "median", "unit",
         "narrower than the prior by [%]",

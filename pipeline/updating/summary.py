@@ -11,6 +11,7 @@ Json = dict[str, Any]
 def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | None = None) -> Json:
     """The `posterior` entry: k11, k22, k12, sigma, correlation, ess, rhat; unknown values None.
 
+    figures       of the structure that are uncertain as well, by name; {} where none is
     correlation   3 × 3, order k11, k22, k12
     ess, rhat     the smallest and the largest over the parameters
     """
@@ -22,6 +23,7 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
     }
     sigma = posterior.parameter("sigma")
     summary["sigma"] = {"median": sigma.median, "p95": sigma.p95}
+    summary["figures"] = {each.name: figure_summary(each) for each in posterior.figures}
     summary["correlation"] = [[_finite(each) for each in row] for row in posterior.correlation]
     summary["ess"] = _finite(posterior.ess)
     summary["rhat"] = _finite(posterior.rhat)
@@ -43,13 +45,24 @@ def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -
     }
 
 
+def figure_summary(figure: ParameterSummary) -> Json:
+    """A figure of the structure: as a factor to the described one, scour in metres."""
+    return {
+        "unit": figure.unit,
+        "median": figure.median,
+        "p05": figure.p05,
+        "p95": figure.p95,
+        "contraction": _finite(figure.contraction),
+    }
+
+
 def empty_summary() -> Json:
     """The same entry where no window gave a posterior: every value None."""
     nothing = ("median", "p05", "p95", "ratio_median", "ratio_p05", "ratio_p95", "truth_ratio")
     units = {"k11": "N/m", "k22": "N·m/rad", "k12": "N/rad"}
     summary: Json = {name: {"unit": unit, **dict.fromkeys(nothing)} for name, unit in units.items()}
     summary["sigma"] = {"median": None, "p95": None}
-    summary.update(correlation=None, ess=None, rhat=None)
+    summary.update(figures={}, correlation=None, ess=None, rhat=None)
     return summary
 
 

@@ -1,11 +1,13 @@
 """The figures of summary.json."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
+from pipeline.tables import posterior_table
 from pipeline.updating.summary import empty_summary, posterior_summary, truth_covered
 
 POSTERIOR = FoundationPosterior(
@@ -65,3 +67,15 @@ def _keys(summary):
 
 def test_coverage_is_judged_parameter_by_parameter():
     assert truth_covered(POSTERIOR, TRUTH) == {"k11": True, "k22": False, "k12": True}
+
+
+def test_figures_of_the_structure_that_are_uncertain_stand_beside_the_springs():
+    mass = ParameterSummary("rna_mass", "-", 1.0, 1.02, 1.0, 1.04, contraction=0.6)
+    posterior = replace(POSTERIOR, figures=(mass,))
+    summary = posterior_summary(posterior) | {"windows": 6, "sampler": "importance", "rhat": 1.0}
+    assert summary["figures"] == {
+        "rna_mass": {"unit": "-", "median": 1.02, "p05": 1.0, "p95": 1.04, "contraction": 0.6}
+    }
+    assert posterior_summary(POSTERIOR)["figures"] == empty_summary()["figures"] == {}
+    names = list(posterior_table(summary).columns[0].cells)
+    assert names == ["k11", "k22", "k12", "σ", "rna mass"]
