@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pipeline.updating.forward_model import FloatArray
 
 SLOPE_STD = 0.01  # prior of ∂ ln f / ∂ level, beyond what the model says of it [1/m]
-WIND_STD = 0.0003  # prior of ∂ ln f / ∂ wind speed [s/m]
+WIND_STD = 0.00005  # prior of ∂ ln f / ∂ wind speed, as storms move simulated towers [s/m]
 WIND_REFERENCE = 10.0  # where the regression counts the wind from [m/s]
 FLAT = 1e-6  # information on the intercept of ln f: a standard deviation of 1000
 PRIOR = np.diag([FLAT, SLOPE_STD**-2, WIND_STD**-2])[:, :, None]  # of β, as information
