@@ -1,7 +1,12 @@
-"""A farm: what its turbines gain from each other.
+"""A farm: whether it is followed in time, and what its turbines gain from each other.
 
-    python -m tests.benchmarks farm [--part pooling] [--farms 10] [--first-seed 1]
-        [--turbines 20] [--spread 0.02] [--common 0] [--modes paper|all] [--newcomers 4]
+    python -m tests.benchmarks farm [--part replay|pooling|all] [--turbines 20] [--first-seed 1]
+        [--windows 3] [--speed 10] [--shards 2] [--keep FOLDER]
+        [--farms 10] [--spread 0.02] [--common 0] [--modes paper|all] [--newcomers 4]
+
+`replay`: simulates turbines whose ln k spread by 2 %, the seventh with 15 % less k22, and replays
+them at ten times real time through a session whose nodes are processes that share the turbines.
+How late posteriors come, what a window costs in CPU, and what pooling makes of the posteriors.
 
 `pooling`: farms of drawn posteriors. Every turbine has one window; or one has one and the others
 six. How much less wrong its springs are with the others' help than by its own window alone, and
@@ -9,16 +14,19 @@ whether a turbine with 15 % less k22 is told, and no other.
 """
 
 import argparse
+import tempfile
+from pathlib import Path
 
 from tests.benchmarks._farm_pooling import FarmCase, print_pooling
+from tests.benchmarks._farm_replay import ReplayCase, print_replay
 
-PARTS = ("pooling",)
+PARTS = ("replay", "pooling", "all")
 
 
 def main(arguments: list[str]) -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks farm")
-    parser.add_argument("--part", choices=PARTS, default="pooling")
+    parser.add_argument("--part", choices=PARTS, default="all")
     parser.add_argument("--farms", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--turbines", type=int, default=20)
@@ -26,7 +34,22 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--common", type=float, default=0.0)
     parser.add_argument("--modes", choices=("paper", "all"), default="paper")
     parser.add_argument("--newcomers", type=int, default=4)
+    parser.add_argument("--windows", type=int, default=3)
+    parser.add_argument("--speed", type=float, default=10.0)
+    parser.add_argument("--shards", type=int, default=2)
+    parser.add_argument("--keep", type=Path, help="folder where the recording is kept")
     chosen = parser.parse_args(arguments)
-    seeds = range(chosen.first_seed, chosen.first_seed + chosen.farms)
-    case = FarmCase(chosen.turbines, chosen.spread, chosen.common, chosen.modes)
-    print_pooling(case, seeds, chosen.newcomers)
+    if chosen.part in ("replay", "all"):
+        _replay(chosen)
+    if chosen.part in ("pooling", "all"):
+        seeds = range(chosen.first_seed, chosen.first_seed + chosen.farms)
+        case = FarmCase(chosen.turbines, chosen.spread, chosen.common, chosen.modes)
+        print_pooling(case, seeds, chosen.newcomers)
+
+
+def _replay(chosen: argparse.Namespace) -> None:
+    case = ReplayCase(
+        chosen.turbines, chosen.windows, chosen.first_seed, chosen.speed, chosen.shards
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        print_replay(case, chosen.keep or Path(folder))
