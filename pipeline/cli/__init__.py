@@ -6,6 +6,7 @@ failed.
 
 import logging
 import sys
+from collections.abc import Callable
 
 import typer
 from rich.logging import RichHandler
@@ -39,32 +40,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-for command in (
-    run,
-    simulate,
-    identify,
-    modes,
-    describe,
-    update,
-    reproduce,
-    reprocess,
-    node,
-    status,
-    metrics,
-    ack,
-    publish,
-    feed,
-    control,
-    certificates,
-    info,
-    salvage,
-    show,
-    report,
-    export,
-    farm,
-):
-    app.command()(command)
-app.command("import")(import_files)
+PANELS: dict[str, tuple[Callable[..., None], ...]] = {
+    "A session": (run, status, control, show, report),
+    "Recordings and files": (simulate, import_files, info, salvage, export),
+    "Modes and stiffness": (identify, modes, describe, update, reproduce),
+    "Instruments, parts and alarms": (feed, publish, node, certificates, metrics, ack),
+    "A farm, an archive": (farm, reprocess),
+}
+for panel, commands in PANELS.items():
+    for command in commands:
+        name = "import" if command is import_files else None  # else the function's own
+        app.command(name, rich_help_panel=panel)(command)
 
 
 def main() -> None:
