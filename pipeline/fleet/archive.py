@@ -13,7 +13,7 @@ are, in whatever order they finish and however often they are interrupted.
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pipeline.files import written_whole
@@ -39,6 +39,7 @@ from pipeline.messages import (
 from pipeline.scenario import (
     DEFAULT_SCENARIO,
     Scenario,
+    farm_members,
     load_scenario,
     scenario_from_metadata,
     with_sampler,
@@ -119,6 +120,7 @@ class TurbineArchive:
             settings=self.scenario.updating,
             operation=self.scenario.operation,
             seed=self.scenario.seed,
+            population=self.scenario.population,
         )
 
     @property
@@ -141,11 +143,17 @@ def archived_turbines(
     chosen = None if scenario is None else load_scenario(scenario)
     turbines = []
     for turbine, parts in parts_by_turbine(surveys).items():
-        own = chosen or _stored_scenario(parts, surveys)
+        own = _of_turbine(turbine, chosen or _stored_scenario(parts, surveys))
         own = own if sampler is None else with_sampler(own, sampler)
         layouts = _layouts_of(turbine, parts, surveys)
         turbines.append(TurbineArchive(turbine_plan(parts, own.oma), own, layouts))
     return tuple(turbines)
+
+
+def _of_turbine(turbine: str, scenario: Scenario) -> Scenario:
+    """The scenario with the structure that its farm gives the turbine."""
+    members = {member.turbine.id: member for member in farm_members(scenario)}
+    return replace(scenario, turbine=members.get(turbine, scenario).turbine)
 
 
 def _stored_scenario(parts: Sequence[Part], surveys: Sequence[FileSurvey]) -> Scenario:

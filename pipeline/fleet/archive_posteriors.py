@@ -18,7 +18,6 @@ drawn anew from its sums.
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 from pipeline.fleet.archive_store import Frame, frames_of, key_of_result, messages_in
 from pipeline.fleet.archive_work import Call
@@ -26,6 +25,7 @@ from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRej
 from pipeline.nodes.operation import OperationSettings, in_nacelle_axes, refusal_by_operation
 from pipeline.runner import one_blas_thread
 from pipeline.transport.codec import decode, encode
+from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.updater import FoundationUpdater, UpdatingSettings, UpdatingState
 from sensors.layout import SensorLayout
 from sensors.turbine.description import TurbineDescription
@@ -33,12 +33,13 @@ from sensors.turbine.modal import ModalModel
 
 ANCHORS_APART = 36  # windows at most: six hours of ten minutes
 STRETCH = 6  # windows of one call at most
+UPDATERS_KEPT = 8  # in one process: a turbine's has some megabytes
 STATE = "UpdatingState"  # kind of the frame that holds a checkpoint
 
 Memory = Callable[[str, Callable[[], tuple[Frame, ...]]], tuple[Frame, ...]]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class UpdatingPlan:
     """What makes the updater of one turbine, wherever it is made."""
 
@@ -47,15 +48,33 @@ class UpdatingPlan:
     settings: UpdatingSettings
     operation: OperationSettings
     seed: int
+    population: StiffnessPopulation | None = None  # the farm's prior; None: the uniform one
+
+    def made(self) -> FoundationUpdater:
+        """The updater."""
+        return FoundationUpdater(
+            ModalModel(self.structure, self.layout),
+            self.layout,
+            self.settings,
+            seed=self.seed,
+            population=self.population,
+        )
 
     @property
     def key(self) -> str:
         """Fingerprint of all of it."""
         parts = (self.structure, self.layout, self.settings, self.operation, self.seed)
-        return key_of_result(*map(repr, parts))
+        return key_of_result(*map(repr, parts), *_bytes_of(self.population))
 
 
-@dataclass(frozen=True, slots=True)
+def _bytes_of(population: StiffnessPopulation | None) -> Iterator[bytes]:
+    if population is not None:
+        yield repr((population.turbines, population.outlier_std)).encode()
+        arrays = (population.nominal, population.means, population.covariances)
+        yield from (each.tobytes() for each in (*arrays, population.outlier_shares))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class StretchCall:
     """Windows whose posteriors are wanted, after the sums of those before them."""
 
@@ -94,11 +113,17 @@ def anchored(call: StretchCall) -> tuple[Frame, ...]:
     return (*frames_of(answers), (STATE, updater.saved(state)))
 
 
-@lru_cache(maxsize=4)
+_made: dict[str, FoundationUpdater] = {}  # of this process, by the key of their plan
+
+
 def _updater(plan: UpdatingPlan) -> FoundationUpdater:
-    """The plan's updater; each process makes it once."""
-    model = ModalModel(plan.structure, plan.layout)
-    return FoundationUpdater(model, plan.layout, plan.settings, seed=plan.seed)
+    """The plan's updater; each process makes it once and keeps the last few."""
+    key = plan.key
+    if key not in _made:
+        while len(_made) >= UPDATERS_KEPT:
+            _made.pop(next(iter(_made)))
+        _made[key] = plan.made()
+    return _made[key]
 
 
 class PosteriorPass:

@@ -18,6 +18,7 @@ from pipeline.notices.settings import (
     load_notices,
     notices_settings,
 )
+from pipeline.playback import Playback
 from pipeline.scenario import NO_STRUCTURE, TurbineSettings
 from pipeline.session import SessionOptions, run_session
 from pipeline.sources import replayed
@@ -40,10 +41,10 @@ class Clock:
 
 
 class WithoutTenSeconds(Change):
-    """Blocks 100 to 109 never came."""
+    """Blocks 10 to 19 never came."""
 
     def block(self, block: AccelerationBlock) -> AccelerationBlock | None:
-        return None if 100 <= block.sequence < 110 else block
+        return None if 10 <= block.sequence < 20 else block
 
 
 def desk_telling(url: str, folder: Path, clock: Clock) -> NoticesDesk:
@@ -125,7 +126,7 @@ def test_pilewatch_ack_writes_the_file_where_no_session_runs(tmp_path: Path) -> 
 
 def test_a_session_tells_of_its_gap(short_recording: Path, tmp_path: Path) -> None:
     cut = rewritten(short_recording, tmp_path / "cut.mcap", WithoutTenSeconds())
-    source = replayed(cut)
+    source = replayed(cut).with_playback(Playback(0.0, 30.0))
     parameters = replace(source.scenario, turbine=TurbineSettings(description=NO_STRUCTURE))
     with web_server() as server:
         table = {"webhook": [{"url": server.url}], "notices": {"shortest_gap": 5.0}}
