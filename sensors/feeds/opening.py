@@ -5,10 +5,11 @@ from dataclasses import replace
 from sensors.feeds.address import FeedAddress, parsed
 from sensors.feeds.assembler import WAIT, Assembler
 from sensors.feeds.csv_tail import CsvTailFeed
-from sensors.feeds.feed import Feed, FeedCounts, FeedError
+from sensors.feeds.feed import Feed, FeedCounts
 from sensors.feeds.live import LiveFeed
 from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages
 from sensors.feeds.scada import ScadaReader
+from sensors.feeds.seedlink import SeedLinkFeed
 from sensors.feeds.udp import UdpFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from sensors.layout import SensorLayout
@@ -48,10 +49,10 @@ def _feed(address: FeedAddress, layout: LayoutFile, *, once: bool) -> Feed:
             counts = FeedCounts()
             reader = ScadaMessages(ScadaReader(address, layout.turbine), counts)
             return MqttFeed(address, reader, counts, once=once)
-        case "scada+csv":
-            return CsvTailFeed(address, ScadaReader(address, layout.turbine), once=once)
+        case "seedlink":
+            return SeedLinkFeed(address, once=once)
         case _:
-            raise FeedError(f"{address.text}: {address.scheme} cannot be read yet")
+            return CsvTailFeed(address, ScadaReader(address, layout.turbine), once=once)
 
 
 def layout_file_of(layout: SensorLayout) -> LayoutFile:

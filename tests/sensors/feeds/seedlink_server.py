@@ -1,0 +1,193 @@
+"""A small server of the SeedLink protocol, version 3.1: enough for what a client may ask of it."""
+
+import io
+import socketserver
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+
+import numpy as np
+from obspy import Stream, Trace, UTCDateTime, read
+
+RECORD = 512  # [bytes]
+
+
+def records(
+    channel: str, counts: np.ndarray, *, start_ns: int, sampling_rate: float
+) -> list[bytes]:
+    """Samples of NET.STA.LOC.CHA as miniSEED records of 512 bytes (Steim 2)."""
+    network, station, location, code = channel.split(".")
+    header = {
+        "network": network,
+        "station": station,
+        "location": location,
+        "channel": code,
+        "sampling_rate": sampling_rate,
+        "starttime": UTCDateTime(ns=start_ns),
+    }
+    file = io.BytesIO()
+    Stream([Trace(counts.astype(np.int32), header)]).write(
+        file, format="MSEED", reclen=RECORD, encoding="STEIM2"
+    )
+    whole = file.getvalue()
+    return [whole[i : i + RECORD] for i in range(0, len(whole), RECORD)]
+
+
+class SeedLinkServer:
+    """Keeps what it was given, and gives it to whoever asks, from the sequence that is asked for.
+
+    first   sequence of the first packet
+    """
+
+    def __init__(self, first: int = 1) -> None:
+        self.first = first
+        self.packets: list[tuple[str, bytes]] = []  # channel, record
+        self.asked: list[str] = []  # commands of all clients
+        self.changed = threading.Condition()
+        self.port = 0
+        self._server: socketserver.ThreadingTCPServer | None = None
+        self._generation = 0
+
+    def add(self, packets: list[bytes]) -> None:
+        """More records, in this order."""
+        for record in packets:
+            channel = read(io.BytesIO(record), headonly=True)[0].id
+            with self.changed:
+                self.packets.append((channel, record))
+                self.changed.notify_all()
+
+    def forget(self, count: int) -> None:
+        """Let go of the oldest packets, as a full buffer does."""
+        with self.changed:
+            self.packets[:count] = [("", b"")] * count
+
+    @property
+    def generation(self) -> int:
+        """Which start this is; clients of an earlier one are cut off."""
+        return self._generation
+
+    def start(self) -> None:
+        """Listen, at the same port as before."""
+        owner = self
+
+        class Handler(socketserver.StreamRequestHandler):
+            def handle(self) -> None:
+                _serve(owner, self)
+
+        class Server(socketserver.ThreadingTCPServer):
+            allow_reuse_address = True
+            daemon_threads = True
+
+        self._server = Server(("127.0.0.1", self.port), Handler)
+        self.port = self._server.server_address[1]
+        threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
+
+    def stop(self) -> None:
+        """Cut everybody off."""
+        if self._server is not None:
+            self._server.shutdown()
+            self._server.server_close()
+            self._server = None
+        with self.changed:
+            self._generation += 1
+            self.changed.notify_all()
+
+
+@contextmanager
+def seedlink_server(first: int = 1) -> Iterator[SeedLinkServer]:
+    """A server that runs."""
+    server = SeedLinkServer(first)
+    server.start()
+    try:
+        yield server
+    finally:
+        server.stop()
+
+
+class _Asked:
+    """What one client has asked for."""
+
+    def __init__(self) -> None:
+        self.stations: list[tuple[str, list[str], int | None]] = []  # NET.STA, selectors, from
+
+    def wants(self, sequence: int, channel: str) -> bool:
+        for station, selectors, begin in self.stations:
+            parts = channel.split(".")
+            net_sta, loc_cha = ".".join(parts[:2]), "".join(parts[2:])
+            if net_sta == station and (begin is None or sequence >= begin):
+                return not selectors or any(_selects(each, loc_cha) for each in selectors)
+        return False
+
+
+def _commands(link: socketserver.StreamRequestHandler) -> Iterator[str]:
+    """What a client says; a line feed behind the carriage return is its choice."""
+    line = b""
+    while byte := link.rfile.read(1):
+        if byte not in b"\r\n":
+            line += byte
+        elif line:
+            yield line.decode()
+            line = b""
+
+
+def _selects(selector: str, loc_cha: str) -> bool:
+    return fnmatchcase(loc_cha, selector if len(selector) > 3 else f"*{selector}")
+
+
+def _serve(server: SeedLinkServer, link: socketserver.StreamRequestHandler) -> None:
+    asked, generation = _Asked(), server.generation
+    newest = server.first + len(server.packets)
+    for line in _commands(link):
+        server.asked.append(line)
+        word, *rest = line.split()
+        if word == "HELLO":
+            link.wfile.write(b"SeedLink v3.1 (test) :: SLPROTO:3.1\r\na server of the tests\r\n")
+        elif word == "STATION" and rest[0] != "NONE":
+            asked.stations.append((f"{rest[1]}.{rest[0]}", [], newest))
+            link.wfile.write(b"OK\r\n")
+        elif word == "SELECT":
+            asked.stations[-1][1].append(rest[0])
+            link.wfile.write(b"OK\r\n")
+        elif word == "DATA":
+            station, selectors, begin = asked.stations[-1]
+            asked.stations[-1] = (station, selectors, int(rest[0], 16) if rest else begin)
+            link.wfile.write(b"OK\r\n")
+        elif word == "END":
+            _stream(server, link, asked, generation)
+            return
+        else:
+            link.wfile.write(b"ERROR\r\n")
+
+
+def _stream(
+    server: SeedLinkServer,
+    link: socketserver.StreamRequestHandler,
+    asked: _Asked,
+    generation: int,
+) -> None:
+    threading.Thread(target=_answer, args=(server, link), daemon=True).start()
+    at = 0
+    while True:
+        with server.changed:
+            server.changed.wait_for(
+                lambda after=at: len(server.packets) > after or server.generation != generation
+            )
+            if server.generation != generation:
+                link.request.shutdown(2)
+                return
+            channel, record = server.packets[at]
+        sequence = server.first + at
+        at += 1
+        if record and asked.wants(sequence, channel):
+            link.wfile.write(f"SL{sequence:06X}".encode() + record)
+
+
+def _answer(server: SeedLinkServer, link: socketserver.StreamRequestHandler) -> None:
+    """INFO requests between the packets."""
+    try:
+        for line in _commands(link):
+            server.asked.append(line)
+            link.wfile.write(b"SLINFO  " + bytes(RECORD))
+    except (OSError, ValueError):
+        return
