@@ -50,7 +50,7 @@ class PopulationPrior:
     mean_std: float = 1.0  # s, of the farm's mean about nominal [-]
     spread_scale: float = 0.05  # A: half of all spreads are thought to lie below .8 A [-]
     spread_degrees: float = 2.0  # ν: 2 leaves every correlation as likely as another
-    outlier_std: float = 0.2  # √W, of an outlier about what it should be [-]
+    outlier_std: float = 0.1  # √W, of an outlier about what it should be: scour takes a tenth [-]
     outliers: float = 1.0  # α, as if so many turbines had been seen to be outliers …
     regular: float = 19.0  # β, … and so many not to be: one in twenty
 

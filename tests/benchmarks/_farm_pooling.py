@@ -31,7 +31,7 @@ class FarmCase:
     common: float = 0.0  # correlation of the three springs over the farm [-]
     modes: str = "paper"  # "paper": its eleven; "all": what the sensors see
     windows: int = 6  # of a turbine that is not new
-    outlier: float = 0.85  # of an outlier's k22
+    outlier: float = 0.85  # an outlier's k22 over what the farm lies about
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ def drawn_farm(case: FarmCase, posteriors: Posteriors, seed: int) -> DrawnFarm:
     truths = np.exp(generator.standard_normal((case.turbines, 3)) @ factor.T)
     new = [posterior(posteriors, n, each, 1, generator) for n, each in enumerate(truths)]
     old = [posterior(posteriors, n, each, case.windows, generator) for n, each in enumerate(truths)]
-    soft = truths[0] * [1.0, case.outlier, 1.0]
+    soft = np.array([truths[0, 0], case.outlier, truths[0, 2]])
     outlying = posterior(posteriors, 0, soft, case.windows, generator)
     return DrawnFarm(truths, tuple(new), tuple(old), outlying)
 
@@ -115,8 +115,10 @@ def print_pooling(case: FarmCase, seeds: Sequence[int], newcomers: int) -> None:
     print(f"{len(seeds)} farms of {kind}, {case.modes} modes, seeds {seeds[0]}…{seeds[-1]}")
     print(_row("all with one window", together))
     print(_row(f"one window, the others {case.windows}", alone))
-    print(f"turbine with {case.outlier:g} k22: {flagged} of {len(seeds)} flagged; of the others")
-    print(f"{falsely} of {regular}")
+    print(
+        f"a turbine with {case.outlier:g} of the farm's k22: flagged in {flagged} of {len(seeds)}; "
+        f"of the others {falsely} of {regular} flagged"
+    )
 
 
 def _note(

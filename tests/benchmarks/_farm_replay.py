@@ -159,8 +159,8 @@ def print_replay(case: ReplayCase, folder: Path) -> None:
     print(f"lag p50 {p50:.1f} s, p99 {p99:.1f} s, longest {found.lags.max():.1f} s")
     print(
         f"CPU a window {per_window:.2f} s, everything counted, the processes' start too: "
-        f"{WINDOW / per_window:.0f} turbines a core at real time; {found.cpu / found.wall:.2f} cores "
-        f"used over {found.wall:.0f} s"
+        f"{WINDOW / per_window:.0f} turbines a core at real time; {found.cpu / found.wall:.2f} "
+        f"cores used over {found.wall:.0f} s"
     )
     for name, busy in sorted(found.busy.items()):
         print(f"  {name}: busy {busy / expected:.3f} s a window")

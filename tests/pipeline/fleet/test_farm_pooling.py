@@ -58,7 +58,7 @@ class Quadrature:
 def test_chains_agree_with_quadrature_in_one_dimension_outlier_included():
     means = np.array([0.012, -0.018, 0.004, 0.021, -0.007, -0.16])
     stds = np.array([0.01, 0.012, 0.02, 0.008, 0.015, 0.02])
-    prior = PopulationPrior()
+    prior = PopulationPrior(outlier_std=0.2)
     exact = Quadrature(means, stds, prior)
     drawn = pooled(seen(means[:, None], stds[:, None]), prior, np.random.default_rng(1))
     tau = np.sqrt(drawn.covariances[:, 0, 0])
