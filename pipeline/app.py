@@ -65,8 +65,8 @@ def build(
 ) -> tuple[Plan, ...]:
     """The nodes of a session in the order of the flow.
 
-    layout    of the turbines that `layouts` doesn't name
-    layouts   turbine → its own; None: as the scenario's farm has them
+    layout    of a turbine that is neither in `layouts` nor in the scenario's farm
+    layouts   turbine → its own, where it is not as the scenario's farm has it
 
     Raises OmaSettingsError where the scenario names a reference channel that the layout lacks, and
     LayoutError where its channels are not what the structural model is compared with.
@@ -89,10 +89,10 @@ def build(
         special = {
             turbine: (partial(updating_of_one_turbine, farm.get(turbine, scenario), own), own)
             for turbine, own in known.items()
-            if _kind(farm.get(turbine, scenario), own) != _kind(scenario, layout)
+            if turbine != layout.turbine
         }
-        most = partial(updating_of_one_turbine, scenario, layout)
-        return UpdatingInContext(most, layout, scenario.operation, special=special)
+        first = partial(updating_of_one_turbine, farm.get(layout.turbine, scenario), layout)
+        return UpdatingInContext(first, layout, scenario.operation, special=special)
 
     def updating_of_one_turbine(member: Scenario, layout: SensorLayout) -> Node:
         kind = _kind(member, layout)

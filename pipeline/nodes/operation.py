@@ -242,7 +242,7 @@ class UpdatingInContext:
     make      → the updating node of one more turbine
     layout    of the sensors, whose axes the model's shapes are read along
     settings  which states are allowed
-    special   turbines with a layout or a structure of their own: how theirs is made, their layout
+    special   turbines of a farm: how the updating node of each is made, and its own layout
     """
 
     name = "updating"
