@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from pipeline.fleet.farm import Farm, pooled_farm
 from pipeline.messages import FoundationPosterior
 from pipeline.updating.likelihood import LikelihoodSettings
-from tests.benchmarks._drawn import turbine_model
+from sensors.turbine.description import load_turbine
+from sensors.turbine.foundation import SpringSign
+from sensors.turbine.modal import ModalModel
+from tests.benchmarks._drawn import LAYOUT, PAPERS_MODES
 from tests.benchmarks.calibration import CASES, Posteriors, evidence_of_stream
 from tests.pipeline.fleet.farms import posterior_of
 
@@ -31,6 +34,7 @@ class FarmCase:
     common: float = 0.0  # correlation of the three springs over the farm [-]
     modes: str = "paper"  # "paper": its eleven; "all": what the sensors see
     windows: int = 6  # of a turbine that is not new
+    sign: SpringSign = "published"
     outlier: float = 0.85  # an outlier's k22 over what the farm lies about
 
 
@@ -46,7 +50,9 @@ class DrawnFarm:
 
 def posteriors_of(case: FarmCase) -> Posteriors:
     """The updating as a scenario has it."""
-    model = turbine_model() if case.modes == "paper" else turbine_model(None)
+    model = ModalModel(load_turbine("iea15mw_monopile").with_sign(case.sign), LAYOUT)
+    if case.modes == "paper":
+        model = model.subset(PAPERS_MODES)
     return Posteriors.of(LikelihoodSettings(), model=model)
 
 
@@ -111,8 +117,9 @@ def print_pooling(case: FarmCase, seeds: Sequence[int], newcomers: int) -> None:
         falsely += sum(each.outlying for each in farm.turbines[1:])
         print(f"  seed {seed}: {farm.turbines[0].text}", flush=True)
     kind = f"{case.turbines} turbines, ln k spread by {case.spread:.0%}"
+    kind += f", {case.sign}, {case.modes} modes"
     kind += f", springs correlated by {case.common:g}" if case.common else ""
-    print(f"{len(seeds)} farms of {kind}, {case.modes} modes, seeds {seeds[0]}…{seeds[-1]}")
+    print(f"{len(seeds)} farms of {kind}, seeds {seeds[0]}…{seeds[-1]}")
     print(_row("all with one window", together))
     print(_row(f"one window, the others {case.windows}", alone))
     print(

@@ -2,7 +2,8 @@
 
     python -m tests.benchmarks farm [--part replay|pooling|all] [--turbines 20] [--first-seed 1]
         [--windows 3] [--speed 10] [--shards 2] [--keep FOLDER]
-        [--farms 10] [--spread 0.02] [--common 0] [--modes paper|all] [--newcomers 4]
+        [--farms 10] [--spread 0.02] [--common 0] [--modes paper|all]
+        [--sign published|embedded-pile] [--newcomers 4]
 
 `replay`: simulates turbines whose ln k spread by 2 %, the seventh with 15 % less k22, and replays
 them at ten times real time through a session whose nodes are processes that share the turbines.
@@ -33,6 +34,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--spread", type=float, default=0.02)
     parser.add_argument("--common", type=float, default=0.0)
     parser.add_argument("--modes", choices=("paper", "all"), default="paper")
+    parser.add_argument("--sign", choices=("published", "embedded-pile"), default="published")
     parser.add_argument("--newcomers", type=int, default=4)
     parser.add_argument("--windows", type=int, default=3)
     parser.add_argument("--speed", type=float, default=10.0)
@@ -43,7 +45,9 @@ def main(arguments: list[str]) -> None:
         _replay(chosen)
     if chosen.part in ("pooling", "all"):
         seeds = range(chosen.first_seed, chosen.first_seed + chosen.farms)
-        case = FarmCase(chosen.turbines, chosen.spread, chosen.common, chosen.modes)
+        case = FarmCase(
+            chosen.turbines, chosen.spread, chosen.common, chosen.modes, sign=chosen.sign
+        )
         print_pooling(case, seeds, chosen.newcomers)
 
 
