@@ -5,6 +5,7 @@ several workers have died fails alone. Nothing listens beyond this machine unles
 scheduler is named.
 """
 
+import logging
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -16,7 +17,6 @@ from sensors.errors import InputError
 AHEAD = 2  # calls for every thread of the workers, so that none waits for the next
 CONNECTING = 30.0  # how long a scheduler is waited for [s]
 LOOPBACK = "127.0.0.1"
-QUIET = {"DASK_LOGGING__DISTRIBUTED": "error"}  # environment of workers
 
 
 class DaskWorkers:
@@ -82,7 +82,8 @@ def local_workers(count: int) -> Iterator[Workers]:
             dashboard_address=f"{LOOPBACK}:0",
             scheduler_kwargs={"dashboard": False},
             worker_dashboard_address=f"{LOOPBACK}:0",
-            env=QUIET,
+            silence_logs=logging.ERROR,
+            preload=["pipeline.fleet.archive_worker"],
         ) as cluster,
         Client(cluster) as client,
     ):
