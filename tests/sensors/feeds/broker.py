@@ -76,6 +76,13 @@ class Broker:
             self._process.wait()
             self._process = None
 
+    def stop(self) -> None:
+        """End as it is told to: what it keeps is written to its folder, if it keeps anything."""
+        if self._process is not None:
+            self._process.terminate()
+            self._process.wait()
+            self._process = None
+
 
 @contextmanager
 def broker(folder: Path, *lines: str) -> Iterator[Broker]:
