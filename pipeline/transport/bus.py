@@ -19,7 +19,7 @@ from pipeline.transport.errors import CodecError, TransportError
 
 logger = logging.getLogger(__name__)
 
-INBOX_CAPACITY = 10_000  # messages; nearly three hours of one unit's one-second blocks
+INBOX_CAPACITY = 100_000  # messages: of a farm of twenty at ten times real time, eight minutes
 INBOX_BYTES = 256 * 2**20  # of all messages that wait: what a flood may cost in memory
 MOST_KEYS = (
     20_000  # that are listened to: of 1500 turbines; what is kept of each is small, not none
