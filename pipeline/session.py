@@ -20,6 +20,8 @@ from typing import Literal
 from pipeline import runner
 from pipeline.app import Outputs, Plan, build
 from pipeline.checkpoints import FOLDER as CHECKPOINTS
+from pipeline.feeding import FeedAccount
+from pipeline.messages import Message
 from pipeline.metrics import MetricsDesk, served
 from pipeline.nodes.node import Node
 from pipeline.nodes.shard import Shard, ShardedNode, parsed_shard
@@ -172,26 +174,26 @@ def _run(
     def open_bus() -> Bus:
         return ZenohBus(meeting.nodes)
 
-    workers: list[runner.Worker] = []
-    for plan in graph:
-        if options.way == "processes":
-            command = node_command(plan.name, source, options, meeting.nodes, scenario_option)
-            workers += _processes(plan, command, options.shards)
-        else:
-            workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
-    workers += [runner.NodeThread(each, open_bus, turbine) for each in desks]
-    follows = options.speed == float("inf")
+    follows = options.speed == float("inf") and not source.is_live
     desk = StatusDesk(source.text)
     control = ReplayControl(source, options.speed, stopping)
-    workers.append(runner.NodeThread(desk, open_bus, turbine))
+    # The hub first: a port that is taken is told before a node has begun a file.
     with _hub(meeting, desk, f"{STATUS_KEY}/{turbine}", options.out) as bus:
+        workers: list[runner.Worker] = []
+        for plan in graph:
+            if options.way == "processes":
+                command = node_command(plan.name, source, options, meeting.nodes, scenario_option)
+                workers += _processes(plan, command, options.shards)
+            else:
+                workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
+        workers += [runner.NodeThread(each, open_bus, turbine) for each in (*desks, desk)]
         for told in desks:
             if isinstance(told, NoticesDesk):
                 bus.answer(f"{NOTICES_KEY}/{turbine}", told.answer)
         if not source.is_live:
             bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
         runner.run_workers(
-            None if source.is_live else control.messages(),
+            _messages(source, control, stopping),
             workers,
             bus,
             turbine=turbine,
@@ -220,6 +222,15 @@ def _processes(plan: Plan, command: Sequence[str], shards: int) -> list[Supervis
         )
         for number in range(1, shards + 1)
     ]
+
+
+def _messages(
+    source: Source, control: ReplayControl, stopping: threading.Event | None
+) -> Iterator[Message] | None:
+    """What the session publishes itself; None where the instruments do."""
+    if source.feed is not None:
+        return FeedAccount(source.feed, source.layout).messages(stopping or threading.Event())
+    return None if source.is_live else control.messages()
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,16 +336,24 @@ def run_node(
         raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")
     if shard is not None and name not in SHARED:
         raise InputError(f"--shard is for {' and '.join(SHARED)}, not for {name}")
-    options.out.mkdir(parents=True, exist_ok=True)
-    if options.fresh and name == "updating":
-        set_checkpoints_aside(options.out)
-    if name == "viewer" and (options.out / PICTURES).exists():
-        _set_aside(options.out / PICTURES)  # of the viewer that this one follows
-    node = plans[name].make()
-    if shard is not None:
-        node = ShardedNode(node, parsed_shard(shard, source.turbines))
     with runner.one_blas_thread(), runner.open_session(lambda: ZenohBus(options.zenoh)) as bus:
+        _make_folder(options.out)
+        if options.fresh and name == "updating":
+            set_checkpoints_aside(options.out)
+        if name == "viewer" and (options.out / PICTURES).exists():
+            _set_aside(options.out / PICTURES)  # of the viewer that this one follows
+        node = plans[name].make()
+        if shard is not None:
+            node = ShardedNode(node, parsed_shard(shard, source.turbines))
         runner.serve(node, bus, turbine=source.layout.turbine, stopping=stopping)
+
+
+def _make_folder(out: Path) -> None:
+    """Raises InputError where it cannot be made."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: {error.strerror}; a folder is needed") from error
 
 
 def prepare_folder(source: Source, out: Path) -> Source:
@@ -343,10 +362,7 @@ def prepare_folder(source: Source, out: Path) -> Source:
     Returns the source, which may be one of the files set aside. Raises InputError where the
     folder cannot be made.
     """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {out}: {error.strerror}; a folder is needed") from error
+    _make_folder(out)
     for whole in close_leftovers(out / RECORDING):
         logger.warning("%s was left unfinished; it ends with its last whole chunk now", whole)
     parts = sorted({*out.glob("session.part*.mcap"), *out.glob("session.*results.mcap")})

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,6 +35,9 @@ from sensors.replayed import ReplayedTower, due_time
 from sensors.scada import ScadaSample
 from sensors.simulated import SimulatedTower
 
+if TYPE_CHECKING:
+    from sensors.feeds.live import LiveFeed
+
 DEFAULT_RECORDING = Path("recordings/parked.mcap")
 TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is said anew
 COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing is at risk here
@@ -55,6 +59,7 @@ class Source:
     recording: Path | None = None  # of a replay: a file, or a folder of files
     playback: Playback = field(default_factory=Playback)  # which part of it
     layouts: Mapping[str, SensorLayout] = field(default_factory=dict)  # turbine → of a recording
+    feed: "LiveFeed | None" = None  # of an instrument that the session listens to itself
 
     @property
     def is_live(self) -> bool:
@@ -141,10 +146,13 @@ class Source:
 def recordings_in(path: Path) -> list[Path]:
     """The file itself, or every closed recording in a folder that has samples, oldest first.
 
-    Raises SourceError for a folder without one.
+    Raises SourceError for a folder without one, or a name that no file can have.
     """
-    if not path.is_dir():
-        return [path]
+    try:
+        if not path.is_dir():
+            return [path]
+    except OSError as error:
+        raise SourceError(f"cannot read the recording {path}: {error.strerror}") from error
     begun = {}
     for file in path.glob("*.mcap"):
         units = recording_info(file).units

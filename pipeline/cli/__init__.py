@@ -4,6 +4,7 @@ Exit codes: 0 done; 2 something the user gave is wrong (one line says what); 1 a
 failed.
 """
 
+import errno
 import logging
 import sys
 from collections.abc import Callable
@@ -53,6 +54,15 @@ for panel, commands in PANELS.items():
         app.command(name, rich_help_panel=panel)(command)
 
 
+# What a disk, a person's permissions or a path refuse to whatever command: no fault of the program.
+NOT_OURS = frozenset(
+    {
+        *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG),
+        *(errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EMFILE),
+    }
+)
+
+
 def main() -> None:
     """Entry point of `pilewatch`: a user's mistake becomes one line and exit code 2."""
     logging.basicConfig(
@@ -69,5 +79,13 @@ def main() -> None:
         logging.getLogger(__name__).debug("a node failed", exc_info=True)
         people.print(f"[bold red]pilewatch:[/] {escaped(str(failure))}", soft_wrap=True)
         sys.exit(1)
+    except OSError as error:
+        if error.errno not in NOT_OURS:
+            raise
+        place = f"{error.filename}: " if error.filename else ""
+        people.print(
+            f"[bold red]pilewatch:[/] {escaped(f'{place}{error.strerror}')}", soft_wrap=True
+        )
+        sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)

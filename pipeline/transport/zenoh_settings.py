@@ -138,6 +138,8 @@ def explained(settings: ZenohSettings, error: str) -> str:
             if settings.config_file is not None
             else f"no Zenoh session answers at {_listed(settings.connect)}; a client needs a router"
         )
+    if "No peer specified" in error:
+        return "a client needs to know its router: --connect ENDPOINT, e.g. tcp/192.168.1.10:7447"
     return f"cannot open a Zenoh session: {without_source(error)}"
 
 

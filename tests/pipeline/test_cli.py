@@ -1,10 +1,13 @@
 """The commands as a person meets them, in a folder of their own."""
 
+import errno
 import json
+import os
 import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +16,7 @@ import pytest
 from scipy.signal import lfilter
 
 from pipeline.cli import main
+from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from sensors.turbine.description import shipped_text
 
 
@@ -258,3 +262,51 @@ def test_describe_names_the_key_that_is_wrong(pilewatch: Command) -> None:
     assert "mine.toml" in refused.stderr
     assert "overhung" in refused.stderr
     assert refused.stderr.count("\n") == 1
+
+
+def test_a_name_that_no_file_can_have_is_one_line(pilewatch: Command) -> None:
+    name = "x" * 300
+    for command in (
+        ("run", "--source", f"replay:{name}"),
+        ("publish", "--source", f"replay:{name}"),
+        ("node", "recorder", "--recording", name),
+    ):
+        assert "File name too long" in one_line(pilewatch(*command))
+
+
+def test_a_folder_that_is_a_file_is_one_line_for_a_node_too(
+    pilewatch: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("x")
+    with closing(ZenohBus(hub(endpoint := free_endpoint()))):
+        told = pilewatch("node", "recorder", "--connect", endpoint, "--out", "file")
+    assert "--out file: File exists; a folder is needed" in one_line(told)
+
+
+def test_a_client_that_knows_no_router_is_one_line(pilewatch: Command) -> None:
+    assert "--connect ENDPOINT" in one_line(pilewatch("node", "recorder", "--mode", "client"))
+
+
+def test_a_port_that_is_taken_is_told_before_a_file_is_begun(
+    pilewatch: Command, tmp_path: Path
+) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        endpoint = f"tcp/127.0.0.1:{other.getsockname()[1]}"
+        assert "the port is in use" in one_line(
+            pilewatch("run", "--source", "live", "--listen", endpoint)
+        )
+    assert not list((tmp_path / "out").glob("session.mcap*"))
+
+
+def test_what_the_disk_refuses_is_one_line_whatever_the_command(
+    pilewatch: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "some/file")
+
+    monkeypatch.setattr("pipeline.recording.info.recording_info", full)
+    assert one_line(pilewatch("info", "x.mcap")) == (
+        "pilewatch: some/file: No space left on device"
+    )
