@@ -80,7 +80,7 @@ def test_a_session_whose_nodes_are_killed_ends_with_the_same_posterior_and_nothi
     outcome = kill_trial(
         tmp_path,
         recording,
-        speed=12.0,
+        speed=20.0,
         kills=("recorder", "updating"),
         seed=3,
         rrd=False,
