@@ -60,6 +60,7 @@ class NoticesDesk:
             Delivery(channel, outbox)
             for channel, outbox in zip(channels, self._outboxes, strict=True)
         ]
+        self._save()  # from now on there is a book to ask for
         for delivery in self._deliveries:
             delivery.start()
 
