@@ -14,11 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.fleet.farm import Farm, pooled_farm
-from pipeline.fleet.farm_pooling import FarmError
-from pipeline.messages import FoundationPosterior, FoundationTruth, WindowRejected
+from pipeline.messages import FoundationPosterior, WindowRejected
 from pipeline.recording.parts import parts_of
-from pipeline.recording.reader import decoded, read_messages, recorded_messages
+from pipeline.recording.reader import decoded, recorded_messages
 from pipeline.scenario import scenario_from_text
 from pipeline.session import SessionOptions, run_session
 from pipeline.sources import record_simulation, replayed, simulated
@@ -82,11 +80,6 @@ class ReplayOutcome:
     cpu: float  # of all processes, the source's too [s]
     wall: float  # [s]
     lost: int  # blocks
-    truths: dict[str, FloatArray]  # turbine → (3,) k11 [N/m], k22 [N·m/rad], k12 [N/rad]
-
-    def after(self, windows: int) -> list[FoundationPosterior]:
-        """The posterior of each turbine after so many windows."""
-        return [each for each in self.posteriors if each.n_windows == windows]
 
 
 def replay(case: ReplayCase, recording: Path, out: Path) -> ReplayOutcome:
@@ -121,7 +114,6 @@ def replay(case: ReplayCase, recording: Path, out: Path) -> ReplayOutcome:
         cpu=cpu,
         wall=wall,
         lost=session.figures["stream"]["lost"],
-        truths=_truths(recording),
     )
 
 
@@ -131,17 +123,8 @@ def _cpu() -> float:
     return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def _truths(recording: Path) -> dict[str, FloatArray]:
-    found = {}
-    for truth in read_messages(recording, (FoundationTruth,)):
-        assert isinstance(truth, FoundationTruth)
-        found[truth.turbine] = np.array([truth.k11, truth.k22, truth.k12])
-    return found
-
-
-def print_replay(case: ReplayCase, folder: Path) -> None:
-    """The table: in time or not, where the time goes, and what pooling gains."""
-    recording = recording_of(case, folder)
+def print_replay(case: ReplayCase, recording: Path) -> None:
+    """The table: in time or not, and where the time goes."""
     with tempfile.TemporaryDirectory() as out:
         found = replay(case, recording, Path(out))
     expected, period = case.turbines * case.windows, WINDOW / case.speed
@@ -166,35 +149,3 @@ def print_replay(case: ReplayCase, folder: Path) -> None:
         print(f"  {name}: busy {busy / expected:.3f} s a window")
     for reason in found.rejected:
         print(f"  {reason}")
-    _print_farm(found, case)
-
-
-def _print_farm(found: ReplayOutcome, case: ReplayCase) -> None:
-    """Pooled: every turbine's first window, then everything."""
-    for windows in sorted({1, case.windows}):
-        try:
-            farm = pooled_farm(found.after(windows))
-        except FarmError as error:
-            print(error)
-            continue
-        truths = np.array([found.truths[each.turbine] for each in farm.turbines])
-        own, pooled = (_errors(farm, truths, own=which) for which in (True, False))
-        alone, helped = np.median(own, axis=0), np.median(pooled, axis=0)
-        overall = 1 - np.median(pooled) / np.median(own)
-        outlying = [each.text for each in farm.turbines if each.outlying]
-        print(
-            f"after {windows} windows: median error % alone {_three(100 * alone)}, pooled "
-            f"{_three(100 * helped)}; falls by {_three(100 * (1 - helped / alone), 0)} %, all "
-            f"springs together {100 * overall:.0f} %"
-        )
-        print(f"  outliers: {'; '.join(outlying) or 'none'}")
-
-
-def _errors(farm: Farm, truths: FloatArray, *, own: bool) -> FloatArray:
-    """(n_turbines, 3) |median / truth − 1|."""
-    medians = [[k.median for k in (each.own if own else each.pooled)] for each in farm.turbines]
-    return np.abs(np.array(medians) / truths - 1)
-
-
-def _three(values: FloatArray, digits: int = 2) -> str:
-    return " ".join(f"{value:.{digits}f}" for value in values)

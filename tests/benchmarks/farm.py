@@ -1,13 +1,16 @@
 """A farm: whether it is followed in time, and what its turbines gain from each other.
 
-    python -m tests.benchmarks farm [--part replay|pooling|all] [--turbines 20] [--first-seed 1]
-        [--windows 3] [--speed 10] [--shards 2] [--keep FOLDER]
+    python -m tests.benchmarks farm [--part replay|simulated|pooling|all] [--turbines 20]
+        [--first-seed 1] [--windows 3] [--speed 10] [--shards 2] [--keep FOLDER]
         [--farms 10] [--spread 0.02] [--common 0] [--modes paper|all]
         [--sign published|embedded-pile] [--newcomers 4]
 
 `replay`: simulates turbines whose ln k spread by 2 %, the seventh with 15 % less k22, and replays
 them at ten times real time through a session whose nodes are processes that share the turbines.
-How late posteriors come, what a window costs in CPU, and what pooling makes of the posteriors.
+How late posteriors come, and what a window costs in CPU.
+
+`simulated`: the first window of each of these turbines in one thread: CPU by step, and what pooling
+makes of the posteriors.
 
 `pooling`: farms of drawn posteriors. Every turbine has one window; or one has one and the others
 six. How much less wrong its springs are with the others' help than by its own window alone, and
@@ -19,9 +22,10 @@ import tempfile
 from pathlib import Path
 
 from tests.benchmarks._farm_pooling import FarmCase, print_pooling
-from tests.benchmarks._farm_replay import ReplayCase, print_replay
+from tests.benchmarks._farm_replay import ReplayCase, print_replay, recording_of
+from tests.benchmarks._farm_simulated import print_simulated
 
-PARTS = ("replay", "pooling", "all")
+PARTS = ("replay", "simulated", "pooling", "all")
 
 
 def main(arguments: list[str]) -> None:
@@ -41,8 +45,8 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--shards", type=int, default=2)
     parser.add_argument("--keep", type=Path, help="folder where the recording is kept")
     chosen = parser.parse_args(arguments)
-    if chosen.part in ("replay", "all"):
-        _replay(chosen)
+    if chosen.part in ("replay", "simulated", "all"):
+        _of_recording(chosen)
     if chosen.part in ("pooling", "all"):
         seeds = range(chosen.first_seed, chosen.first_seed + chosen.farms)
         case = FarmCase(
@@ -51,9 +55,13 @@ def main(arguments: list[str]) -> None:
         print_pooling(case, seeds, chosen.newcomers)
 
 
-def _replay(chosen: argparse.Namespace) -> None:
+def _of_recording(chosen: argparse.Namespace) -> None:
     case = ReplayCase(
         chosen.turbines, chosen.windows, chosen.first_seed, chosen.speed, chosen.shards
     )
     with tempfile.TemporaryDirectory() as folder:
-        print_replay(case, chosen.keep or Path(folder))
+        recording = recording_of(case, chosen.keep or Path(folder))
+        if chosen.part in ("replay", "all"):
+            print_replay(case, recording)
+        if chosen.part in ("simulated", "all"):
+            print_simulated(recording)

@@ -20,12 +20,16 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.messages import NodeStatus, WindowRejected
+from pipeline.nodes.shard import Shard, ShardedNode
+from pipeline.runner import NodeThread
 from pipeline.session import bus_options, meeting_point
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint
 from pipeline.transport.zenoh_settings import configuration
 from sensors.blocks import AccelerationBlock
 from tests.pipeline.example_messages import block
+from tests.pipeline.nodes.test_shard import Teller
 from tests.pipeline.transport.test_bus import PATIENCE, take
 
 EXAMPLES = Path(str(files("pipeline.deploy") / "examples"))
@@ -94,6 +98,35 @@ def test_a_farm_behind_routers_is_heard_on_the_shore_and_by_a_viewer(tmp_path: P
             assert Counter(each.turbine for each in heard) == {"t1": 20, "t2": 20, "t3": 20}
 
 
+def test_two_hosts_share_a_farm_through_the_shores_router(tmp_path: Path) -> None:
+    """Each shard is a client of the router, as on a host of its own; every turbine is answered
+    once, by its own shard, and a listener on the shore hears all answers."""
+    shore_at, turbines = free_endpoint(), ("t1", "t2", "t3", "t4")
+    meeting = meeting_point(example(tmp_path, "shore-station", listen=shore_at))
+    with ExitStack() as stack:
+        hub = stack.enter_context(closing(ZenohBus(meeting.hub)))
+        answers, statuses = Inbox(), Inbox()
+        hub.subscribe([WindowRejected], answers)
+        hub.subscribe([NodeStatus], statuses)
+        client = ZenohSettings(mode="client", connect=(shore_at,))
+        shards = [
+            NodeThread(ShardedNode(Teller(), Shard(n, 2, turbines)), lambda: ZenohBus(client), "t1")
+            for n in (1, 2)
+        ]
+        for shard in shards:
+            shard.start()
+            stack.callback(shard.stop)
+        ready: set[str] = set()
+        while len(ready) < 2:
+            ready.update(each.node for each in take(statuses, 1))
+        for sequence in range(5):
+            for turbine in turbines:
+                hub.publish(block(sequence, turbine=turbine))
+        heard = take(answers, 20)
+    assert ready == {"identification-1-of-2", "identification-2-of-2"}
+    assert Counter(each.turbine for each in heard) == dict.fromkeys(turbines, 5)
+
+
 def test_a_session_in_any_mode_tells_its_nodes_how_to_find_it(tmp_path: Path) -> None:
     client = meeting_point(ZenohSettings(mode="client", connect=("tcp/127.0.0.1:1",)))
     assert client.endpoint == "tcp/127.0.0.1:1"
@@ -130,6 +163,7 @@ import sys, time
 from pathlib import Path
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from tests.pipeline.example_messages import block
+from tests.pipeline.nodes.test_shard import Teller
 bus = ZenohBus(ZenohSettings(config_file=Path(sys.argv[1])))
 for sequence in range(20):
     bus.publish(block(sequence))
