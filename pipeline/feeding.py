@@ -10,14 +10,21 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from pipeline.messages import Message, MessageCount, NodeStatus
 from pipeline.messages import Warning as Doubt
 from pipeline.nodes.account import message_counts
 from pipeline.runner import STATUS_PERIOD, Report, open_session, with_end
+from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
+from pipeline.sources import Source
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.blocks import AccelerationBlock
+from sensors.feeds.columns import sensor_layout
+from sensors.feeds.feed import FeedError
 from sensors.feeds.live import LiveFeed
+from sensors.feeds.opening import layout_file_of, open_feed
+from sensors.files.layout_file import LayoutFile, load_layout
 from sensors.layout import SensorLayout
 
 logger = logging.getLogger(__name__)
@@ -56,6 +63,32 @@ def publish_feed(
             if report and isinstance(message, AccelerationBlock):
                 report(message)
     return account.fed()
+
+
+def channels_of(layout: Path | None, scenario: str | None) -> LayoutFile:
+    """Where an instrument's channels are: by a layout file, or as a scenario's sensors.
+
+    Raises LayoutError, ScenarioError.
+    """
+    if layout is not None:
+        return load_layout(layout)
+    return layout_file_of(load_scenario(scenario or DEFAULT_SCENARIO).layout)
+
+
+def feed_source(address: str, layout: Path | None, scenario: str | None) -> Source:
+    """A live instrument as the source of a session that listens to it itself.
+
+    layout     file that says where its channels are; None: they are the scenario's sensors
+    scenario   what is made of them
+
+    Raises FeedError, LayoutError, ScenarioError.
+    """
+    channels = channels_of(layout, scenario)
+    live = open_feed(address, channels)
+    if not live.gives_blocks:
+        raise FeedError(f"{address} measures no accelerations; run `pilewatch feed {address}`")
+    chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+    return Source(address, chosen, sensor_layout(channels), truth=None, duration=None, feed=live)
 
 
 class FeedAccount:

@@ -103,7 +103,9 @@ def run_session(
     outputs = session_outputs(
         source, options, tuple(raw_files(options.out / RECORDING)) if goes_on else ()
     )
-    summary = SessionSummary(source.text, source.layout.turbine, live=source.is_live)
+    summary = SessionSummary(
+        source.text, source.layout.turbine, live=source.is_live and source.feed is None
+    )
 
     def account(block: AccelerationBlock) -> None:
         summary.count(block)

@@ -49,14 +49,20 @@ def feed(
     zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Publish a live instrument (MQTT, SeedLink, UDP, SCADA) until it is stopped."""
-    from pipeline.feeding import publish_feed
+    from pipeline.feeding import channels_of, publish_feed
     from sensors.feeds.columns import sensor_layout
     from sensors.feeds.opening import open_feed
 
     if seconds is not None and not seconds > 0:
         raise InputError(f"--for {seconds:g} is no time; a positive number of seconds is needed")
     settings = zenoh_settings(mode, listen, connect, zenoh_config)
-    channels = _channels(layout, scenario, turbine)
+    if layout is not None and scenario is not None:
+        raise InputError(
+            f"--layout {layout} and --scenario {scenario}: both say where the channels are"
+        )
+    channels = channels_of(layout, scenario)
+    if turbine is not None:
+        channels = replace(channels, turbine=turbine)
     live = open_feed(address, channels, once=once)
     with stopped_by_signals() as stopping, progress(address, None) as report:
         if seconds is not None:
@@ -67,23 +73,6 @@ def feed(
             live, sensor_layout(channels), settings, stopping=stopping, report=report
         )
     _print(fed, channels.turbine, blocks=live.gives_blocks)
-
-
-def _channels(layout: Path | None, scenario: str | None, turbine: str | None) -> Any:
-    """The layout of the instrument's channels."""
-    from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
-    from sensors.feeds.opening import layout_file_of
-    from sensors.files.layout_file import load_layout
-
-    if layout is not None and scenario is not None:
-        raise InputError(
-            f"--layout {layout} and --scenario {scenario}: both say where the channels are"
-        )
-    if layout is not None:
-        channels = load_layout(layout)
-    else:
-        channels = layout_file_of(load_scenario(scenario or DEFAULT_SCENARIO).layout)
-    return channels if turbine is None else replace(channels, turbine=turbine)
 
 
 def _print(fed: Any, turbine: str, *, blocks: bool) -> None:

@@ -29,15 +29,15 @@ def run(
     source: Annotated[
         str | None,
         typer.Option(
-            help="replay:FILE (or a folder of files), simulate:SCENARIO, live, or a file of "
-            "measurements (CSV, Parquet, …), which is imported. Without it, "
-            "recordings/parked.mcap is replayed."
+            help="replay:FILE (or a folder of files), simulate:SCENARIO, live, an instrument "
+            "(mqtt://…, seedlink://…, udp://…), or a file of measurements (CSV, Parquet, …), which "
+            "is imported. Without it, recordings/parked.mcap is replayed."
         ),
     ] = None,
     scenario: ScenarioOption = None,
     layout: Annotated[
         Path | None,
-        typer.Option(help="Of a file of measurements: TOML that says where its channels were."),
+        typer.Option(help="Of a file or an instrument: TOML that says where its channels are."),
     ] = None,
     speed: Annotated[
         str,
@@ -89,10 +89,12 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Turn accelerations into a posterior of the foundation's stiffness."""
+    from pipeline.feeding import feed_source
     from pipeline.notices.settings import load_notices
     from pipeline.playback import Playback
     from pipeline.session import run_session
     from pipeline.sources import open_source
+    from sensors.feeds.address import is_feed
 
     if processes and lock_step:
         raise InputError("--processes and --lock-step exclude each other; choose one")
@@ -107,7 +109,15 @@ def run(
     told = None if notices is None else load_notices(notices)
     options = replace(options, metrics=metrics, notices=told)
     playback = Playback(start, float("inf") if end is None else end, loop)
-    opened = open_source(_imported(source, out, layout, scenario), scenario)
+    if source is not None and is_feed(source):
+        if processes:
+            raise InputError(
+                f"--processes and --source {source}: run `pilewatch feed {source}` beside "
+                "`pilewatch run --source live --processes`"
+            )
+        opened = feed_source(source, layout, scenario)
+    else:
+        opened = open_source(_imported(source, out, layout, scenario), scenario)
     opened = opened.with_sampler(sampler).with_playback(playback)
     with stopped_by_signals() as stopping, viewing(view) as shown:
         with progress(opened.text, opened.duration) as report:

@@ -11,6 +11,9 @@ import pytest
 from pipeline.cli import main
 from pipeline.feeding import FeedAccount, publish_feed
 from pipeline.messages import Message, NodeStatus, StreamEnd
+from pipeline.scenario import Scenario
+from pipeline.session import SessionOptions, run_session
+from pipeline.sources import Source
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub
 from sensors.blocks import NANOSECONDS, AccelerationBlock
@@ -18,7 +21,7 @@ from sensors.feeds.assembler import Assembler
 from sensors.feeds.columns import sensor_layout
 from sensors.feeds.feed import ChannelSamples
 from sensors.feeds.live import LiveFeed
-from sensors.feeds.opening import open_feed
+from sensors.feeds.opening import layout_file_of, open_feed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from sensors.layout import SensorLayout
 from sensors.scada import ScadaSample
@@ -147,3 +150,31 @@ def test_a_mistake_of_the_command_is_one_line(
     told = capsys.readouterr().err.strip()
     assert sentence in told
     assert "\n" not in told
+
+
+def test_an_instrument_and_processes_are_two_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_of("run", "--source", "udp://:0", "--processes") == 2
+    assert "run `pilewatch feed udp://:0` beside" in " ".join(capsys.readouterr().err.split())
+    assert exit_of("run", "--source", "scada+csv:x.csv") == 2
+    assert "measures no accelerations" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_session_listens_to_an_instrument_itself(
+    tmp_path: Path, short_scenario: Scenario
+) -> None:
+    stopping = threading.Event()
+    names = short_scenario.layout.channel_names
+    rng = np.random.default_rng(3)
+    measured = [
+        ChannelSamples(
+            "a", names, rng.normal(size=(100, len(names))), START + i * NANOSECONDS, 100.0
+        )
+        for i in range(20)
+    ]
+    feed = ScriptedFeed(measured, threading.Timer(3.0, stopping.set).start)
+    channels = layout_file_of(short_scenario.layout)
+    live = LiveFeed(feed, Assembler(channels, feed.counts))
+    source = Source("udp://:5005", short_scenario, short_scenario.layout, None, None, feed=live)
+    session = run_session(source, SessionOptions(out=tmp_path, rrd=False), stopping=stopping)
+    assert session.figures["stream"]["published"] == session.figures["stream"]["recorded"] == 20
+    assert session.figures["stream"]["lost"] == 0
