@@ -1,8 +1,11 @@
 """A small server of the SeedLink protocol, version 3.1: enough for what a client may ask of it."""
 
 import io
+import itertools
 import socketserver
+import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
@@ -191,3 +194,26 @@ def _answer(server: SeedLinkServer, link: socketserver.StreamRequestHandler) -> 
             link.wfile.write(b"SLINFO  " + bytes(RECORD))
     except (OSError, ValueError):
         return
+
+
+def main(port: int = 18000) -> None:
+    """Stand in for a data logger: `python -m tests.sensors.feeds.seedlink_server [PORT]`.
+
+    Two channels of station XX.TWR at 100 Hz, vibrating, a record of each every two seconds.
+    """
+    server = SeedLinkServer()
+    server.port = port
+    server.start()
+    begin, size, rate = time.time(), 200, 100.0
+    for number in itertools.count():
+        time.sleep(max(0.0, begin + (number + 1) * size / rate - time.time()))
+        at = np.arange(number * size, (number + 1) * size) / rate
+        for channel, frequency in (("HNX", 0.16), ("HNY", 0.63)):
+            counts = np.round(40_000 * np.sin(2 * np.pi * frequency * at))
+            start_ns = int((begin + number * size / rate) * 1e9)
+            name = f"XX.TWR.00.{channel}"
+            server.add(records(name, counts, start_ns=start_ns, sampling_rate=rate))
+
+
+if __name__ == "__main__":
+    main(*(int(each) for each in sys.argv[1:]))
