@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
 
 LOOPBACK = "127.0.0.1"
+LAST_PORT = 65_535
 QUANTILES = (("0.05", "p05"), ("0.5", "median"), ("0.95", "p95"))
 COUNTED_BY_NODES = ("lost", "recovered", "late", "duplicate", "malformed")
 
@@ -304,6 +305,9 @@ def served(desk: MetricsDesk, port: int, address: str = LOOPBACK) -> Iterator[in
     """
     require_prometheus()
     from prometheus_client import CollectorRegistry, start_http_server
+
+    if not 0 <= port <= LAST_PORT:
+        raise InputError(f"--metrics {port} is no port; ports are 0 (any) to {LAST_PORT}")
 
     registry = CollectorRegistry()
     registry.register(desk)  # a Collector by its method

@@ -16,8 +16,9 @@ from sensors.errors import InputError
 if TYPE_CHECKING:
     from sensors.blocks import AccelerationBlock
 
-people = Console(stderr=True)  # progress, warnings, errors
-output = Console()  # results
+# Without emoji: they would take the place of what stands between two colons, as in an address.
+people = Console(stderr=True, emoji=False)  # progress, warnings, errors
+output = Console(emoji=False)  # results
 
 ScenarioOption = Annotated[
     str | None,

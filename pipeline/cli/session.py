@@ -105,6 +105,7 @@ def run(
         rrd=rrd,
         zenoh=zenoh_settings(mode, listen, connect, zenoh_config),
         fresh=fresh,
+        shards=shards,
     )
     told = None if notices is None else load_notices(notices)
     options = replace(options, metrics=metrics, notices=told)

@@ -310,3 +310,14 @@ def test_what_the_disk_refuses_is_one_line_whatever_the_command(
     assert one_line(pilewatch("info", "x.mcap")) == (
         "pilewatch: some/file: No space left on device"
     )
+
+
+def test_a_number_that_is_no_port_is_one_line_as_it_was_given(pilewatch: Command) -> None:
+    for port in ("99999999", "-1"):
+        told = pilewatch("run", "--source", "live", "--metrics", port)
+        assert one_line(told).startswith(f"pilewatch: --metrics {port} is no port")
+
+
+def test_shares_of_a_farm_need_processes_of_their_own(pilewatch: Command) -> None:
+    told = pilewatch("run", "--source", "live", "--shards", "4")
+    assert "--shards 4 needs --processes" in one_line(told)
