@@ -88,7 +88,7 @@ class PooledDraws:
     points: FloatArray  # x, (n_draws, n_turbines, d)
     regular_points: FloatArray  # b, (n_draws, n_turbines, d)
     outlier_probabilities: FloatArray  # of z_i = 1, (n_turbines,)
-    ess: float  # smallest effective sample size over μ, ln Σ_jj and x
+    ess: float  # smallest effective sample size over μ and √Σ_jj
     rhat: float  # largest split R̂ over the same
 
 
@@ -124,8 +124,8 @@ def pooled(
         means[sweep], covariances[sweep] = state.mean, state.covariance
         shares[sweep], outliers = state.outlier_share, outliers + chances.mean(axis=0)
         points[sweep], regular_points[sweep] = turbines
-    spreads = np.log(np.diagonal(covariances, axis1=2, axis2=3))
-    watched = np.concatenate([means, spreads, points.reshape(*size, -1)], axis=2)
+    spreads = np.sqrt(np.diagonal(covariances, axis1=2, axis2=3))
+    watched = np.concatenate([means, spreads], axis=2)
     return PooledDraws(
         means=means.reshape(-1, d),
         covariances=covariances.reshape(-1, d, d),

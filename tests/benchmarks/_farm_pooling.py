@@ -115,7 +115,8 @@ def print_pooling(case: FarmCase, seeds: Sequence[int], newcomers: int) -> None:
         flagged += farm.turbines[0].outlying
         regular += len(farm.turbines) - 1
         falsely += sum(each.outlying for each in farm.turbines[1:])
-        print(f"  seed {seed}: {farm.turbines[0].text}", flush=True)
+        print(f"  seed {seed}: {farm.turbines[0].text}")
+        print(_row("    so far, all with one window", together), flush=True)
     kind = f"{case.turbines} turbines, ln k spread by {case.spread:.0%}"
     kind += f", {case.sign}, {case.modes} modes"
     kind += f", springs correlated by {case.common:g}" if case.common else ""
