@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
-from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
+from pipeline.recording.writer import Metadata, whole_recording
 from pipeline.runner import with_end
 from pipeline.scenario import Scenario, load_scenario, scenario_from_text, scenario_metadata
 from pipeline.sources import COMPACT
 from sensors.blocks import AccelerationBlock
-from sensors.errors import InputError
 from sensors.files.blocks import (
     BlockCutter,
     MeasurementFile,
@@ -138,18 +137,13 @@ def record_measurement(
     written. What was begun is removed where reading fails.
     """
     chosen = scenario or modes_only(measurement.layout.turbine)
-    recorder = Recorder(path, metadata=_metadata(measurement, chosen), clock=None, settings=COMPACT)
-    try:
+    metadata = _metadata(measurement, chosen)
+    with whole_recording(path, metadata=metadata, settings=COMPACT) as recorder:
         recorder.handle(measurement.layout)
         for message in with_end(measurement.blocks()):
             recorder.handle(message)
             if report and isinstance(message, AccelerationBlock):
                 report(message)
-    except InputError:
-        recorder.abandon()
-        path.with_name(path.name + ACTIVE_SUFFIX).unlink()
-        raise
-    recorder.close()
 
 
 def _metadata(measurement: Measurement, scenario: Scenario) -> Metadata:

@@ -16,7 +16,7 @@ from pipeline.messages import FoundationTruth, Message
 from pipeline.playback import Playback, SensorMessage, each_block_once
 from pipeline.recording.info import RecordingInfo, recording_info
 from pipeline.recording.reader import read_messages
-from pipeline.recording.writer import Metadata, Recorder, RecorderSettings
+from pipeline.recording.writer import Metadata, RecorderSettings, whole_recording
 from pipeline.runner import with_end
 from pipeline.scenario import (
     DEFAULT_SCENARIO,
@@ -378,9 +378,8 @@ def record_simulation(
 
     Raises RecordingError where the file exists or cannot be written.
     """
-    recorder = Recorder(path, metadata=source.metadata, clock=None, settings=COMPACT)
-    for message in with_end(source.messages()):
-        recorder.handle(message)
-        if report and isinstance(message, AccelerationBlock):
-            report(message)
-    recorder.close()
+    with whole_recording(path, metadata=source.metadata, settings=COMPACT) as recorder:
+        for message in with_end(source.messages()):
+            recorder.handle(message)
+            if report and isinstance(message, AccelerationBlock):
+                report(message)

@@ -16,7 +16,7 @@ from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import MAGIC, complete_records, open_recording
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
 from pipeline.recording.settings import RecordingSettings
-from pipeline.recording.writer import ACTIVE_SUFFIX, Recorder
+from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 
 logger = logging.getLogger(__name__)
@@ -144,13 +144,12 @@ def keep_results(part: Path) -> int:
     """Replace a part by one without acceleration blocks; gives the size of that [bytes]."""
     results = results_of(part)
     try:
-        recorder = Recorder(results, metadata=read_metadata(part), clock=None)
-        for recorded in recorded_messages(part):
-            if recorded.message_type is not AccelerationBlock:
-                message = decoded(part, recorded)
-                recorder.record(message, recorded.log_time, recorded.publish_time)
-        recorder.close()
-    except RecordingError as error:  # damaged: what is not readable any more is not deleted
+        with whole_recording(results, metadata=read_metadata(part)) as recorder:
+            for recorded in recorded_messages(part):
+                if recorded.message_type is not AccelerationBlock:
+                    message = decoded(part, recorded)
+                    recorder.record(message, recorded.log_time, recorded.publish_time)
+    except RecordingError as error:  # damaged, or no room: what cannot be kept is not deleted
         logger.warning("%s is kept whole: %s", part, error)
         return part.stat().st_size
     part.unlink()

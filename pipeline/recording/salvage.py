@@ -16,7 +16,7 @@ from pipeline.recording.mcap_file import (
     metadata_section,
     open_recording,
 )
-from pipeline.recording.writer import ACTIVE_SUFFIX, Recorder
+from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
 from sensors.blocks import NANOSECONDS, AccelerationBlock
@@ -62,18 +62,18 @@ def salvage(source: Path, target: Path) -> Remains:
     """Write every message of the complete chunks of `source` to a new, whole recording `target`,
     with the metadata and all times as they were. The source is left as it is.
 
-    Raises RecordingError where the source is no recording or the target exists.
+    Raises RecordingError where the source is no recording, or the target exists or cannot be
+    written; nothing is left of it then.
     """
     with open_recording(source) as file:
         remains = _Remains()
-        recorder = Recorder(target, metadata=_metadata(file), clock=None)
-        for recorded in remains.messages(file):
-            message = remains.decoded(recorded)
-            if message is not None:
-                recorder.record(
-                    message, log_time=recorded.log_time, publish_time=recorded.publish_time
-                )
-        recorder.close()
+        with whole_recording(target, metadata=_metadata(file)) as recorder:
+            for recorded in remains.messages(file):
+                message = remains.decoded(recorded)
+                if message is not None:
+                    recorder.record(
+                        message, log_time=recorded.log_time, publish_time=recorded.publish_time
+                    )
     return remains.counted()
 
 

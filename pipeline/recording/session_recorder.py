@@ -126,8 +126,8 @@ class SessionRecorder:
             self._make_room()
             if self._recorder is not None:
                 self._recorder.handle(message)
-        except OSError as error:
-            self._stop(f"{error.strerror or error}")
+        except (OSError, RecordingError) as error:  # the latter: no next part can be begun
+            self._stop(getattr(error, "strerror", None) or str(error))
         if isinstance(message, STANDING):
             self._standing[key_of(message)] = message
         if self._recorder is None and isinstance(message, AccelerationBlock):

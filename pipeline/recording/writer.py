@@ -1,8 +1,8 @@
 """The recorder: a node that writes every message it is given to an MCAP file."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BufferedWriter
 from pathlib import Path
@@ -77,10 +77,14 @@ class Recorder:
         self._writer = Writer(
             self._file, chunk_size=self._settings.chunk_bytes, enable_data_crcs=True
         )
-        self._writer.start(library=f"pilewatch ({LIBRARY_IDENTIFIER})")
-        for section, texts in metadata.items():
-            self._writer.add_metadata(section, dict(texts))
-        self._file.flush()
+        try:
+            self._writer.start(library=f"pilewatch ({LIBRARY_IDENTIFIER})")
+            for section, texts in metadata.items():
+                self._writer.add_metadata(section, dict(texts))
+            self._file.flush()
+        except OSError as error:
+            self.remove()
+            raise _refused(path, error) from error
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Record one message. Gives nothing back."""
@@ -115,6 +119,11 @@ class Recorder:
         """Let go of a file that the disk refuses to take more of; it keeps its ".active"."""
         with suppress(OSError):
             self._file.close()
+
+    def remove(self) -> None:
+        """Let go of an unfinished file, and have it gone."""
+        self.abandon()
+        self._active.unlink(missing_ok=True)
 
     def _write_waiting(self, time_ns: int) -> None:
         waiting, self._without_time = self._without_time, []
@@ -165,6 +174,31 @@ class Recorder:
         count = self._counts[key] = self._counts.get(key, -1) + 1
         sequence = message.sequence if isinstance(message, AccelerationBlock) else count
         return sequence & 0xFFFF_FFFF
+
+
+@contextmanager
+def whole_recording(
+    path: Path, *, metadata: Metadata, settings: RecorderSettings | None = None
+) -> Iterator[Recorder]:
+    """A recording that is there in the end, or not at all where what is written fails; where it is
+    interrupted, what was written can be salvaged.
+
+    Raises RecordingError where the file exists or cannot be written.
+    """
+    recorder = Recorder(path, metadata=metadata, clock=None, settings=settings)
+    try:
+        yield recorder
+        recorder.close()
+    except OSError as error:
+        recorder.remove()
+        raise _refused(path, error) from error
+    except Exception:
+        recorder.remove()
+        raise
+
+
+def _refused(path: Path, error: OSError) -> RecordingError:
+    return RecordingError(f"cannot record to {path}: {error.strerror or error}; nothing was left")
 
 
 def _created(path: Path, active: Path) -> BufferedWriter:

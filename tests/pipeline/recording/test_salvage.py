@@ -1,5 +1,6 @@
 """A recording that was cut keeps every chunk that was complete."""
 
+import errno
 import multiprocessing
 import os
 import random
@@ -148,3 +149,16 @@ def test_random_cuts_and_flips_crash_nothing_and_go_unnoticed_nowhere(
 ) -> None:
     outcome = damage_trial(tmp_path, recording, cuts=60, flips=60, seed=6)
     assert outcome == DamageOutcome(files=120, crashes=0, fewer=0, unnoticed=0)
+
+
+def test_where_the_disk_is_full_nothing_is_left_of_a_salvage_which_is_named(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Recorder, "record", full)
+    target = recording.with_suffix(".salvaged.mcap")
+    with pytest.raises(RecordingError, match=r"salvaged\.mcap: No space left on device; nothing"):
+        salvage(recording, target)
+    assert list(recording.parent.iterdir()) == [recording]

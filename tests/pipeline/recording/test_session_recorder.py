@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from io import BufferedWriter
 from pathlib import Path
 
 import pytest
@@ -229,3 +230,20 @@ def test_a_block_that_a_stranger_replays_is_counted_and_not_recorded(tmp_path):
     recorder.close()
     assert sequences([recorder.path]) == list(range(21))
     assert recorder.duplicate == 10
+
+
+def test_a_next_part_that_cannot_be_begun_ends_the_recording_and_not_the_session(
+    tmp_path, monkeypatch
+):
+    def refused(path: Path, active: Path) -> BufferedWriter:
+        if "part2" in path.name:
+            raise RecordingError(f"cannot record to {active}: No space left on device")
+        return active.open("xb")
+
+    monkeypatch.setattr("pipeline.recording.writer._created", refused)
+    recorder = recorded(tmp_path, 60, rotate_after=30.0)
+    (warning,) = recorder.warnings
+    assert warning.text.endswith("No space left on device")
+    written = sequences([tmp_path / "session.mcap"])
+    assert written == list(range(len(written)))
+    assert 20 < len(written) == recorder.recorded == 60 - recorder.lost
