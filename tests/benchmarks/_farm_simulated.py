@@ -161,13 +161,14 @@ def print_simulated(recording: Path) -> None:
         estimates = first_windows(recording, tuple(truths), costs)
         everything = posteriors(recording, estimates, costs, as_recorded)
         recorded_again(recording, estimates[0].turbine, costs)
-        eleven = posteriors(recording, estimates, Costs(windows=1), papers_modes)
     costs.seconds["encode and record"] *= costs.windows  # measured on one
     total = sum(costs.a_window(step) for step in STEPS)
     parts = ", ".join(f"{step} {costs.a_window(step):.2f}" for step in STEPS)
     print(f"CPU s a window, one thread: {parts}; together {total:.2f}:")
-    print(f"{WINDOW / total:.0f} turbines a core at real time")
+    print(f"{WINDOW / total:.0f} turbines a core at real time", flush=True)
     print_gain("all modes, one window", everything, truths)
+    with one_blas_thread():
+        eleven = posteriors(recording, estimates, Costs(), papers_modes)
     print_gain("the paper's eleven, one window", eleven, truths)
 
 
@@ -178,7 +179,7 @@ def print_gain(
     try:
         farm = pooled_farm(found)
     except FarmError as error:
-        print(f"{name}: {error}")
+        print(f"{name}: {error}", flush=True)
         return
     true = np.array([truths[each.turbine] for each in farm.turbines])
     own, pooled = (errors(farm, true, own=which) for which in (True, False))
@@ -192,9 +193,9 @@ def print_gain(
     )
     print(f"  half width of 90 % intervals, %: alone {widths[0]}, pooled {widths[1]}")
     outlying = [each.text for each in farm.turbines if each.outlying]
-    print(f"  outliers: {'; '.join(outlying) or 'none'}")
+    print(f"  outliers: {'; '.join(outlying) or 'none'}", flush=True)
     for each in farm.left_out:
-        print(f"  {each.turbine} left out: {each.reason}")
+        print(f"  {each.turbine} left out: {each.reason}", flush=True)
 
 
 def errors(farm: Farm, truths: FloatArray, *, own: bool) -> FloatArray:
