@@ -20,7 +20,9 @@ from sensors.files.layout_file import LayoutFile
 BLOCK = 1.0  # [s]
 WAIT = 2.0  # of sensor time, for a channel that is late [s]
 RATE_TOLERANCE = 1e-3  # between what is told of the sampling rate, relative
-MOST_EARLY = 100_000  # pieces that wait for a rate
+MOST_EARLY = 10_000  # pieces that wait for a rate
+LONGEST_PIECE = 120.0  # of one message [s], however slow the sampling
+SHORTEST_LIMIT = 4096  # samples that a message may always have
 
 
 class Assembler:
@@ -65,7 +67,7 @@ class Assembler:
             return
         early, self._early = self._early, []
         for each in early:
-            if self._has_the_rate(each, self._rate):
+            if self._fits(each, self._rate):
                 yield from self._placed(each, self._rate)
 
     def finish(self) -> Iterator[AccelerationBlock]:
@@ -77,9 +79,14 @@ class Assembler:
         unlisted = [name for name in piece.names if not self._columns.has(name)]
         for name in unlisted:
             self._counts.miss(name)
+        if len(unlisted) == len(piece.names):
+            return False
+        complaint = self._columns.complaint(piece)
         if not piece.samples.size:
-            self._counts.refuse(f"{piece.stream}: a message without samples")
-        return bool(piece.samples.size) and len(unlisted) < len(piece.names)
+            complaint = f"{piece.stream}: a message without samples"
+        if complaint:
+            self._counts.refuse(complaint)
+        return not complaint
 
     def _told_rate(self, piece: ChannelSamples) -> float | None:
         rate = piece.sampling_rate
@@ -90,15 +97,22 @@ class Assembler:
             self._early.clear()
         return rate
 
-    def _has_the_rate(self, piece: ChannelSamples, rate: float) -> bool:
+    def _fits(self, piece: ChannelSamples, rate: float) -> bool:
+        """Whether a piece has the unit's rate and a length that can be waited for."""
         told = piece.sampling_rate or rate
-        if abs(told / rate - 1) <= RATE_TOLERANCE:
-            return True
-        self._counts.refuse(
-            f"{piece.stream} is sampled at {told:g} Hz, the unit at {rate:g} Hz; what is sampled "
-            "otherwise is a unit of its own"
-        )
-        return False
+        if abs(told / rate - 1) > RATE_TOLERANCE:
+            self._counts.refuse(
+                f"{piece.stream} is sampled at {told:g} Hz, the unit at {rate:g} Hz; what is "
+                "sampled otherwise is a unit of its own"
+            )
+            return False
+        longest = max(SHORTEST_LIMIT, LONGEST_PIECE * rate)
+        if len(piece.samples) > longest:
+            self._counts.refuse(
+                f"{piece.stream}: a message of {len(piece.samples)} samples; at most {longest:g}"
+            )
+            return False
+        return True
 
     def _placed(self, piece: ChannelSamples, rate: float) -> Iterator[AccelerationBlock]:
         if self._placing is None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sensors.feeds.feed import ChannelSamples, FeedError, FloatArray
+from sensors.feeds.feed import ChannelSamples, FloatArray
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from sensors.files.table import in_standard_unit
 from sensors.layout import Accelerometer, SensorLayout
@@ -25,6 +25,17 @@ class Columns:
     def has(self, name: str) -> bool:
         """Whether the layout lists a channel of this name."""
         return name in self._numbers
+
+    def complaint(self, piece: ChannelSamples) -> str:
+        """Why the piece's unit is none for its channels; "" where it is."""
+        for name in piece.names:
+            channel = self._channels.get(name)
+            if channel is not None and channel.unit is None and factor_to(piece.unit) is None:
+                return (
+                    f"{piece.stream}: channel {name!r} comes in {piece.unit!r:.20}, which is no "
+                    "acceleration; say in the layout what it is, e.g. unit = 'm/s'"
+                )
+        return ""
 
     def of(self, piece: ChannelSamples) -> tuple[list[int], FloatArray]:
         """Columns of the piece's channels that are listed, and their samples in the layout's
@@ -63,10 +74,11 @@ def factor_of(channel: MappedChannel, said: str) -> float:
 
     said   unit of the samples by the message's own words; what the layout says goes before
     """
-    unit, factor = in_standard_unit(channel.unit or said or UNSAID)
-    if channel.unit is None and unit != UNSAID:
-        raise FeedError(
-            f"channel {channel.name!r} comes in {said!r}, which is no acceleration; say in the "
-            "layout what it is, e.g. unit = 'm/s'"
-        )
+    _, factor = in_standard_unit(channel.unit or said or UNSAID)
     return factor / (channel.sensitivity or 1.0)
+
+
+def factor_to(said: str) -> float | None:
+    """What turns a unit into m/s²; None for one that is of no acceleration."""
+    unit, factor = in_standard_unit(said or UNSAID)
+    return factor if unit == UNSAID else None

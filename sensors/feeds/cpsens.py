@@ -38,7 +38,7 @@ from sensors.blocks import NANOSECONDS, BlockStatus
 from sensors.feeds.feed import ChannelSamples, FeedCounts
 from sensors.feeds.frame import HIGHEST_RATE, LATEST_NS
 from sensors.feeds.json_samples import MessageError, json_of, named_by
-from sensors.feeds.sequences import SenderNumbers
+from sensors.feeds.sequences import MOST_SENDERS, SenderNumbers
 
 _FIXED = "HHQQQ"
 DESCRIPTOR_BYTES = struct.calcsize(f"<{_FIXED}")  # 28
@@ -107,6 +107,8 @@ class CpSensReader:
         """
         base = _without(topic, _ENDINGS)
         if topic.endswith("/metadata"):
+            if base not in self._metadata and len(self._metadata) >= MOST_SENDERS:
+                raise MessageError(f"more than {MOST_SENDERS} channels")
             self._metadata[base] = metadata_of(json_of(payload))
             return None
         metadata = self._metadata.get(base, self._default)

@@ -30,6 +30,7 @@ logger = logging.getLogger(__name__)
 FORMATS = ("auto", "json", "float32", "cpsens")
 KEEP_ALIVE = 10  # a silent broker is given up after one and a half of it [s]
 WAITING_MESSAGES = 20_000  # between the socket and the inbox
+REFUSED = 128  # SUBACK: from here on there is no subscription
 _REFUSED = {4, 5, 134, 135}  # CONNACK: bad user name or password, not authorised (MQTT 3.1.1, 5)
 
 
@@ -74,7 +75,7 @@ class MqttFeed:
     async def _session(self, inbox: Inbox) -> None:
         try:
             async with self._client() as client:
-                await client.subscribe(self._address.path, qos=self._qos)
+                await self._subscribe(client)
                 if self.counts.connect():
                     logger.warning("%s: connected again", self.name)
                 async for message in client.messages:
@@ -85,6 +86,19 @@ class MqttFeed:
             if getattr(code, "value", code) in _REFUSED and not self.counts.connections:
                 raise FeedError(f"{self.name}: the broker refuses this user: {error}") from error
             raise LinkError(_reason(error)) from error
+
+    async def _subscribe(self, client: Any) -> None:
+        topic = self._address.path
+        try:
+            granted = await client.subscribe(topic, qos=self._qos)
+        except ValueError as error:
+            raise FeedError(
+                f"{self.name}: {topic!r} is no topic; + stands for a level, # for all at the end"
+            ) from error
+        if any(getattr(code, "value", code) >= REFUSED for code in granted):
+            if self.counts.connections:
+                raise LinkError(f"the broker refuses the topic {topic!r}")
+            raise FeedError(f"{self.name}: the broker refuses this user the topic {topic!r}")
 
     def _client(self) -> Any:
         address = self._address

@@ -19,6 +19,7 @@ AGREEING = 3  # messages in a row whose stamps leap to the same place
 JITTER = 0.5  # of a stamp [samples]
 FEW = 64  # samples, before which the first stamp's own jitter is still in the clock
 CLOCK_STEP = 0.5  # of the stamps, while the numbers go on: the clock was set [s]
+MOST_STREAMS = 1000  # topics or senders of one unit; more are nonsense
 RESTARTED = 600.0  # a unit that was silent that long begins a new session [s]
 
 
@@ -65,6 +66,9 @@ class Placing:
 
     def push(self, piece: ChannelSamples) -> Iterator[AccelerationBlock]:
         """Take what a message brought; give the blocks that it completes."""
+        if piece.stream not in self._streams and len(self._streams) >= MOST_STREAMS:
+            self._counts.refuse(f"{piece.stream}: more than {MOST_STREAMS} topics or senders")
+            return
         stream = self._streams.setdefault(piece.stream, _Stream())
         if self._fits(piece, stream):
             self._drop_held(stream)

@@ -216,6 +216,12 @@ def test_a_password_that_is_refused_is_one_line_and_the_right_one_lets_in(
         measured_until(live, lambda: live.counts.connected)
 
 
+def test_a_topic_that_is_none_is_one_line(running: Broker) -> None:
+    live = open_feed(f"mqtt://127.0.0.1:{running.port}/a/#/b", LAYOUT)
+    with pytest.raises(FeedError, match=r"'a/#/b' is no topic"):
+        list(live.measured(threading.Event()))
+
+
 def test_tls_knows_the_broker_by_its_certificate(tmp_path: Path) -> None:
     make_certificates(tmp_path, ["broker"], host="localhost")
     for path in tmp_path.iterdir():
