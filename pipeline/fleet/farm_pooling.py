@@ -86,7 +86,6 @@ class PooledDraws:
     covariances: FloatArray  # Σ, (n_draws, d, d)
     outlier_shares: FloatArray  # ε, (n_draws,)
     points: FloatArray  # x, (n_draws, n_turbines, d)
-    regular_points: FloatArray  # b, (n_draws, n_turbines, d)
     outlier_probabilities: FloatArray  # of z_i = 1, (n_turbines,)
     ess: float  # smallest effective sample size over μ and √Σ_jj
     rhat: float  # largest split R̂ over the same
@@ -114,16 +113,16 @@ def pooled(
     size = (settings.sweeps, settings.chains)
     means, covariances = np.empty((*size, d)), np.empty((*size, d, d))
     shares, points = np.empty(size), np.empty((*size, n_turbines, d))
-    regular_points, outliers = np.empty_like(points), np.zeros(n_turbines)
+    outliers = np.zeros(n_turbines)
     gibbs = Gibbs(evidence, prior, generator)
     state = gibbs.start(settings.chains)
     for sweep in range(-settings.burn_in, settings.sweeps):
-        turbines, chances = gibbs.sweep(state)
+        x, chances = gibbs.sweep(state)
         if sweep < 0:
             continue
         means[sweep], covariances[sweep] = state.mean, state.covariance
         shares[sweep], outliers = state.outlier_share, outliers + chances.mean(axis=0)
-        points[sweep], regular_points[sweep] = turbines
+        points[sweep] = x
     spreads = np.sqrt(np.diagonal(covariances, axis1=2, axis2=3))
     watched = np.concatenate([means, spreads], axis=2)
     return PooledDraws(
@@ -131,7 +130,6 @@ def pooled(
         covariances=covariances.reshape(-1, d, d),
         outlier_shares=shares.ravel(),
         points=points.reshape(-1, n_turbines, d),
-        regular_points=regular_points.reshape(-1, n_turbines, d),
         outlier_probabilities=outliers / settings.sweeps,
         ess=min(effective_sample_size(each) for each in np.moveaxis(watched, 2, 0)),
         rhat=max(split_rhat(each) for each in np.moveaxis(watched, 2, 0)),
@@ -164,10 +162,10 @@ class Gibbs:
             ),
         )
 
-    def sweep(self, state: _State) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
+    def sweep(self, state: _State) -> tuple[FloatArray, FloatArray]:
         """Every unknown drawn once, the state's in place.
 
-        returns   (x, b), each (n_chains, n_turbines, d); probability of an outlier given the rest,
+        returns   x, (n_chains, n_turbines, d); probability of an outlier given the rest,
                   (n_chains, n_turbines)
         """
         component, outlying, chances = self._allocations(state)
@@ -192,7 +190,7 @@ class Gibbs:
         state.outlier_share = self._generator.beta(
             self._prior.outliers + count, self._prior.regular + n_turbines - count
         )
-        return (points, regular), chances
+        return points, chances
 
     def _allocations(
         self, state: _State
