@@ -66,6 +66,7 @@ class SessionOptions:
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
     fresh: bool = False  # begin anew, whatever checkpoint there is
     shards: int = 1  # processes that share the turbines, of each node that can be shared
+    elsewhere: tuple[str, ...] = ()  # nodes of a live session that run on other machines
     metrics: int | None = None  # port on this machine where Prometheus may ask
     notices: NoticesSettings | None = None  # whom to tell of what; None: nobody
 
@@ -164,6 +165,7 @@ def _run(
     turbine = source.layout.turbine
     graph = build(source.scenario, source.layout, outputs, source.layouts)
     _require_processes(options)
+    graph = _here(graph, source, options.elsewhere)
     if options.way == "lock-step":
         if source.is_live:
             raise InputError("--lock-step cannot run a live source: it waits for nobody")
@@ -203,6 +205,17 @@ def _run(
             report=report,
             stopping=stopping,
         )
+
+
+def _here(graph: tuple[Plan, ...], source: Source, elsewhere: Sequence[str]) -> tuple[Plan, ...]:
+    """The graph without the nodes that other machines run."""
+    names = [plan.name for plan in graph]
+    for name in elsewhere:
+        if name not in names:
+            raise InputError(f"--elsewhere {name}: there is no such node; {', '.join(names)} are")
+        if not source.is_live:
+            raise InputError(f"--elsewhere {name} is for --source live, not for {source.text}")
+    return tuple(plan for plan in graph if plan.name not in elsewhere)
 
 
 def _require_processes(options: SessionOptions) -> None:

@@ -68,6 +68,10 @@ def run(
     shards: Annotated[
         int, typer.Option(help="With --processes: so many share a farm's turbines.")
     ] = 1,
+    elsewhere: Annotated[
+        list[str] | None,
+        typer.Option(help="A node that runs on other machines (`node NAME --shard …`); live only."),
+    ] = None,
     lock_step: Annotated[
         bool, typer.Option("--lock-step", help="One thread, no transport; for checks.")
     ] = False,
@@ -106,6 +110,7 @@ def run(
         zenoh=zenoh_settings(mode, listen, connect, zenoh_config),
         fresh=fresh,
         shards=shards,
+        elsewhere=tuple(elsewhere or ()),
     )
     told = None if notices is None else load_notices(notices)
     options = replace(options, metrics=metrics, notices=told)
@@ -159,6 +164,7 @@ def _session_options(
     zenoh: Any,
     fresh: bool,
     shards: int = 1,
+    elsewhere: tuple[str, ...] = (),
 ) -> Any:
     from pipeline.session import SessionOptions
 
@@ -170,6 +176,7 @@ def _session_options(
         fresh=fresh,
         zenoh=zenoh,
         shards=shards,
+        elsewhere=elsewhere,
     )
 
 
