@@ -18,6 +18,7 @@ from pathlib import Path
 
 from pipeline.recording.recent import payloads_backwards
 
+MOST_KNOWN = 2**20  # messages of all keys: what 800 turbines' publishers keep; some 100 MB
 READ_BACK = 2**18  # messages: of 200 turbines twenty minutes, more than publishers keep
 
 
@@ -41,12 +42,22 @@ class Repetition:
         number = hash(payload)
         if number in self._known or number in self._earlier:
             return True
-        latest = self._latest.setdefault(key, deque())
+        latest = self._latest.pop(key, None) or deque()
+        self._latest[key] = latest  # the key that was silent longest comes first
         latest.append(number)
         self._known.add(number)
         if len(latest) > kept:
             self._known.discard(latest.popleft())
+        if len(self._known) > MOST_KNOWN:
+            self._forget_one()
         return False
+
+    def _forget_one(self) -> None:
+        """The oldest of the key that was silent longest."""
+        silent = next(iter(self._latest))
+        self._known.discard(self._latest[silent].popleft())
+        if not self._latest[silent]:
+            del self._latest[silent]
 
 
 def latest_payloads(files: Sequence[Path], count: int = READ_BACK) -> Iterator[bytes]:

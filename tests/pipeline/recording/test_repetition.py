@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -47,3 +48,16 @@ def test_the_latest_messages_are_read_from_the_ends_of_several_parts(tmp_path: P
     for count, oldest in ((5, 55), (30, 30), (1000, 20)):
         expected = [encode(block(sequence)) for sequence in range(oldest, 60)]
         assert list(latest_payloads(parts, count)) == expected
+
+
+def test_of_too_many_those_of_the_key_that_was_silent_longest_are_forgotten(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pipeline.recording.repetition.MOST_KNOWN", 50)
+    repetition = Repetition()
+    for number in range(100):  # a flood of keys; one that speaks all the time
+        repetition.is_known(f"forged {number}", b"f%d" % number, kept=1200)
+        repetition.is_known("tower", b"t%d" % number, kept=20)
+    assert all(repetition.is_known("tower", b"t%d" % n, kept=20) for n in range(80, 100))
+    assert repetition.is_known("forged 99", b"f99", kept=1200)
+    assert not repetition.is_known("forged 0", b"f0", kept=1200)
