@@ -29,6 +29,9 @@ SCENARIO = """
 title = "A farm of one design: ln k spreads by 2 %, turbine {outlier} has 15 % less k22"
 seed = {seed}
 
+[turbine]
+springs_sign = "{sign}"
+
 [simulation]
 duration = {duration}
 noise_share = 0.03
@@ -52,17 +55,19 @@ class ReplayCase:
     seed: int = 1
     speed: float = 10.0
     shards: int = 2
+    sign: str = "published"
 
 
 def recording_of(case: ReplayCase, folder: Path) -> Path:
     """The recording, simulated unless it was put in the folder before."""
-    path = folder / f"farm-{case.turbines}-{case.windows}-{case.seed}.mcap"
+    path = folder / f"farm-{case.sign}-{case.turbines}-{case.windows}-{case.seed}.mcap"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
         text = SCENARIO.format(
             seed=case.seed,
             duration=WINDOW * case.windows,
             turbines=case.turbines,
+            sign=case.sign,
             outlier=min(OUTLIER, case.turbines),
         )
         record_simulation(simulated(scenario_from_text(text, "farm.toml")), path)

@@ -57,7 +57,12 @@ def main(arguments: list[str]) -> None:
 
 def _of_recording(chosen: argparse.Namespace) -> None:
     case = ReplayCase(
-        chosen.turbines, chosen.windows, chosen.first_seed, chosen.speed, chosen.shards
+        turbines=chosen.turbines,
+        windows=chosen.windows,
+        seed=chosen.first_seed,
+        speed=chosen.speed,
+        shards=chosen.shards,
+        sign=chosen.sign,
     )
     with tempfile.TemporaryDirectory() as folder:
         recording = recording_of(case, chosen.keep or Path(folder))
