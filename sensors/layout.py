@@ -4,6 +4,7 @@ Tower axes: x downwind in the parked position (fore-aft), y to the side (side-si
 the mean water level.
 """
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -41,7 +42,7 @@ class Accelerometer:
     unit: str = "m/s²"
 
     def __post_init__(self) -> None:
-        length = float(np.linalg.norm(self.direction))
+        length = math.hypot(*self.direction)  # of anybody's numbers: no overflow
         if not abs(length - 1.0) < 1e-6:
             raise LayoutError(
                 f"channel {self.name}: direction {self.direction} has length {length:.6g}; "

@@ -215,6 +215,23 @@ def test_a_unit_whose_rate_cannot_be_joined_is_refused_counted_and_told(blocks) 
     assert "the last of unit upper of t: 0.001 Hz, which cannot be joined" in doubt.text
 
 
+def test_a_unit_that_goes_on_at_a_far_lower_rate_is_followed_after_five_blocks(blocks) -> None:
+    """The grid has the lowest rate; one that is far below it needs a grid of its own."""
+    node = IdentificationInContext(SETTINGS)
+    said: list[Message] = []
+    for layout in unit_layouts(LAYOUT, two_units()):
+        list(node.handle(layout))
+    for block in read_by_units(blocks, LAYOUT, two_units()):
+        if block.unit == "upper" and block.sequence >= 100:
+            block = replace(block, session="slow", sampling_rate=4.0, samples=block.samples[::5])
+            block = replace(block, first_sample=4 * (block.sequence - 100))
+        said += node.handle(block)
+    (estimate,) = estimates(said)
+    assert estimate.channels == LAYOUT.channel_names
+    assert all(mode.frequency < 2.0 for mode in estimate.modes)  # of what 4 Hz can show
+    assert estimate.start_ns == pytest.approx(100 * NANOSECONDS, abs=6 * NANOSECONDS)
+
+
 def test_blocks_of_other_channels_than_their_units_layout_are_counted(blocks) -> None:
     node = IdentificationInContext(SETTINGS)
     for layout in unit_layouts(LAYOUT, two_units()):
