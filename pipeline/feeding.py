@@ -49,14 +49,16 @@ def publish_feed(
     *,
     stopping: threading.Event,
     report: Report | None = None,
+    connected: Callable[[], None] = lambda: None,
 ) -> Fed:
     """Publish what an instrument measures until `stopping` is set.
 
-    layout   of its channels, with the turbine and the unit that it stands for
+    layout      of its channels, with the turbine and the unit that it stands for
+    connected   called once, when the instrument is reached
 
     Raises FeedError where the feed cannot be opened, TransportError where nobody can be reached.
     """
-    account = FeedAccount(live, layout)
+    account = FeedAccount(live, layout, connected=connected)
     with open_session(lambda: ZenohBus(settings)) as bus:
         for message in with_end(account.messages(stopping)):
             bus.publish(message)
@@ -94,7 +96,8 @@ def feed_source(address: str, layout: Path | None, scenario: str | None) -> Sour
 class FeedAccount:
     """A feed's messages with its books.
 
-    clock   → time [ns since 1970]
+    clock       → time [ns since 1970]
+    connected   called once, when the instrument is reached
     """
 
     def __init__(
@@ -102,9 +105,11 @@ class FeedAccount:
         live: LiveFeed,
         layout: SensorLayout,
         clock: Callable[[], int] = time.time_ns,
+        connected: Callable[[], None] = lambda: None,
     ) -> None:
         self.published: Counter[str] = Counter()
         self._live, self._layout, self._clock = live, layout, clock
+        self._connected = connected
         self._last_sequence = -1
         self._named: set[str] = set()  # channels that nobody lists, and that were told
 
@@ -114,13 +119,16 @@ class FeedAccount:
         if self._live.gives_blocks:
             yield self._layout
         yield self.status("ready")
-        said_ns = self._clock()
+        said_ns, reached = self._clock(), False
         for measured in self._live.measured(stopping):
             if measured is not None:
                 self.published[type(measured).__name__] += 1
                 if isinstance(measured, AccelerationBlock):
                     self._last_sequence = measured.sequence
                 yield measured
+            if self._live.counts.connected and not reached:
+                reached = True
+                self._connected()
             if self._clock() - said_ns > STATUS_PERIOD * 1e9:
                 said_ns = self._clock()
                 yield self.status("running")

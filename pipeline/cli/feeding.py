@@ -13,7 +13,9 @@ from pipeline.cli.console import (
     ModeOption,
     ScenarioOption,
     ZenohConfigOption,
+    escaped,
     output,
+    people,
     progress,
     stopped_by_signals,
     zenoh_settings,
@@ -70,7 +72,12 @@ def feed(
             timer.daemon = True
             timer.start()
         fed = publish_feed(
-            live, sensor_layout(channels), settings, stopping=stopping, report=report
+            live,
+            sensor_layout(channels),
+            settings,
+            stopping=stopping,
+            report=report,
+            connected=lambda: people.print(f"connected: {escaped(address)}", soft_wrap=True),
         )
     _print(fed, channels.turbine, blocks=live.gives_blocks)
 

@@ -25,7 +25,7 @@ from sensors.feeds.frame import Frame, encoded
 from tests.sensors.feeds.broker import Publisher, broker, free_port, publisher
 from tests.sensors.feeds.seedlink_server import records, seedlink_server
 
-PATIENCE = 60.0  # for what another process does [s]
+PATIENCE = 120.0  # for what another process does [s]
 START = 1_700_000_000 * NANOSECONDS
 CHANNELS = 8  # each on a topic of its own
 RATE = 1000.0  # of an instrument under load [Hz]

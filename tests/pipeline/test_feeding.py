@@ -46,7 +46,13 @@ def test_a_feed_says_its_layout_then_its_blocks_and_at_the_end_what_was_missing(
     stopping = threading.Event()
     feed = ScriptedFeed([second(i) for i in range(10) if i != 4], stopping.set)
     feed.counts.lost = 1
-    layout, ready, *blocks, last = told_of(feed, stopping)
+    reached: list[str] = []
+    live = LiveFeed(feed, Assembler(LAYOUT, feed.counts))
+    account = FeedAccount(
+        live, sensor_layout(LAYOUT), lambda: START, connected=lambda: reached.append("reached")
+    )
+    layout, ready, *blocks, last = account.messages(stopping)
+    assert reached == ["reached"]
     assert isinstance(layout, SensorLayout)
     assert isinstance(ready, NodeStatus)
     assert [block.sequence for block in blocks if isinstance(block, AccelerationBlock)] == [

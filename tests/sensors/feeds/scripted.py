@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from sensors.feeds.feed import Arrival, FeedCounts, Inbox
 from sensors.feeds.live import LiveFeed, Measured
 
-PATIENCE = 30.0  # before a test gives up [s]
+PATIENCE = 90.0  # before a test gives up [s]
 
 
 class ScriptedFeed:
