@@ -28,9 +28,10 @@ from pipeline.viewer.connection import (
 from pipeline.viewer.entities import at
 from pipeline.viewer.farm import farm_markdown, lamp_board
 from pipeline.viewer.outputs import RrdFile, ViewerOutput
+from pipeline.viewer.pace import TO_FILE, TO_VIEWER
 from pipeline.viewer.panel import TurbinePanel
 from pipeline.viewer.plane_views import log_farm
-from pipeline.viewer.screen import TO_FILE, TO_VIEWER, TurbineScreen
+from pipeline.viewer.screen import TurbineScreen
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.layout import SensorLayout
 from sensors.turbine.description import TurbineDescription
