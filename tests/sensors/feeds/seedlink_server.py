@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -76,7 +76,8 @@ class SeedLinkServer:
 
         class Handler(socketserver.StreamRequestHandler):
             def handle(self) -> None:
-                _serve(owner, self)
+                with suppress(OSError):  # the client has gone
+                    _serve(owner, self)
 
         class Server(socketserver.ThreadingTCPServer):
             allow_reuse_address = True
