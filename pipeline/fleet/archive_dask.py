@@ -9,46 +9,91 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from pipeline.fleet.archive_work import Call, Failed, Outcome, Workers, attempted
 from sensors.errors import InputError
 
+logger = logging.getLogger(__name__)
+
 AHEAD = 2  # calls for every thread of the workers, so that none waits for the next
 CONNECTING = 30.0  # how long a scheduler is waited for [s]
+QUIET = 20.0  # without a result, after which the workers are counted [s]
 LOOPBACK = "127.0.0.1"
 
 
 class DaskWorkers:
-    """The workers that a Dask client knows."""
+    """The workers that a Dask client knows.
 
-    def __init__(self, client: Any) -> None:
+    missed   told how many there are when nothing has come for a while
+    """
+
+    def __init__(self, client: Any, missed: Callable[[int], None]) -> None:
         self._client = client
+        self._missed = missed
 
     def outcomes(self, calls: Iterable[Call]) -> Iterator[Outcome]:
-        from distributed import as_completed
+        suspects = []
+        for call, result in self._results(calls):
+            if isinstance(result, _WorkersDied):
+                suspects.append(call)
+            else:
+                yield Outcome(call, result)
+        for call in suspects:
+            yield Outcome(call, self._alone(call))
 
+    def _results(self, calls: Iterable[Call]) -> Iterator[tuple[Call, Any]]:
+        """What every call gave, as it is ready."""
         waiting: dict[Any, Call] = {}
-        ready = as_completed()
+        ready: SimpleQueue[Any] = SimpleQueue()
         pulled = iter(calls)
         while True:
             for call in pulled:
-                future = self._client.submit(
-                    attempted, call.function, call.argument, key=call.key, pure=False
-                )
+                future = self._submitted(call, call.key)
                 waiting[future] = call
-                ready.add(future)
+                future.add_done_callback(ready.put)
                 if len(waiting) >= self._room:
                     break
             if not waiting:
                 return
-            future = next(ready)
-            yield Outcome(waiting.pop(future), _result_of(future))
+            future = self._next(ready)
+            yield waiting.pop(future), _result_of(future)
+
+    def _next(self, ready: "SimpleQueue[Any]") -> Any:
+        """The next that is ready. While nothing comes, workers that have gone are missed."""
+        while True:
+            try:
+                return ready.get(timeout=QUIET)
+            except Empty:
+                self._missed(len(self._client.nthreads()))
+
+    def _alone(self, call: Call) -> Any:
+        """Once more with nothing else under way. Why: Dask blames every call that waits at a worker
+        that dies, so that one deadly call may take innocent ones with it."""
+        ready: SimpleQueue[Any] = SimpleQueue()
+        self._submitted(call, f"{call.key}-alone").add_done_callback(ready.put)
+        result = _result_of(self._next(ready))
+        if isinstance(result, _WorkersDied):
+            return Failed(f"{result.count} workers have died of it")
+        return result
+
+    def _submitted(self, call: Call, key: str) -> Any:
+        return self._client.submit(attempted, call.function, call.argument, key=key, pure=False)
 
     @property
     def _room(self) -> int:
         """Calls that are under way at a time; workers may come and go."""
         return max(1, AHEAD * sum(self._client.nthreads().values()))
+
+
+@dataclass(frozen=True, slots=True)
+class _WorkersDied:
+    """Of a call: so many workers, one after the other."""
+
+    count: int
 
 
 def _result_of(future: Any) -> Any:
@@ -57,7 +102,7 @@ def _result_of(future: Any) -> Any:
     try:
         return future.result()
     except KilledWorker as error:
-        return Failed(f"{error.allowed_failures + 1} workers have died of it")
+        return _WorkersDied(error.allowed_failures + 1)
     finally:
         future.release()
 
@@ -87,13 +132,23 @@ def local_workers(count: int) -> Iterator[Workers]:
         ) as cluster,
         Client(cluster) as client,
     ):
-        yield DaskWorkers(client)
+        yield DaskWorkers(client, lambda _: _replace_lost(cluster, count))
+
+
+def _replace_lost(cluster: Any, count: int) -> None:
+    """New processes for those that died while they were starting: nobody else restarts these."""
+    from distributed.core import Status
+
+    ended = (Status.closed, Status.failed)
+    lost = sum(guard.status in ended for guard in list(cluster.workers.values()))
+    if len(cluster.worker_spec) < count + lost:
+        cluster.scale(count + lost)
 
 
 @contextmanager
 def cluster_workers(address: str, *, patience: float = CONNECTING) -> Iterator[Workers]:
     """The workers of a scheduler, e.g. tcp://10.0.0.5:8786. All of them must be able to read the
-    archive under the same paths and have this pilewatch.
+    archive under the same paths, have this pilewatch, and have one thread.
 
     patience   how long the scheduler is waited for [s]
 
@@ -103,9 +158,43 @@ def cluster_workers(address: str, *, patience: float = CONNECTING) -> Iterator[W
     from distributed import Client
 
     with _opened(lambda: Client(address, timeout=patience), address) as client:
-        if not client.nthreads():
-            raise InputError(f"--cluster {address}: the scheduler has no workers")
-        yield DaskWorkers(client)
+        _require_alike(client, address)
+        yield DaskWorkers(client, _wait_for_workers)
+
+
+def _wait_for_workers(alive: int) -> None:
+    if not alive:
+        logger.warning("the cluster has no worker left; waiting for one")
+
+
+def _require_alike(client: Any, address: str) -> None:
+    """Whether the workers give this process' numbers: one thread each, the same pilewatch.
+
+    Several threads of one process would share the setting that linear algebra uses one core.
+    """
+    threads = client.nthreads()
+    if not threads:
+        raise InputError(f"--cluster {address}: the scheduler has no workers")
+    for worker, count in threads.items():
+        if count != 1:
+            raise InputError(
+                f"--cluster {address}: worker {worker} has {count} threads; start each worker with "
+                "--nthreads 1, and more of them"
+            )
+    own = version("pilewatch")
+    for worker, theirs in client.run(_installed).items():
+        if theirs != own:
+            raise InputError(
+                f"--cluster {address}: worker {worker} has {theirs or 'no'} pilewatch, this is "
+                f"pilewatch {own}"
+            )
+
+
+def _installed() -> str:
+    try:
+        return version("pilewatch")
+    except PackageNotFoundError:
+        return ""
 
 
 @contextmanager

@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from distributed import LocalCluster
 
+from pipeline.fleet import archive_dask
 from pipeline.fleet.archive import reprocessed
 from pipeline.fleet.archive_dask import cluster_workers, local_workers
 from pipeline.fleet.archive_work import Call, Failed, Workers
@@ -41,6 +43,7 @@ def test_a_worker_that_is_killed_costs_only_its_task(two_workers: Workers, tmp_p
 
 
 def test_a_task_that_kills_every_worker_fails_alone(two_workers: Workers) -> None:
+    """Those that wait behind it at the same worker are blamed by Dask, and done all the same."""
     calls = [Call("fatal", killed_always, 0), Call("wrong", refused, 7), Call("good", squared, 3)]
 
     found = {each.call.key: each.result for each in two_workers.outcomes(calls)}
@@ -65,6 +68,44 @@ def test_calls_are_pulled_only_when_there_is_room(two_workers: Workers) -> None:
 
     assert len(pulled) <= 5
     assert len(list(outcomes)) == 49
+
+
+def test_a_worker_that_nobody_restarts_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that dies while it starts takes its guard with it."""
+    monkeypatch.setattr(archive_dask, "QUIET", 0.5)
+    with local_workers(1) as workers:
+        client = workers._client  # type: ignore[attr-defined]
+        (guard,) = client.cluster.workers.values()
+        client.sync(guard.close)
+
+        (outcome,) = workers.outcomes([Call("after all", squared, 5)])
+
+    assert outcome.result == 25
+
+
+def test_workers_of_a_cluster_do_the_same(two_workers: Workers) -> None:
+    address = two_workers._client.scheduler.address  # type: ignore[attr-defined]
+
+    with cluster_workers(address) as workers:
+        (outcome,) = workers.outcomes([Call("elsewhere", squared, 12)])
+
+    assert outcome.result == 144
+
+
+def test_workers_of_several_threads_are_refused() -> None:
+    """Threads of one process share how many cores linear algebra uses, and so the last bits."""
+    with (
+        LocalCluster(
+            n_workers=1,
+            threads_per_worker=2,
+            processes=False,
+            dashboard_address="127.0.0.1:0",
+            silence_logs=50,
+        ) as cluster,
+        pytest.raises(InputError, match=r"has 2 threads; start each worker with --nthreads 1"),
+        cluster_workers(cluster.scheduler_address),
+    ):
+        pass
 
 
 def test_a_scheduler_that_is_not_there_is_one_line() -> None:
