@@ -13,7 +13,14 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.viewer.outputs import RrdFile, ViewerOutput, require_rerun
+from pipeline.viewer.late_show import LateShow
+from pipeline.viewer.outputs import (
+    ConnectedViewer,
+    RrdFile,
+    SpawnedViewer,
+    ViewerOutput,
+    require_rerun,
+)
 from pipeline.viewer.stages import DirectStage, ThreadedStage
 from sensors.blocks import AccelerationBlock
 from sensors.layout import SensorLayout
@@ -24,11 +31,12 @@ class Viewer:
     """Shows every message; answers with none, and fails with none.
 
     outputs       files and viewers; each has a recording stream of its own, so that a viewer that
-                  hangs holds neither a file nor the session
+                  hangs holds neither a file nor the session. A viewer may come late and come back
     description   the turbine's geometry and its reference modes
     session       names the recording in the viewer
-    unhurried     True: a viewer is waited for as a file is, so that nothing is left out. Only
-                  where no measurement can be held up: a recording that is drawn afterwards
+    unhurried     True: a viewer, which must be there, is waited for as a file is, so that nothing
+                  is left out. Only where no measurement can be held up: a recording that is drawn
+                  afterwards
     strict        True (tests): an exception while drawing to a file goes to the caller; else it
                   is logged once and that output stays as it is
 
@@ -61,12 +69,11 @@ class Viewer:
         require_rerun(tuple(outputs))
         from pipeline.viewer.show import Show  # here, so that all but pictures runs without rerun
 
-        shows = [(output, Show(output, description, session=session)) for output in outputs]
         self._stages: tuple[DirectStage | ThreadedStage, ...] = tuple(
-            DirectStage(show, strict=strict)
+            DirectStage(Show(output, description, session=session), strict=strict)
             if unhurried or isinstance(output, RrdFile)
-            else ThreadedStage(show)
-            for output, show in shows
+            else ThreadedStage(_late_show(output, description, session=session))
+            for output in outputs
         )
 
     def handle(self, message: Message) -> Iterable[Message]:
@@ -80,3 +87,15 @@ class Viewer:
         stages, self._stages = self._stages, ()
         for stage in stages:
             stage.close()
+
+
+def _late_show(
+    output: SpawnedViewer | ConnectedViewer, description: TurbineDescription, *, session: str
+) -> LateShow:
+    """A show on a viewer that may go; one to be started is started here, once."""
+    from pipeline.viewer.show import Show
+    from pipeline.viewer.viewer_process import spawn_viewer
+
+    if isinstance(output, SpawnedViewer):
+        output = ConnectedViewer(spawn_viewer(output.port))
+    return LateShow(output.url, lambda: Show(output, description, session=session))

@@ -346,9 +346,10 @@ def test_a_broken_picture_is_logged_once_and_ends_no_session(
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 
 
-def test_a_viewer_that_is_not_there_is_one_clear_line():
+def test_a_viewer_that_must_be_there_and_is_not_is_one_clear_line():
+    nowhere = ConnectedViewer("rerun+http://127.0.0.1:1/proxy")
     with pytest.raises(ViewerError, match=r"no viewer listens there.*rerun --bind 127\.0\.0\.1"):
-        Viewer([ConnectedViewer("rerun+http://127.0.0.1:1/proxy")], DESCRIPTION, session="s")
+        Viewer([nowhere], DESCRIPTION, session="s", unhurried=True)
 
 
 def test_a_file_that_cannot_be_written_is_one_clear_line(tmp_path: Path):
