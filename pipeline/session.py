@@ -104,12 +104,11 @@ def run_session(
     outputs = session_outputs(
         source, options, tuple(raw_files(options.out / RECORDING)) if goes_on else ()
     )
-    summary = SessionSummary(
-        source.text, source.layout.turbine, live=source.is_live and source.feed is None
-    )
+    summary = SessionSummary(source.text, source.layout.turbine, live=source.is_live)
 
     def account(block: AccelerationBlock) -> None:
-        summary.count(block)
+        if not source.is_live:  # there it counts what it hears
+            summary.count(block)
         if report:
             report(block)
 

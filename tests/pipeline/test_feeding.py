@@ -176,11 +176,13 @@ def test_a_session_listens_to_an_instrument_itself(
             "a", names, rng.normal(size=(100, len(names))), START + i * NANOSECONDS, 100.0
         )
         for i in range(20)
+        if i != 7
     ]
     feed = ScriptedFeed(measured, threading.Timer(3.0, stopping.set).start)
     channels = layout_file_of(short_scenario.layout)
     live = LiveFeed(feed, Assembler(channels, feed.counts))
     source = Source("udp://:5005", short_scenario, short_scenario.layout, None, None, feed=live)
     session = run_session(source, SessionOptions(out=tmp_path, rrd=False), stopping=stopping)
-    assert session.figures["stream"]["published"] == session.figures["stream"]["recorded"] == 20
+    assert session.figures["stream"]["published"] == session.figures["stream"]["recorded"] == 19
     assert session.figures["stream"]["lost"] == 0
+    assert [(gap.first_sequence, gap.n_blocks) for gap in session.summary.gaps] == [(7, 1)]
