@@ -36,8 +36,9 @@ import numpy as np
 
 from sensors.blocks import NANOSECONDS, BlockStatus
 from sensors.feeds.feed import ChannelSamples, FeedCounts
-from sensors.feeds.frame import HIGHEST_RATE, LATEST_NS
+from sensors.feeds.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.json_samples import MessageError, json_of, named_by
+from sensors.feeds.moments import LATEST_NS
 from sensors.feeds.sequences import MOST_SENDERS, SenderNumbers
 
 _FIXED = "HHQQQ"
@@ -118,6 +119,8 @@ class CpSensReader:
         samples = _samples(payload, descriptor, metadata)
         first, n_samples = descriptor.first_sample, len(samples)
         time_ns, status = self._time(base, descriptor, metadata)
+        if not 0 <= time_ns < LATEST_NS:
+            raise MessageError(f"sample {first} of an acquisition at {time_ns} ns since 1970")
         follows: bool | None = None
         if first % n_samples == 0:  # messages of one length: their number
             follows = self._numbers.follows(base, first // n_samples, time_ns=time_ns)
@@ -181,7 +184,7 @@ def _rate(said: Mapping[str, Any]) -> float:
     rate = last.get("Sampling", _part(said, "DataChunk").get("Fs"))
     if isinstance(rate, bool) or not isinstance(rate, int | float):
         raise MessageError("metadata without the Sampling of its last step in the Analysis chain")
-    if not 0 < rate <= HIGHEST_RATE:
+    if not LOWEST_RATE <= rate <= HIGHEST_RATE:
         raise MessageError(f"metadata with a Sampling of {rate} Hz")
     return float(rate)
 

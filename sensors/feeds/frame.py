@@ -26,14 +26,14 @@ import numpy as np
 
 from sensors.blocks import BlockStatus
 from sensors.feeds.feed import FloatArray
+from sensors.feeds.moments import LATEST_NS
 
 MAGIC = b"PWB1"
 HEADER = struct.Struct("<4sHHHHIQQQd")
 SIGNED = 1
 SIGNATURE_BYTES = 32
 LARGEST_FRAME = 2**20  # [bytes]: a second of 25 channels at 10 kHz
-HIGHEST_RATE = 1e6  # [Hz]
-LATEST_NS = 2**62  # the year 2116
+LOWEST_RATE, HIGHEST_RATE = 1e-3, 1e6  # [Hz]
 
 
 class FrameError(ValueError):
@@ -95,8 +95,11 @@ def decoded(payload: bytes, key: bytes = b"") -> Frame:
     if key:
         _check_signature(payload, flags, key)
     sequence, session, start_ns = numbers
-    _require(0 < rate <= HIGHEST_RATE, f"sampling_rate is {rate} Hz; 0 to {HIGHEST_RATE:g}")
-    _require(start_ns < LATEST_NS, f"start_ns is {start_ns}, behind the year 2116")
+    _require(
+        LOWEST_RATE <= rate <= HIGHEST_RATE,
+        f"sampling_rate is {rate} Hz; {LOWEST_RATE:g} to {HIGHEST_RATE:g}",
+    )
+    _require(start_ns < LATEST_NS, f"start_ns is {start_ns}, behind the year 2096")
     _require(n_channels * n_samples > 0, f"{n_samples} samples of {n_channels} channels")
     names = _names(payload[HEADER.size :][:names_length])
     _require(not names or len(names) == n_channels, f"{len(names)} names for {n_channels} channels")

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from sensors.feeds.feed import ChannelSamples, FeedCounts, FloatArray
-from sensors.feeds.frame import HIGHEST_RATE
+from sensors.feeds.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.moments import moment_ns
 from sensors.feeds.sequences import SenderNumbers
 
@@ -70,8 +70,8 @@ class JsonReader:
     def _piece(self, said: Mapping[str, Any], topic: str) -> ChannelSamples | None:
         time_ns = time_in(said)
         rate = _number(said, _RATES)
-        if rate is not None and not 0 < rate <= HIGHEST_RATE:
-            raise MessageError(f"rate is {rate:g}; 0 to {HIGHEST_RATE:g} Hz")
+        if rate is not None and not LOWEST_RATE <= rate <= HIGHEST_RATE:
+            raise MessageError(f"rate is {rate:g}; {LOWEST_RATE:g} to {HIGHEST_RATE:g} Hz")
         names, samples = self._samples(said, topic)
         if len(samples) > 1 and rate is None:
             raise MessageError(f"{len(samples)} samples and no rate")

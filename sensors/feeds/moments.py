@@ -7,7 +7,7 @@ from sensors.blocks import NANOSECONDS
 
 # Numbers since 1970: seconds, ms, µs, ns; today each is at least 10⁹ of its unit.
 _STEPS = ((1e11, NANOSECONDS), (1e14, 1_000_000), (1e17, 1000), (1e20, 1))
-LATEST_NS = 2**62  # the year 2116
+LATEST_NS = 4 * 10**18  # the year 2096: times and their differences fit into 64 bits
 
 
 def moment_ns(written: object) -> int:

@@ -41,6 +41,8 @@ import numpy as np
 
 from sensors.feeds.address import FeedAddress
 from sensors.feeds.feed import ChannelSamples, FeedCounts, FeedError, Inbox
+from sensors.feeds.frame import HIGHEST_RATE, LOWEST_RATE
+from sensors.feeds.moments import LATEST_NS
 from sensors.feeds.reconnecting import LinkError, kept_connected
 
 logger = logging.getLogger(__name__)
@@ -180,7 +182,8 @@ class SeedLinkFeed:
         for trace in traces:
             stats = trace.stats
             self._note(stats.network, stats.station, sequence)
-            if stats.sampling_rate > 0 and stats.starttime.ns >= 0:
+            timed = 0 <= stats.starttime.ns < LATEST_NS
+            if timed and LOWEST_RATE <= stats.sampling_rate <= HIGHEST_RATE:  # not a log record
                 yield ChannelSamples(
                     trace.id,
                     (trace.id,),

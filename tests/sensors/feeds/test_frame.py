@@ -22,7 +22,7 @@ def frame(sequence: int = 0, **said: object) -> Frame:
 @given(
     n_samples=st.integers(1, 50),
     names=st.lists(st.text("abzäX_-/.", min_size=1), min_size=1, max_size=5, unique=True),
-    numbers=st.tuples(*[st.integers(0, 2**62 - 1)] * 3),
+    numbers=st.tuples(*[st.integers(0, 4 * 10**18 - 1)] * 3),
     key=st.binary(max_size=40),
     rate=st.floats(1e-3, 1e6),
 )
