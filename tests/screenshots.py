@@ -1,7 +1,8 @@
-"""Pictures of a session, made without a screen: python -m tests.screenshots FILE.rrd FOLDER
+"""Pictures of a session, made without a screen: python -m tests.screenshots FILE.rrd FOLDER [TAB …]
 
-One PNG per tab. Rerun draws with Vulkan; in software Debian's mesa-vulkan-drivers and libvulkan1 do
-(apt-get install mesa-vulkan-drivers libvulkan1). Without them the script says so and makes none.
+One PNG per tab, also of those inside a tab that are not open at first (the MAC matrix); of the tabs
+named, or of all. Rerun draws with Vulkan; in software Debian's mesa-vulkan-drivers and libvulkan1
+do (apt-get install mesa-vulkan-drivers libvulkan1). Without them the script says so and makes none.
 """
 
 import contextlib
@@ -90,8 +91,11 @@ def _await(port: int, viewer: "subprocess.Popen[bytes]") -> None:
     raise TimeoutError(f"no viewer on port {port} after {PATIENCE:g} s")
 
 
-def take(rrd: Path, folder: Path) -> dict[str, Path]:
-    """One PNG of each tab of a .rrd, the cursor at the session's end; tab's name → file."""
+def take(rrd: Path, folder: Path, *wanted: str) -> dict[str, Path]:
+    """One PNG of each tab of a .rrd, the cursor at the session's end; tab's name → file.
+
+    wanted   names of tabs; none: all
+    """
     pictures = {}
     with headless_viewer() as viewer:
         viewer.open(str(rrd.resolve()))
@@ -99,9 +103,9 @@ def take(rrd: Path, folder: Path) -> dict[str, Path]:
         end = next(line.end for line in recording.timelines if line.name == "time")
         viewer.set_time(timeline="time", timestamp=np.datetime64(end, "ns"), play_state="paused")
         layout = _laid_out(viewer).blueprint  # read once: the viewer rewrites what it shows
-        for tab in tabs(layout):
+        for tab in wanted or [*tabs(layout), *inner_tabs(layout)]:
             show_tab(viewer, layout, tab)
-            pictures[tab] = folder.resolve() / f"{tab.lower().replace(' ', '-')}.png"
+            pictures[tab] = folder.resolve() / f"{file_name(tab)}.png"
             _save_settled(viewer, pictures[tab])
             _require_content(tab, pictures[tab])
             _shrink(pictures[tab])
@@ -159,14 +163,48 @@ def tabs(blueprint: dict[str, Any]) -> list[str]:
     return [containers["/" + path]["display_name"] for path in top["contents"]]
 
 
+def inner_tabs(blueprint: dict[str, Any]) -> list[str]:
+    """Names of views that lie in tabs inside the outermost ones and are not open at first."""
+    names = _names(blueprint)
+    return [names[path] for one in _inner(blueprint) for path in one["contents"][1:]]
+
+
 def show_tab(viewer: Any, blueprint: dict[str, Any], name: str) -> None:
-    """Bring one tab of a blueprint to the front."""
+    """Bring one tab of a blueprint to the front, and those that it lies in."""
+    names, containers = _names(blueprint), _containers(blueprint)
+    path: str | None = next(path for path in names if names[path] == name)
+    while path is not None:
+        holder = next((at for at, one in containers.items() if path in one["contents"]), None)
+        if holder is not None and containers[holder].get("container_kind") == "Tabs":
+            containers[holder]["active_tab"] = path
+        path = None if holder is None else holder.removeprefix("/")
+    viewer.set_blueprint(blueprint, of="recording")
+
+
+def file_name(tab: str) -> str:
+    """The tab's first words, without signs."""
+    words = tab.split(":")[0].lower().split()
+    return "-".join(word for word in words if word.isalnum())
+
+
+def _inner(blueprint: dict[str, Any]) -> list[dict[str, Any]]:
     containers = _containers(blueprint)
     top = _top(containers)
-    top["active_tab"] = next(
-        path for path in top["contents"] if containers["/" + path]["display_name"] == name
-    )
-    viewer.set_blueprint(blueprint, of="recording")
+    return [
+        one
+        for one in containers.values()
+        if one is not top and one.get("container_kind") == "Tabs" and one["contents"]
+    ]
+
+
+def _names(blueprint: dict[str, Any]) -> dict[str, str]:
+    """Path, without its first stroke, → name of every container and view that has one."""
+    return {
+        path.removeprefix("/"): part["display_name"]
+        for path, entity in blueprint.items()
+        for part in entity.values()
+        if isinstance(part, dict) and part.get("display_name")
+    }
 
 
 def _top(containers: dict[str, Any]) -> dict[str, Any]:
@@ -200,9 +238,9 @@ def main(arguments: list[str]) -> None:
     if reason := missing():
         _log.warning("skipped: %s", reason)
         return
-    rrd, folder = map(Path, arguments)
+    rrd, folder = map(Path, arguments[:2])
     folder.mkdir(parents=True, exist_ok=True)
-    for tab, picture in take(rrd, folder).items():
+    for tab, picture in take(rrd, folder, *arguments[2:]).items():
         _log.info("%s: %s, %.0f kB", tab, picture, picture.stat().st_size / 1e3)
 
 

@@ -207,7 +207,7 @@ def _matrix(root: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{root}/mac",
         name="MAC: identified × model (dark 0, bright 1)",
-        visual_bounds=rrb.VisualBounds2D(x_range=[-45, SIDE + 10], y_range=[-30, SIDE + 35]),
+        visual_bounds=rrb.VisualBounds2D(x_range=[-60, SIDE + 10], y_range=[-35, SIDE + 50]),
     )
 
 

@@ -25,6 +25,7 @@ SHADES = np.array(
 
 
 SIDE = 400  # of the picture [pixels]
+LABEL_PITCH = 22.0  # between two labels that do not cover each other [pixels]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +34,7 @@ class MacMatrix:
 
     values: FloatArray  # (n_identified, n_model) [-]
     image: ImageArray  # (height, width, 3) red, green, blue; a square of pixels a value
-    texts: tuple[Text, ...]  # frequencies at the rows, labels at the columns
+    texts: tuple[Text, ...]  # frequencies at the rows, labels at the columns, as many as fit
 
 
 def mac_matrix(
@@ -57,14 +58,16 @@ def mac_matrix(
     )
     square = max(1, SIDE // max(values.shape))
     height, width = (square * count for count in values.shape)
+    apart = int(np.ceil(LABEL_PITCH / square))  # so many squares from one label to the next
     left = [
-        Text((-18.0, square * (i + 0.25)), f"{mode.frequency:.3g}") for i, mode in enumerate(modes)
+        Text((-18.0, square * (i + 0.5) - 8.0), f"{modes[i].frequency:.3g}")
+        for i in range(0, len(modes), apart)
     ]
     below = [
-        Text((square * (j + 0.5), height + 3.0), posterior.model_labels[row])
-        for j, row in enumerate(rows)
+        Text((square * (j + 0.5), height + 3.0), posterior.model_labels[rows[j]])
+        for j in range(0, len(rows), apart)
     ]
-    axes = [Text((width / 2, height + 18.0), "model mode"), Text((-18.0, -18.0), "identified [Hz]")]
+    axes = [Text((width / 2, height + 20.0), "model mode"), Text((-18.0, -26.0), "identified [Hz]")]
     image = np.repeat(np.repeat(shaded(values), square, axis=0), square, axis=1)
     return MacMatrix(values, image, tuple(left + below + axes))
 

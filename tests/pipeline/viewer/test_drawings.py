@@ -1,5 +1,6 @@
 """What is drawn: tower, shapes, swing, corner plot, as plain figures."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.signal import welch
 from pipeline.messages import FoundationTruth, StabilisationDiagram
 from pipeline.viewer.corner import PITCH, Axis, corner_plot
 from pipeline.viewer.frequency_axis import FrequencyAxis
-from pipeline.viewer.mac_matrix import mac_matrix, shaded
+from pipeline.viewer.mac_matrix import LABEL_PITCH, mac_matrix, shaded
 from pipeline.viewer.pile import LOAD, TALL, mudline_response, pile_picture
 from pipeline.viewer.scene import (
     deflection,
@@ -190,6 +191,20 @@ def test_mac_matrix_is_bright_on_its_diagonal_and_in_the_order_of_frequency():
     )
     norms = np.array([np.linalg.norm(mode.shape) for mode in estimate.modes])
     np.testing.assert_allclose(matrix.values, (expected / np.outer(norms, norms)) ** 2, atol=0.06)
+
+
+@pytest.mark.parametrize("copies", [1, 4])
+def test_labels_of_a_mac_matrix_do_not_cover_each_other(copies: int):
+    """Forty modes have squares smaller than their labels: some then go without."""
+    rng = np.random.default_rng(8)
+    estimate = modal_estimate(0, rng)
+    posterior = foundation_posterior(estimate, 1, rng)
+    crowded = replace(estimate, modes=estimate.modes * copies)
+    matrix = mac_matrix(crowded, posterior, LAYOUT)
+    assert matrix is not None
+    heights = [text.position[1] for text in matrix.texts if text.position[0] < 0.0][:-1]
+    assert np.diff(heights).min() >= LABEL_PITCH
+    assert len(heights) == (len(crowded.modes) if copies == 1 else len(crowded.modes) // 3 + 1)
 
 
 def test_shades_run_from_dark_to_bright():
