@@ -22,6 +22,7 @@ logger = logging.getLogger(__name__)
 AHEAD = 2  # calls for every thread of the workers, so that none waits for the next
 CONNECTING = 30.0  # how long a scheduler is waited for [s]
 QUIET = 20.0  # without a result, after which the workers are counted [s]
+DEATHS_TOLD_APART = 1  # a call at which a second worker dies is tried once more, alone
 LOOPBACK = "127.0.0.1"
 
 
@@ -74,8 +75,10 @@ class DaskWorkers:
         """Once more with nothing else under way. Why: Dask blames every call that waits at a worker
         that dies, so that one deadly call may take innocent ones with it."""
         ready: SimpleQueue[Any] = SimpleQueue()
-        self._submitted(call, f"{call.key}-alone").add_done_callback(ready.put)
-        result = _result_of(self._next(ready))
+        future = self._submitted(call, f"{call.key}-alone")  # forgotten by Dask unless held
+        future.add_done_callback(ready.put)
+        self._next(ready)
+        result = _result_of(future)
         if isinstance(result, _WorkersDied):
             return Failed(f"{result.count} workers have died of it")
         return result
@@ -116,9 +119,11 @@ def usable_cores() -> int:
 def local_workers(count: int) -> Iterator[Workers]:
     """So many processes of this machine, one thread each; only this machine can reach them."""
     _require_dask()
+    import dask
     from distributed import Client, LocalCluster
 
     with (
+        dask.config.set({"distributed.scheduler.allowed-failures": DEATHS_TOLD_APART}),
         LocalCluster(
             n_workers=count,
             threads_per_worker=1,
