@@ -15,6 +15,7 @@ hundred, so that no projection of a block on a kept basis would still be right t
 poles are, or to the 1e-4 that their std is; and the poles of every order follow from all of them.
 """
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -45,6 +46,9 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi_cov import SignalSubspace
 
 FloatArray = NDArray[np.float64]
+
+
+PIECE = 10.0  # that is filtered at once [s]: filters are longer than a block of one second
 
 
 class StreamingDecimator:
@@ -113,8 +117,16 @@ class CovarianceRing:
         return joined(chosen, offset=left, references=references)
 
 
+def largest_piece(length: int, most: float) -> int:
+    """The largest number of samples up to `most` that divides `length`: 1 at least."""
+    return max(n for n in range(1, max(1, int(most)) + 1) if length % n == 0)
+
+
 class StreamingIdentifier:
     """Identifies windows of one gapless stretch of a stream, block by block.
+
+    What comes is filtered in pieces of some ten seconds that begin where windows do, whatever the
+    blocks' length: a stream that is taken up again at a window gives the same numbers.
 
     Where the hop is no whole number of time blocks, nothing can be shared between windows and
     each is identified from its samples.
@@ -134,6 +146,8 @@ class StreamingIdentifier:
         whole = abs(settings.hop * sampling_rate - self._hop) < 1e-6
         shared = whole and all(self._hop % self._block(band) == 0 for band in bands)
         self._rings = [self._ring(band) for band in bands] if shared else []
+        self._piece = largest_piece(math.gcd(self._window, self._hop), PIECE * sampling_rate)
+        self._held: list[FloatArray] = []  # samples on their way to the rings
         self._subspaces: list[SignalSubspace | None] = [None] * len(self._rings)
 
     def _block(self, band: Band) -> int:
@@ -159,8 +173,19 @@ class StreamingIdentifier:
 
     def push(self, samples: NDArray[np.floating]) -> None:
         """Take the next samples of the stretch, (n, n_channels)."""
+        if not self._rings:
+            return
+        self._held.append(np.asarray(samples, dtype=np.float64))
+        if sum(map(len, self._held)) >= self._piece:
+            held = np.concatenate(self._held)
+            whole = len(held) - len(held) % self._piece
+            for start in range(0, whole, self._piece):
+                self._give(held[start : start + self._piece])
+            self._held = [held[whole:]]
+
+    def _give(self, samples: FloatArray) -> None:
         for ring in self._rings:
-            ring.push(np.asarray(samples, dtype=np.float64))
+            ring.push(samples)
 
     def identify(
         self,
@@ -175,6 +200,9 @@ class StreamingIdentifier:
         """
         names = channel_names or default_names(samples.shape[1])
         settings = settings_for_channels(self._settings, names)
+        if self._held:
+            self._give(np.concatenate(self._held))
+            self._held = []
         if not self._rings:
             return identify(samples, self._rate, settings, channel_names=names)
         findings = check_window(samples, self._rate, channel_names=names)
