@@ -8,6 +8,7 @@ from sensors.files.table import in_standard_unit
 from sensors.layout import Accelerometer, SensorLayout
 
 FeedLayout = LayoutFile
+LARGEST = float(np.finfo(np.float32).max)  # that a block can hold, in its unit
 UNSAID = "m/s²"  # what samples are in where neither layout nor message says it
 
 
@@ -39,11 +40,14 @@ class Columns:
 
     def of(self, piece: ChannelSamples) -> tuple[list[int], FloatArray]:
         """Columns of the piece's channels that are listed, and their samples in the layout's
-        units, (n_samples, n_listed)."""
+        units, (n_samples, n_listed); NaN where a number is none that a block can hold."""
         listed = [i for i, name in enumerate(piece.names) if name in self._numbers]
         names = [piece.names[i] for i in listed]
         factors = [factor_of(self._channels[name], piece.unit) for name in names]
-        return [self._numbers[name] for name in names], piece.samples[:, listed] * np.array(factors)
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = piece.samples[:, listed] * np.array(factors)
+            scaled[~(np.abs(scaled) <= LARGEST)] = np.nan
+        return [self._numbers[name] for name in names], scaled
 
 
 def sensor_layout(layout: FeedLayout) -> SensorLayout:

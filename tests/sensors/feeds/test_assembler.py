@@ -249,6 +249,14 @@ def test_a_message_in_another_unit_than_an_acceleration_needs_a_layout_that_says
     np.testing.assert_allclose(block.samples, expected(0, 40) * 9.80665, rtol=1e-6)
 
 
+def test_what_is_no_number_that_a_block_can_hold_is_missing() -> None:
+    wild = piece(0)
+    wild.samples[[3, 5, 7], 0] = np.inf, 1e39, -np.inf
+    (block, *_) = assembled([wild])
+    assert list(np.flatnonzero(np.isnan(block.samples[:, 0]))) == [3, 5, 7]
+    assert not np.isnan(block.samples[:, 1]).any()
+
+
 def test_a_message_too_long_to_be_waited_for_is_refused() -> None:
     counts = FeedCounts()
     assembled([piece(0), piece(40, 5000)], counts)
