@@ -121,7 +121,7 @@ def _foundation(root: str, panel: TurbinePanel) -> rrb.Horizontal:
 def _joint(root: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{root}/foundation/joint",
-        name="Joint posterior, stiffness ÷ nominal [-] (green: truth)",
+        name="Joint posterior, stiffness ÷ nominal [-] (green: truth, orange: prior)",
         visual_bounds=rrb.VisualBounds2D(x_range=[-0.45, 3.8], y_range=[-0.25, 3.95]),
     )
 

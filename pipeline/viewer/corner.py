@@ -14,6 +14,7 @@ Point = tuple[float, float]
 
 PITCH = 1.35  # from one panel's corner to the next one's [panel widths]
 BINS = 24
+PEAK = 0.92  # height of a marginal's highest bin [panel heights]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,7 @@ class CornerPlot:
     draws: FloatArray  # (n, 2) points of all pair panels
     frames: tuple[FloatArray, ...]  # outlines of panels and ticks
     histograms: tuple[FloatArray, ...]  # outlines of the marginals
+    priors: tuple[FloatArray, ...]  # the flat prior's density in them; empty where it is not flat
     truth: tuple[FloatArray, ...]  # lines at the true ratio; empty where it is not known
     texts: tuple[Text, ...]
 
@@ -61,13 +63,15 @@ def corner_plot(
     *,
     truth: FloatArray | None = None,
     contraction: FloatArray | None = None,
+    flat_prior: bool = True,
 ) -> CornerPlot:
     """Pairs below the diagonal, marginals on it.
 
     ratios        (n_draws, n_parameters), stiffness over nominal [-]
     truth         (n_parameters,) or None [-]
-    contraction   (n_parameters,) 1 − width of the 90 % interval over the prior's, or None [-]; in
-                  words, as the prior itself would be a flat line far wider than the panel
+    contraction   (n_parameters,) 1 − width of the 90 % interval over the prior's, or None [-]: in
+                  words and, of a flat prior, as the line of its density, on the marginal's scale
+    flat_prior    False where the prior is another, e.g. a farm's: then it is told in words only
     """
     axes = [_axis(ratios[:, i], None if truth is None else truth[i]) for i in range(len(names))]
     pairs = [(row, column) for row in range(len(names)) for column in range(row)]
@@ -76,6 +80,7 @@ def corner_plot(
         draws=np.concatenate([_pair(ratios, axes, row, column) for row, column in pairs]),
         frames=tuple(_frame(row, column) for row, column in panels) + _tick_marks(axes),
         histograms=tuple(_histogram(ratios[:, i], axis, i) for i, axis in enumerate(axes)),
+        priors=() if contraction is None or not flat_prior else _priors(ratios, axes, contraction),
         truth=() if truth is None else _truth_lines(truth, axes),
         texts=_texts(axes, names) + _prior_texts(contraction),
     )
@@ -113,9 +118,33 @@ def _frame(row: int, column: int) -> FloatArray:
 
 def _histogram(values: FloatArray, axis: Axis, i: int) -> FloatArray:
     counts, edges = np.histogram(values, bins=BINS, range=(axis.low, axis.high))
-    heights = np.repeat(counts / max(counts.max(), 1) * 0.92, 2)
+    heights = np.repeat(counts / max(counts.max(), 1) * PEAK, 2)
     x = np.repeat(axis.position(edges), 2)
     return _place(i, i, x, np.concatenate([[0.0], heights, [0.0]]))
+
+
+def _priors(
+    ratios: FloatArray, axes: Sequence[Axis], contraction: FloatArray
+) -> tuple[FloatArray, ...]:
+    lines = zip(ratios.T, axes, contraction, strict=True)
+    return tuple(
+        _flat_prior(values, axis, i, learned)
+        for i, (values, axis, learned) in enumerate(lines)
+        if np.isfinite(learned) and learned < 1.0
+    )
+
+
+def _flat_prior(values: FloatArray, axis: Axis, i: int, contraction: float) -> FloatArray:
+    """A uniform prior's density in the panel of a marginal, as high as on its histogram's scale.
+
+    The prior's 90 % interval is w = (q₉₅ − q₀₅) / (1 − contraction) wide, so its density 0.9 / w.
+    It is drawn over the whole panel, though its support may end inside it.
+    """
+    counts, edges = np.histogram(values, bins=BINS, range=(axis.low, axis.high))
+    highest = counts.max() / len(values) / (edges[1] - edges[0])  # the histogram's density
+    low, high = np.quantile(values, [0.05, 0.95])
+    density = 0.9 * (1.0 - contraction) / (high - low)
+    return _place(i, i, np.array([0.0, 1.0]), np.full(2, min(1.0, PEAK * density / highest)))
 
 
 def _truth_lines(truth: FloatArray, axes: Sequence[Axis]) -> tuple[FloatArray, ...]:

@@ -122,7 +122,12 @@ def log_joint_posterior(
     ratios = posterior.draws[:, : len(STIFFNESSES)] / nominal
     known = np.array([truth.k11, truth.k22, truth.k12]) / nominal if truth else None
     contraction = np.array([posterior.parameter(name).contraction for name in STIFFNESSES])
-    plot = corner_plot(ratios, STIFFNESSES, truth=known, contraction=contraction)
+    plot = corner_plot(
+        *(ratios, STIFFNESSES),
+        truth=known,
+        contraction=contraction,
+        flat_prior=not posterior.population,
+    )
     _log_corner(recording, f"{root}/foundation/joint", plot)
 
 
@@ -139,9 +144,12 @@ def _log_corner(recording: rr.RecordingStream, path: str, plot: CornerPlot) -> N
         f"{path}/marginals",
         rr.LineStrips2D(strips(plot.histograms), radii=stroke, colors=colours.POSTERIOR),
     )
-    recording.log(
-        f"{path}/truth", rr.LineStrips2D(strips(plot.truth), radii=stroke, colors=colours.TRUTH)
-    )
+    for name, lines, colour in (
+        ("prior", plot.priors, colours.MODEL),
+        ("truth", plot.truth, colours.TRUTH),
+    ):
+        drawn = rr.LineStrips2D(strips(lines) if lines else [], radii=stroke, colors=colour)
+        recording.log(f"{path}/{name}", drawn)
     recording.log(f"{path}/text", words(plot.texts))
 
 

@@ -124,6 +124,19 @@ def test_corner_plot_keeps_pairs_below_and_marginals_on_the_diagonal():
     assert len(plot.truth) == 3 + 2 * 3  # a line on each marginal, a cross on each pair
 
 
+def test_a_flat_prior_is_as_high_as_its_density_on_the_scale_of_the_marginal():
+    """A posterior that is uniform over a quarter of the prior has four times its density."""
+    ratios = np.random.default_rng(3).uniform(1.0, 1.5, size=(20_000, 2))
+    learned = np.array([0.75, 0.75])
+    plot = corner_plot(ratios, ("a", "b"), contraction=learned)
+    assert len(plot.priors) == 2
+    for i, line in enumerate(plot.priors):
+        foot = i * PITCH + 1.0
+        highest = foot - plot.histograms[i][:, 1].min()
+        np.testing.assert_allclose((foot - line[:, 1]) / highest, 0.25, rtol=0.1)  # bins scatter
+    assert corner_plot(ratios, ("a", "b"), contraction=learned, flat_prior=False).priors == ()
+
+
 def test_a_truth_far_from_the_posterior_is_inside_the_picture():
     rng = np.random.default_rng(3)
     ratios = rng.normal(1.0, 0.01, size=(500, 2))
