@@ -77,23 +77,17 @@ def farm_table(farm: Farm) -> Table:
     for title in ("turbine", "windows", "k11", "k22", "k12", "outlier"):
         table.add_column(title, justify="right", no_wrap=True)
     for each in farm.turbines:
-        springs = [
-            f"{pooled.median / pooled.nominal:.3f} ± {_half_width(pooled):.3f} "
-            f"({_half_width(own):.3f})"
-            for pooled, own in zip(each.pooled, each.own, strict=True)
-        ]
+        springs = [f"{k.median / k.nominal:.3f} ± {100 * _half_width(k):.1f}" for k in each.pooled]
         style = "bold red" if each.outlying else None
-        table.add_row(
-            each.turbine, str(each.n_windows), *springs, f"{each.outlier_probability:.3f}",
-            style=style,
-        )  # fmt: skip
+        probability = f"{each.outlier_probability:.3f}"
+        table.add_row(each.turbine, str(each.n_windows), *springs, probability, style=style)
     spreads = ", ".join(
         f"{name} {100 * each.median:.1f} % [{100 * each.p05:.1f}, {100 * each.p95:.1f}]"
         for name, each in zip(("k11", "k22", "k12"), farm.spread, strict=True)
     )
     table.caption = (
-        f"± half a 90 % interval, (alone); turbines differ by {spreads} (standard deviation); "
-        f"outlier: probability; R-hat {farm.rhat:.3f}"
+        f"± half a 90 % interval, %; turbines differ by {spreads} (standard deviation); outlier: "
+        f"probability; R-hat {farm.rhat:.3f}"
     )
     return table
 

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from pipeline.fleet.farm import Farm
     from pipeline.messages import FoundationPosterior
 
+ROUGH = 1.1  # R-hat of a pooling beyond which its intervals are called rough
+
 
 def farm(
     files: Annotated[
@@ -138,5 +140,8 @@ def _print(found: "Farm") -> None:
     for turbine in found.turbines:
         if turbine.outlying:
             output.print(f"[bold red]unlike:[/] {escaped(turbine.text)}", soft_wrap=True)
+    if not found.rhat <= ROUGH:
+        text = f"the chains of the pooling disagree (R-hat {found.rhat:.2f}): intervals are rough"
+        output.print(f"[yellow]{text}[/]", soft_wrap=True)
     for each in found.left_out:
         output.print(f"{escaped(each.turbine)} left out: {escaped(each.reason)}", soft_wrap=True)

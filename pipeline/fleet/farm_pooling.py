@@ -69,12 +69,14 @@ class GibbsSettings:
     chains: int = 12
     burn_in: int = 150  # sweeps that are thrown away
     sweeps: int = 400  # that are kept, of each chain
+    rounds: int = 3  # at most; each has twice the sweeps of the one before, which it throws away
+    rhat: float = 1.05  # split R̂ beyond which there is another round
 
     def __post_init__(self) -> None:
-        if self.chains < 2 or self.sweeps < 10 or self.burn_in < 0:
+        if self.chains < 2 or self.sweeps < 10 or self.burn_in < 0 or self.rounds < 1:
             raise FarmError(
-                f"{self.chains} chains of {self.burn_in} + {self.sweeps} sweeps; at least 2 of "
-                "0 + 10 are needed"
+                f"{self.chains} chains of {self.burn_in} + {self.sweeps} sweeps, {self.rounds} "
+                "rounds; at least 2 of 0 + 10, 1 round, are needed"
             )
 
 
@@ -109,28 +111,37 @@ def pooled(
 ) -> PooledDraws:
     """Draws of the population and of every turbine given all turbines' evidence."""
     settings = settings or GibbsSettings()
-    n_turbines, _, d = evidence.means.shape
-    size = (settings.sweeps, settings.chains)
-    means, covariances = np.empty((*size, d)), np.empty((*size, d, d))
-    shares, points = np.empty(size), np.empty((*size, n_turbines, d))
-    outliers = np.zeros(n_turbines)
     gibbs = Gibbs(evidence, prior, generator)
     state = gibbs.start(settings.chains)
-    for sweep in range(-settings.burn_in, settings.sweeps):
-        x, chances = gibbs.sweep(state)
-        if sweep < 0:
-            continue
+    for _ in range(settings.burn_in):
+        gibbs.sweep(state)
+    for number in range(settings.rounds):
+        drawn = _drawn(gibbs, state, settings.sweeps * 2**number)
+        if drawn.rhat <= settings.rhat:
+            break
+    return drawn
+
+
+def _drawn(gibbs: "Gibbs", state: _State, sweeps: int) -> PooledDraws:
+    """The sweeps that follow a state."""
+    n_chains, d = state.mean.shape
+    size = (sweeps, n_chains)
+    means, covariances = np.empty((*size, d)), np.empty((*size, d, d))
+    shares, points, chances = np.empty(size), [], []
+    for sweep in range(sweeps):
+        x, outlying = gibbs.sweep(state)
         means[sweep], covariances[sweep] = state.mean, state.covariance
-        shares[sweep], outliers = state.outlier_share, outliers + chances.mean(axis=0)
-        points[sweep] = x
+        shares[sweep] = state.outlier_share
+        points.append(x)
+        chances.append(outlying)
     spreads = np.sqrt(np.diagonal(covariances, axis1=2, axis2=3))
     watched = np.concatenate([means, spreads], axis=2)
     return PooledDraws(
         means=means.reshape(-1, d),
         covariances=covariances.reshape(-1, d, d),
         outlier_shares=shares.ravel(),
-        points=points.reshape(-1, n_turbines, d),
-        outlier_probabilities=outliers / settings.sweeps,
+        points=np.concatenate(points),
+        outlier_probabilities=np.mean(chances, axis=(0, 1)),
         ess=min(effective_sample_size(each) for each in np.moveaxis(watched, 2, 0)),
         rhat=max(split_rhat(each) for each in np.moveaxis(watched, 2, 0)),
     )

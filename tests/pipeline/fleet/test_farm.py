@@ -15,8 +15,8 @@ from tests.pipeline.fleet.farms import (
     untrusted,
 )
 
-QUICK = FarmSettings(gibbs=GibbsSettings(chains=16, burn_in=60, sweeps=80))
-BRIEF = FarmSettings(gibbs=GibbsSettings(chains=16, burn_in=30, sweeps=30))
+QUICK = FarmSettings(gibbs=GibbsSettings(chains=16, burn_in=60, sweeps=80, rounds=1))
+BRIEF = FarmSettings(gibbs=GibbsSettings(chains=16, burn_in=30, sweeps=30, rounds=1))
 
 
 @pytest.fixture(scope="module")

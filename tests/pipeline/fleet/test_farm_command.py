@@ -24,7 +24,7 @@ from sensors.errors import InputError
 from tests.pipeline.example_messages import same
 from tests.pipeline.fleet.farms import drawn_farm, untrusted
 
-BRIEF = FarmSettings(gibbs=GibbsSettings(chains=8, burn_in=10, sweeps=20))
+BRIEF = FarmSettings(gibbs=GibbsSettings(chains=8, burn_in=10, sweeps=20, rounds=1))
 
 
 @pytest.fixture(autouse=True)

@@ -13,8 +13,8 @@ from pipeline.fleet.farm_pooling import (
     pooled,
 )
 
-BRIEF = GibbsSettings(chains=16, burn_in=40, sweeps=50)
-SHORT = GibbsSettings(chains=16, burn_in=40, sweeps=80)
+BRIEF = GibbsSettings(chains=16, burn_in=40, sweeps=50, rounds=1)
+SHORT = GibbsSettings(chains=16, burn_in=40, sweeps=80, rounds=1)
 
 
 def seen(means, stds):
@@ -98,7 +98,7 @@ def test_turbines_of_a_farm_without_bounds_keep_what_they_know_themselves():
 def test_turbines_that_saw_nothing_leave_the_prior_as_it_was():
     prior = PopulationPrior()
     nothing = seen(np.zeros((3, 2)), np.full((3, 2), 1e4))
-    settings = GibbsSettings(chains=48, burn_in=60, sweeps=200)
+    settings = GibbsSettings(chains=48, burn_in=60, sweeps=200, rounds=1)
     drawn = pooled(nothing, prior, np.random.default_rng(6), settings)
     spreads = np.sqrt(np.diagonal(drawn.covariances, axis1=1, axis2=2)) / prior.spread_scale
     for level in (0.25, 0.5, 0.9):  # half-Student-t of two degrees of freedom
@@ -152,7 +152,7 @@ def test_truths_drawn_from_the_prior_rank_anywhere_among_the_draws():
         truth = mu + widths * generator.standard_normal(4)
         stds = generator.uniform(0.01, 0.1, 4)
         means = truth + stds * generator.standard_normal(4)
-        settings = GibbsSettings(chains=19, burn_in=20, sweeps=10)
+        settings = GibbsSettings(chains=19, burn_in=20, sweeps=10, rounds=1)
         drawn = pooled(seen(means[:, None], stds[:, None]), prior, generator, settings)
         last = slice(-19, None)  # one of each chain
         spread = np.sqrt(drawn.covariances[last, 0, 0])
