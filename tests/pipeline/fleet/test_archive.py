@@ -10,10 +10,11 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.fleet.archive import FINISHED, ArchiveReport, archived_turbines, reprocessed
+from pipeline.fleet.archive import FINISHED, ArchiveReport, reprocessed
 from pipeline.fleet.archive_survey import surveyed
 from pipeline.fleet.archive_tables import Ledger
 from pipeline.fleet.archive_tracking import ArchiveTracking
+from pipeline.fleet.archive_turbines import archived_turbines
 from pipeline.fleet.archive_work import ThisProcess
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.operation import IdentificationInContext
