@@ -163,9 +163,9 @@ def _changes(root: str, panel: TurbinePanel) -> list[rrb.TimeSeriesView]:
     )
     sizes = rrb.TimeSeriesView(
         origin=f"{root}/change/size",
-        name="Change of the stiffness [%]: 5, 50, 95 %",
+        name="Change [%], 5, 50, 95 %: k11 blue, k22 orange, k12 green",  # nine names hide the plot
         **whole_session(),
-        plot_legend=rrb.PlotLegend("LeftTop"),
+        plot_legend=rrb.PlotLegend(visible=False),
     )
     return [probability] * panel.changed + [sizes] * panel.sized
 
