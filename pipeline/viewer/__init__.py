@@ -10,8 +10,11 @@
     tower_views, track_views, foundation_views, plane_views
                       one function a picture
     blueprint         tabs, views, axes
-    screen            one turbine, message by message
+    screen            one turbine, message by message; with signal_screen, mode_screen, node_screen
+    pace, known_layouts
+                      how often pictures are handed over; the sensors they are of
     show, stages      one output, and the thread it is drawn in
+    late_show         a show on a viewer that comes late, goes and comes back
     sink              the node
 
 Rerun is imported when a viewer is opened, not before: everything else runs without it.
