@@ -4,30 +4,27 @@
     ModalEstimate ──► [updating] ──► FoundationPosterior
     every message ──► [recorder] → MCAP   and ──► [viewer] → Rerun
 
-To change the identification, the updating, a sink or a view, change its line in `build`.
+To change the identification, the updating, a sink or a view, change its line in `build`; what each
+turbine's updating is made of stands in `turbines.py`.
 """
 
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
-from pipeline.checkpoints import CheckpointedUpdating, CheckpointFolder
 from pipeline.nodes.node import Node
 from pipeline.nodes.operation import IdentificationInContext, UpdatingInContext
-from pipeline.nodes.updating import FoundationUpdaterNode
 from pipeline.oma.references import references_among
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Metadata
 from pipeline.resumption import ResumedIdentification, recorded_past
-from pipeline.scenario import Scenario, farm_members
-from pipeline.updating.updater import FoundationUpdater
+from pipeline.scenario import Scenario
+from pipeline.turbines import Turbines
 from pipeline.viewer.outputs import ViewerOutput
 from pipeline.viewer.sink import Viewer
 from sensors.layout import LayoutError, SensorLayout
 from sensors.turbine.mast import bare_mast
-from sensors.turbine.modal import ModalModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,40 +71,12 @@ def build(
     references_among(layout.channel_names, scenario.oma)
     if scenario.has_structure:
         _require_accelerations(layout)
-    farm = {each.turbine.id: each for each in farm_members(scenario)}
-    known = {name: each.layout for name, each in farm.items()} | dict(layouts or {})
-    models: dict[
-        object, ModalModel
-    ] = {}  # turbines alike share one: it is costly, and never changes
+    turbines = Turbines(scenario, layout, layouts or {}, outputs.checkpoints)
 
     def identification() -> Node:
         if not outputs.earlier:
             return IdentificationInContext(scenario.oma)
         return ResumedIdentification(scenario.oma, recorded_past(outputs.earlier, scenario.oma))
-
-    def updating() -> Node:
-        special = {
-            turbine: (partial(updating_of_one_turbine, farm.get(turbine, scenario), own), own)
-            for turbine, own in known.items()
-            if turbine != layout.turbine
-        }
-        first = partial(updating_of_one_turbine, farm.get(layout.turbine, scenario), layout)
-        return UpdatingInContext(first, layout, scenario.operation, special=special)
-
-    def updating_of_one_turbine(member: Scenario, layout: SensorLayout) -> Node:
-        kind = _kind(member, layout)
-        if kind not in models:
-            models[kind] = ModalModel(member.structure, layout)
-        updater = FoundationUpdater(
-            models[kind],
-            layout,
-            scenario.updating,
-            seed=scenario.seed,
-            population=scenario.population,
-        )
-        if outputs.checkpoints is None:
-            return FoundationUpdaterNode(updater)
-        return CheckpointedUpdating(updater, CheckpointFolder(outputs.checkpoints), layout.turbine)
 
     def viewer() -> Node:
         drawn = scenario.structure if scenario.has_structure else bare_mast(layout)
@@ -124,20 +93,12 @@ def build(
 
     graph = [Plan(IdentificationInContext, identification)]
     if scenario.has_structure:
-        graph.append(Plan(UpdatingInContext, updating))
+        graph.append(Plan(UpdatingInContext, turbines.updating))
     if outputs.views:
         graph.append(Plan(Viewer, viewer))
     if outputs.recording:
-        graph.append(
-            Plan(SessionRecorder, recorder)
-        )  # last: it hears what the others say at the end
+        graph.append(Plan(SessionRecorder, recorder))  # last: it hears what the others say
     return tuple(graph)
-
-
-def _kind(scenario: Scenario, layout: SensorLayout) -> tuple[object, ...]:
-    """Turbines of which this is the same have the same model at the same sensors."""
-    turbine = scenario.turbine
-    return turbine.description, turbine.springs_sign, layout.channels
 
 
 def _require_accelerations(layout: SensorLayout) -> None:
