@@ -5,7 +5,7 @@ from typing import Any
 
 from rich.table import Table
 
-from pipeline.fleet.farm import Farm
+from pipeline.fleet.farm.farm import Farm
 from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.model_modes import ModelModes, NearestMode
 from pipeline.recording.info import RecordingInfo

@@ -22,12 +22,12 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from pipeline.fleet.archive import ArchiveReport, Report, reprocessed
-from pipeline.fleet.archive_dask import local_workers
-from pipeline.fleet.archive_work import ThisProcess, Workers
+from pipeline.fleet.archive.cluster import local_workers
+from pipeline.fleet.archive.reprocessing import ArchiveReport, Report, reprocessed
+from pipeline.fleet.archive.work import ThisProcess, Workers
 from pipeline.scenario import scenario_from_text
 from pipeline.sources import record_simulation, simulated
-from tests.pipeline.fleet.archives import cut_into_files
+from tests.pipeline.fleet.archive.archives import cut_into_files
 
 SCENARIO = """
 title = "An archive to reprocess"

@@ -26,7 +26,7 @@ from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, rejection
-from tests.pipeline.fleet.archives import Change, rewritten
+from tests.pipeline.fleet.archive.archives import Change, rewritten
 from tests.pipeline.notices.outside import web_server
 from tests.pipeline.notices.test_causes import EVENT
 

@@ -10,18 +10,18 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.fleet.archive import FINISHED, ArchiveReport, reprocessed
-from pipeline.fleet.archive_survey import surveyed
-from pipeline.fleet.archive_tables import Ledger
-from pipeline.fleet.archive_tracking import ArchiveTracking
-from pipeline.fleet.archive_turbines import archived_turbines
-from pipeline.fleet.archive_work import ThisProcess
+from pipeline.fleet.archive.reprocessing import FINISHED, ArchiveReport, reprocessed
+from pipeline.fleet.archive.survey import surveyed
+from pipeline.fleet.archive.tables import Ledger
+from pipeline.fleet.archive.tracking import ArchiveTracking
+from pipeline.fleet.archive.turbines import archived_turbines
+from pipeline.fleet.archive.work import ThisProcess
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.operation import IdentificationInContext
 from pipeline.runner import with_end
 from pipeline.sources import replayed
 from sensors.blocks import NANOSECONDS
-from tests.pipeline.fleet.archives import Renamed, rewritten
+from tests.pipeline.fleet.archive.archives import Renamed, rewritten
 
 CLI = CliRunner()
 

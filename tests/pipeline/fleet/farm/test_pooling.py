@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pipeline.fleet.farm_evidence import StackedEvidence, TurbineEvidence
-from pipeline.fleet.farm_pooling import (
+from pipeline.fleet.farm.evidence import StackedEvidence, TurbineEvidence
+from pipeline.fleet.farm.pooling import (
     FarmError,
     GibbsSettings,
     PopulationPrior,

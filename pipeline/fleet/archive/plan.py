@@ -7,7 +7,7 @@
 
 A window belongs to the file in which it begins; its task reads on in the files that join. So every
 task is independent of the others, and windows lie where one recording of the whole would have them.
-Pure functions of what `archive_survey` has seen.
+Pure functions of what `survey` has seen.
 """
 
 from collections import defaultdict, deque
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from itertools import islice, pairwise, takewhile
 from pathlib import Path
 
-from pipeline.fleet.archive_survey import FileSurvey, Part
+from pipeline.fleet.archive.survey import FileSurvey, Part
 from pipeline.messages import StreamGap
 from pipeline.oma.settings import OmaSettings
 from sensors.blocks import NANOSECONDS

@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from pipeline.fleet.archive_work import Call, Failed, Outcome, Workers, attempted
+from pipeline.fleet.archive.work import Call, Failed, Outcome, Workers, attempted
 from sensors.errors import InputError
 
 logger = logging.getLogger(__name__)
@@ -133,7 +133,7 @@ def local_workers(count: int) -> Iterator[Workers]:
             scheduler_kwargs={"dashboard": False},
             worker_dashboard_address=f"{LOOPBACK}:0",
             silence_logs=logging.ERROR,
-            preload=["pipeline.fleet.archive_worker"],
+            preload=["pipeline.fleet.archive.worker"],
         ) as cluster,
         Client(cluster) as client,
     ):

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.fleet.farm_evidence import FEWEST_DRAWS, StackedEvidence, evidence_of
-from pipeline.fleet.farm_pooling import (
+from pipeline.fleet.farm.evidence import FEWEST_DRAWS, StackedEvidence, evidence_of
+from pipeline.fleet.farm.pooling import (
     FarmError,
     GibbsSettings,
     PooledDraws,

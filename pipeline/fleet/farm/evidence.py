@@ -1,6 +1,6 @@
 """What each turbine's own measurements say of its springs, small enough to be sent around.
 
-posterior's draws ──÷ own prior──► likelihood as a mixture of Gaussians ──► [farm_pooling]
+posterior's draws ──÷ own prior──► likelihood as a mixture of Gaussians ──► [pooling]
 
 No sample, no window and no mode leaves the turbine: a farm is pooled from some ten numbers a
 component.

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.fleet.archive import reprocessed
-from pipeline.fleet.archive_work import ThisProcess
-from tests.pipeline.fleet.archives import cut_into_files
+from pipeline.fleet.archive.reprocessing import reprocessed
+from pipeline.fleet.archive.work import ThisProcess
+from tests.pipeline.fleet.archive.archives import cut_into_files
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from pipeline.fleet.archive_posteriors import (
+from pipeline.fleet.archive.posteriors import (
     STRETCH,
     PosteriorPass,
     StretchCall,
@@ -15,8 +15,8 @@ from pipeline.fleet.archive_posteriors import (
     _made,
     posteriors,
 )
-from pipeline.fleet.archive_store import Frame, messages_in, packed, unpacked
-from pipeline.fleet.archive_work import Call
+from pipeline.fleet.archive.store import Frame, messages_in, packed, unpacked
+from pipeline.fleet.archive.work import Call
 from pipeline.messages import FoundationEvent, FoundationPosterior, Message, ModalEstimate
 from pipeline.nodes.operation import OperationSettings
 from pipeline.updating.updater import FoundationUpdater
@@ -189,4 +189,4 @@ def test_other_windows_before_or_another_seed_are_another_result() -> None:
     }
 
     assert len(keys) == 4
-    assert posteriors.__module__ == "pipeline.fleet.archive_posteriors"  # found by workers
+    assert posteriors.__module__ == "pipeline.fleet.archive.posteriors"  # found by workers

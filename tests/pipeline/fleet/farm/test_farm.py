@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.fleet.farm import FarmSettings, in_order, pooled_farm
-from pipeline.fleet.farm_pooling import FarmError, GibbsSettings
-from tests.pipeline.fleet.farms import (
+from pipeline.fleet.farm.farm import FarmSettings, in_order, pooled_farm
+from pipeline.fleet.farm.pooling import FarmError, GibbsSettings
+from tests.pipeline.fleet.farm.farms import (
     NOMINAL,
     SPREAD,
     drawn_farm,

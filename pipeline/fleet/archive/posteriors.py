@@ -19,8 +19,8 @@ drawn anew from its sums.
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
-from pipeline.fleet.archive_store import Frame, frames_of, key_of_result, messages_in
-from pipeline.fleet.archive_work import Call
+from pipeline.fleet.archive.store import Frame, frames_of, key_of_result, messages_in
+from pipeline.fleet.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
 from pipeline.nodes.operation import OperationSettings, in_nacelle_axes, refusal_by_operation
 from pipeline.runner import one_blas_thread

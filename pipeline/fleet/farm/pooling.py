@@ -3,7 +3,7 @@
     x_i = b_i + z_i o_i          springs of turbine i, any d coordinates
     b_i ~ N(μ, Σ)                what its builders meant, and the soil's scatter
     o_i ~ N(0, W), z_i ~ Bernoulli(ε)      some are different, by much more than the others
-    data_i ~ p(data_i | x_i)     a mixture of Gaussians in x_i (`farm_evidence`)
+    data_i ~ p(data_i | x_i)     a mixture of Gaussians in x_i (`evidence`)
 
     μ ~ N(0, s² I),   ε ~ Beta(α, β)
     Σ | a ~ IW(ν + d − 1, 2ν diag(1/a)),   a_j ~ IG(1/2, 1/A²)
@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from pipeline.fleet.farm_evidence import StackedEvidence
+from pipeline.fleet.farm.evidence import StackedEvidence
 from pipeline.updating.convergence import effective_sample_size, split_rhat
 from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.population import log_gaussian

@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from pipeline.fleet.archive_identification import IdentificationCall
-from pipeline.fleet.archive_plan import TurbinePlan, parts_by_turbine, turbine_plan
-from pipeline.fleet.archive_posteriors import UpdatingPlan
-from pipeline.fleet.archive_survey import FileSurvey, Part
+from pipeline.fleet.archive.identification import IdentificationCall
+from pipeline.fleet.archive.plan import TurbinePlan, parts_by_turbine, turbine_plan
+from pipeline.fleet.archive.posteriors import UpdatingPlan
+from pipeline.fleet.archive.survey import FileSurvey, Part
 from pipeline.scenario import (
     DEFAULT_SCENARIO,
     Scenario,

@@ -17,18 +17,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.files import written_whole
-from pipeline.fleet.archive_identification import identified_frames
-from pipeline.fleet.archive_posteriors import PosteriorPass
-from pipeline.fleet.archive_store import (
+from pipeline.fleet.archive.identification import identified_frames
+from pipeline.fleet.archive.posteriors import PosteriorPass
+from pipeline.fleet.archive.store import (
     FinishedResults,
     Frame,
     messages_in,
 )
-from pipeline.fleet.archive_survey import FileSurvey, surveyed, without_copies
-from pipeline.fleet.archive_tables import ArchiveTables, Ledger
-from pipeline.fleet.archive_tracking import ArchiveTracking
-from pipeline.fleet.archive_turbines import TurbineArchive, archived_turbines
-from pipeline.fleet.archive_work import Call, Failed, Workers
+from pipeline.fleet.archive.survey import FileSurvey, surveyed, without_copies
+from pipeline.fleet.archive.tables import ArchiveTables, Ledger
+from pipeline.fleet.archive.tracking import ArchiveTracking
+from pipeline.fleet.archive.turbines import TurbineArchive, archived_turbines
+from pipeline.fleet.archive.work import Call, Failed, Workers
 from pipeline.messages import (
     FoundationEvent,
     FoundationPosterior,

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 from distributed import LocalCluster
 
-from pipeline.fleet import archive_dask
-from pipeline.fleet.archive import reprocessed
-from pipeline.fleet.archive_dask import cluster_workers, local_workers
-from pipeline.fleet.archive_work import Call, Failed, Workers
+from pipeline.fleet.archive import cluster
+from pipeline.fleet.archive.cluster import cluster_workers, local_workers
+from pipeline.fleet.archive.reprocessing import reprocessed
+from pipeline.fleet.archive.work import Call, Failed, Workers
 from sensors.errors import InputError
-from tests.pipeline.fleet.calls import killed_always, killed_once, refused, squared
+from tests.pipeline.fleet.archive.calls import killed_always, killed_once, refused, squared
 
 TABLES = ("modes", "mode_shapes", "posterior", "pairs")
 
@@ -72,7 +72,7 @@ def test_calls_are_pulled_only_when_there_is_room(two_workers: Workers) -> None:
 
 def test_a_worker_that_nobody_restarts_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that dies while it starts takes its guard with it."""
-    monkeypatch.setattr(archive_dask, "QUIET", 0.5)
+    monkeypatch.setattr(cluster, "QUIET", 0.5)
     with local_workers(1) as workers:
         client = workers._client  # type: ignore[attr-defined]
         (guard,) = client.cluster.workers.values()

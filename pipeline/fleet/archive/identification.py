@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
-from pipeline.fleet.archive_plan import IdentificationTask, Piece
-from pipeline.fleet.archive_store import Frame, frames_of, key_of_result
+from pipeline.fleet.archive.plan import IdentificationTask, Piece
+from pipeline.fleet.archive.store import Frame, frames_of, key_of_result
 from pipeline.messages import (
     FoundationTruth,
     Message,

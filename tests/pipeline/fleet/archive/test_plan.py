@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.fleet.archive_plan import (
+from pipeline.fleet.archive.plan import (
     IdentificationTask,
     chains_of,
     parts_by_turbine,
     turbine_plan,
 )
-from pipeline.fleet.archive_survey import FileSurvey, Part, archive_files, without_copies
+from pipeline.fleet.archive.survey import FileSurvey, Part, archive_files, without_copies
 from pipeline.oma.settings import OmaSettings
 from sensors.blocks import NANOSECONDS
 from sensors.errors import InputError

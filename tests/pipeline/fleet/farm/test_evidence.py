@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.fleet.farm_evidence import StackedEvidence, TurbineEvidence, evidence_of
+from pipeline.fleet.farm.evidence import StackedEvidence, TurbineEvidence, evidence_of
 from pipeline.updating.spring_coordinates import SpringCoordinates
 
 NOMINAL = np.array([0.098e11, 8.238e11, 0.678e11])

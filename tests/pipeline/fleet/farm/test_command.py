@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.fleet import farm, farm_sources
-from pipeline.fleet.farm import FarmSettings, pooled_farm
-from pipeline.fleet.farm_pooling import FarmError, GibbsSettings
-from pipeline.fleet.farm_results import pooled_posterior
-from pipeline.fleet.farm_sources import RunningFarm, recorded_posteriors
+from pipeline.fleet.farm import farm, sources
+from pipeline.fleet.farm.farm import FarmSettings, pooled_farm
+from pipeline.fleet.farm.pooling import FarmError, GibbsSettings
+from pipeline.fleet.farm.results import pooled_posterior
+from pipeline.fleet.farm.sources import RunningFarm, recorded_posteriors
 from pipeline.recording.writer import Recorder
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.memory_bus import MemoryBus
@@ -22,7 +22,7 @@ from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from pipeline.updating.population import load_population
 from sensors.errors import InputError
 from tests.pipeline.example_messages import same
-from tests.pipeline.fleet.farms import drawn_farm, untrusted
+from tests.pipeline.fleet.farm.farms import drawn_farm, untrusted
 
 BRIEF = FarmSettings(gibbs=GibbsSettings(chains=8, burn_in=10, sweeps=20, rounds=1))
 
@@ -106,7 +106,7 @@ def test_a_session_that_runs_gives_what_it_published_before_anybody_asked() -> N
 
 
 def test_a_session_without_a_posterior_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(farm_sources, "FIRST_PATIENCE", 0.05)
+    monkeypatch.setattr(sources, "FIRST_PATIENCE", 0.05)
     with pytest.raises(FarmError, match=r"no posterior came in 0\.05 s"):
         RunningFarm(MemoryBus()).posteriors()
 

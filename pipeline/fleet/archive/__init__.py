@@ -1,0 +1,1 @@
+"""Years of recordings anew, in parallel: `pilewatch reprocess`."""

@@ -1,0 +1,1 @@
+"""Turbines alike, each lending the others what it knows: `pilewatch farm`."""
