@@ -12,8 +12,8 @@ For the size the same messages, results and all, are drawn again and again, shif
 recording's length each time, with a status of every node once a second as in real time. The last
 repetition is what a session costs once it runs; the first has also the layout and the styles.
 
-Measured on two busy cores: 3.6 % of the wall time and 3.4 % of the CPU time (0.9 of 26 s); 5.3 MB
-an hour after the first, 130 MB a day of one turbine.
+Measured on two busy cores: 4.2 % of the wall time and 5.1 % of the CPU time (0.8 of 16 s); 5.3 MB
+an hour after the first, 129 MB a day of one turbine.
 """
 
 import argparse
