@@ -24,6 +24,13 @@ CONNECTING = 30.0  # how long a scheduler is waited for [s]
 QUIET = 20.0  # without a result, after which the workers are counted [s]
 DEATHS_TOLD_APART = 1  # a call at which a second worker dies is tried once more, alone
 LOOPBACK = "127.0.0.1"
+# A worker works in a thread of its own, where the C library would return every window's arrays to
+# the system and fetch them again, a tenth of its time.
+ALLOCATION = {
+    "MALLOC_ARENA_MAX": 1,
+    "MALLOC_TRIM_THRESHOLD_": 2**28,  # [bytes]
+    "MALLOC_MMAP_THRESHOLD_": 2**27,
+}
 
 
 class DaskWorkers:
@@ -124,6 +131,7 @@ def local_workers(count: int) -> Iterator[Workers]:
 
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": DEATHS_TOLD_APART}),
+        dask.config.set(_of_workers(ALLOCATION)),
         LocalCluster(
             n_workers=count,
             threads_per_worker=1,
@@ -138,6 +146,11 @@ def local_workers(count: int) -> Iterator[Workers]:
         Client(cluster) as client,
     ):
         yield DaskWorkers(client, lambda _: _replace_lost(cluster, count))
+
+
+def _of_workers(environment: dict[str, int]) -> dict[str, int]:
+    """Dask's settings by which workers are started with these variables, beside its own."""
+    return {f"distributed.nanny.pre-spawn-environ.{name}": v for name, v in environment.items()}
 
 
 def _replace_lost(cluster: Any, count: int) -> None:
