@@ -9,6 +9,9 @@ when a quarter of the files are identified, the run is stopped at half of them a
 Results in FOLDER are found again: parts may be run one after the other, and a run that `--limit`
 ends goes on with the same command, its costs added up. Wall time depends on what else the machine
 does: CPU and load are told beside it.
+
+What it gave with --files 60 on two quiet cores: 161 s in series, 93 s by two processes, 1.73 times as
+fast, 177 s CPU against 161 s; the tables equal byte by byte.
 """
 
 import argparse
