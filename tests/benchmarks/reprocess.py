@@ -10,8 +10,8 @@ Results in FOLDER are found again: parts may be run one after the other, and a r
 ends goes on with the same command, its costs added up. Wall time depends on what else the machine
 does: CPU and load are told beside it.
 
-What it gave with --files 60 on two quiet cores: 161 s in series, 93 s by two processes, 1.73 times as
-fast, 177 s CPU against 161 s; the tables equal byte by byte.
+What it gave with --files 60 on two quiet cores: 161 s in series, 93 s by two processes, 1.73 times
+as fast, 177 s CPU against 161 s; the tables equal byte by byte.
 """
 
 import argparse
