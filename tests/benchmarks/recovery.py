@@ -33,8 +33,8 @@ What it gave for k11, k22, k12, on seeds that no floor, tail or tolerance was ch
 Seeds 9001.. with today's six bands, the others with three. Median half widths of their six windows:
 1.1 .9 1.3 % (strong), 1.3 1.0 1.5 %, 1.9 2.0 2.6 %, 4.8 6.1 7.6 %; of one strong window 1.6 1.3
 1.9 %. rms of error over standard deviation .4 to 1.0. Wrong pairs: one, mode 10 of seed 9005. A
-refresh 1.3 s CPU with all modes, .9 s with the eleven. Of structures that differ, seeds 7001..7020 with one window and with
-two: `guards`.
+refresh 1.3 s CPU with all modes, .9 s with the eleven. Of structures that differ, seeds 7001..7020
+with one window and with two: `guards`.
 """
 
 import argparse
