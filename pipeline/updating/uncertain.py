@@ -20,6 +20,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import halfnorm, norm
 
 from pipeline.messages import ParameterSummary
 from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
@@ -32,8 +33,8 @@ from pipeline.updating.prior import Prior, PriorSettings, UpdatingError
 SCOUR = "scour_depth"
 WITHIN = 5.0  # standard deviations of a figure's prior that are looked at [-]
 SCOUR_START = 0.5  # where the search for the peak leaves scour, in its prior's std [-]
-NORMAL_90 = 2 * 1.6449  # width of a normal distribution's 90 % interval [std]
-HALF_NORMAL_90 = 1.9600 - 0.0627  # the same of a half-normal one
+NORMAL_90 = float(np.ptp(norm.ppf([0.05, 0.95])))  # width of its 90 % interval [std]
+HALF_NORMAL_90 = float(np.ptp(halfnorm.ppf([0.05, 0.95])))  # the same of a half-normal one
 
 
 @dataclass(frozen=True, slots=True)
