@@ -125,7 +125,8 @@ def _export_results(files: list[Path], tables: _TableFiles) -> None:
     wanted = tuple(dict.fromkeys(table.message for table in RESULT_TABLES))
     for message in (message for file in files for message in read_messages(file, wanted)):
         for table in tables_of(message):
-            tables.of_results(table).add_rows(list(table.rows(message)))
+            if rows := list(table.rows(message)):
+                tables.of_results(table).add_rows(rows)
 
 
 def _as_name(text: str) -> str:

@@ -72,13 +72,22 @@ def _posterior(posterior: FoundationPosterior) -> Iterator[Row]:
         *_spring(posterior.parameter("sigma"))[:3],
         *(float(correlation[i, j]) for i, j in ((0, 1), (0, 2), (1, 2))),
         posterior.sampler, posterior.ess, posterior.rhat, posterior.reduced_chi_square,
-        posterior.paired_share, posterior.pairing_cost, posterior.trusted,
+        posterior.paired_share, posterior.pairing_cost, posterior.change_probability,
+        posterior.trusted,
         "; ".join(f"{doubt.code}: {doubt.text}" for doubt in posterior.warnings),
     )  # fmt: skip
 
 
 def _spring(spring: ParameterSummary) -> tuple[float, float, float, float]:
     return spring.median, spring.p05, spring.p95, spring.nominal
+
+
+def _figures(posterior: FoundationPosterior) -> Iterator[Row]:
+    for figure in posterior.figures:
+        yield (
+            posterior.turbine, posterior.window, posterior.time_ns, figure.name, figure.unit,
+            figure.median, figure.p05, figure.p95, figure.contraction,
+        )  # fmt: skip
 
 
 def _pairs(posterior: FoundationPosterior) -> Iterator[Row]:
@@ -167,10 +176,17 @@ RESULT_TABLES = (
             *_real("correlation_k11_k22 [-]", "correlation_k11_k12 [-]", "correlation_k22_k12 [-]"),
             ("sampler", _TEXT),
             *_real("ess [-]", "rhat [-]", "reduced_chi_square [-]", "paired_share [-]",
-                   "pairing_cost [-]"),
+                   "pairing_cost [-]", "change_probability [-]"),
             ("trusted", _YES), ("doubts", _TEXT),
         ),
         _posterior,
+    ),
+    ResultTable(
+        "figures",
+        FoundationPosterior,
+        (*_WINDOW, ("time", TIMESTAMP), ("figure", _TEXT), ("unit", _TEXT),
+         *_real("median", "p05", "p95", "contraction [-]")),
+        _figures,
     ),
     ResultTable(
         "pairs",

@@ -40,7 +40,12 @@ def _turbine(record: TurbineRecord) -> Json:
 
 def _stiffness_over_time(record: TurbineRecord) -> list[Json]:
     return [
-        {"time_ns": posterior.time_ns, "window": posterior.window, "trusted": posterior.trusted}
+        {
+            "time_ns": posterior.time_ns,
+            "window": posterior.window,
+            "trusted": posterior.trusted,
+            "change_probability": known(posterior.change_probability),
+        }
         | {
             spring.name: stiffness_summary(spring, record.true_stiffness(spring.name, time_ns))
             for spring in posterior.parameters

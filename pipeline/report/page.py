@@ -33,7 +33,7 @@ from pipeline.report.tables import (
     rejected_table,
     springs_table,
 )
-from pipeline.report.wording import counted, instant, span
+from pipeline.report.wording import counted, instant, percent, span
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
 from pipeline.viewer import colours
 from sensors.blocks import NANOSECONDS
@@ -135,13 +135,13 @@ def _verdict(record: TurbineRecord) -> str:
 def _key_figures(record: TurbineRecord) -> list[Key]:
     summary, (start_ns, end_ns) = record.summary, record.span_ns
     cards: list[Key] = []
-    if summary.posterior is not None:
+    if (posterior := summary.posterior) is not None:
         cards = [
-            (f"{name} ÷ nominal", plus_minus(summary.posterior.parameter(name)))
-            for name in PARAMETER_NAMES
+            (f"{name} ÷ nominal", plus_minus(posterior.parameter(name))) for name in PARAMETER_NAMES
         ]
+        cards.append(("probability of a change", percent(posterior.change_probability)))
     missing = sum(gap.end_ns - gap.start_ns for gap in summary.gaps) / NANOSECONDS
-    used = 0 if summary.posterior is None else summary.posterior.n_windows
+    used = 0 if posterior is None else posterior.n_windows
     cards += [
         ("measured", span((end_ns - start_ns) / NANOSECONDS)),
         ("missing", span(missing)),

@@ -40,6 +40,7 @@ class PosteriorAtWindow:
     window: int
     parameters: tuple[ParameterSummary, ...]
     trusted: bool
+    change_probability: float  # that the modes are no longer what they were [-]
 
     def parameter(self, name: str) -> ParameterSummary:
         """The parameter of that name; KeyError where there is none."""
@@ -81,7 +82,11 @@ class TurbineRecord:
     def _take_posterior(self, posterior: FoundationPosterior) -> None:
         self.summary.handle(posterior)
         self.posteriors[posterior.time_ns] = PosteriorAtWindow(
-            posterior.time_ns, posterior.window, posterior.parameters, posterior.trusted
+            posterior.time_ns,
+            posterior.window,
+            posterior.parameters,
+            posterior.trusted,
+            posterior.change_probability,
         )
 
     def true_stiffness(self, name: str, time_ns: int) -> float | None:

@@ -14,6 +14,7 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
     figures       of the structure that are uncertain as well, by name; {} where none is
     correlation   3 × 3, order k11, k22, k12
     ess, rhat     the smallest and the largest over the parameters
+    change_probability   that the modes are no longer what they were
     """
     summary: Json = {
         name: stiffness_summary(
@@ -27,6 +28,7 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
     summary["correlation"] = [[_finite(each) for each in row] for row in posterior.correlation]
     summary["ess"] = _finite(posterior.ess)
     summary["rhat"] = _finite(posterior.rhat)
+    summary["change_probability"] = _finite(posterior.change_probability)
     return summary
 
 
@@ -63,6 +65,7 @@ def empty_summary() -> Json:
     summary: Json = {name: {"unit": unit, **dict.fromkeys(nothing)} for name, unit in units.items()}
     summary["sigma"] = {"median": None, "p95": None}
     summary.update(figures={}, correlation=None, ess=None, rhat=None)
+    summary["change_probability"] = None
     return summary
 
 

@@ -112,7 +112,9 @@ def _foundation(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     return rrb.Horizontal(
         _joint(root),
         rrb.Vertical(_pile(root), _learned(root), row_shares=[5, 2]),
-        rrb.Vertical(*_stiffness_bands(root), _sigma(root), *_changes(root, panel)),
+        rrb.Vertical(
+            *_stiffness_bands(root), _sigma(root), _change_probability(root), *_sizes(root, panel)
+        ),
         column_shares=[5, 4, 4],
         name="Foundation",
     )
@@ -152,22 +154,26 @@ def _sigma(root: str) -> rrb.TimeSeriesView:
     )
 
 
-def _changes(root: str, panel: TurbinePanel) -> list[rrb.TimeSeriesView]:
-    """Plots that appear with the first change."""
-    probability = rrb.TimeSeriesView(
-        origin=f"{root}/change/probability",
-        name="Probability of each change that was noticed [-]",
+def _change_probability(root: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"{root}/change",
+        contents=["$origin/probability", "$origin/noticed"],
+        name="Probability that the modes changed [-]; red: a change was noticed",
         axis_y=rrb.ScalarAxis(range=(0.0, 1.05)),
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
+
+
+def _sizes(root: str, panel: TurbinePanel) -> list[rrb.TimeSeriesView]:
+    """A plot that appears with the first change whose size is known."""
     sizes = rrb.TimeSeriesView(
         origin=f"{root}/change/size",
         name="Change [%], 5, 50, 95 %: k11 blue, k22 orange, k12 green",  # nine names hide the plot
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
-    return [probability] * panel.changed + [sizes] * panel.sized
+    return [sizes] * panel.sized
 
 
 def _health(root: str) -> rrb.Horizontal:

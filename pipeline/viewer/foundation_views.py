@@ -35,6 +35,12 @@ def log_foundation_styles(recording: rr.RecordingStream, root: str) -> None:
     for slot, name in enumerate((*STIFFNESSES, "sigma")):
         shown = f"{'σ' if name == 'sigma' else name} [%]"
         log_line_style(recording, learned_path(root, name), shown, colours.LEVELS[slot])
+    log_line_style(
+        recording, f"{root}/change/probability", "probability [-]", colours.POSTERIOR, width=1.5
+    )
+    log_line_style(
+        recording, f"{root}/change/noticed", "a change noticed [-]", colours.TROUBLE, width=4.0
+    )
     names = ("σ 5 % [-]", "σ median [-]", "σ 95 % [-]")
     log_band_style(
         recording, f"{parameter_path(root, 'sigma')}/posterior", names, colours.POSTERIOR
@@ -94,10 +100,16 @@ def log_pile(recording: rr.RecordingStream, root: str, picture: PilePicture) -> 
     recording.log(f"{path}/text", words(picture.texts))
 
 
+def log_change_probability(
+    recording: rr.RecordingStream, root: str, posterior: FoundationPosterior
+) -> None:
+    """How probable it is, by all windows so far, that the modes are no longer what they were."""
+    recording.log(f"{root}/change/probability", rr.Scalars(posterior.change_probability))
+
+
 def log_change_styles(recording: rr.RecordingStream, root: str) -> None:
-    """Names, units and colours of what is said of changes; static."""
+    """Names, units and colours of the size of changes; static."""
     path = f"{root}/change"
-    log_line_style(recording, f"{path}/probability", "probability [-]", colours.TROUBLE, width=4.0)
     for slot, name in enumerate(STIFFNESSES):
         names = (f"{name} 5 % [%]", f"{name} change [%]", f"{name} 95 % [%]")
         log_band_style(recording, f"{path}/size/{name}", names, colours.LEVELS[slot])
@@ -105,7 +117,7 @@ def log_change_styles(recording: rr.RecordingStream, root: str) -> None:
 
 def log_change(recording: rr.RecordingStream, root: str, event: FoundationEvent) -> None:
     """How probable a change is and how large, at the end of the window that showed it."""
-    recording.log(f"{root}/change/probability", rr.Scalars(event.probability))
+    recording.log(f"{root}/change/noticed", rr.Scalars(event.probability))
     for change in event.changes:
         sizes = PERCENT * np.array([change.p05, change.median, change.p95])
         recording.log(f"{root}/change/size/{change.name}", rr.Scalars(sizes))

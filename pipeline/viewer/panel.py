@@ -19,8 +19,7 @@ class TurbinePanel:
     layouts: tuple[SensorLayout, ...]  # of its acquisition units
     modes: tuple[str, ...]  # model labels that get a plot of their own, in order
     mid_height: float  # where the camera looks [m]
-    changed: bool = False  # a change was noticed: its probability gets a plot
-    sized: bool = False  # by how much the stiffness changed is known: that gets one, too
+    sized: bool = False  # a change was noticed and by how much is known: that gets a plot
 
 
 def whole_session() -> dict[str, Any]:

@@ -71,8 +71,7 @@ class TurbineScreen:
         self._estimates: dict[int, ModalEstimate] = {}  # by window, those without a posterior yet
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
         self._truth: FoundationTruth | None = None
-        self._changed = False  # a change was noticed
-        self._sized = False  # and its size is known
+        self._sized = False  # a change was noticed whose size is known
         self._in_farm = False  # one of several turbines
         self._styled: set[str] = set()
         self._now_ns = 0  # latest sensor time seen
@@ -95,7 +94,7 @@ class TurbineScreen:
         middle = (self._outline.mudline + self._outline.tower_top) / 2
         return TurbinePanel(
             *(self._turbine, self._layouts.all, self._modes.labels, middle),
-            *(self._changed, self._sized),
+            self._sized,
         )
 
     def continued_on(self, recording: rr.RecordingStream) -> "TurbineScreen":
@@ -163,6 +162,7 @@ class TurbineScreen:
             foundation_views.log_medians(recording, posterior)
         foundation_views.log_joint_posterior(recording, root, posterior, self._truth)
         foundation_views.log_learned(recording, root, posterior)
+        foundation_views.log_change_probability(recording, root, posterior)
         picture = pile_picture(posterior, self._description, self._truth)
         foundation_views.log_pile(recording, root, picture)
         estimate = self._estimate_of(posterior)
@@ -191,10 +191,9 @@ class TurbineScreen:
     def show_event(self, event: FoundationEvent) -> None:
         """A change of the foundation or of the modes."""
         self._at(event.time_ns)
-        if not self._changed:
-            self._changed = True
+        if event.changes and not self._sized:
+            self._sized = True
             foundation_views.log_change_styles(self._recording, self._root)
-        self._sized = self._sized or bool(event.changes)
         foundation_views.log_change(self._recording, self._root, event)
         self._event(event.text, level="WARN")
         self._status.take(event)

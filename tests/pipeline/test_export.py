@@ -11,7 +11,7 @@ from pyarrow import csv, parquet
 from pipeline.export import table_file
 from pipeline.export.exporting import Exported, export
 from pipeline.export.samples import sample_times
-from pipeline.messages import FoundationTruth
+from pipeline.messages import FoundationTruth, ParameterSummary
 from pipeline.offline import recorded_channels
 from sensors.blocks import NANOSECONDS
 from sensors.errors import InputError
@@ -123,17 +123,18 @@ def test_a_channels_name_cannot_break_the_table(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", ["csv", "parquet"])
 def test_every_result_has_its_row(form: table_file.Format, tmp_path: Path) -> None:
-    found = estimate(0)
-    messages = [
-        LAYOUT, FoundationTruth("t1", START_NS, k11=1.0, k22=2.0, k12=3.0), found, posterior(0),
-        rejection(1), event(),
-    ]  # fmt: skip
+    found, truth = estimate(0), FoundationTruth("t1", START_NS, k11=1.0, k22=2.0, k12=3.0)
+    mass = ParameterSummary("rna_mass", "-", 1.0, 1.02, 1.0, 1.04, contraction=0.6)
+    known = replace(posterior(0), figures=(mass,), change_probability=0.25)
+    messages = [LAYOUT, truth, found, known, rejection(1), event()]
     files = export(recorded(tmp_path / "r.mcap", messages), tmp_path / "out", form)
     modes, shapes = read(files, "modes"), read(files, "mode_shapes")
     assert modes["frequency [Hz]"].to_pylist() == [mode.frequency for mode in found.modes]
     assert len(shapes) == len(found.modes) * len(found.channels)
     k22 = posterior(0).parameter("k22")
     assert read(files, "posterior")["k22_p95 [N·m/rad]"].to_pylist() == [k22.p95]
+    assert read(files, "posterior")["change_probability [-]"].to_pylist() == [0.25]
+    assert read(files, "figures")["median"].to_pylist() == [1.02]
     assert len(read(files, "pairs")) == len(posterior(0).pairs)
     assert read(files, "rejected")["reason"].to_pylist() == ["gap of 0.4 s in tower"]
     noticed = read(files, "events")["time"].cast(pa.timestamp("ns", tz="UTC")).cast(pa.int64())

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.export.results import RESULT_TABLES, tables_of
+from pipeline.export.results import RESULT_TABLES, ResultTable, tables_of
 from pipeline.export.table_file import TableFile
 from pipeline.messages import Message, ModalEstimate
 
@@ -72,10 +72,15 @@ class ArchiveTables:
     def add(self, message: Message) -> None:
         """The rows that the message has in any table."""
         for table in tables_of(message):
-            if table.name not in self._files:
-                path = self._writing / f"{table.name}.parquet"
-                self._files[table.name] = TableFile(path, table.schema, "parquet")
-            self._files[table.name].add_rows(list(table.rows(message)))
+            if rows := list(table.rows(message)):
+                self._file(table).add_rows(rows)
+
+    def _file(self, table: ResultTable) -> TableFile:
+        """A kind of result's file, made when its first rows come."""
+        if table.name not in self._files:
+            path = self._writing / f"{table.name}.parquet"
+            self._files[table.name] = TableFile(path, table.schema, "parquet")
+        return self._files[table.name]
 
     def finished(self) -> tuple[Path, ...]:
         """Close all and give them their names; a kind without rows has no file."""

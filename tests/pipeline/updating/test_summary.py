@@ -65,6 +65,12 @@ def _keys(summary):
     }
 
 
+def test_how_probable_a_change_is_stands_in_it_and_is_unknown_without_a_posterior():
+    posterior = replace(POSTERIOR, change_probability=0.25)
+    assert posterior_summary(posterior)["change_probability"] == 0.25
+    assert empty_summary()["change_probability"] is None
+
+
 def test_coverage_is_judged_parameter_by_parameter():
     assert truth_covered(POSTERIOR, TRUTH) == {"k11": True, "k22": False, "k12": True}
 

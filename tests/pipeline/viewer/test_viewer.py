@@ -171,23 +171,28 @@ def test_the_tower_leans_on_its_springs_in_the_colours_of_nominal_posterior_and_
         assert len(lines) == count
 
 
-def test_a_change_gets_its_probability_and_its_sizes_where_there_is_one(tmp_path: Path):
+def test_a_change_gets_its_mark_and_its_sizes_where_there_is_one(tmp_path: Path):
     viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
     for message in [*session(Episode(n_windows=2, block=60)), change_event(1)]:
         viewer.handle(message)
     viewer.close()
     recorded = Recorded(tmp_path / "s.rrd")
     end = START_NS + 2 * WINDOW * NANOSECONDS
-    assert list(recorded.times_ns(f"{ROOT}/change/probability")) == [end]
-    assert recorded.scalars(f"{ROOT}/change/probability") == pytest.approx(0.998)
+    assert list(recorded.times_ns(f"{ROOT}/change/noticed")) == [end]
+    assert recorded.scalars(f"{ROOT}/change/noticed") == pytest.approx(0.998)
     assert recorded.scalars(f"{ROOT}/change/size/k22")[0] == pytest.approx([-12.0, -10.0, -8.0])
     assert recorded.series_names(f"{ROOT}/change/size/k22")[1] == "k22 change [%]"
     lamps = recorded.column(f"{ROOT}/lamps/text", "Points2D:labels")[-1]
     assert "foundation: changed" in lamps
 
 
-def test_a_session_without_a_change_has_no_plot_of_changes(recorded: Recorded):
-    assert not any("/change" in entity for entity in recorded.entities)
+def test_every_posterior_says_how_probable_a_change_is(recorded: Recorded):
+    assert recorded.scalars(f"{ROOT}/change/probability").shape == (2, 1)
+    assert recorded.series_names(f"{ROOT}/change/probability") == ["probability [-]"]
+
+
+def test_a_session_without_a_change_has_no_sizes_of_changes(recorded: Recorded):
+    assert not any("/change/size" in entity for entity in recorded.entities)
 
 
 def test_the_tower_stands_from_the_mudline_to_its_top(recorded: Recorded):
