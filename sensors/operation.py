@@ -9,8 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from sensors.errors import InputError
-
 OperatingState = Literal["parked", "idling", "start", "operating", "stop"]
 
 FEATHERED = 90.0  # pitch of a parked or idling rotor [deg]
@@ -22,10 +20,6 @@ IDLING_SPEED = 0.5  # of a feathered rotor that turns freely, at 10 m/s [rpm]
 _WIND = (3.0, 7.0, 10.59, 12.0, 15.0, 20.0, 25.0)  # [m/s]
 _PITCH = (0.0, 0.0, 0.0, 6.5, 11.5, 17.5, 22.5)  # [deg]
 _THRUST = (0.25e6, 1.08e6, 2.45e6, 1.75e6, 1.25e6, 1.00e6, 0.90e6)  # [N]
-
-
-class OperationError(InputError):
-    """A course of operation that cannot be; the message names the stage and its value."""
 
 
 @dataclass(frozen=True, slots=True)

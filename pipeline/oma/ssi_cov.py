@@ -64,10 +64,6 @@ class SystemModes:
     frequencies: FloatArray  # f, undamped [Hz]
     damping_ratios: FloatArray  # ζ [-]
 
-    def left_eigenvectors(self) -> ComplexArray:
-        """X, (order, order): Xᵀ A = diag(λ_d) Xᵀ, Xᵀ Ψ = I; only the uncertainty needs them."""
-        return np.linalg.inv(self.all_right).T
-
 
 RESIDUAL = 1e-9  # ‖H Hᵀ u − s² u‖ / s² of every singular vector that is used
 _SMALL = 3  # a Hankel matrix less than this many times the order is decomposed in full
