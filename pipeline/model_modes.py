@@ -7,9 +7,9 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.combined_modes import CombinedMode
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.scenario import DEFAULT_SCENARIO, Scenario, load_scenario
-from pipeline.summary import CombinedMode
 from sensors.errors import InputError
 from sensors.turbine.description import load_turbine
 from sensors.turbine.foundation import SpringSign

@@ -13,14 +13,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
+from pipeline.json_values import Json
 from pipeline.messages import Message
 from pipeline.sources import Source, due_of
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
-
-Json = dict[str, Any]
 
 KEY = "pilewatch/@replay"  # no stream's key expression matches what begins with @
 ACTIONS = ("play", "pause", "seek", "speed", "state")

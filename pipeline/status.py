@@ -9,17 +9,14 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
 
 from pipeline.health import Health, NodeHealth, StreamHealth
+from pipeline.json_values import Json, known, with_nulls
 from pipeline.messages import FoundationPosterior, Message, StreamGap
 from pipeline.streams import STREAMS
-from pipeline.summary import known, with_nulls
 from pipeline.updating.summary import posterior_summary
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
-
-Json = dict[str, Any]
 
 API = 1  # of the answer: a field may come, none goes or changes its meaning under one number
 KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @

@@ -5,13 +5,14 @@ from typing import Any
 
 from rich.table import Table
 
+from pipeline.combined_modes import CombinedMode
 from pipeline.fleet.farm.farm import Farm
+from pipeline.json_values import Json
 from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.model_modes import ModelModes, NearestMode
 from pipeline.recording.info import RecordingInfo
 from pipeline.scenario import Scenario
 from pipeline.structure_figures import StructureFigures
-from pipeline.summary import CombinedMode, Json
 
 
 def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table:

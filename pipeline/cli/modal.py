@@ -43,9 +43,9 @@ def identify(
     as_json: JsonOption = False,
 ) -> None:
     """Find the modes of the structure in a file; needs no turbine."""
+    from pipeline.combined_modes import combined_modes
     from pipeline.offline import identify_file
     from pipeline.oma.settings import OmaSettings
-    from pipeline.summary import combined_modes
     from pipeline.tables import identified_modes_table
 
     with people.status(f"identifying {file}"):

@@ -1,14 +1,10 @@
 """The report's figures for machines: `pilewatch report --json`. Names are stable: more may come."""
 
-from typing import Any
-
+from pipeline.json_values import Json, known
 from pipeline.report.recorded_session import RecordedSession, TurbineRecord
 from pipeline.report.sentences import condition, distrust, findings, headline
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks
-from pipeline.summary import known
 from pipeline.updating.summary import stiffness_summary
-
-Json = dict[str, Any]
 
 
 def session_json(session: RecordedSession) -> Json:

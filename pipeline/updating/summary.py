@@ -1,11 +1,7 @@
 """A posterior in the figures of `summary.json`: ratios to nominal, the truth where it is known."""
 
-import math
-from typing import Any
-
+from pipeline.json_values import Json, known
 from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
-
-Json = dict[str, Any]
 
 
 def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | None = None) -> Json:
@@ -25,10 +21,10 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
     sigma = posterior.parameter("sigma")
     summary["sigma"] = {"median": sigma.median, "p95": sigma.p95}
     summary["figures"] = {each.name: figure_summary(each) for each in posterior.figures}
-    summary["correlation"] = [[_finite(each) for each in row] for row in posterior.correlation]
-    summary["ess"] = _finite(posterior.ess)
-    summary["rhat"] = _finite(posterior.rhat)
-    summary["change_probability"] = _finite(posterior.change_probability)
+    summary["correlation"] = [[known(each) for each in row] for row in posterior.correlation]
+    summary["ess"] = known(posterior.ess)
+    summary["rhat"] = known(posterior.rhat)
+    summary["change_probability"] = known(posterior.change_probability)
     return summary
 
 
@@ -54,7 +50,7 @@ def figure_summary(figure: ParameterSummary) -> Json:
         "median": figure.median,
         "p05": figure.p05,
         "p95": figure.p95,
-        "contraction": _finite(figure.contraction),
+        "contraction": known(figure.contraction),
     }
 
 
@@ -75,7 +71,3 @@ def truth_covered(posterior: FoundationPosterior, truth: FoundationTruth) -> dic
         name: posterior.parameter(name).p05 <= getattr(truth, name) <= posterior.parameter(name).p95
         for name in ("k11", "k22", "k12")
     }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

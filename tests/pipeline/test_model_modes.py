@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from pipeline.combined_modes import CombinedMode
 from pipeline.model_modes import model_modes, nearest_modes
 from pipeline.scenario import load_scenario
-from pipeline.summary import CombinedMode
 
 
 def identified(name: str, frequency: float, shape: np.ndarray) -> CombinedMode:
