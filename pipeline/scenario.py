@@ -18,7 +18,7 @@ from pipeline.nodes.operation import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
 from pipeline.updating.population import StiffnessPopulation, load_population
-from pipeline.updating.updater import UpdatingSettings
+from pipeline.updating.settings import UpdatingSettings
 from sensors.errors import InputError
 from sensors.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.settings import settings_from_table

@@ -9,7 +9,8 @@ from pipeline.messages import (
     ModalEstimate,
     WindowRejected,
 )
-from pipeline.updating.updater import FoundationUpdater, UpdatingState
+from pipeline.updating.state import UpdatingState
+from pipeline.updating.updater import FoundationUpdater
 
 
 class FoundationUpdaterNode:

@@ -1,6 +1,6 @@
 """The updater's state as a small file: a restarted node goes on as if it had never stopped.
 
-    pilewatch-updating 2\n      what it is and the version of its layout, readable
+    pilewatch-updating 3\n      what it is and the version of its layout, readable
     CRC-32 of the rest          4 bytes, big-endian
     zlib(                       the rest
         length of the tree      4 bytes, big-endian

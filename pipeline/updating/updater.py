@@ -1,7 +1,7 @@
 """FoundationUpdater: one more modal estimate, one more posterior of the foundation's springs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
-from pipeline.updating.change.settings import ChangeSettings
 from pipeline.updating.change.sums import with_tracks_only
 from pipeline.updating.change.walk import deviation
 from pipeline.updating.checkpoint import (
@@ -29,21 +28,19 @@ from pipeline.updating.events import (
 )
 from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.forward_model import FloatArray, ForwardModel
-from pipeline.updating.guards import GuardSettings, refusal
+from pipeline.updating.guards import refusal
 from pipeline.updating.half_way import measured_half_way, stiffness_slopes
-from pipeline.updating.likelihood import LikelihoodSettings
 from pipeline.updating.matching import Match, Matcher, partners_in_water
-from pipeline.updating.pairing import PairingSettings
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.posterior_message import posterior_message
-from pipeline.updating.prior import Prior, PriorSettings, modal_where_supported
-from pipeline.updating.sampler import SamplerSettings
-from pipeline.updating.samplers import SamplingSettings, sampler_of
+from pipeline.updating.prior import Prior, modal_where_supported
+from pipeline.updating.samplers import sampler_of
 from pipeline.updating.sampling import PosteriorDraws
-from pipeline.updating.sightings import EstimateRefused, Sighting, diagonal
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.sightings import EstimateRefused
 from pipeline.updating.sightings import sightings as sightings_of
+from pipeline.updating.state import UpdatingState
 from pipeline.updating.uncertain import (
-    UncertainSettings,
     WidePrior,
     figure_summaries,
     require_figures,
@@ -52,46 +49,6 @@ from pipeline.updating.uncertain import (
 from sensors.layout import SensorLayout
 
 POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for
-RECENT_WINDOWS = 36  # that are kept one by one: six hours of ten minutes
-
-
-@dataclass(frozen=True, slots=True)
-class UpdatingSettings:
-    """Section [updating] of a scenario."""
-
-    prior: PriorSettings = field(default_factory=PriorSettings)
-    pairing: PairingSettings = field(default_factory=PairingSettings)
-    likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
-    sampling: SamplingSettings = field(default_factory=SamplingSettings)
-    sampler: SamplerSettings = field(default_factory=SamplerSettings)  # emcee's
-    guards: GuardSettings = field(default_factory=GuardSettings)
-    change: ChangeSettings = field(default_factory=ChangeSettings)
-    uncertain: UncertainSettings = field(default_factory=UncertainSettings)
-    population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RecentWindow:
-    """What one of the last windows saw, small enough to be kept."""
-
-    start_ns: int
-    duration: float  # [s]
-    weight: float  # hop / window duration [-]
-    rise: float  # of the water above the model's level [m]
-    sightings: tuple[Sighting, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UpdatingState:
-    """All that is remembered between windows; its size doesn't grow with their number."""
-
-    evidence: ModalEvidence
-    ensemble: FloatArray | None = None  # (n, 3) ratios drawn from the last posterior; what else
-    # is uncertain beside it
-    median: FloatArray | None = None  # (3,) ratios, of the last posterior
-    change: ChangeState = field(default_factory=ChangeState)
-    recent: tuple[RecentWindow, ...] = ()  # from which the evidence is begun anew after a change
-    sensitivities: tuple[TrackSensitivity, ...] = ()  # of the last posterior's pairs
 
 
 class FoundationUpdater:
@@ -226,11 +183,7 @@ class FoundationUpdater:
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationEvent | None]:
         seen = sightings_of(estimate, self._layout.channel_names)
-        evidence = state.evidence.with_sightings(
-            seen, estimate.weight, estimate.duration, rise=self._rise(estimate)
-        )
-        recent = self._with_recent(state, estimate, seen)
-        after = replace(state, evidence=evidence, recent=recent)
+        after = state.with_window(estimate, seen, self._rise(estimate))
         return self._looked_for_change(after, estimate)
 
     def _looked_for_change(
@@ -259,65 +212,62 @@ class FoundationUpdater:
         event = event_of(
             found, verdict, change, estimate, before=state.median, pairs=state.sensitivities
         )
-        start = change.sums.starts_ns[found.restart]
-        return replace(
-            state,
-            change=self._detector.restarted(change, found.restart),
-            evidence=self._evidence_since(state, start),
-            recent=tuple(each for each in state.recent if each.start_ns >= start),
-        ), event
-
-    def _evidence_since(self, state: UpdatingState, start_ns: int) -> ModalEvidence:
-        """The evidence of the recent windows alone that began at that time or later; their modes
-        keep the tracks they had."""
-        evidence = replace(self._no_evidence(), n_tracks=state.evidence.n_tracks)
-        for window in state.recent:
-            if window.start_ns >= start_ns:
-                evidence = evidence.with_sightings(
-                    window.sightings, window.weight, window.duration, rise=window.rise
-                )
-        return evidence.with_tracks_of(state.evidence)
+        anew = state.begun_anew(change.sums.starts_ns[found.restart], self._no_evidence())
+        return replace(anew, change=self._detector.restarted(change, found.restart)), event
 
     def _refreshed(
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
-        generator = np.random.default_rng([self._seed, estimate.window])
         match = self._matcher.matched(state.evidence, self._begun_at(state))
-        pairing, guards = match.pairing, self.settings.guards
-        against = refusal(pairing.paired_share, pairing.cost, guards)
+        pairing = match.pairing
+        against = refusal(pairing.paired_share, pairing.cost, self.settings.guards)
         if against is not None:
             return state, _rejected(estimate, EstimateRefused(against.code, against.text))
-        prior, sampled = self._prior, match
-        if self._wide_prior is not None:
-            prior, sampled = self._wide_prior, widened(match, self._wide_prior)
-        density = StiffnessDensity(
-            sampled.likelihood, sampled.forward, prior, generator, self._population
-        )
-        draws = self._sampler(density.target(sampled.peak, self._ensemble(state)), generator)
+        sampled = match if self._wide_prior is None else widened(match, self._wide_prior)
+        draws = self._drawn(sampled, state, estimate)
         representative = self._representative(draws)
+        after = replace(
+            state,
+            # contiguous, as a checkpoint gives it back: BLAS may round by layout
+            ensemble=np.ascontiguousarray(draws.ensemble),
+            median=representative[:3],
+            sensitivities=self._sensitivities(state.evidence, match, representative[:3]),
+        )
+        return after, self._posterior(state, estimate, sampled, draws, representative)
+
+    def _drawn(self, match: Match, state: UpdatingState, estimate: ModalEstimate) -> PosteriorDraws:
+        generator = np.random.default_rng([self._seed, estimate.window])
+        prior = self._wide_prior or self._prior
+        density = StiffnessDensity(
+            match.likelihood, match.forward, prior, generator, self._population
+        )
+        return self._sampler(density.target(match.peak, self._ensemble(state)), generator)
+
+    def _posterior(
+        self,
+        state: UpdatingState,
+        estimate: ModalEstimate,
+        match: Match,
+        draws: PosteriorDraws,
+        representative: FloatArray,
+    ) -> FoundationPosterior:
+        wide = self._wide_prior
         posterior = posterior_message(
             estimate,
-            sampled,
+            match,
             draws,
             representative,
             now=self._in_this_window(draws, state.change, estimate),
-            prior=prior,
-            guards=guards,
+            prior=wide or self._prior,
+            guards=self.settings.guards,
         )
-        if self._wide_prior is not None:
-            figures = figure_summaries(draws.flat[:, 3:-1], self._wide_prior)
-            posterior = replace(posterior, figures=figures)
-        if self._population is not None:
-            posterior = replace(posterior, population=self._population.name)
-        chance = self._change_probability(state.change, state.sensitivities, estimate.duration)
-        posterior = replace(posterior, change_probability=chance)
-        # contiguous, as a checkpoint gives it back: BLAS may round by layout
-        ensemble = np.ascontiguousarray(draws.ensemble)
-        median = representative[:3]
-        sensitivities = self._sensitivities(state.evidence, match, median)
-        return (
-            replace(state, ensemble=ensemble, median=median, sensitivities=sensitivities),
+        return replace(
             posterior,
+            figures=() if wide is None else figure_summaries(draws.flat[:, 3:-1], wide),
+            population="" if self._population is None else self._population.name,
+            change_probability=self._change_probability(
+                state.change, state.sensitivities, estimate.duration
+            ),
         )
 
     def _change_probability(
@@ -366,22 +316,6 @@ class FoundationUpdater:
     def _rise(self, estimate: ModalEstimate) -> float:
         """Of the water above the model's in the window [m]; 0 where the level is not known."""
         return float(np.nan_to_num(estimate.water_level - self._forward.water_level))
-
-    def _with_recent(
-        self, state: UpdatingState, estimate: ModalEstimate, seen: Sequence[Sighting]
-    ) -> tuple[RecentWindow, ...]:
-        """The last windows one by one. Where correlations aren't used, variances are all that is
-        kept of a covariance."""
-        if not state.evidence.joint_covariance:
-            seen = [diagonal(sighting) for sighting in seen]
-        latest = RecentWindow(
-            start_ns=estimate.start_ns,
-            duration=estimate.duration,
-            weight=estimate.weight,
-            rise=self._rise(estimate),
-            sightings=tuple(seen),
-        )
-        return (*state.recent, latest)[-RECENT_WINDOWS:]
 
     def _sensitivities(
         self, evidence: ModalEvidence, match: Match, median: FloatArray

@@ -51,7 +51,8 @@ from pipeline.messages import FoundationPosterior, ModalEstimate, ModePair, Wind
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.updating.likelihood import LikelihoodSettings
 from pipeline.updating.prior import PARAMETER_NAMES
-from pipeline.updating.updater import FoundationUpdater, UpdatingSettings
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.updater import FoundationUpdater
 from sensors.turbine.modal import ModalModel
 from tests.benchmarks._cases import (
     LAYOUT,

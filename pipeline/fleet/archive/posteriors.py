@@ -26,7 +26,9 @@ from pipeline.nodes.operation import OperationSettings, in_nacelle_axes, refusal
 from pipeline.runner import one_blas_thread
 from pipeline.transport.codec import decode, encode
 from pipeline.updating.population import StiffnessPopulation
-from pipeline.updating.updater import FoundationUpdater, UpdatingSettings, UpdatingState
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.state import UpdatingState
+from pipeline.updating.updater import FoundationUpdater
 from sensors.layout import SensorLayout
 from sensors.turbine.description import TurbineDescription
 from sensors.turbine.modal import ModalModel

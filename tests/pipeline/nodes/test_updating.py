@@ -11,7 +11,8 @@ from pipeline.updating.importance import ImportanceSettings
 from pipeline.updating.pairing import PairingSettings
 from pipeline.updating.sampler import SamplerSettings
 from pipeline.updating.samplers import SamplingSettings
-from pipeline.updating.updater import FoundationUpdater, UpdatingSettings
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.updater import FoundationUpdater
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 
 SETTINGS = UpdatingSettings(

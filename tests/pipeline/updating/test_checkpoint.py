@@ -12,7 +12,8 @@ from pipeline.updating.importance import ImportanceSettings
 from pipeline.updating.pairing import PairingSettings
 from pipeline.updating.sampler import SamplerSettings
 from pipeline.updating.samplers import SamplingSettings
-from pipeline.updating.updater import FoundationUpdater, UpdatingSettings
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.updater import FoundationUpdater
 from sensors.errors import InputError
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 

@@ -14,8 +14,9 @@ from pipeline.updating.pairing import PairingSettings
 from pipeline.updating.sampler import SamplerSettings
 from pipeline.updating.samplers import SamplingSettings, sampler_of
 from pipeline.updating.sampling import Target
+from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.tmcmc import TemperingSettings
-from pipeline.updating.updater import FoundationUpdater, UpdatingSettings
+from pipeline.updating.updater import FoundationUpdater
 from tests.pipeline.updating.small_tower import (
     LAYOUT,
     NOMINAL,

@@ -1,0 +1,27 @@
+"""Section [updating] of a scenario: all that the updating can be told."""
+
+from dataclasses import dataclass, field
+
+from pipeline.updating.change.settings import ChangeSettings
+from pipeline.updating.guards import GuardSettings
+from pipeline.updating.likelihood import LikelihoodSettings
+from pipeline.updating.pairing import PairingSettings
+from pipeline.updating.prior import PriorSettings
+from pipeline.updating.sampler import SamplerSettings
+from pipeline.updating.samplers import SamplingSettings
+from pipeline.updating.uncertain import UncertainSettings
+
+
+@dataclass(frozen=True, slots=True)
+class UpdatingSettings:
+    """Section [updating] of a scenario."""
+
+    prior: PriorSettings = field(default_factory=PriorSettings)
+    pairing: PairingSettings = field(default_factory=PairingSettings)
+    likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
+    sampling: SamplingSettings = field(default_factory=SamplingSettings)
+    sampler: SamplerSettings = field(default_factory=SamplerSettings)  # emcee's
+    guards: GuardSettings = field(default_factory=GuardSettings)
+    change: ChangeSettings = field(default_factory=ChangeSettings)
+    uncertain: UncertainSettings = field(default_factory=UncertainSettings)
+    population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none

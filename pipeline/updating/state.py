@@ -1,0 +1,67 @@
+"""What the updating remembers between windows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from pipeline.messages import ModalEstimate
+from pipeline.updating.change.detector import ChangeState
+from pipeline.updating.events import TrackSensitivity
+from pipeline.updating.evidence import ModalEvidence
+from pipeline.updating.forward_model import FloatArray
+from pipeline.updating.sightings import Sighting, diagonal
+
+RECENT_WINDOWS = 36  # that are kept one by one: six hours of ten minutes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecentWindow:
+    """What one of the last windows saw, small enough to be kept."""
+
+    start_ns: int
+    duration: float  # [s]
+    weight: float  # hop / window duration [-]
+    rise: float  # of the water above the model's level [m]
+    sightings: tuple[Sighting, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UpdatingState:
+    """All that is remembered between windows; its size doesn't grow with their number."""
+
+    evidence: ModalEvidence
+    ensemble: FloatArray | None = None  # (n, 3) ratios drawn from the last posterior; what else
+    # is uncertain beside it
+    median: FloatArray | None = None  # (3,) ratios, of the last posterior
+    change: ChangeState = field(default_factory=ChangeState)
+    recent: tuple[RecentWindow, ...] = ()  # from which the evidence is begun anew after a change
+    sensitivities: tuple[TrackSensitivity, ...] = ()  # of the last posterior's pairs
+
+    def with_window(
+        self, estimate: ModalEstimate, seen: Sequence[Sighting], rise: float
+    ) -> "UpdatingState":
+        """One more window's modes in the evidence, and among the recent windows.
+
+        Where correlations aren't used, variances are all that is kept of a recent covariance.
+        """
+        evidence = self.evidence.with_sightings(seen, estimate.weight, estimate.duration, rise=rise)
+        if not evidence.joint_covariance:
+            seen = [diagonal(sighting) for sighting in seen]
+        latest = RecentWindow(
+            start_ns=estimate.start_ns,
+            duration=estimate.duration,
+            weight=estimate.weight,
+            rise=rise,
+            sightings=tuple(seen),
+        )
+        return replace(self, evidence=evidence, recent=(*self.recent, latest)[-RECENT_WINDOWS:])
+
+    def begun_anew(self, start_ns: int, nothing: ModalEvidence) -> "UpdatingState":
+        """With the evidence of the recent windows alone that began at that time or later; their
+        modes keep the tracks they had. nothing: evidence without a window."""
+        recent = tuple(each for each in self.recent if each.start_ns >= start_ns)
+        evidence = replace(nothing, n_tracks=self.evidence.n_tracks)
+        for window in recent:
+            evidence = evidence.with_sightings(
+                window.sightings, window.weight, window.duration, rise=window.rise
+            )
+        return replace(self, evidence=evidence.with_tracks_of(self.evidence), recent=recent)
