@@ -30,7 +30,7 @@ from pipeline.messages import (
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
-from pipeline.nodes.operation import IdentificationInContext
+from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER
 from pipeline.recording.recent import latest_messages

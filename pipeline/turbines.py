@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pipeline.checkpoints import CheckpointedUpdating, CheckpointFolder
 from pipeline.nodes.node import Node
-from pipeline.nodes.operation import UpdatingInContext
 from pipeline.nodes.updating import FoundationUpdaterNode
+from pipeline.nodes.updating_in_context import UpdatingInContext
 from pipeline.scenario import Scenario, farm_members
 from pipeline.updating.updater import FoundationUpdater
 from sensors.layout import SensorLayout

@@ -10,7 +10,7 @@ import pytest
 from pipeline.checkpoints import LATEST, CheckpointedUpdating, CheckpointFolder, NodeCheckpoint
 from pipeline.messages import FoundationPosterior
 from pipeline.nodes.account import NodeAccount
-from pipeline.nodes.operation import UpdatingInContext
+from pipeline.nodes.updating_in_context import UpdatingInContext
 from pipeline.transport.codec import encode
 from pipeline.updating.checkpoint import CheckpointError
 from tests.pipeline.updating.small_tower import LAYOUT

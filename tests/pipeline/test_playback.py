@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate
-from pipeline.nodes.operation import IdentificationInContext
+from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.playback import Playback
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings

@@ -17,7 +17,7 @@ from pipeline.messages import (
     ModalEstimate,
     WindowRejected,
 )
-from pipeline.nodes.operation import IdentificationInContext
+from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.reader import read_messages
 from pipeline.runner import one_blas_thread, with_end

@@ -22,7 +22,8 @@ from dataclasses import dataclass
 from pipeline.fleet.archive.store import Frame, frames_of, key_of_result, messages_in
 from pipeline.fleet.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
-from pipeline.nodes.operation import OperationSettings, in_nacelle_axes, refusal_by_operation
+from pipeline.nodes.nacelle_axes import in_nacelle_axes
+from pipeline.nodes.operation import OperationSettings, refusal_by_operation
 from pipeline.runner import one_blas_thread
 from pipeline.transport.codec import decode, encode
 from pipeline.updating.population import StiffnessPopulation

@@ -7,14 +7,9 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Message, ModalEstimate, Mode, Warning, WindowRejected  # noqa: A004
-from pipeline.nodes.operation import (
-    CHANGING,
-    OperationLog,
-    OperationSettings,
-    UpdatingInContext,
-    in_nacelle_axes,
-    turning_matrix,
-)
+from pipeline.nodes.nacelle_axes import in_nacelle_axes, turning_matrix
+from pipeline.nodes.operation import CHANGING, OperationLog, OperationSettings
+from pipeline.nodes.updating_in_context import UpdatingInContext
 from pipeline.oma.block_watch import BlockWatch
 from pipeline.oma.channel_watch import ChannelWatch
 from sensors.blocks import NANOSECONDS

@@ -6,9 +6,10 @@ from dataclasses import replace
 import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
-from pipeline.nodes import operation
-from pipeline.nodes.operation import IdentificationInContext, UpdatingInContext
+from pipeline.nodes import identification_in_context, updating_in_context
+from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.nodes.roster import Roster
+from pipeline.nodes.updating_in_context import UpdatingInContext
 from pipeline.oma.settings import OmaSettings
 from sensors.scada import ScadaSample
 from tests.pipeline.example_messages import LAYOUT, block, rejection
@@ -29,8 +30,9 @@ def test_who_has_said_least_goes_and_of_these_who_was_silent_longest() -> None:
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """At most four turbines of three units each."""
-    monkeypatch.setattr(operation, "MOST_TURBINES", 4)
-    monkeypatch.setattr(operation, "MOST_UNITS", 3)
+    monkeypatch.setattr(identification_in_context, "MOST_TURBINES", 4)
+    monkeypatch.setattr(updating_in_context, "MOST_TURBINES", 4)
+    monkeypatch.setattr(identification_in_context, "MOST_UNITS", 3)
 
 
 def holdings(node: IdentificationInContext) -> list[int]:

@@ -17,7 +17,7 @@ from pipeline.fleet.archive.tracking import ArchiveTracking
 from pipeline.fleet.archive.turbines import archived_turbines
 from pipeline.fleet.archive.work import ThisProcess
 from pipeline.messages import Message, ModalEstimate, WindowRejected
-from pipeline.nodes.operation import IdentificationInContext
+from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.runner import with_end
 from pipeline.sources import replayed
 from sensors.blocks import NANOSECONDS
