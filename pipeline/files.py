@@ -1,7 +1,7 @@
 """Files that are there as a whole or not at all."""
 
 import os
-import tempfile
+import secrets
 from contextlib import suppress
 from pathlib import Path
 
@@ -9,16 +9,18 @@ from pathlib import Path
 def written_whole(path: Path, content: bytes) -> None:
     """Write a file that is never seen half written, not even after a power cut.
 
-    Raises OSError where the disk refuses; what was there before is then still there.
+    Raises OSError, with the file's name, where the disk refuses; what was there before is then
+    still there.
     """
-    descriptor, name = tempfile.mkstemp(prefix=".", suffix=".part", dir=path.parent)
+    part = path.with_name(f".{secrets.token_hex(6)}.part")
     try:
-        with os.fdopen(descriptor, "wb") as file:
+        with part.open("xb") as file:  # may be read by whom the umask lets
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        Path(name).replace(path)
-    except BaseException:
+        part.replace(path)
+    except OSError as error:  # of writing, it names no file; of opening, one that nobody knows
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    finally:
         with suppress(OSError):
-            Path(name).unlink()
-        raise
+            part.unlink(missing_ok=True)

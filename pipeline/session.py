@@ -21,6 +21,8 @@ from pipeline import runner
 from pipeline.app import Outputs, Plan, build
 from pipeline.checkpoints import FOLDER as CHECKPOINTS
 from pipeline.feeding import FeedAccount
+from pipeline.files import written_whole
+from pipeline.json_values import Json
 from pipeline.messages import Message
 from pipeline.metrics import MetricsDesk, served
 from pipeline.nodes.node import Node
@@ -38,7 +40,7 @@ from pipeline.replay_control import ReplayControl
 from pipeline.sources import Source
 from pipeline.status import ENDPOINT_FILE, StatusDesk
 from pipeline.status import KEY as STATUS_KEY
-from pipeline.summary import Json, SessionSummary
+from pipeline.summary import SessionSummary
 from pipeline.supervisor import SupervisedProcess
 from pipeline.transport.bus import Bus
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, peer_of
@@ -78,6 +80,7 @@ class Session:
     summary: SessionSummary
     figures: Json  # the content of summary.json
     files: tuple[Path, ...]
+    complete: bool  # whether summary.json could be written
 
 
 def run_session(
@@ -128,10 +131,21 @@ def run_session(
             _run(source, options, outputs, desks, account, scenario_option, stopping)
     finally:
         figures = summary.as_json(wall=time.monotonic() - started)
-        written = json.dumps(figures, indent=2, ensure_ascii=False, allow_nan=False)
-        (options.out / SUMMARY).write_text(written + "\n", encoding="utf-8")
+        complete = _write_summary(options.out / SUMMARY, figures)
     files = tuple(options.out / name for name in (RECORDING, PICTURES, SUMMARY))
-    return Session(summary, figures, tuple(path for path in files if path.exists()))
+    return Session(summary, figures, tuple(path for path in files if path.exists()), complete)
+
+
+def _write_summary(path: Path, figures: Json) -> bool:
+    """Whether it could be written; why not is told, and costs neither the results of the session
+    nor the reason for which it may have ended."""
+    text = json.dumps(figures, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    try:
+        written_whole(path, text.encode())
+    except OSError as error:
+        logger.error("cannot write %s: %s", path, error.strerror)
+        return False
+    return True
 
 
 def session_outputs(

@@ -139,6 +139,8 @@ def run(
         else:
             _print_session(session, opened.scenario)
         shown.stay(stopping)
+    if not session.complete:
+        raise typer.Exit(2)
 
 
 def _imported(

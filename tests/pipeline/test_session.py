@@ -1,12 +1,17 @@
 """Files of a session: where they go, and that none is ever overwritten."""
 
+import errno
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from pipeline.session import SessionOptions, node_command, prepare_folder
-from pipeline.sources import Source, SourceError, open_source, replayed, simulated
+from pipeline import session
+from pipeline.playback import Playback
+from pipeline.recorded_streams import SourceError
+from pipeline.session import SessionOptions, node_command, prepare_folder, run_session
+from pipeline.sources import Source, open_source, replayed, simulated
 from pipeline.transport.zenoh_bus import peer_of
 from pipeline.viewer.outputs import ConnectedViewer
 from sensors.blocks import AccelerationBlock
@@ -43,6 +48,24 @@ def test_a_session_that_is_replayed_into_its_own_folder_is_found_again(
     assert source.recording is not None
     assert source.recording.exists()
     assert source.recording != own
+
+
+def test_a_summary_that_the_disk_refuses_is_named_and_costs_no_results(
+    tmp_path: Path,
+    short_recording: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def full(path: Path, _: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr(session, "written_whole", full)
+    source = replayed(short_recording).with_playback(Playback(0.0, 3.0))
+    ended = run_session(source, SessionOptions(out=tmp_path, way="lock-step", rrd=False))
+    assert not ended.complete
+    assert ended.figures["duration_s"] == 3.0
+    assert caplog.messages == [f"cannot write {tmp_path / 'summary.json'}: No space left on device"]
+    assert [path.name for path in ended.files] == ["session.mcap"]
 
 
 def test_a_file_in_place_of_the_folder_is_one_line(tmp_path: Path, short_recording: Path) -> None:
