@@ -114,6 +114,8 @@ def parsed(text: str) -> FeedAddress:
         if not path:
             raise FeedError(f"{text}: which file? scada+csv:FILE")
         return FeedAddress(text, kind, path=path, options=options)
+    if not rest.startswith("//"):
+        raise FeedError(f"{text}: write {scheme}://{rest}")
     user, _, place = rest.removeprefix("//").rpartition("@")
     if ":" in user:
         raise FeedError(

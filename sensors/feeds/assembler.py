@@ -11,15 +11,15 @@ Decisions depend on the stamps alone, never on when a message arrived.
 from collections.abc import Iterator
 
 from sensors.blocks import AccelerationBlock
-from sensors.feeds.clock import RateFinder
+from sensors.feeds.clock import SET_ANEW, STAMPS, RateFinder, RateWatch, are_equal
 from sensors.feeds.columns import Columns
+from sensors.feeds.cutter import SessionNames
 from sensors.feeds.feed import ChannelSamples, FeedCounts
 from sensors.feeds.placing import Placing
 from sensors.files.layout_file import LayoutFile
 
 BLOCK = 1.0  # [s]
 WAIT = 2.0  # of sensor time, for a channel that is late [s]
-RATE_TOLERANCE = 1e-3  # between what is told of the sampling rate, relative
 MOST_EARLY = 10_000  # pieces that wait for a rate
 LONGEST_PIECE = 120.0  # of one message [s], however slow the sampling
 SHORTEST_LIMIT = 4096  # samples that a message may always have
@@ -30,7 +30,8 @@ class Assembler:
 
     layout          which channels there are, and in which unit they come
     counts          takes what is late, duplicate, unknown or wild
-    sampling_rate   [Hz]; None: as the messages say, or the stamps of single samples
+    sampling_rate   [Hz]; None: as the messages say, or the stamps of single samples; what they
+                    say for long enough begins a session at another rate
     block           length of a block [s]
     wait            for a channel that is late [s of sensor time]; at least two messages' length
     """
@@ -46,61 +47,89 @@ class Assembler:
     ) -> None:
         self._columns = Columns(layout)
         self._counts = counts
-        self._rate = sampling_rate
+        self._given, self._rate = sampling_rate, sampling_rate
         self._block, self._wait = block, wait
-        self._finder = RateFinder()
+        self._finder, self._watch = RateFinder(), RateWatch()
+        self._sessions = SessionNames()
         self._early: list[ChannelSamples] = []  # that came before the rate was known
         self._placing: Placing | None = None
+        self._taken = 0  # pieces at the present rate
+        self._missing = 0  # blocks that gaps at earlier rates cost
 
     @property
     def missing_blocks(self) -> int:
         """Blocks that the gaps so far cost."""
-        return self._placing.missing_blocks if self._placing else 0
+        return self._missing + (self._placing.missing_blocks if self._placing else 0)
 
     def push(self, piece: ChannelSamples) -> Iterator[AccelerationBlock]:
         """Take what a message brought; give the blocks that it completes."""
-        if not self._is_usable(piece):
+        usable = self._usable(piece)
+        if usable is None:
             return
-        self._early.append(piece)
-        self._rate = self._rate or self._told_rate(piece)
+        self._early.append(usable)
+        self._rate = self._rate or self._told_rate(usable)
         if self._rate is None:
             return
         early, self._early = self._early, []
         for each in early:
-            if self._fits(each, self._rate):
-                yield from self._placed(each, self._rate)
+            yield from self._rated(each)
 
     def finish(self) -> Iterator[AccelerationBlock]:
         """Nothing more will come: give what is left."""
+        if self._early:
+            self._counts.refuse(
+                f"{self._early[-1].stream}: {len(self._early)} samples and no rate; {STAMPS} of a "
+                "channel show it, or the option rate= says it"
+            )
         if self._placing is not None:
             yield from self._placing.finish()
 
-    def _is_usable(self, piece: ChannelSamples) -> bool:
-        unlisted = [name for name in piece.names if not self._columns.has(name)]
-        for name in unlisted:
-            self._counts.miss(name)
-        if len(unlisted) == len(piece.names):
-            return False
-        complaint = self._columns.complaint(piece)
-        if not piece.samples.size:
+    def _usable(self, piece: ChannelSamples) -> ChannelSamples | None:
+        """What a piece has of the layout's channels; None where that is nothing."""
+        for name in piece.names:
+            if not self._columns.has(name):
+                self._counts.miss(name)
+        listed = self._columns.listed(piece)
+        if not listed.names:
+            return None
+        complaint = self._columns.complaint(listed)
+        if not listed.samples.size:
             complaint = f"{piece.stream}: a message without samples"
         if complaint:
             self._counts.refuse(complaint)
-        return not complaint
+            return None
+        return listed
 
     def _told_rate(self, piece: ChannelSamples) -> float | None:
         rate = piece.sampling_rate
         if rate is None and len(piece.samples) == 1:
             rate = self._finder.rate(piece.stream, piece.start_ns)
         if rate is None and len(self._early) > MOST_EARLY:
-            self._counts.refuse(f"{piece.stream} tells no sampling rate; say it with ?rate=")
+            self._counts.refuse(f"{piece.stream} tells no sampling rate; the option rate= says it")
             self._early.clear()
         return rate
+
+    def _rated(self, piece: ChannelSamples) -> Iterator[AccelerationBlock]:
+        """A piece whose unit's rate is known, or is another one from now on."""
+        assert self._rate is not None
+        told = piece.sampling_rate or self._rate
+        if self._watch.is_set_anew(told, self._rate) and self._may_change_the_rate(piece):
+            yield from self.finish()
+            self._missing, self._placing, self._taken = self.missing_blocks, None, 0
+            self._rate = told
+        if self._fits(piece, self._rate):
+            yield from self._placed(piece, self._rate)
+
+    def _may_change_the_rate(self, piece: ChannelSamples) -> bool:
+        """Whether it is the unit's own, rather than another one's that never had its rate."""
+        if self._given is not None or self._placing is None:
+            return False
+        return self._taken < SET_ANEW or self._placing.knows(piece.stream)
 
     def _fits(self, piece: ChannelSamples, rate: float) -> bool:
         """Whether a piece has the unit's rate and a length that can be waited for."""
         told = piece.sampling_rate or rate
-        if abs(told / rate - 1) > RATE_TOLERANCE:
+        if not are_equal(told, rate):
             self._counts.refuse(
                 f"{piece.stream} is sampled at {told:g} Hz, the unit at {rate:g} Hz; what is "
                 "sampled otherwise is a unit of its own"
@@ -118,6 +147,13 @@ class Assembler:
         if self._placing is None:
             size = max(1, round(self._block * rate))
             self._placing = Placing(
-                piece, self._columns, self._counts, rate=rate, size=size, wait=self._wait
+                piece,
+                self._columns,
+                self._counts,
+                rate=rate,
+                size=size,
+                wait=self._wait,
+                sessions=self._sessions,
             )
+        self._taken += 1
         yield from self._placing.push(piece)

@@ -14,7 +14,10 @@ from sensors.files.table import rate_of_stamps
 # Samples over which the clock follows the stamps: a drift of 100 ppm is followed within a tenth of
 # a sample, jitter of half a sample moves it by a fiftieth. At first all stamps count alike.
 FOLLOWED = 1000.0
+RATE_TOLERANCE = 1e-3  # between what is told of a sampling rate, relative
+SET_ANEW = 10  # messages in a row that tell another rate
 STAMPS = 64  # single samples whose stamps tell their rate
+MOST_STREAMS = 1000  # whose stamps are kept until then
 
 
 class UnitClock:
@@ -45,6 +48,28 @@ class UnitClock:
         self._index, self._ns = index, expected + round(gain * (time_ns - expected))
 
 
+class RateWatch:
+    """Notices that an instrument's sampling rate was set anew: so many messages in a row tell the
+    same other one. A single one that does is nonsense, or of another instrument."""
+
+    def __init__(self) -> None:
+        self._told, self._count = 0.0, 0
+
+    def is_set_anew(self, told: float, rate: float) -> bool:
+        """Take note of what a message tells [Hz], where the rate so far is `rate`."""
+        if are_equal(told, rate):
+            self._count = 0
+            return False
+        self._count = self._count + 1 if are_equal(told, self._told) else 1
+        self._told = told
+        return self._count >= SET_ANEW
+
+
+def are_equal(told: float, rate: float) -> bool:
+    """Whether two sampling rates are one, as instruments round them."""
+    return abs(told - rate) <= RATE_TOLERANCE * rate
+
+
 class RateFinder:
     """The sampling rate of samples that come one by one with their stamps."""
 
@@ -53,6 +78,8 @@ class RateFinder:
 
     def rate(self, stream: str, time_ns: int) -> float | None:
         """Take note of a stamp; the rate [Hz] when one stream has shown enough of them."""
+        if stream not in self._stamps and len(self._stamps) >= MOST_STREAMS:
+            self._stamps.clear()  # they are nonsense, or one of them will come again
         stamps = self._stamps.setdefault(stream, [])
         stamps.append(time_ns)
         if len(stamps) < STAMPS:

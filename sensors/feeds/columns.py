@@ -1,5 +1,7 @@
 """Which column of a unit's blocks a channel of the instrument is, and what turns it into m/s²."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sensors.feeds.feed import ChannelSamples, FloatArray
@@ -27,11 +29,18 @@ class Columns:
         """Whether the layout lists a channel of this name."""
         return name in self._numbers
 
+    def listed(self, piece: ChannelSamples) -> ChannelSamples:
+        """The piece with its listed channels alone."""
+        keep = [i for i, name in enumerate(piece.names) if name in self._numbers]
+        if len(keep) == len(piece.names):
+            return piece
+        names = tuple(piece.names[i] for i in keep)
+        return replace(piece, names=names, samples=piece.samples[:, keep])
+
     def complaint(self, piece: ChannelSamples) -> str:
         """Why the piece's unit is none for its channels; "" where it is."""
         for name in piece.names:
-            channel = self._channels.get(name)
-            if channel is not None and channel.unit is None and factor_to(piece.unit) is None:
+            if self._channels[name].unit is None and factor_to(piece.unit) is None:
                 return (
                     f"{piece.stream}: channel {name!r} comes in {piece.unit!r:.20}, which is no "
                     "acceleration; say in the layout what it is, e.g. unit = 'm/s'"
@@ -39,15 +48,13 @@ class Columns:
         return ""
 
     def of(self, piece: ChannelSamples) -> tuple[list[int], FloatArray]:
-        """Columns of the piece's channels that are listed, and their samples in the layout's
-        units, (n_samples, n_listed); NaN where a number is none that a block can hold."""
-        listed = [i for i, name in enumerate(piece.names) if name in self._numbers]
-        names = [piece.names[i] for i in listed]
-        factors = [factor_of(self._channels[name], piece.unit) for name in names]
+        """Columns of the channels of a piece that has listed ones alone, and their samples in the
+        layout's units, (n_samples, n_names); NaN where a number is none that a block can hold."""
+        factors = [factor_of(self._channels[name], piece.unit) for name in piece.names]
         with np.errstate(over="ignore", invalid="ignore"):
-            scaled = piece.samples[:, listed] * np.array(factors)
+            scaled = piece.samples * np.array(factors)
             scaled[~(np.abs(scaled) <= LARGEST)] = np.nan
-        return [self._numbers[name] for name in names], scaled
+        return [self._numbers[name] for name in piece.names], scaled
 
 
 def sensor_layout(layout: FeedLayout) -> SensorLayout:

@@ -11,6 +11,7 @@ import asyncio
 import csv
 import logging
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -25,6 +26,7 @@ logger = logging.getLogger(__name__)
 
 POLL = 0.2  # how often the file is looked at [s]
 LONGEST_ROW = 2**16  # [bytes]
+CHUNK = 2**20  # read at once [bytes]
 _SEPARATORS = (";", "\t", ",")  # the first that a header has
 
 
@@ -73,6 +75,8 @@ class CsvTailFeed:
             sample = self._rows.sample(line)
             if sample is not None:
                 await inbox.put(sample)
+            else:
+                await asyncio.sleep(0)  # a long file of nonsense holds nobody up
 
     def _is_replaced(self, file: BinaryIO) -> bool:
         try:
@@ -90,6 +94,7 @@ class _Rows:
         self._separator = ","
         self._newest_ns = -1
         self._part = b""  # of a row that is being written
+        self._overlong = False  # the row's beginning was too long already
 
     def begin(self, file: BinaryIO, *, from_start: bool) -> None:
         """Go to where the new rows begin.
@@ -97,7 +102,7 @@ class _Rows:
         Raises LinkError for a file that has no header yet.
         """
         file.seek(0)
-        self._part = b""
+        self._part, self._overlong = b"", False
         if from_start:
             return
         header = file.readline(LONGEST_ROW)
@@ -106,14 +111,18 @@ class _Rows:
         self._take_header(header)
         file.seek(0, os.SEEK_END)
 
-    def lines(self, file: BinaryIO) -> list[bytes]:
+    def lines(self, file: BinaryIO) -> Iterator[bytes]:
         """The rows that have been finished since."""
-        whole = self._part + file.read()
-        *lines, self._part = whole.split(b"\n")
-        if len(self._part) > LONGEST_ROW:
-            self._counts.refuse(f"a row of more than {LONGEST_ROW} bytes")
-            self._part = b""
-        return [line for line in lines if line.strip()]
+        while chunk := file.read(CHUNK):
+            *lines, self._part = (self._part + chunk).split(b"\n")
+            for line in lines:
+                if self._overlong or len(line) > LONGEST_ROW:
+                    self._counts.refuse(f"a row of more than {LONGEST_ROW} bytes")
+                    self._overlong = False
+                elif line.strip():
+                    yield line
+            if len(self._part) > LONGEST_ROW:
+                self._part, self._overlong = b"", True
 
     def sample(self, line: bytes) -> ScadaSample | None:
         """What a row says; None of a header, and of what is counted instead."""

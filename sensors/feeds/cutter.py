@@ -15,24 +15,44 @@ from sensors.feeds.feed import FloatArray
 from sensors.layout import SensorLayout
 
 
+class SessionNames:
+    """Names of a unit's sessions by when they begin, each given once, however clocks are set."""
+
+    def __init__(self) -> None:
+        self._latest = ""
+        self._count = 0
+
+    def next(self, start_ns: int) -> str:
+        """Of the session that begins at a moment [ns]."""
+        self._count += 1
+        name = f"{datetime.fromtimestamp(start_ns // NANOSECONDS, UTC):%Y%m%dT%H%M%SZ}"
+        if name <= self._latest:  # the clock was set back
+            return f"{name}-{self._count}"
+        self._latest = name
+        return name
+
+
 class RowCutter:
     """Cuts the rows of one unit into blocks.
 
     layout          of the columns
     sampling_rate   [Hz]
     size            of a block [samples]
+    sessions        names them
 
     `part` ends the session: the next row begins another one.
     """
 
-    def __init__(self, layout: SensorLayout, sampling_rate: float, size: int) -> None:
+    def __init__(
+        self, layout: SensorLayout, sampling_rate: float, size: int, sessions: SessionNames
+    ) -> None:
         self._layout = layout
         self._rate = sampling_rate
         self.size = size
         self._held = np.empty((0, len(layout.channels)))  # not yet in a block
         self._begin = 0  # index of the first row held
         self._session = ""
-        self._sessions: set[str] = set()
+        self._sessions = sessions
         self._origin = 0  # index of the session's first row
         self._sequence = 0  # of the next block
         self.missing_blocks = 0  # that the gaps of all sessions cost, in lengths of a block
@@ -91,12 +111,7 @@ class RowCutter:
             yield self._block(self.size, time_of, status_of)
 
     def _start_session(self, begin: int, start_ns: int) -> None:
-        name = f"{datetime.fromtimestamp(start_ns // NANOSECONDS, UTC):%Y%m%dT%H%M%SZ}"
-        number = 2
-        self._session = name
-        while self._session in self._sessions:  # the clock was set back
-            self._session, number = f"{name}-{number}", number + 1
-        self._sessions.add(self._session)
+        self._session = self._sessions.next(start_ns)
         self._origin, self._sequence = begin, 0
 
     def _block(

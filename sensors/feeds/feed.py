@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 
 INBOX_ARRIVALS = 10_000  # that wait to be taken out; then a feed is held up, or drops (UDP)
 NAMED_UNKNOWN = 20  # channels that no layout lists: so many are remembered by name
+LONGEST_NAME, LONGEST_SENTENCE = 60, 240  # of what strangers call things [characters]
 
 
 class FeedError(InputError):
@@ -52,6 +53,7 @@ class FeedCounts:
     duplicate: int = 0  # messages that came twice
     malformed: int = 0  # messages that were dropped: broken, oversized, stamped by a wild clock
     forged: int = 0  # messages without the right signature
+    retained: int = 0  # measurements that a broker had kept from before; left out
     unknown: Counter[str] = field(default_factory=Counter)  # channels that the layout does not list
     refusal: str = ""  # of the last malformed message: what was wrong
     trouble: str = ""  # of the link: why it is down, or went down last
@@ -65,12 +67,26 @@ class FeedCounts:
     def refuse(self, sentence: str) -> None:
         """Count a message that is dropped, and keep why."""
         self.malformed += 1
-        self.refusal = sentence
+        self.refusal = printable(sentence, LONGEST_SENTENCE)
+
+    def refuse_forged(self, sentence: str) -> None:
+        """Count a message without the right signature."""
+        self.forged += 1
+        self.refusal = printable(sentence, LONGEST_SENTENCE)
 
     def miss(self, channel: str) -> None:
         """Count samples of a channel that the layout does not list."""
-        if channel in self.unknown or len(self.unknown) < NAMED_UNKNOWN:
-            self.unknown[channel] += 1
+        name = printable(channel, LONGEST_NAME)
+        if name in self.unknown or len(self.unknown) < NAMED_UNKNOWN:
+            self.unknown[name] += 1
+
+
+def printable(text: str, longest: int) -> str:
+    """What a stranger wrote, fit for a terminal and a status: no control characters, no more than
+    so many characters."""
+    if len(text) > longest:
+        text = f"{text[: longest - 1]}…"
+    return "".join(letter if letter.isprintable() else "�" for letter in text)
 
 
 class Inbox(asyncio.Queue[Arrival]):

@@ -10,6 +10,7 @@ the system's; cert=FILE and key=FILE are the client's own.
 """
 
 import logging
+import re
 import ssl
 import time
 from collections.abc import Iterator
@@ -32,6 +33,11 @@ KEEP_ALIVE = 10  # a silent broker is given up after one and a half of it [s]
 WAITING_MESSAGES = 20_000  # between the socket and the inbox
 REFUSED = 128  # SUBACK: from here on there is no subscription
 _REFUSED = {4, 5, 134, 135}  # CONNACK: bad user name or password, not authorised (MQTT 3.1.1, 5)
+LONGEST_TOPIC = 1000  # [characters]
+LARGEST_PAYLOAD = 2**22  # [bytes]: a second of 100 channels at 10 kHz
+
+
+_CODE = re.compile(r"^\[[^\]]*\] | \(_ssl\.c:\d+\)$")
 
 
 class Reader(Protocol):
@@ -83,9 +89,21 @@ class MqttFeed:
                         await inbox.put(arrival)
         except self._aiomqtt.MqttError as error:
             code = getattr(error, "rc", None)
-            if getattr(code, "value", code) in _REFUSED and not self.counts.connections:
-                raise FeedError(f"{self.name}: the broker refuses this user: {error}") from error
+            if getattr(code, "value", code) in _REFUSED:
+                self._refuse_user(error)
             raise LinkError(_reason(error)) from error
+
+    def _refuse_user(self, error: Exception) -> None:
+        if self._address.user:
+            sentence = f"the broker refuses the user {self._address.user} or the password"
+        else:
+            sentence = (
+                "the broker wants a user: mqtt://USER@HOST/…, and the password in "
+                "PILEWATCH_FEED_PASSWORD or ?password-file=FILE"
+            )
+        if self.counts.connections:
+            raise LinkError(sentence) from error
+        raise FeedError(f"{self.name}: {sentence}") from error
 
     async def _subscribe(self, client: Any) -> None:
         topic = self._address.path
@@ -119,6 +137,10 @@ class MqttFeed:
     def _arrivals(self, message: Any) -> Iterator[Arrival]:
         topic, payload = message.topic.value, bytes(message.payload or b"")
         try:
+            if len(topic) > LONGEST_TOPIC:
+                raise MessageError(f"a topic of {len(topic)} letters; at most {LONGEST_TOPIC}")
+            if len(payload) > LARGEST_PAYLOAD:
+                raise MessageError(f"{len(payload)} bytes; at most {LARGEST_PAYLOAD}")
             yield from self._reader.read(topic, payload, retained=message.retain)
         except MessageError as error:
             self.counts.refuse(f"{topic}: {error}")
@@ -143,7 +165,8 @@ class SamplesReader:
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
         kind = self._format if self._format != "auto" else kind_of(topic, payload)
         if retained and not topic.endswith("/metadata"):
-            return  # what was measured before: not now, and its number is no loss
+            self._counts.retained += 1  # of another time, and its number is no loss
+            return
         if kind == "float32":
             piece = self._frames.read(payload, topic)
         else:
@@ -208,5 +231,7 @@ def _tls(address: FeedAddress) -> ssl.SSLContext | None:
 
 
 def _reason(error: BaseException) -> str:
-    """In few words why a link is down."""
-    return " ".join(str(error.__cause__ or error).split()) or type(error).__name__
+    """In few words why a link is down, without the numbers that codes have."""
+    cause = error.__cause__ or error
+    words = getattr(cause, "strerror", None) or _CODE.sub("", str(cause))
+    return " ".join(words.split()) or type(cause).__name__

@@ -26,8 +26,7 @@ class FrameReader:
         try:
             frame = decoded(payload, self._key)
         except ForgedFrame as error:
-            self._counts.forged += 1
-            self._counts.refusal = str(error)
+            self._counts.refuse_forged(str(error))
             return None
         except FrameError as error:
             self._counts.refuse(f"{sender or 'a frame'}: {error}")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.clock import UnitClock
 from sensors.feeds.columns import Columns
-from sensors.feeds.cutter import RowCutter
+from sensors.feeds.cutter import RowCutter, SessionNames
 from sensors.feeds.feed import ChannelSamples, FeedCounts
 from sensors.feeds.rows import WaitingRows
 
@@ -41,6 +41,7 @@ class Placing:
     rate      [Hz]
     size      of a block [samples]
     wait      for a channel that is late [s of sensor time]
+    sessions  names them
     """
 
     def __init__(
@@ -52,10 +53,11 @@ class Placing:
         rate: float,
         size: int,
         wait: float,
+        sessions: SessionNames,
     ) -> None:
         self._columns, self._counts = columns, counts
         self._rate, self._wait = rate, round(wait * rate)
-        self._cutter = RowCutter(columns.layout, rate, size)
+        self._cutter = RowCutter(columns.layout, rate, size, sessions)
         self._streams: dict[str, _Stream] = {}
         self._begin(first)
 
@@ -63,6 +65,10 @@ class Placing:
     def missing_blocks(self) -> int:
         """Blocks that the gaps so far cost."""
         return self._cutter.missing_blocks
+
+    def knows(self, stream: str) -> bool:
+        """Whether samples of a topic or a sender were taken."""
+        return stream in self._streams
 
     def push(self, piece: ChannelSamples) -> Iterator[AccelerationBlock]:
         """Take what a message brought; give the blocks that it completes."""

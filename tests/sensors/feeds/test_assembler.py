@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.feeds.assembler import Assembler
+from sensors.feeds.cutter import SessionNames
 from sensors.feeds.feed import ChannelSamples, FeedCounts
 from sensors.files.layout_file import LayoutFile, MappedChannel
 
@@ -284,3 +285,53 @@ def test_a_channel_of_another_rate_is_refused() -> None:
     assembled([piece(0), piece(0, names=("ax",), rate=50.0)], counts)
     assert counts.malformed == 1
     assert "ax is sampled at 50 Hz, the unit at 40 Hz" in counts.refusal
+
+
+def at_50_hz(second: int) -> ChannelSamples:
+    return piece(40 * second, 50, at=40 * second, rate=50.0)
+
+
+def test_an_instrument_that_is_set_to_another_rate_begins_a_session_at_it() -> None:
+    counts = FeedCounts()
+    blocks = assembled(
+        [piece(0), piece(40), *(at_50_hz(second) for second in range(2, 20))], counts
+    )
+    assert [block.sampling_rate for block in blocks] == [40.0] * 2 + [50.0] * 9
+    assert len({block.session for block in blocks}) == 2
+    assert counts.malformed == 9  # the tenth message in a row is believed
+
+
+def test_one_message_of_another_rate_at_the_start_does_not_keep_the_instrument_out() -> None:
+    wild = piece(0, 5, ("ax",), rate=1e-3, stream="wild")
+    blocks = assembled([wild, *(piece(first) for first in range(0, 800, 40))])
+    assert [block.sampling_rate for block in blocks][-11:] == [40.0] * 11
+
+
+def test_another_instrument_of_another_rate_never_takes_the_unit_over() -> None:
+    counts = FeedCounts()
+    other = [piece(0, 5, ("ax",), rate=1.0, stream="other") for _ in range(30)]
+    blocks = assembled([*(piece(first) for first in range(0, 800, 40)), *other, piece(800)], counts)
+    assert {block.sampling_rate for block in blocks} == {40.0}
+    assert (len(blocks), counts.malformed) == (21, 30)
+
+
+def test_samples_whose_rate_nobody_tells_are_counted_and_the_option_is_named() -> None:
+    counts = FeedCounts()
+    assert assembled([piece(i, 1, rate=None) for i in range(20)], counts) == []
+    assert counts.refusal == (
+        "ax,ay: 20 samples and no rate; 64 of a channel show it, or the option rate= says it"
+    )
+
+
+def test_sessions_of_a_clock_that_is_set_back_again_and_again_have_names_of_their_own() -> None:
+    names = SessionNames()
+    given = [names.next(START + seconds * NANOSECONDS) for seconds in (0, 5, 0, 5, 5, 9, 0)]
+    assert given == [
+        "20231114T221320Z",
+        "20231114T221325Z",
+        "20231114T221320Z-3",
+        "20231114T221325Z-4",
+        "20231114T221325Z-5",
+        "20231114T221329Z",
+        "20231114T221320Z-7",
+    ]

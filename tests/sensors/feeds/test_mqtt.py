@@ -115,7 +115,7 @@ def test_a_retained_measurement_is_of_another_time_and_left_out(running: Broker)
 
         given = measured_until(live, lambda: live.counts.received == 4, send)
     assert [block.samples[0, 0] for block in blocks_of(given)] == [100, 101, 102, 103]
-    assert live.counts.lost == 0
+    assert (live.counts.lost, live.counts.retained) == (0, 1)
 
 
 def test_what_is_nothing_is_counted_and_told(running: Broker) -> None:
@@ -208,9 +208,11 @@ def test_a_password_that_is_refused_is_one_line_and_the_right_one_lets_in(
     with broker(tmp_path, "allow_anonymous false", f"password_file {passwords}") as closed:
         address = f"mqtt://unit@127.0.0.1:{closed.port}/#"
         monkeypatch.setenv("PILEWATCH_FEED_PASSWORD", "wrong")
-        with pytest.raises(FeedError, match="the broker refuses this user") as caught:
+        with pytest.raises(FeedError, match="refuses the user unit or the password") as caught:
             list(open_feed(address, LAYOUT).measured(threading.Event()))
         assert "wrong" not in str(caught.value)
+        with pytest.raises(FeedError, match=r"the broker wants a user: mqtt://USER@HOST"):
+            list(open_feed(f"mqtt://127.0.0.1:{closed.port}/#", LAYOUT).measured(threading.Event()))
         monkeypatch.setenv("PILEWATCH_FEED_PASSWORD", "right")
         live = open_feed(address, LAYOUT)
         measured_until(live, lambda: live.counts.connected)
