@@ -2,6 +2,7 @@
 
 import logging
 import socket
+import threading
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -91,12 +92,20 @@ def free_path(path: Path) -> Path:
 
 
 def close_recording(recording: rr.RecordingStream, *, patience: float) -> None:
-    """Hand over what is buffered, within `patience` [s], and let go of the outputs."""
+    """Hand over what is buffered, within `patience` [s], and let go of the outputs.
+
+    An output that cannot be let go of is left behind: the SDK waits for ever for a file that met a
+    full disk.
+    """
     try:
         recording.flush(timeout_sec=patience)
     except (RuntimeError, ValueError) as error:
         _log.warning("the viewer did not take the last of the session: %s", error)
-    recording.disconnect()
+    letting_go = threading.Thread(target=recording.disconnect, name="letting go", daemon=True)
+    letting_go.start()
+    letting_go.join(patience)
+    if letting_go.is_alive():
+        forget_unfinished()
 
 
 def forget_unfinished() -> None:

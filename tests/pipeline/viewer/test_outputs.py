@@ -1,10 +1,12 @@
 """Where pictures go, and what is said when they cannot."""
 
 import importlib.util
+import threading
 from pathlib import Path
 
 import pytest
 
+from pipeline.viewer import connection
 from pipeline.viewer.outputs import (
     ConnectedViewer,
     RrdFile,
@@ -67,3 +69,25 @@ def test_opening_nothing_needs_no_rerun_at_import():
         "viewer_process",
     ):
         assert "import rerun" not in (source / f"{name}.py").read_text("utf-8")
+
+
+def test_a_file_that_cannot_be_let_go_of_keeps_no_session_from_ending(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    never = threading.Event()
+    left_behind = []
+
+    class OnAFullDisk:
+        """As the SDK's stream is when its writing thread has met a full disk."""
+
+        def flush(self, *, timeout_sec: float) -> None:
+            raise RuntimeError("Flush timed out")
+
+        def disconnect(self) -> None:
+            never.wait()
+
+    monkeypatch.setattr(connection, "forget_unfinished", lambda: left_behind.append(True))
+    connection.close_recording(OnAFullDisk(), patience=0.01)
+    assert left_behind == [True]
+    assert caplog.messages == ["the viewer did not take the last of the session: Flush timed out"]
+    never.set()
