@@ -4,9 +4,10 @@ import logging
 import threading
 from collections.abc import Callable
 
+from pipeline.recorded_streams import SourceError
 from pipeline.replay_control import KEY, ReplayControl
 from pipeline.runner import open_session, with_end
-from pipeline.sources import Source, SourceError
+from pipeline.sources import Source
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.blocks import AccelerationBlock
 

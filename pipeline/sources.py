@@ -3,19 +3,17 @@
 import heapq
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from pipeline.messages import FoundationTruth, Message
-from pipeline.playback import Playback, SensorMessage, each_block_once
+from pipeline.playback import Playback
+from pipeline.recorded_streams import SourceError, recorded_stream, recordings_in
 from pipeline.recording.info import RecordingInfo, recording_info
-from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import Metadata, RecorderSettings, whole_recording
 from pipeline.runner import with_end
 from pipeline.scenario import (
@@ -27,11 +25,17 @@ from pipeline.scenario import (
     scenario_metadata,
     with_sampler,
 )
+from pipeline.truths import (
+    later_truths,
+    recorded_truths,
+    simulated_truths,
+    stored_truth,
+    with_truths,
+)
 from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.errors import InputError
 from sensors.layout import SensorLayout, joined_layout
 from sensors.pacing import Pace, paced
-from sensors.replayed import ReplayedTower, due_time
+from sensors.replayed import due_time
 from sensors.scada import ScadaSample
 from sensors.simulated import SimulatedTower
 
@@ -39,12 +43,7 @@ if TYPE_CHECKING:
     from sensors.feeds.live import LiveFeed
 
 DEFAULT_RECORDING = Path("recordings/parked.mcap")
-TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is said anew
 COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing is at risk here
-
-
-class SourceError(InputError):
-    """A source that does not exist or cannot be understood."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +130,7 @@ class Source:
     def _sensor_messages(self) -> Iterator[Message]:
         if self.recording is not None:
             measured = self.playback.of(partial(recorded_stream, self.recording))
-            later = _later_truths(recorded_truths(self.recording), self.truth)
+            later = later_truths(recorded_truths(self.recording), self.truth)
             yield from with_truths(measured, later)
             return
         towers = [simulated_tower(member) for member in farm_members(self.scenario)]
@@ -140,96 +139,7 @@ class Source:
 
     def _simulated(self, tower: SimulatedTower) -> Iterator[Message]:
         """Everything of one turbine but its layout and the truth that was said already."""
-        return with_truths(tower.messages(), _later_truths(simulated_truths(tower), self.truth))
-
-
-def recordings_in(path: Path) -> list[Path]:
-    """The file itself, or every closed recording in a folder that has samples, oldest first.
-
-    Raises SourceError for a folder without one, or a name that no file can have.
-    """
-    try:
-        if not path.is_dir():
-            return [path]
-    except OSError as error:
-        raise SourceError(f"cannot read the recording {path}: {error.strerror}") from error
-    begun = {}
-    for file in path.glob("*.mcap"):
-        units = recording_info(file).units
-        if units:
-            begun[file] = (min(unit.start_ns for unit in units), file.stat().st_mtime_ns, file.name)
-    if not begun:
-        raise SourceError(f"the folder {path} holds no recording with acceleration blocks")
-    return sorted(begun, key=lambda file: begun[file])
-
-
-def recorded_stream(path: Path) -> Iterator[SensorMessage]:
-    """Everything measured in a file, or in all files of a folder as one stream, in order of
-    time."""
-    files = recordings_in(path)
-    if len(files) == 1:
-        return iter(ReplayedTower(sensor_messages(files[0])))
-    joined = (message for file in files for message in sensor_messages(file))
-    return each_block_once(ReplayedTower(joined))
-
-
-def sensor_messages(path: Path) -> Iterator[SensorMessage]:
-    """What sensors and controller said, in the order of recording."""
-    for message in read_messages(path, (SensorLayout, AccelerationBlock, ScadaSample)):
-        if isinstance(message, AccelerationBlock | SensorLayout | ScadaSample):
-            yield message
-
-
-def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
-    """What a recording says of the true stiffness, in order of time."""
-    found = {
-        (message.turbine, message.time_ns): message
-        for file in recordings_in(path)
-        for message in read_messages(file, (FoundationTruth,))
-        if isinstance(message, FoundationTruth)
-    }
-    return iter(sorted(found.values(), key=lambda truth: truth.time_ns))
-
-
-def simulated_truths(tower: SimulatedTower) -> Iterator[FoundationTruth]:
-    """The true stiffness of a simulated turbine: at the beginning, and where it has changed."""
-    before: FoundationTruth | None = None
-    settings = tower.settings
-    for since in np.arange(0.0, settings.duration, TRUTH_PERIOD).tolist():
-        springs = tower.truth_at(since)
-        truth = FoundationTruth(
-            tower.layout.turbine,
-            settings.start_ns + round(since * NANOSECONDS),
-            k11=springs.k11,
-            k22=springs.k22,
-            k12=springs.k12,
-        )
-        if before is None or _springs(truth) != _springs(before):
-            yield truth
-            before = truth
-
-
-def _springs(truth: FoundationTruth) -> tuple[float, float, float]:
-    return truth.k11, truth.k22, truth.k12
-
-
-def _later_truths(
-    truths: Iterator[FoundationTruth], first: FoundationTruth | None
-) -> Iterator[FoundationTruth]:
-    return (truth for truth in truths if truth != first)
-
-
-def with_truths(
-    messages: Iterable[SensorMessage], truths: Iterator[FoundationTruth]
-) -> Iterator[Message]:
-    """The truths among the messages, each before the first block that lies behind it."""
-    waiting = next(truths, None)
-    for message in messages:
-        if isinstance(message, AccelerationBlock):
-            while waiting is not None and waiting.time_ns < message.end_ns:
-                yield waiting
-                waiting = next(truths, None)
-        yield message
+        return with_truths(tower.messages(), later_truths(simulated_truths(tower), self.truth))
 
 
 def _begin(message: Message) -> int:
@@ -318,7 +228,7 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
         text=f"replay:{path}",
         scenario=chosen,
         layout=layout,
-        truth=_recorded_truth(info.metadata, layout.turbine),
+        truth=stored_truth(info.metadata, layout.turbine),
         duration=_duration(infos),
         recording=path,
         layouts={
@@ -338,19 +248,6 @@ def _units_of(layouts: Sequence[SensorLayout], turbine: str) -> list[SensorLayou
     """The newest layout of each of the turbine's units, in their order."""
     newest = {layout.unit: layout for layout in layouts if layout.turbine == turbine}
     return [newest[unit] for unit in sorted(newest)]
-
-
-def _recorded_truth(metadata: Metadata, turbine: str) -> FoundationTruth | None:
-    truth = metadata.get("truth")
-    if not truth:
-        return None
-    return FoundationTruth(
-        turbine,
-        int(truth["time_ns"]),
-        k11=float(truth["k11"]),
-        k22=float(truth["k22"]),
-        k12=float(truth["k12"]),
-    )
 
 
 def simulated(scenario: Scenario) -> Source:

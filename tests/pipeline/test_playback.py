@@ -8,10 +8,11 @@ import pytest
 from pipeline.messages import ModalEstimate
 from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.playback import Playback
+from pipeline.recorded_streams import SourceError
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.runner import with_end
-from pipeline.sources import SourceError, replayed, simulated
+from pipeline.sources import replayed, simulated
 from sensors.blocks import AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, same
