@@ -20,6 +20,7 @@ from pipeline.viewer.viewer_process import spawn_viewer
 
 APPLICATION = "pilewatch"
 CONNECT_PATIENCE = 3.0  # for a running viewer to answer [s]
+LETTING_GO = 5.0  # of an output that has been flushed, or will never be [s]
 # Between two hand-overs to a file [s]. It is what a kill costs the pictures, which the recording
 # can draw again; shorter, and the file grows: 30 s instead makes an eighth more.
 FILE_TICK = 600.0
@@ -103,7 +104,7 @@ def close_recording(recording: rr.RecordingStream, *, patience: float) -> None:
         _log.warning("the viewer did not take the last of the session: %s", error)
     letting_go = threading.Thread(target=recording.disconnect, name="letting go", daemon=True)
     letting_go.start()
-    letting_go.join(patience)
+    letting_go.join(LETTING_GO)
     if letting_go.is_alive():
         forget_unfinished()
 

@@ -86,6 +86,7 @@ def test_a_file_that_cannot_be_let_go_of_keeps_no_session_from_ending(
         def disconnect(self) -> None:
             never.wait()
 
+    monkeypatch.setattr(connection, "LETTING_GO", 0.01)
     monkeypatch.setattr(connection, "forget_unfinished", lambda: left_behind.append(True))
     connection.close_recording(OnAFullDisk(), patience=0.01)
     assert left_behind == [True]
