@@ -17,7 +17,8 @@ from pipeline.offline import recorded_channels
 from pipeline.offline_updating import holds_estimates, recorded_source, updated_from
 from pipeline.recording.reader import read_messages
 from pipeline.scenario import scenario_from_text
-from pipeline.session import SessionOptions, Way, run_session
+from pipeline.session.options import SessionOptions, Way
+from pipeline.session.running import run_session
 from pipeline.sources import record_simulation, replayed, simulated
 from sensors.blocks import AccelerationBlock
 

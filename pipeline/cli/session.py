@@ -96,7 +96,7 @@ def run(
     from pipeline.feeding import feed_source
     from pipeline.notices.settings import load_notices
     from pipeline.playback import Playback
-    from pipeline.session import run_session
+    from pipeline.session.running import run_session
     from pipeline.sources import open_source
     from sensors.feeds.address import is_feed
 
@@ -168,7 +168,7 @@ def _session_options(
     shards: int = 1,
     elsewhere: tuple[str, ...] = (),
 ) -> Any:
-    from pipeline.session import SessionOptions
+    from pipeline.session.options import SessionOptions
 
     return SessionOptions(
         out=out,
@@ -225,7 +225,7 @@ def node(
     ] = False,
 ) -> None:
     """Run one node of the graph by itself until it is told to stop (Ctrl-C or SIGTERM)."""
-    from pipeline.session import run_node
+    from pipeline.session.one_node import run_node
     from pipeline.sources import open_source
     from pipeline.supervisor import stopped_with_parent
 

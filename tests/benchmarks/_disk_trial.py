@@ -14,7 +14,8 @@ from pathlib import Path
 
 from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages
-from pipeline.session import SessionOptions, run_session
+from pipeline.session.options import SessionOptions
+from pipeline.session.running import run_session
 from pipeline.sources import replayed
 from sensors.blocks import AccelerationBlock
 

@@ -18,7 +18,8 @@ from pipeline.messages import FoundationPosterior, WindowRejected
 from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import decoded, recorded_messages
 from pipeline.scenario import scenario_from_text
-from pipeline.session import SessionOptions, run_session
+from pipeline.session.options import SessionOptions
+from pipeline.session.running import run_session
 from pipeline.sources import record_simulation, replayed, simulated
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 

@@ -30,7 +30,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from pipeline.messages import Message, ModalEstimate, Mode
-from pipeline.session import SUMMARY
+from pipeline.session.folder import SUMMARY
 from pipeline.status import KEY
 from pipeline.streams import STREAMS, Stream, key_of
 from pipeline.transport.codec import encode

@@ -26,7 +26,9 @@ from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Recorder
 from pipeline.scenario import Scenario
-from pipeline.session import SUMMARY, SessionOptions, run_session
+from pipeline.session.folder import SUMMARY
+from pipeline.session.options import SessionOptions
+from pipeline.session.running import run_session
 from pipeline.sources import replayed
 from pipeline.transport.zenoh_bus import free_endpoint
 from sensors.blocks import NANOSECONDS, AccelerationBlock

@@ -12,7 +12,8 @@ from pipeline.cli import main
 from pipeline.feeding import FeedAccount, publish_feed
 from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.scenario import Scenario
-from pipeline.session import SessionOptions, run_session
+from pipeline.session.options import SessionOptions
+from pipeline.session.running import run_session
 from pipeline.sources import Source
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub
@@ -71,6 +72,30 @@ def test_channels_that_no_layout_lists_are_named(caplog: pytest.LogCaptureFixtur
     assert isinstance(last, NodeStatus)
     assert last.warnings[0].text == "scripted sends what no layout lists: temp"
     assert caplog.messages == ["scripted: no layout lists the channel 'temp'"]
+
+
+def test_a_link_that_is_up_and_brings_nothing_is_told_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    stopping, feed = threading.Event(), ScriptedFeed([])
+    feed.counts.connections = 1
+    moments = [START]
+
+    def clock() -> int:
+        moments[0] += 5 * NANOSECONDS
+        if moments[0] > START + 400 * NANOSECONDS:
+            stopping.set()
+        return moments[0]
+
+    live = LiveFeed(feed, Assembler(LAYOUT, feed.counts))
+    *_, last = FeedAccount(live, sensor_layout(LAYOUT), clock).messages(stopping)
+    assert isinstance(last, NodeStatus)
+    sentence = (
+        "scripted: the link is up and nothing has ever come; is the address right, does somebody "
+        "send, and may this user read it?"
+    )
+    assert caplog.messages == [sentence]
+    assert [(doubt.code, doubt.text) for doubt in last.warnings] == [("quiet", sentence)]
 
 
 def test_a_feed_of_the_controller_says_no_layout() -> None:

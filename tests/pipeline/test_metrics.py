@@ -14,7 +14,8 @@ from pipeline.messages import StreamGap
 from pipeline.metrics import MetricsDesk, listened, served
 from pipeline.playback import Playback
 from pipeline.scenario import NO_STRUCTURE, TurbineSettings
-from pipeline.session import SessionOptions, run_session
+from pipeline.session.options import SessionOptions
+from pipeline.session.running import run_session
 from pipeline.sources import replayed
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub
 from sensors.blocks import AccelerationBlock

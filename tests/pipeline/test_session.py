@@ -7,10 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import session
 from pipeline.playback import Playback
 from pipeline.recorded_streams import SourceError
-from pipeline.session import SessionOptions, node_command, prepare_folder, run_session
+from pipeline.session import folder
+from pipeline.session.folder import prepare_folder
+from pipeline.session.options import SessionOptions
+from pipeline.session.processes import node_command
+from pipeline.session.running import run_session
 from pipeline.sources import Source, open_source, replayed, simulated
 from pipeline.transport.zenoh_bus import peer_of
 from pipeline.viewer.outputs import ConnectedViewer
@@ -59,7 +62,7 @@ def test_a_summary_that_the_disk_refuses_is_named_and_costs_no_results(
     def full(path: Path, _: bytes) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
-    monkeypatch.setattr(session, "written_whole", full)
+    monkeypatch.setattr(folder, "written_whole", full)
     source = replayed(short_recording).with_playback(Playback(0.0, 3.0))
     ended = run_session(source, SessionOptions(out=tmp_path, way="lock-step", rrd=False))
     assert not ended.complete

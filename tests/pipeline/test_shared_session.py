@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from pipeline.scenario import load_scenario
-from pipeline.session import SessionOptions, run_session
+from pipeline.session.options import SessionOptions
+from pipeline.session.running import run_session
 from pipeline.sources import open_source, simulated
 from sensors.errors import InputError
 

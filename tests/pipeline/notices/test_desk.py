@@ -20,7 +20,8 @@ from pipeline.notices.settings import (
 )
 from pipeline.playback import Playback
 from pipeline.scenario import NO_STRUCTURE, TurbineSettings
-from pipeline.session import SessionOptions, run_session
+from pipeline.session.options import SessionOptions
+from pipeline.session.running import run_session
 from pipeline.sources import replayed
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from sensors.blocks import NANOSECONDS, AccelerationBlock
