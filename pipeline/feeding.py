@@ -19,7 +19,7 @@ from pipeline.runner import STATUS_PERIOD, Report, open_session, with_end
 from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
 from pipeline.sources import Source
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
-from sensors.blocks import AccelerationBlock
+from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.columns import sensor_layout
 from sensors.feeds.feed import FeedError
 from sensors.feeds.live import LiveFeed
@@ -30,6 +30,9 @@ from sensors.layout import SensorLayout
 logger = logging.getLogger(__name__)
 
 NODE = "feed"
+QUIET = 60.0  # of an instrument, before a link that is up is doubted [s]
+NOTHING_CAME = "is the address right, does somebody send, and may this user read it?"
+QUIET_CONTROLLER = 3600.0  # the same: they speak every few minutes
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +114,9 @@ class FeedAccount:
         self._live, self._layout, self._clock = live, layout, clock
         self._connected = connected
         self._last_sequence = -1
+        self._heard = (0, clock())  # messages so far, and when the last of them came [ns]
+        self._quiet = False
+        self._patience = QUIET if live.gives_blocks else QUIET_CONTROLLER
         self._named: set[str] = set()  # channels that nobody lists, and that were told
 
     def messages(self, stopping: threading.Event) -> Iterator[Message]:
@@ -131,10 +137,27 @@ class FeedAccount:
                 self._connected()
             if self._clock() - said_ns > STATUS_PERIOD * 1e9:
                 said_ns = self._clock()
+                self._watch_silence(said_ns)
                 yield self.status("running")
                 self._name_unknown()
         self._name_unknown()
         yield self.status("stopped")
+
+    def _watch_silence(self, now_ns: int) -> None:
+        """Tell a person once whenever nothing comes over a link that is up."""
+        counts = self._live.counts
+        if counts.received != self._heard[0] or not counts.connected:
+            self._heard, self._quiet = (counts.received, now_ns), False
+        if not self._quiet and now_ns - self._heard[1] > self._patience * NANOSECONDS:
+            self._quiet = True
+            logger.warning("%s", self._silence)
+
+    @property
+    def _silence(self) -> str:
+        said = f"{self._live.name}: the link is up and nothing has"
+        if self._heard[0]:
+            return f"{said} come for more than {self._patience:g} s"
+        return f"{said} ever come; {NOTHING_CAME}"
 
     def fed(self) -> Fed:
         """What became of it."""
@@ -168,6 +191,15 @@ class FeedAccount:
         counts, name = self._live.counts, self._live.name
         if not counts.connected and state == "running":
             yield Doubt("link-down", f"{name}: {counts.trouble or 'not connected yet'}")
+        if self._quiet:
+            yield Doubt("quiet", self._silence)
+        elif state == "stopped" and counts.connections and not counts.received:
+            yield Doubt("quiet", f"{name}: nothing came; {NOTHING_CAME}")
+        if counts.retained:
+            yield Doubt(
+                "retained",
+                f"{name}: {counts.retained} measurements that the broker had kept were left out",
+            )
         if counts.unknown:
             channels = ", ".join(sorted(counts.unknown))
             yield Doubt("unknown-channels", f"{name} sends what no layout lists: {channels}")

@@ -84,12 +84,18 @@ def feed(
 
 def _print(fed: Any, turbine: str, *, blocks: bool) -> None:
     status = fed.status
-    given = f"{fed.blocks} blocks" if blocks else f"{fed.scada_samples} SCADA samples"
+    given = counted(fed.blocks, "block") if blocks else counted(fed.scada_samples, "SCADA sample")
     output.print(
-        f"{given} of {turbine} published; {status.received[0].count} messages received, "
+        f"{given} of {turbine} published; {counted(status.received[0].count, 'message')} received, "
         f"{status.lost} lost, {status.late} late, {status.duplicate} twice, "
         f"{status.malformed} refused",
         soft_wrap=True,
+        markup=False,
     )
-    for doubt in status.warnings:
-        output.print(doubt.text, soft_wrap=True)
+    for doubt in status.warnings:  # in a stranger's words, perhaps
+        output.print(doubt.text, soft_wrap=True, markup=False)
+
+
+def counted(number: int, what: str) -> str:
+    """`1 block`, `2 blocks`."""
+    return f"{number} {what}{'s' * (number != 1)}"

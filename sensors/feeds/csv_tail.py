@@ -4,7 +4,7 @@
 
 The first row names the columns; it may come again. A file that is renamed and begun anew, or
 emptied, is followed: what the old one still got is read first. Rows that are not later than the
-last one are counted, not given.
+last one are counted, not given; so is one whose time leaps, unless those behind it agree.
 """
 
 import asyncio
@@ -19,7 +19,7 @@ from sensors.feeds.address import FeedAddress
 from sensors.feeds.feed import FeedCounts, Inbox
 from sensors.feeds.json_samples import MessageError
 from sensors.feeds.reconnecting import LinkError, kept_connected
-from sensors.feeds.scada import ScadaReader
+from sensors.feeds.scada import RisingTimes, ScadaReader
 from sensors.scada import ScadaSample
 
 logger = logging.getLogger(__name__)
@@ -72,11 +72,9 @@ class CsvTailFeed:
         if os.fstat(file.fileno()).st_size < file.tell():
             self._rows.begin(file, from_start=True)  # it was emptied
         for line in self._rows.lines(file):
-            sample = self._rows.sample(line)
-            if sample is not None:
+            for sample in self._rows.samples(line):
                 await inbox.put(sample)
-            else:
-                await asyncio.sleep(0)  # a long file of nonsense holds nobody up
+            await asyncio.sleep(0)  # a long file of nonsense holds nobody up
 
     def _is_replaced(self, file: BinaryIO) -> bool:
         try:
@@ -92,7 +90,7 @@ class _Rows:
         self._reader, self._counts = reader, counts
         self._columns: list[str] = []
         self._separator = ","
-        self._newest_ns = -1
+        self._times = RisingTimes(counts)
         self._part = b""  # of a row that is being written
         self._overlong = False  # the row's beginning was too long already
 
@@ -124,24 +122,17 @@ class _Rows:
             if len(self._part) > LONGEST_ROW:
                 self._part, self._overlong = b"", True
 
-    def sample(self, line: bytes) -> ScadaSample | None:
-        """What a row says; None of a header, and of what is counted instead."""
+    def samples(self, line: bytes) -> list[ScadaSample]:
+        """What a row says; nothing of a header, and of what is counted instead."""
         if self._is_header(line):
             self._take_header(line)
-            return None
+            return []
         self._counts.received += 1
         try:
-            sample = self._reader.sample(self._said(line))
+            return self._times.taken(self._reader.sample(self._said(line)))
         except MessageError as error:
             self._counts.refuse(f"row {line[:40]!r}: {error}")
-            return None
-        if sample.time_ns <= self._newest_ns:
-            same = sample.time_ns == self._newest_ns
-            self._counts.duplicate += same
-            self._counts.late += not same
-            return None
-        self._newest_ns = sample.time_ns
-        return sample
+            return []
 
     def _is_header(self, line: bytes) -> bool:
         return not self._columns or self._reader.names[0] in self._cells(line)

@@ -24,7 +24,8 @@ from sensors.feeds.frame import MAGIC
 from sensors.feeds.json_samples import JsonReader, MessageError, json_of
 from sensors.feeds.numbered import FrameReader
 from sensors.feeds.reconnecting import LinkError, kept_connected
-from sensors.feeds.scada import ScadaReader
+from sensors.feeds.scada import RisingTimes, ScadaReader
+from sensors.feeds.sequences import MOST_SENDERS
 
 logger = logging.getLogger(__name__)
 
@@ -191,18 +192,22 @@ def kind_of(topic: str, payload: bytes) -> str:
 
 
 class ScadaMessages:
-    """What a controller says as JSON."""
+    """What a controller says as JSON, all at once or a figure a topic."""
 
     def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:
         self._reader, self._counts = reader, counts
+        self._times: dict[str, RisingTimes] = {}  # by topic
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
         self._counts.received += 1
+        if topic not in self._times and len(self._times) >= MOST_SENDERS:
+            raise MessageError(f"more than {MOST_SENDERS} topics")
+        times = self._times.setdefault(topic, RisingTimes(self._counts))
         said = json_of(payload)
         for each in said if isinstance(said, list) else [said]:
             if not isinstance(each, dict):
                 raise MessageError(f"{each!r:.40} is no report; an object is")
-            yield self._reader.sample(each)
+            yield from times.taken(self._reader.sample(each))
 
 
 def _aiomqtt() -> Any:

@@ -11,14 +11,17 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from sensors.blocks import NANOSECONDS
 from sensors.feeds.address import FeedAddress
-from sensors.feeds.feed import FeedError
+from sensors.feeds.feed import FeedCounts, FeedError
 from sensors.feeds.json_samples import MessageError
 from sensors.feeds.moments import moment_ns
 from sensors.scada import ScadaSample
 
 STATES = ("parked", "idling", "start", "operating", "stop", "")
 LARGEST = 1e9  # of any figure, in whatever unit
+LEAP = 86_400.0  # between two reports: a stamp farther ahead is believed when others agree [s]
+AGREEING = 3  # reports in a row
 _FIGURES = tuple(
     field.name
     for field in dataclasses.fields(ScadaSample)
@@ -69,6 +72,60 @@ class ScadaReader:
             raise MessageError(f"{self._state} is {state!r:.20}; {', '.join(STATES[:-1])}")
         figures = {name: _figure(each, said) for name, each in self._figures.items()}
         return ScadaSample(self._turbine, time_ns, state, **figures)
+
+
+class RisingTimes:
+    """Which reports of a controller are new: every one is later than those before it.
+
+    A stamp that leaps ahead is believed when those behind it agree, so that one wild stamp does not
+    make all that follows late. What a file says again stays late, however much of it there is;
+    only a time that fewer than AGREEING reports have shown may turn out wrong itself.
+    """
+
+    def __init__(self, counts: FeedCounts) -> None:
+        self._counts = counts
+        self._newest_ns: int | None = None
+        self._shown = 0  # reports in a row that were taken
+        self._held: list[ScadaSample] = []  # whose stamps leap
+
+    def taken(self, sample: ScadaSample) -> list[ScadaSample]:
+        """What is to be given, now that this one came; the others are counted."""
+        if self._newest_ns is None or _follows(sample.time_ns, self._newest_ns):
+            self._drop_held()
+            return self._take([sample])
+        if self._held and not _follows(sample.time_ns, self._held[-1].time_ns):
+            self._drop_held()
+        if sample.time_ns <= self._newest_ns and self._shown >= AGREEING:
+            self._count(sample)
+            return []
+        self._held.append(sample)
+        if len(self._held) < AGREEING:
+            return []
+        held, self._held, self._shown = self._held, [], 0
+        return self._take(held)
+
+    def _take(self, samples: list[ScadaSample]) -> list[ScadaSample]:
+        self._newest_ns = samples[-1].time_ns
+        self._shown += len(samples)
+        return samples
+
+    def _drop_held(self) -> None:
+        for sample in self._held:
+            self._count(sample)
+        self._held = []
+
+    def _count(self, sample: ScadaSample) -> None:
+        assert self._newest_ns is not None
+        if sample.time_ns > self._newest_ns:
+            self._counts.refuse("a report whose stamp is far ahead of those around it")
+        elif sample.time_ns == self._newest_ns:
+            self._counts.duplicate += 1
+        else:
+            self._counts.late += 1
+
+
+def _follows(time_ns: int, before_ns: int) -> bool:
+    return 0 < time_ns - before_ns <= LEAP * NANOSECONDS
 
 
 def _mapped(address: FeedAddress, name: str) -> _Mapped:

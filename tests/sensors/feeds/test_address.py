@@ -42,6 +42,7 @@ def test_other_sources_are_no_feeds(text: str) -> None:
     ("text", "sentence"),
     [
         ("http://h/t", "is no feed; one begins with mqtt://"),
+        ("mqtt:h/t", "mqtt:h/t: write mqtt://h/t"),
         ("mqtt://h", "which topic, e.g. /tower/#"),
         ("mqtt:///t", "which machine"),
         ("mqtt://h:99999/t", "port '99999' is none"),

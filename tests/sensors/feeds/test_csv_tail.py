@@ -118,6 +118,53 @@ def test_rows_that_are_wrong_or_not_later_are_counted(tmp_path: Path) -> None:
     assert "state is 'gone'; parked, idling, start, operating, stop" in live.counts.refusal
 
 
+def test_one_wild_stamp_costs_its_own_row_and_a_leap_that_lasts_is_believed(tmp_path: Path) -> None:
+    path = tmp_path / "scada.csv"
+    path.write_text(HEADER)
+    live = tail(path)
+    years = 10**7  # in rows
+    numbers = [years, 0, 1, 2, 3, 2 * years, 4, 3 * years, 3 * years + 1, 3 * years + 2, 5, 6, 7]
+    text = "".join(row(number) for number in numbers)
+    given = measured_until(live, lambda: live.counts.received == 13, lambda: add(path, text))
+    times = [each.time_ns // NANOSECONDS for each in given if isinstance(each, ScadaSample)]
+    assert [(time - START) // 10 for time in times] == [
+        years, 0, 1, 2, 3, 4, 3 * years, 3 * years + 1, 3 * years + 2,
+    ]  # fmt: skip
+    assert (live.counts.malformed, live.counts.late) == (1, 3)
+
+
+def test_a_file_that_is_written_anew_with_its_old_rows_gives_only_the_new_ones(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "scada.csv"
+    path.write_text(HEADER)
+    live = tail(path)
+    day = [row(number) for number in range(20)]
+
+    renamed: list[bool] = []
+
+    def anew() -> bool:
+        if live.counts.received == 20 and not renamed:
+            renamed.append(True)
+            (tmp_path / "new").write_text(HEADER + "".join(day) + row(20))
+            (tmp_path / "new").rename(path)
+        return live.counts.received == 41
+
+    given = measured_until(live, anew, lambda: add(path, "".join(day)))
+    assert winds([*given]) == [number + 0.5 for number in range(21)]
+    assert live.counts.duplicate + live.counts.late == 20
+
+
+def test_a_row_without_end_is_dropped_and_the_next_one_read(tmp_path: Path) -> None:
+    path = tmp_path / "scada.csv"
+    path.write_text(HEADER)
+    live = tail(path)
+    text = "x" * 3_000_000 + "\n" + row(0)
+    given = measured_until(live, lambda: live.counts.received == 1, lambda: add(path, text))
+    assert winds([*given]) == [0.5]
+    assert live.counts.refusal == "a row of more than 65536 bytes"
+
+
 def test_a_file_that_is_not_there_is_waited_for_unless_once(tmp_path: Path) -> None:
     path = tmp_path / "scada.csv"
     with pytest.raises(FeedError, match="cannot be reached: No such file"):
