@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 from pipeline.combined_modes import CombinedMode
 from pipeline.fleet.farm.farm import Farm
@@ -215,7 +216,7 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
 
 
 def status_tables(status: Mapping[str, Any]) -> list[Table]:
-    """What a running session answered: nodes, streams, posteriors, gaps."""
+    """What a running session answered: nodes and what they say, streams, posteriors, gaps."""
     nodes = _table(f"nodes of {status['source']}")
     rare = ("recovered", "late", "duplicate", "malformed")  # shown where there are any
     counted = ("received", "lost", *(n for n in rare if any(each[n] for each in status["nodes"])))
@@ -239,7 +240,21 @@ def status_tables(status: Mapping[str, Any]) -> list[Table]:
     for who, count in status["connections"].items():
         links.add_row(who, str(count))
     connected = [links] if status["connections"] else []
-    return [nodes, streams, *connected, *posteriors, *_gap_tables(status["gaps"])]
+    said = _said_tables(status["nodes"])
+    return [nodes, *said, streams, *connected, *posteriors, *_gap_tables(status["gaps"])]
+
+
+def _said_tables(nodes: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """What nodes doubt, word by word: some words are strangers', and no markup."""
+    said = [(each["node"], Text(text)) for each in nodes for text in each["warnings"]]
+    if not said:
+        return []
+    table = _table("what nodes say")
+    for title in ("node", "doubt"):
+        table.add_column(title)
+    for row in said:
+        table.add_row(*row)
+    return [table]
 
 
 def _gap_tables(gaps: Sequence[Mapping[str, Any]]) -> list[Table]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.messages import StreamGap
+from pipeline.messages import StreamGap, Warning  # noqa: A004  # the field's word
 from pipeline.status import KEY, StatusDesk, endpoint_of
 from pipeline.tables import status_tables
 from pipeline.transport.errors import TransportError
@@ -66,6 +66,14 @@ def test_what_seldom_happens_has_a_column_where_it_has_happened(desk: StatusDesk
     assert "recovered" not in columns()
     desk.handle(replace(status("recorder", last_sequence=3), recovered=2))
     assert columns()[-3:] == ["received", "lost", "recovered"]
+
+
+def test_what_a_node_doubts_stands_below_the_nodes_in_its_own_words(desk: StatusDesk) -> None:
+    doubts = (Warning("link-down", "udp://:5: [/x] down"), Warning("gap", "3 blocks are missing"))
+    desk.handle(replace(status("feed-tower"), warnings=doubts))
+    table = status_tables(desk.as_json())[1]
+    assert [str(cell) for cell in table.columns[0].cells] == ["feed-tower", "feed-tower"]
+    assert [str(cell) for cell in table.columns[1].cells] == [doubt.text for doubt in doubts]
 
 
 @pytest.mark.parametrize("forged", [float("nan"), float("inf"), float("-inf")])
