@@ -1,157 +1,222 @@
 """Columns of a table (of a text file, of a Parquet file) → ChannelTables, piece by piece.
 
-A column's title holds its unit in brackets. One of the columns may hold the time; the others are
-channels.
+A column's title holds its unit in brackets. One of the columns may hold the time, or two of them
+date and time of day; columns that only number the samples, and columns of text, are left out; the
+others are channels.
 """
 
-import re
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+import logging
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from sensors.blocks import NANOSECONDS
+from sensors.files.clock import Clock, ClockError
 from sensors.files.table import ChannelTable, FileError, in_standard_unit
+from sensors.files.titles import distinct, is_number_title, is_time_title, time_unit
+
+logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
+ColumnKind = Literal["number", "moment", "date", "time of day", "text", "empty"]
 
-TIME_NAMES = ("t", "time", "timestamp")
-SECONDS_PER_UNIT = {
-    "": 1.0,
-    "s": 1.0,
-    "sec": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "µs": 1e-6,
-    "ns": 1e-9,
-    "min": 60.0,
-    "h": 3600.0,
-}
-ABSOLUTE = 1e8  # seconds that count from 1970, not from a start: later than 1973 [s]
-
-_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*$")
+EVEN = 1e-3  # a column that rises by steps so much alike is a clock, relative
+FEWEST = 10  # rows from which that can be said
 
 
-def split_unit(title: str) -> tuple[str, str]:
-    """Name and unit of a title: "top [mm/s]" gives "top" and "mm/s", "top" gives "top" and ""."""
-    match = _BRACKETS.match(title)
-    return (match["name"].strip(), match["unit"].strip()) if match else (title, "")
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """One column of a table, and what its first rows hold."""
+
+    name: str
+    unit: str  # "": not said
+    kind: ColumnKind
+    first: Sequence[Any]  # its first values: floats of a number column, texts of others
+    titled: bool = True  # False: it has a number for a name
+
+    @property
+    def title(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
-def distinct(names: list[str]) -> list[str]:
-    """Names without duplicates or blanks: a blank becomes "ch3", a second "a" becomes "a.2"."""
-    given = [name or f"ch{i + 1}" for i, name in enumerate(names)]
-    return [
-        name if given[:i].count(name) == 0 else f"{name}.{given[:i].count(name) + 1}"
-        for i, name in enumerate(given)
-    ]
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Which columns of a table are what."""
+
+    all: tuple[Column, ...]
+    channels: tuple[int, ...]
+    clock: tuple[int, ...]  # the time; date and time of day; none
+    rate: float | None = None  # [Hz], where the file says it beside the columns
+    start_ns: int = 0  # of the first sample, likewise; 0: not said
+
+    @property
+    def used(self) -> tuple[int, ...]:
+        """All that are read, in their order."""
+        return tuple(sorted((*self.clock, *self.channels)))
 
 
-def time_column(titles: list[str]) -> int | None:
-    """Which column holds the time; None where none does."""
-    names = [split_unit(title)[0].lower() for title in titles]
-    return next((i for i, name in enumerate(names) if name in TIME_NAMES), None)
+def sorted_columns(columns: Sequence[Column], path: Path) -> Columns:
+    """Time, channels, and what is left out: said once a file.
+
+    Raises FileError: no channel; a column that looks like a clock under another name.
+    """
+    clock = _clock_columns(columns, path)
+    times = [i for i, each in enumerate(columns) if i not in clock and _tells_time(each)]
+    numbers = [i for i, each in enumerate(columns) if i not in clock and _counts(each)]
+    texts = [i for i, each in enumerate(columns) if i not in clock and each.kind == "text"]
+    blank = [i for i, each in enumerate(columns) if each.kind == "empty" and not each.titled]
+    left_out = {*clock, *times, *numbers, *texts, *blank}
+    channels = tuple(i for i in range(len(columns)) if i not in left_out)
+    if not channels and columns:
+        time = "time " if clock == tuple(left_out) else ""
+        raise FileError(f"{path}: no channel beside the {time}{_listed(columns, sorted(left_out))}")
+    for number in texts:
+        _told_once(
+            f"{path}: column {columns[number].name!r} holds text "
+            f"({str(next(iter(columns[number].first), ''))!r}) and is left out"
+        )
+    if times:
+        _told_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
+    return Columns(tuple(columns), channels, clock)
+
+
+def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
+    dates = [i for i, each in enumerate(columns) if each.kind == "date"]
+    clocks = [i for i, each in enumerate(columns) if each.kind == "time of day"]
+    if dates and clocks:
+        return dates[0], clocks[0]
+    named = [i for i, each in enumerate(columns) if _tells_time(each)]
+    if named:
+        return (named[0],)
+    _require_readable_time(columns, path)
+    first = columns[0] if columns else None
+    if first is None or not _is_even_ramp(first) or _counts(first):
+        return ()
+    if first.titled:
+        raise FileError(
+            f"{path}: column {first.name!r} rises evenly from {first.first[0]:g} by "
+            f"{first.first[1] - first.first[0]:.6g}: call it 'time [s]' where it is the time, "
+            "'sample' where it counts the samples"
+        )
+    _told_once(f"{path}: no header; the first column rises evenly and is taken for seconds")
+    return (0,)
+
+
+def _require_readable_time(columns: Sequence[Column], path: Path) -> None:
+    for column in columns:
+        if column.kind == "text" and is_time_title(column.name):
+            raise FileError(
+                f"{path}: column {column.name!r} has {str(next(iter(column.first), ''))!r}; a time "
+                "is needed: a number, or 2024-12-31T23:59:59.5"
+            )
+
+
+def _tells_time(column: Column) -> bool:
+    if column.kind in ("moment", "date", "time of day"):
+        return True
+    return column.kind == "number" and is_time_title(column.name)
+
+
+def _counts(column: Column) -> bool:
+    """Whether a column numbers the samples."""
+    steps = np.diff(np.asarray(column.first[:FEWEST])) if column.kind == "number" else np.zeros(0)
+    counted = bool(len(steps)) and bool((steps == 1).all())
+    named = is_number_title(column.name) or not column.titled
+    return counted and named and (len(steps) >= FEWEST - 1 or column.titled)
+
+
+def _is_even_ramp(column: Column) -> bool:
+    if column.kind != "number" or len(column.first) < FEWEST:
+        return False
+    steps = np.diff(np.asarray(column.first, dtype=np.float64))
+    mean = float(np.mean(steps))
+    return bool(mean > 0 and (np.abs(steps - mean) <= EVEN * mean).all())
+
+
+def _listed(columns: Sequence[Column], numbers: Sequence[int]) -> str:
+    names = ", ".join(repr(columns[i].title) for i in numbers)
+    return f"column{'s' if len(numbers) > 1 else ''} {names}"
+
+
+@lru_cache(maxsize=256)
+def _told_once(text: str) -> None:
+    """A file is opened more often than once; what is said of it is not."""
+    logger.warning(text)
 
 
 def tables_of_columns(
-    batches: Iterable[pa.RecordBatch], titles: list[str], path: Path
+    batches: Iterable[pa.RecordBatch], columns: Columns, path: Path
 ) -> Iterator[ChannelTable]:
     """The batches of a file as pieces; `times` of all count from the file's first sample.
 
-    Raises FileError: no channel beside the time, a column that holds no numbers, a time that is
-    missing, in an unknown unit, or of no known kind.
+    batches   of the columns `columns.used`
+
+    Raises FileError: a column that holds no numbers, a time that is missing, in an unknown unit,
+    or of no known kind.
     """
-    timed = time_column(titles)
-    channels = [i for i in range(len(titles)) if i != timed]
-    if not channels:
-        raise FileError(f"{path}: no channel beside the time column {titles[0]!r}")
-    named = [split_unit(titles[i]) for i in channels]
-    units, factors = zip(*(in_standard_unit(unit) for _, unit in named), strict=True)
-    clock = None if timed is None else _Clock(titles[timed], path)
+    place = {number: i for i, number in enumerate(columns.used)}
+    chosen = [columns.all[i] for i in columns.channels]
+    units, factors = zip(*(in_standard_unit(each.unit) for each in chosen), strict=True)
+    names = tuple(distinct([each.name for each in chosen]))
+    seconds = _seconds_of(columns, place, path)
     for batch in batches:
         if not batch.num_rows:
             continue
-        numbers = [_numbers(batch.column(i), titles[i], path) for i in channels]
-        yield ChannelTable(
-            names=tuple(name for name, _ in named),
+        numbers = [
+            _numbers(batch.column(place[i]), columns.all[i].name, path) for i in columns.channels
+        ]
+        piece = ChannelTable(
+            names=names,
             units=units,
             samples=np.column_stack(numbers) * np.array(factors),
-            times=None if clock is None or timed is None else clock.seconds(batch.column(timed)),
-            start_ns=0 if clock is None else clock.start_ns,
+            times=None,
+            stated_rate=columns.rate,
         )
+        yield seconds(piece, batch)
+
+
+def _seconds_of(
+    columns: Columns, place: dict[int, int], path: Path
+) -> Callable[[ChannelTable, pa.RecordBatch], ChannelTable]:
+    """What puts the times beside the samples of a batch."""
+    if not columns.clock:
+        return lambda piece, _: replace(piece, start_ns=columns.start_ns)
+    titles = [columns.all[i] for i in columns.clock]
+    unit = titles[0].unit or time_unit(titles[0].name)
+    clock = Clock(" and ".join(each.name for each in titles), unit)
+
+    def timed(piece: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
+        stamps = [batch.column(place[i]) for i in columns.clock]
+        joined = stamps[0] if len(stamps) == 1 else _joined(stamps)
+        try:
+            times = clock.seconds(joined)
+        except ClockError as error:
+            raise FileError(f"{path}: the time column {clock.title!r} {error}") from error
+        return replace(piece, times=times, start_ns=clock.start_ns or columns.start_ns,
+                       stated_rate=None)  # fmt: skip
+
+    return timed
+
+
+def _joined(stamps: list[pa.Array]) -> pa.Array:
+    texts = [stamp.cast(pa.string()) for stamp in stamps]
+    return pc.binary_join_element_wise(*texts, " ")
 
 
 def _numbers(column: pa.Array, title: str, path: Path) -> FloatArray:
     kind = column.type
+    if pa.types.is_dictionary(kind):
+        column = column.dictionary_decode()
+        kind = column.type
     if pa.types.is_null(kind):
         return np.full(len(column), np.nan)
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
         raise FileError(f"{path}: column {title!r} holds {kind}; numbers are needed")
-    return np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
-
-
-@dataclass(slots=True)
-class _Clock:
-    """The time column of a file, batch by batch."""
-
-    title: str
-    path: Path
-    start_ns: int = 0  # the file's first stamp [ns since 1970]; 0 where it counts from a start
-    _first: Any = None  # that stamp as the column has it: an int, a float or a Decimal
-    _rows: int = 0  # stamps that were read
-
-    def seconds(self, column: pa.Array) -> FloatArray:
-        """Seconds since the file's first stamp."""
-        if column.null_count:
-            row = self._rows + int(np.argmax(column.is_null().to_numpy(zero_copy_only=False)))
-            raise FileError(
-                f"{self.path}: the time column {self.title!r} has no value in sample {row + 1}"
-            )
-        self._rows += len(column)
-        if pa.types.is_timestamp(column.type):
-            return self._since_first(self._stamps(column), 1e-9, absolute=True)
-        if pa.types.is_decimal(column.type):
-            return self._decimals(column)
-        values = _numbers(column, self.title, self.path)
-        if not np.isfinite(values).all():
-            row = self._rows - len(values) + int(np.argmin(np.isfinite(values)))
-            raise FileError(
-                f"{self.path}: the time column {self.title!r} has no value in sample {row + 1}"
-            )
-        return self._since_first(values, self._scale)
-
-    @property
-    def _scale(self) -> float:
-        """[s] per unit of the column."""
-        unit = split_unit(self.title)[1]
-        if unit.lower() not in SECONDS_PER_UNIT:
-            known = ", ".join(key for key in SECONDS_PER_UNIT if key)
-            raise FileError(f"{self.path}: the time column's unit is [{unit}]; it can be {known}")
-        return SECONDS_PER_UNIT[unit.lower()]
-
-    def _stamps(self, column: pa.Array) -> NDArray[np.int64]:
-        nanoseconds = column.cast(pa.timestamp("ns", tz=column.type.tz)).cast(pa.int64())
-        return np.asarray(nanoseconds.to_numpy(), dtype=np.int64)
-
-    def _since_first(
-        self, values: NDArray[Any], scale: float, *, absolute: bool = False
-    ) -> FloatArray:
-        if self._first is None:
-            self._first = values[0].item()
-            if absolute or values[0] * scale > ABSOLUTE:
-                ns_per_unit = round(scale * NANOSECONDS)
-                self.start_ns = round(self._first * ns_per_unit)
-        return np.asarray((values - self._first) * scale, dtype=np.float64)
-
-    def _decimals(self, column: pa.Array) -> FloatArray:
-        """Seconds since 1970 in so many digits that a double does not hold them."""
-        if self._first is None:
-            self._first = column[0].as_py()
-            self.start_ns = round(self._first * NANOSECONDS)
-        since = pc.subtract(column, pa.scalar(self._first, column.type))
-        return np.asarray(since.cast(pa.float64()).to_numpy(zero_copy_only=False))
+    column = column.cast(pa.float64(), safe=False)
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)

@@ -1,60 +1,30 @@
-"""Comma-, semicolon- or tab-separated text → ChannelTables, piece by piece.
+"""Text of numbers in columns → ChannelTables, piece by piece.
 
-One row a sample and one column a channel, under a header row. A column called `t`, `time` or
-`timestamp` holds the time: in the unit in brackets behind its name, in seconds where there is
-none, or as date and time (ISO 8601). A channel's unit stands in brackets behind its name
-(`z145-fa [g]`); accelerations are converted to m/s², velocities to
-m/s, displacements to m; other quantities stay as they are.
+One row a sample and one column a channel, kept apart by commas, semicolons, tabs or blanks, with a
+decimal point or comma, in UTF-8, UTF-16 or Latin-1, perhaps zipped by gzip. A column called `t`,
+`time` or `timestamp` (or a word like it) holds the time: in the unit in brackets behind its name or
+in the row below, or as date and time. A channel's unit stands in brackets behind its name
+(`z145-fa [g]`) or in the row below; accelerations are converted to m/s², velocities to m/s,
+displacements to m; other quantities stay as they are.
 """
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 from pyarrow import csv as arrow_csv
 
-from sensors.files.columns import ABSOLUTE, distinct, split_unit, tables_of_columns, time_column
+from sensors.files.columns import tables_of_columns
 from sensors.files.table import ChannelTable, FileError, whole
+from sensors.files.text_head import COMMENT, MISSING, TextHead, head_of
+from sensors.files.text_stream import UNREADABLE, arrow_stream
 
-MISSING = ("", "nan", "NaN", "NAN", "null", "NULL", "n/a", "N/A", "-nan")
 PIECE_BYTES = 2**22  # of text that is read at a time
 
 _CONVERSION = re.compile(r"column #(\d+): Row #(\d+): .* invalid value '(.*)'")
-_ZONE = re.compile(r"\d{2}:?\d{2}.*(Z|[+-]\d{2}(:?\d{2})?)$")
-
-
-@dataclass(frozen=True, slots=True)
-class _Head:
-    """What the first two rows tell of a text file."""
-
-    titles: list[str]
-    skipped: int  # lines before the first sample
-    delimiter: str
-    first_row: str
-
-    @property
-    def decimal_point(self) -> str:
-        """Semicolon-separated files are written with either decimal sign: the first row tells."""
-        cells = self.first_row.replace(self.delimiter, "")
-        return "," if self.delimiter == ";" and "," in cells else "."
-
-    @property
-    def time_type(self) -> pa.DataType:
-        """Of the time column: date and time, seconds since 1970 to all their digits, or numbers."""
-        timed = time_column(self.titles)
-        cells = self.first_row.split(self.delimiter)
-        cell = cells[timed].strip().strip('"') if timed is not None and timed < len(cells) else ""
-        try:
-            value = float(cell.replace(self.decimal_point, "."))
-        except ValueError:
-            stamped = re.match(r"\d{4}-\d{2}-\d{2}", cell)
-            zone = "UTC" if _ZONE.search(cell) else None
-            return pa.timestamp("ns", tz=zone) if stamped else pa.float64()
-        in_seconds = split_unit(self.titles[timed or 0])[1] in ("", "s")
-        plain = re.fullmatch(r"\d+\.\d{1,12}", cell)
-        return pa.decimal128(32, 12) if in_seconds and plain and value > ABSOLUTE else pa.float64()
+_COUNT = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
 def read_csv(path: Path) -> ChannelTable:
@@ -68,81 +38,76 @@ def read_csv(path: Path) -> ChannelTable:
 
 def csv_pieces(path: Path) -> Iterator[ChannelTable]:
     """The channels of a text file in pieces of some megabytes. Raises FileError as it reads."""
-    head = _head(path)
-    empty = True
-    for piece in tables_of_columns(_batches(path, head), head.titles, path):
-        empty = False
-        yield piece
-    if empty:
-        raise FileError(f"{path}: 0 sample(s) below the header; at least two are needed")
+    head = head_of(path)
+    yield from tables_of_columns(_batches(path, head), head.columns, path)
 
 
-def _head(path: Path) -> _Head:
+def _batches(path: Path, head: TextHead) -> Iterator[pa.RecordBatch]:
     try:
-        with path.open(encoding="utf-8-sig", errors="replace") as lines:
-            stripped = ((count, raw.strip()) for count, raw in enumerate(lines, start=1))
-            rows = (row for row in stripped if row[1] and not row[1].startswith(("#", "%")))
-            count, line = next(rows, (0, ""))
-            _, following = next(rows, (0, ""))
-    except OSError as error:
-        raise FileError(f"{path}: {error.strerror or error}") from error
-    if not line:
-        raise FileError(f"{path}: the file is empty; a header row is needed")
-    if "\0" in line:
-        raise FileError(f"{path}: this is no text; a table of numbers with a header row is needed")
-    delimiter = max(";\t,", key=line.count)
-    titles = [name.strip().strip('"') for name in line.split(delimiter)]
-    if all(_is_number(title) for title in titles):
-        numbered = [f"ch{i + 1}" for i in range(len(titles))]
-        return _Head(numbered, count - 1, delimiter, line)
-    return _Head(distinct(titles), count, delimiter, following)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _batches(path: Path, head: _Head) -> Iterator[pa.RecordBatch]:
-    timed = time_column(head.titles)
-    types = {
-        title: head.time_type if i == timed else pa.float64() for i, title in enumerate(head.titles)
-    }
-    try:
-        with arrow_csv.open_csv(
-            path,
-            # one thread: only then do errors say the row
-            read_options=arrow_csv.ReadOptions(
-                skip_rows=head.skipped,
-                column_names=head.titles,
-                use_threads=False,
-                block_size=PIECE_BYTES,
-            ),
-            parse_options=arrow_csv.ParseOptions(delimiter=head.delimiter),
-            convert_options=arrow_csv.ConvertOptions(
-                null_values=list(MISSING),
-                strings_can_be_null=True,
-                decimal_point=head.decimal_point,
-                column_types=types,
-            ),
-        ) as reader:
+        with (
+            arrow_stream(path, head.encoding, blanks=head.delimiter == " ") as stream,
+            arrow_csv.open_csv(
+                stream,
+                # one thread: only then do errors say the row
+                read_options=arrow_csv.ReadOptions(
+                    skip_rows=head.skipped,
+                    column_names=_unmistakable(head),
+                    use_threads=False,
+                    block_size=PIECE_BYTES,
+                ),
+                parse_options=arrow_csv.ParseOptions(
+                    delimiter=head.delimiter, invalid_row_handler=_comments_are_skipped
+                ),
+                convert_options=_conversion(head),
+            ) as reader,
+        ):
             yield from reader
     except pa.ArrowInvalid as error:
         if "Empty CSV" not in str(error):
             raise FileError(f"{path}: {_in_words(str(error), head)}") from error
+    except UNREADABLE as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FileError(f"{path}: it cannot be read to its end: {reason}") from error
 
 
-def _in_words(error: str, head: _Head) -> str:
+def _unmistakable(head: TextHead) -> list[str]:
+    """Names for Arrow's columns, no two alike."""
+    return [str(number) for number in range(len(head.columns.all))]
+
+
+def _comments_are_skipped(row: Any) -> str:
+    text = (row.text or "").strip()
+    return "skip" if not text or text.startswith(COMMENT) else "error"
+
+
+def _conversion(head: TextHead) -> arrow_csv.ConvertOptions:
+    columns = head.columns
+    types: dict[str, pa.DataType] = {str(i): pa.float64() for i in columns.channels}
+    for i in columns.clock:
+        is_number = columns.all[i].kind == "number"
+        exact = pa.decimal128(32, 12) if head.exact_time else pa.float64()
+        types[str(i)] = exact if is_number else pa.string()
+    spelled = {each for word in MISSING for each in (word, word.upper(), word.capitalize())}
+    return arrow_csv.ConvertOptions(
+        null_values=sorted(spelled | {"NaN", "-NaN", "#NAME?", *head.missing}),
+        strings_can_be_null=True,
+        decimal_point=head.decimal_point,
+        column_types=types,
+        include_columns=[str(i) for i in columns.used],
+    )
+
+
+def _in_words(error: str, head: TextHead) -> str:
     """Arrow's complaint as one line that names column, line and value."""
+    uneven = _COUNT.search(error)
+    if uneven is not None:
+        return f"line {uneven[1]} has {uneven[3]} columns where {uneven[2]} are expected"
     found = _CONVERSION.search(error)
     if found is None:
         return " ".join(error.split())
     column, line, value = int(found[1]), found[2], found[3]
-    title = head.titles[column]
-    if column == time_column(head.titles):
+    title = head.columns.all[column].title
+    if column in head.columns.clock:
         return (
             f"column {title!r} has {value!r} in line {line}; a time is needed: a number, or "
             "2024-12-31T23:59:59.5, alike in every row"

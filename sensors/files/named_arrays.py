@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.files.columns import ABSOLUTE, SECONDS_PER_UNIT, TIME_NAMES, split_unit
+from sensors.files.clock import ABSOLUTE, SECONDS_PER_UNIT
 from sensors.files.sep005 import Channel
 from sensors.files.table import FileError
+from sensors.files.titles import TIME_NAMES, split_unit
 
 logger = logging.getLogger(__name__)
 

@@ -1,44 +1,65 @@
 """Parquet → ChannelTables, row group by row group.
 
 One column a channel, its unit in brackets behind its name or in the field's metadata (`unit`). A
-column called `t`, `time` or `timestamp`, else the first one of dates, holds the time, as in text
-files.
+column called `t`, `time` or `timestamp` (or a word like it), else the first one of dates, holds the
+time, as in text files. Columns of text are left out.
 """
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import pyarrow as pa
 from pyarrow import parquet
 
-from sensors.files.columns import split_unit, tables_of_columns, time_column
+from sensors.files.columns import Column, ColumnKind, sorted_columns, tables_of_columns
+from sensors.files.dates import kind_of_text
 from sensors.files.table import ChannelTable, FileError
+from sensors.files.titles import distinct, split_unit
 
 ROWS = 2**16  # that are read at a time
+LOOKED_AT = 60  # of the first rows, to tell what a column is
 
 
 def parquet_pieces(path: Path) -> Iterator[ChannelTable]:
     """The channels of a Parquet file in pieces. Raises FileError as it reads."""
     try:
         with parquet.ParquetFile(path) as file:
-            titles = _titles(file.schema_arrow)
-            yield from tables_of_columns(file.iter_batches(batch_size=ROWS), titles, path)
+            batches = file.iter_batches(batch_size=ROWS)
+            first = next(batches, None)
+            if first is None:
+                raise FileError(f"{path}: 0 sample(s); at least two are needed")
+            columns = sorted_columns(_columns(file.schema_arrow, first), path)
+            used = (batch.select(list(columns.used)) for batch in chain((first,), batches))
+            yield from tables_of_columns(used, columns, path)
     except (OSError, pa.ArrowException) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise FileError(f"{path}: no readable Parquet file: {reason}") from error
 
 
-def _titles(schema: pa.Schema) -> list[str]:
+def _columns(schema: pa.Schema, batch: pa.RecordBatch) -> list[Column]:
     titles = [_title(field) for field in schema]
-    if time_column(titles) is None:
-        dates = next(
-            (i for i, each in enumerate(schema.types) if pa.types.is_timestamp(each)), None
-        )
-        if dates is not None:
-            titles[dates] = "time"
-    return titles
+    names = distinct([name for name, _ in titles])
+    return [
+        Column(name, unit, *_kind_and_first(batch.column(i)))
+        for i, (name, (_, unit)) in enumerate(zip(names, titles, strict=True))
+    ]
 
 
-def _title(field: pa.Field) -> str:
+def _title(field: pa.Field) -> tuple[str, str]:
     unit = (field.metadata or {}).get(b"unit", b"").decode("utf-8", "replace")
-    return f"{field.name} [{unit}]" if unit and not split_unit(field.name)[1] else str(field.name)
+    name, in_brackets = split_unit(field.name)
+    return (name, in_brackets) if in_brackets else (field.name, unit)
+
+
+def _kind_and_first(column: pa.Array) -> tuple[ColumnKind, list[float] | list[str]]:
+    some = column[:LOOKED_AT].drop_null()
+    kind = some.type.value_type if pa.types.is_dictionary(some.type) else some.type
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        texts = [str(each) for each in some.to_pylist()]
+        return (kind_of_text(texts[0]) if texts else None) or "text", texts
+    if pa.types.is_temporal(kind):
+        return "moment", []
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
+        return "number", [float(each) for each in some.to_pylist()]
+    return "text" if pa.types.is_boolean(kind) else "empty", []

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.blocks import NANOSECONDS
-from sensors.files.columns import ABSOLUTE, distinct
+from sensors.files.clock import ABSOLUTE
 from sensors.files.table import ChannelTable, FileError, Quantity, in_standard_unit
+from sensors.files.titles import distinct
 
 FloatArray = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from sensors.errors import InputError
 STANDARD_GRAVITY = 9.80665  # [m/s²], by definition (CGPM 1901)
 EXACT = 1e-9  # relative doubt about a rate whose stamps are exact: rounding of doubles [-]
 
-# Every unit as `_plain` writes it: lower case, no blanks, powers as plain digits, "u" for micro.
+# Every unit as `plain_unit` writes it: lower case, no blanks, powers as digits, "u" for micro.
 ACCELERATION_UNITS = {
     "m/s2": 1.0,
     "m/s/s": 1.0,
@@ -34,6 +34,10 @@ ACCELERATION_UNITS = {
     "g_n": STANDARD_GRAVITY,
     "mg": 1e-3 * STANDARD_GRAVITY,
     "ug": 1e-6 * STANDARD_GRAVITY,
+    "g's": STANDARD_GRAVITY,
+    "gs": STANDARD_GRAVITY,
+    "g0": STANDARD_GRAVITY,
+    "gee": STANDARD_GRAVITY,
 }  # [m/s² per unit]
 VELOCITY_UNITS = {
     "m/s": 1.0,
@@ -165,22 +169,24 @@ def in_standard_unit(unit: str) -> tuple[str, float]:
         ("m/s", VELOCITY_UNITS),
         ("m", DISPLACEMENT_UNITS),
     ):
-        if _plain(unit) in factors:
-            return standard, factors[_plain(unit)]
+        if plain_unit(unit) in factors:
+            return standard, factors[plain_unit(unit)]
     return unit.strip(), 1.0
 
 
-def _plain(unit: str) -> str:
-    """ "m·s⁻²", "m/s^2" and "M / S²" as one spelling each of what is meant."""
-    return unit.lower().translate(_SPELLING).replace("**", "").replace("*", "")
+def plain_unit(unit: str) -> str:
+    """ "m·s⁻²", "m/s^2", "M / S²" and "m/sec**2" as one spelling each of what is meant."""
+    plain = unit.lower().replace("sec", "s").translate(_SPELLING)
+    return plain.replace("**", "").replace("*", "")
 
 
-_SPELLING = str.maketrans("²³⁻¹µμ", "23-1uu", " ·.^")
+# "Â" comes before "²" and "µ" where UTF-8 was taken for Latin-1.
+_SPELLING = str.maketrans("²³⁻−¹µμ", "23--1uu", "â \u00a0·⋅.^()")
 
 
 def quantity_of(unit: str) -> Quantity | None:
     """What is measured in a unit (after conversion); None where it does not tell."""
-    if _plain(unit) in LIKE_DISPLACEMENT:
+    if plain_unit(unit) in LIKE_DISPLACEMENT:
         return "displacement"
     known: dict[str, Quantity] = {"m/s²": "acceleration", "m/s": "velocity", "m": "displacement"}
     return known.get(unit)

@@ -65,9 +65,9 @@ def test_two_columns_of_one_name_stay_two_channels(tmp_path: Path) -> None:
         ("a,b\n1,x\n2,3\n", "column 'b' has 'x' in line 2"),
         ("a,b\nnan,\n,nan\n", "only NaN in a, b"),
         ("t,a\n0,1\n-1,2\n", "does not increase"),
-        ("t [weeks],a\n0,1\n1,2\n", "the time column's unit is [weeks]"),
+        ("t [weeks],a\n0,1\n1,2\n", "the time column 't' is in [weeks]; its unit can be s"),
         ("t\n0\n1\n", "no channel beside the time column"),
-        ("a,b\n1,2\n3,4,5\n", "Expected 2 columns, got 3"),
+        ("a,b\n1,2\n3,4,5\n", "line 3 has 3 columns where 2 are expected"),
     ],
 )
 def test_a_broken_file_gives_one_line(tmp_path: Path, text: str, complaint: str) -> None:

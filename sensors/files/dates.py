@@ -1,0 +1,134 @@
+"""Dates and times of day as people and loggers write them → nanoseconds since 1970.
+
+    2024-03-13T12:00:00.250Z     13.03.2024 12:00:00,250     3/13/2024 12:00:00.250 PM
+    2024/03/13 12:00:00          13-Mar-2024 12:00:00.250    12:00:00.250, 00:00.25 (of no date)
+
+A time without a zone is UTC. Whether 3/4/2024 is in March or in April, only a later day can tell.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+Kind = Literal["moment", "date", "time of day"]
+Order = Literal["ymd", "dmy", "mdy"]
+
+MONTHS = ("jan", "feb", "m[aä]r", "apr", "ma[yi]", "jun", "jul", "aug", "sep", "o[ck]t", "nov",
+          "de[cz]")  # fmt: skip
+HALF_DAY = 12 * 3600 * 10**9  # [ns]
+
+_YEAR_FIRST = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}"
+_YEAR_LAST = r"\d{1,2}(?:\. |[-/. ])(?:\d{1,2}|[^\W\d]{3,9}\.?)[-/. ](?:\d{4}|\d{2})"
+_DATE = rf"(?:{_YEAR_FIRST}|{_YEAR_LAST})"
+_TIME = r"\d{1,2}:\d{1,2}(?::\d{1,2}(?:[.,:]\d+)?|[.,]\d+)?"
+_ENDING = r"(?:\s*(?:[AaPp][Mm]|UTC|GMT|Z|[+-]\d{2}:?\d{2}))?"
+_KINDS: dict[Kind, re.Pattern[str]] = {
+    "moment": re.compile(rf"{_DATE}[T _,;]+{_TIME}{_ENDING}"),
+    "date": re.compile(_DATE),
+    "time of day": re.compile(_TIME + _ENDING),
+}
+_PARTS = re.compile(r"(\d{1,2})[-/. ](\d{1,2})[-/. ](?:\d{4}|\d{2})")
+
+
+class DateError(ValueError):
+    """A text that is no time, or an order of day and month that nothing tells."""
+
+
+def kind_of_text(text: str) -> Kind | None:
+    """Whether a text is a moment, a date or a time of day; None where it is none of them."""
+    return next((kind for kind, form in _KINDS.items() if form.fullmatch(text.strip())), None)
+
+
+@dataclass(frozen=True, slots=True)
+class DateStyle:
+    """How the times of one column are written."""
+
+    order: Order
+    dated: bool  # False: times of day
+    zoned: bool
+
+    @classmethod
+    def of(cls, examples: Sequence[str]) -> "DateStyle":
+        """The style of a column's first texts. Raises DateError: day and month cannot be told."""
+        first = examples[0].strip()
+        zoned = re.search(r":\d.*(UTC|GMT|Z|[+-]\d{2}:?\d{2})$", first) is not None
+        if kind_of_text(first) == "time of day":
+            return cls("ymd", False, zoned)
+        if re.match(r"\d{4}", first):
+            return cls("ymd", True, zoned)
+        return cls(_order(examples), True, zoned)
+
+    def nanoseconds(self, texts: pa.Array) -> NDArray[np.int64]:
+        """(n,) [ns] since 1970-01-01 UTC, or since midnight.
+
+        Raises pyarrow.ArrowInvalid where one is written in another way.
+        """
+        kind = pa.timestamp("ns", tz="UTC" if self.zoned else None)
+        try:
+            stamps = texts.cast(kind)
+        except pa.ArrowInvalid:
+            stamps = self._plain(texts).cast(kind)
+        since = np.array(stamps.cast(pa.int64()).to_numpy(zero_copy_only=False), dtype=np.int64)
+        if re.search(r"[AaPp][Mm]\s*$", texts[0].as_py()) is None:
+            return since
+        later = pc.match_substring_regex(texts, r"[Pp][Mm]\s*$").to_numpy(zero_copy_only=False)
+        twelve = since // HALF_DAY % 2 == 1  # 12:30 AM is half an hour after midnight
+        return since + np.where(later & ~twelve, HALF_DAY, np.where(~later & twelve, -HALF_DAY, 0))
+
+    def _plain(self, texts: pa.Array) -> pa.Array:
+        """ISO 8601, as Arrow reads it."""
+        for pattern, replacement in [*self._dates(), *_TIMES]:
+            texts = pc.replace_substring_regex(texts, pattern, replacement)
+        return texts
+
+    def _dates(self) -> list[tuple[str, str]]:
+        """Year, month, day; of times of day, the first day there is."""
+        trimmed = [(r"^\s+", ""), (r"\s*([AaPp][Mm])?\s*$", "")]
+        if not self.dated:
+            return [*trimmed, (r"^(\d{1,2}:\d{1,2}[.,]\d+)$", r"00:\1"), ("^", "1970-01-01 ")]
+        months = [
+            (rf"(?i)^(\d+)(?:\. |[-/. ]){name}[^\W\d]*\.?[-/. ]", rf"\1-{number:02d}-")
+            for number, name in enumerate(MONTHS, start=1)
+        ]
+        day = r"(\d{1,2})"
+        year_last = r"\3-\2-\1 " if self.order == "dmy" else r"\3-\1-\2 "
+        this_century = year_last.replace(r"\3", r"20\3")
+        rest = r"[T _,;]+"
+        return [
+            *trimmed,
+            *(months if self.order == "dmy" else []),
+            (rf"^(\d{{4}})[-/.]{day}[-/.]{day}{rest}", r"\1-\2-\3 "),
+            (rf"^{day}[-/. ]{day}[-/. ](\d{{2}}){rest}", this_century),
+            (rf"^{day}[-/. ]{day}[-/. ](\d{{4}}){rest}", year_last),
+            (r"-(\d)\b", r"-0\1"),
+        ]
+
+
+_TIMES = [
+    (r" (\d):", r" 0\1:"),
+    (r":(\d):", r":0\1:"),
+    (r":(\d)([.,]|$)", r":0\1\2"),
+    (r"(:\d\d:\d\d)[,:](\d+)", r"\1.\2"),  # a decimal comma, or a colon before milliseconds
+    (r"(\.\d{9})\d+", r"\1"),
+    (r"\s*(UTC|GMT)$", "Z"),
+    (r"\s+([+-]\d{2}:?\d{2})$", r"\1"),
+]
+
+
+def _order(examples: Sequence[str]) -> Order:
+    parts = [found for each in examples if (found := _PARTS.match(each.strip()))]
+    if not parts or "." in examples[0].strip()[:3]:  # month by name; only a German date has dots
+        return "dmy"
+    if any(int(found[1]) > 12 for found in parts):
+        return "dmy"
+    if any(int(found[2]) > 12 for found in parts):
+        return "mdy"
+    raise DateError(
+        f"{examples[0].strip()!r} may be in day or month first; write dates as 2024-12-31"
+    )

@@ -1,0 +1,107 @@
+"""A text file's bytes as Arrow reads them: UTF-8, unpacked, columns apart by one character."""
+
+import codecs
+import gzip
+import io
+import re
+import zlib
+from pathlib import Path
+from typing import IO, Any, cast
+
+import pyarrow as pa
+
+from sensors.files.table import FileError
+
+UNREADABLE = (OSError, EOFError, zlib.error, UnicodeError)
+GZIP = b"\x1f\x8b"
+# What begins a file that is no text, and what to do about it.
+NO_TEXT = {
+    b"PK\x03\x04": "an archive or a workbook: unpack it, or save the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "a workbook: save the sheet as CSV",
+    b"MATLAB 5.0": "a MATLAB file of an old version: save it with -v7.3, or as CSV",
+    b"\x89HDF": "HDF5: name it .h5",
+    b"TDSm": "TDMS: name it .tdms",
+    b"PAR1": "Parquet: name it .parquet",
+    b"\x93NUMPY": "an array of NumPy: name it .npy",
+    b"ARROW1": "an Arrow file: write it as Parquet",
+    b"\x89MCAP": "a recording: it needs no import",
+}
+_BLANKS = re.compile(r"[ \t]+")
+
+
+def unpacked(path: Path) -> IO[bytes]:
+    """The file's bytes, unzipped where it is a gzip file."""
+    with path.open("rb") as file:
+        packed = file.read(2) == GZIP
+    return cast("IO[bytes]", gzip.open(path, "rb")) if packed else path.open("rb")
+
+
+def encoding_of(beginning: bytes, path: Path) -> str:
+    """How a text is written. Raises FileError for what is no text."""
+    for bom, name in (
+        (codecs.BOM_UTF8, "utf-8-sig"),
+        (codecs.BOM_UTF16_LE, "utf-16"),
+        (codecs.BOM_UTF16_BE, "utf-16"),
+    ):
+        if beginning.startswith(bom):
+            return name
+    for magic, what in NO_TEXT.items():
+        if beginning.startswith(magic):
+            raise FileError(f"{path}: this is no text but {what}")
+    even, odd = beginning[::2].count(0), beginning[1::2].count(0)
+    if even or odd:
+        half = len(beginning) // 2
+        if max(even, odd) > 0.8 * half and min(even, odd) == 0:
+            return "utf-16-le" if odd else "utf-16-be"
+        raise FileError(f"{path}: this is no text; a table of numbers with a header row is needed")
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(beginning)
+    except UnicodeDecodeError:
+        return "cp1252"  # Latin-1, as Windows writes it
+    return "utf-8"
+
+
+class RewrittenText(io.RawIOBase):
+    """A text file as UTF-8; columns that blanks keep apart are kept apart by one."""
+
+    def __init__(self, file: IO[bytes], encoding: str, *, blanks: bool) -> None:
+        self._file = file
+        self._decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
+        self._blanks = blanks
+        self._line = ""  # begun
+        self._ready = b""
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        while not self._ready:
+            raw = self._file.read(2**20)
+            self._ready = self._rewritten(self._decoder.decode(raw, final=not raw), last=not raw)
+            if not raw:
+                break
+        count = min(len(buffer), len(self._ready))
+        buffer[:count], self._ready = self._ready[:count], self._ready[count:]
+        return count
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
+
+    def _rewritten(self, text: str, *, last: bool) -> bytes:
+        if not self._blanks:
+            return text.encode()
+        text = self._line + text
+        end = len(text) if last else max(text.rfind("\n"), text.rfind("\r")) + 1
+        whole, self._line = text[:end], text[end:]
+        lines = _BLANKS.sub(" ", whole)
+        return re.sub(r"(?m)^ | $| (?=\r)", "", lines).encode()
+
+
+def arrow_stream(path: Path, encoding: str, *, blanks: bool) -> Any:
+    """What Arrow reads: the file itself where it is UTF-8."""
+    file = unpacked(path)
+    if encoding == "utf-8" and not blanks and not isinstance(file, gzip.GzipFile):
+        file.close()
+        return pa.OSFile(str(path))
+    return pa.PythonFile(io.BufferedReader(RewrittenText(file, encoding, blanks=blanks)), mode="r")
