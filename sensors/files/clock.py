@@ -200,11 +200,11 @@ class Clock:
             self._scale = Scale.of(self.unit, float(first), step)
             self._first = first
             if self._scale.absolute:
-                self.start_ns = _since_1970(first, self._scale)
+                self.start_ns = since_1970(first, self._scale)
         return self._scale
 
 
-def _since_1970(first: int | float | Decimal, scale: Scale) -> int:
+def since_1970(first: int | float | Decimal, scale: Scale) -> int:
     """[ns], without what doubles round off."""
     seconds = Fraction(scale.seconds).limit_denominator(NANOSECONDS)
     return round((Fraction(first) - scale.origin) * seconds * NANOSECONDS)
@@ -220,15 +220,15 @@ def _nanoseconds(column: pa.Array, kind: pa.DataType) -> NDArray[np.int64]:
     return np.asarray(whole.to_numpy(zero_copy_only=False), dtype=np.int64)
 
 
-def stated_moment_ns(seconds: float) -> int:
+def stated_moment_ns(number: int | float, unit: str = "") -> int:
     """[ns since 1970] of a number that says when a file begins; 0 where it counts from no date.
 
     Raises ClockError: a moment that cannot be.
     """
-    if not np.isfinite(seconds):
-        raise ClockError(f"is {seconds}; a time is needed")
-    scale = Scale.of("", seconds, None)
-    return _since_1970(seconds, scale) if scale.absolute else 0
+    if not np.isfinite(number):
+        raise ClockError(f"is {number}; a time is needed")
+    scale = Scale.of(unit, number, None)
+    return since_1970(number, scale) if scale.absolute else 0
 
 
 def words_of(title: str) -> list[str]:

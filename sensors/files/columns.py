@@ -77,12 +77,12 @@ def sorted_columns(columns: Sequence[Column], path: Path) -> Columns:
         time = "time " if clock == tuple(left_out) else ""
         raise FileError(f"{path}: no channel beside the {time}{_listed(columns, sorted(left_out))}")
     for number in texts:
-        _told_once(
+        told_once(
             f"{path}: column {columns[number].name!r} holds text "
             f"({str(next(iter(columns[number].first), ''))!r}) and is left out"
         )
     if times:
-        _told_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
+        told_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
     return Columns(tuple(columns), channels, clock)
 
 
@@ -104,7 +104,7 @@ def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
             f"{first.first[1] - first.first[0]:.6g}: call it 'time [s]' where it is the time, "
             "'sample' where it counts the samples"
         )
-    _told_once(f"{path}: no header; the first column rises evenly and is taken for seconds")
+    told_once(f"{path}: no header; the first column rises evenly and is taken for seconds")
     return (0,)
 
 
@@ -145,7 +145,7 @@ def _listed(columns: Sequence[Column], numbers: Sequence[int]) -> str:
 
 
 @lru_cache(maxsize=256)
-def _told_once(text: str) -> None:
+def told_once(text: str) -> None:
     """A file is opened more often than once; what is said of it is not."""
     logger.warning(text)
 

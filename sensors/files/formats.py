@@ -15,7 +15,7 @@ from pathlib import Path
 from sensors.files.csv import csv_pieces
 from sensors.files.hdf5 import read_hdf5
 from sensors.files.miniseed import read_miniseed
-from sensors.files.npz import read_npz
+from sensors.files.npz import read_npy, read_npz
 from sensors.files.optional import existing
 from sensors.files.parquet import parquet_pieces
 from sensors.files.sep005 import Channel, table_of_channels
@@ -36,8 +36,11 @@ IN_PIECES: dict[str, PieceReader] = {
 }
 AS_CHANNELS: dict[str, ChannelReader] = {
     "npz": read_npz,
+    "npy": read_npy,
     "h5": read_hdf5,
     "hdf5": read_hdf5,
+    "hdf": read_hdf5,
+    "mat": read_hdf5,
     "tdms": read_tdms,
     "mseed": read_miniseed,
     "miniseed": read_miniseed,

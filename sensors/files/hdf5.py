@@ -1,16 +1,25 @@
 """HDF5 → SEP005 channels.
 
 Datasets are the arrays; attributes of the file, of a group and of the dataset are its notes, the
-nearest first; see `named_arrays`. Needs h5py (extra `hdf5`).
+nearest first, and so are datasets of one value or of text; see `named_arrays`. A dataset's
+`scale_factor` (or `scale`), `add_offset` and `_FillValue` are applied as the CF conventions have
+it. MATLAB's files of version 7.3 are HDF5. Needs h5py (extra `hdf5`).
 """
 
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sensors.files.named_arrays import NamedArray, channels_of_arrays
 from sensors.files.optional import existing, needed
 from sensors.files.sep005 import Channel
 from sensors.files.table import FileError
+
+SCALE = ("scale_factor", "scale")
+SHIFT = ("add_offset", "offset")
+FILL = ("_FillValue", "missing_value")
 
 
 def read_hdf5(path: Path) -> list[Channel]:
@@ -21,24 +30,72 @@ def read_hdf5(path: Path) -> list[Channel]:
     h5py = needed("h5py", "hdf5", path)
     try:
         with h5py.File(existing(path), "r") as file:
-            arrays = list(_arrays(file, "", {}, h5py))
-    except (OSError, RuntimeError, KeyError) as error:
+            arrays = _arrays(file, "", {}, h5py, path)
+    except FileError:
+        raise
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())
+        if path.read_bytes()[:10] == b"MATLAB 5.0":
+            reason = "MATLAB's older format; save it with -v7.3"
         raise FileError(f"{path}: no readable HDF5 file: {reason}") from error
     return channels_of_arrays(arrays, path)
 
 
-def _arrays(group: Any, place: str, around: dict[str, Any], h5py: Any) -> list[NamedArray]:
+def _arrays(
+    group: Any, place: str, around: dict[str, Any], h5py: Any, path: Path
+) -> list[NamedArray]:
     """All datasets in a group and below, with the attributes that hold for them."""
+    if b"pandas_type" in {key.encode() for key in group.attrs}:
+        raise FileError(
+            f"{path}: {place or '/'} is a table of pandas; DataFrame.to_parquet writes what is "
+            "read here"
+        )
+    members = {name: group.get(name) for name in group if not name.startswith("#")}
+    datasets = {name: each for name, each in members.items() if isinstance(each, h5py.Dataset)}
     notes = around | dict(group.attrs)
+    notes |= {name: each for name, one in datasets.items() if (each := _note(one)) is not None}
     found = []
-    for name, member in group.items():
-        inside = f"{place}{name}"
+    for name, member in members.items():
         if isinstance(member, h5py.Group):
-            found += _arrays(member, f"{inside}/", notes, h5py)
-        elif isinstance(member, h5py.Dataset) and member.dtype.kind in "iuf":
-            if member.ndim == 0:
-                notes[name] = member[()]
-            else:
-                found.append(NamedArray(inside, member[()], notes | dict(member.attrs)))
+            found += _arrays(member, f"{place}{name}/", notes, h5py, path)
+        elif name in datasets and name not in notes and member.shape is not None:
+            own = dict(member.attrs)
+            values = _in_units(member[()], own, f"{path}: {place}{name}")
+            found.append(NamedArray(f"{place}{name}", values, notes | own, own))
     return found
+
+
+def _note(dataset: Any) -> Any:
+    """What a dataset of one value or of text says; None of any other."""
+    if dataset.shape is None or dataset.dtype.names is not None:
+        return None
+    if dataset.dtype.kind in "OS":
+        is_text = dataset.dtype.kind == "S" or dataset.dtype.metadata
+        return dataset[()] if is_text else None
+    if dataset.dtype.kind in "iuf" and dataset.size == 1:
+        return np.asarray(dataset[()]).reshape(-1)[0]
+    return None
+
+
+def _in_units(values: NDArray[Any], notes: dict[str, Any], place: str) -> NDArray[Any]:
+    """Counts as what they stand for; NaN where the file says that nothing was measured."""
+    if values.dtype.kind not in "iuf":
+        return values
+    scale, shift, fill = (_factor(notes, names, place) for names in (SCALE, SHIFT, FILL))
+    if scale is None and fill is None and "add_offset" not in notes:
+        return values
+    missing = values == fill if fill is not None else np.zeros(values.shape, dtype=bool)
+    inside = values * (1.0 if scale is None else scale)
+    if scale is not None or "add_offset" in notes:
+        inside = inside + (0.0 if shift is None else shift)
+    return np.where(missing, np.nan, inside) if missing.any() else np.asarray(inside)
+
+
+def _factor(notes: dict[str, Any], names: tuple[str, ...], place: str) -> Any:
+    name = next((name for name in names if name in notes), None)
+    if name is None:
+        return None
+    said = np.asarray(notes[name])
+    if said.size != 1 or said.dtype.kind not in "iuf":
+        raise FileError(f"{place}: its attribute {name} is {notes[name]!r}; one number is needed")
+    return said.reshape(-1)[0]

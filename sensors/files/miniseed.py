@@ -31,6 +31,8 @@ def read_miniseed(path: Path) -> list[Channel]:
     """
     obspy = needed("obspy", "miniseed", path)
     stream = _read(obspy, existing(path))
+    for trace in [each for each in stream if each.data.dtype.kind not in "iuf"]:
+        stream.remove(trace)  # a log
     try:
         stream.merge(method=0)  # what overlaps and differs becomes a gap, as what is missing
     except Exception as error:  # obspy raises bare Exceptions

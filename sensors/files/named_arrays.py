@@ -2,37 +2,44 @@
 
 None of these formats says how a measurement is written down in it. This is what is understood:
 
-- every series of numbers is a channel, every column of a matrix too; of several lengths, the most
-  samples are the measurement;
-- a series called `t`, `time` or `timestamp` is the time [s];
+- every series of numbers is a channel, every column of a matrix too, every field of a table; of
+  several lengths, the most samples are the measurement;
+- a matrix has as many samples as there are times, else channels as there are names, else its
+  longer side is the samples;
+- a series called `t`, `time` or `timestamp` (or a word like it) is the time, see `clock`;
 - notes, which are scalars or texts of the file, or attributes of a group or of an array, say the
   rest under one of the names below. What is nearest to the array holds.
 """
 
-import logging
+import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.files.clock import ABSOLUTE, SECONDS_PER_UNIT
-from sensors.files.sep005 import Channel
+from sensors.files.clock import ClockError, Scale, iso, known_unit, since_1970, stated_moment_ns
+from sensors.files.columns import told_once
+from sensors.files.sep005 import Channel, timestamp_ns
 from sensors.files.table import FileError
-from sensors.files.titles import TIME_NAMES, split_unit
-
-logger = logging.getLogger(__name__)
+from sensors.files.titles import is_time_title, split_unit, time_unit
 
 Notes = Mapping[str, Any]
 
-RATE = ("fs", "sampling_rate", "sampling_rate_hz", "sampling_frequency", "sample_rate", "rate")
-STEP = ("dt", "sampling_interval", "sample_interval", "wf_increment")
-START = ("start_timestamp", "start_time", "wf_start_time", "start", "t0")
+RATE = ("fs", "sampling_rate", "sampling_rate_hz", "sampling_frequency", "sample_rate", "rate",
+        "samplerate", "samplingrate", "sampling_freq")  # fmt: skip
+STEP = ("dt", "sampling_interval", "sample_interval", "wf_increment", "delta_t")
+START = ("start_timestamp", "start_time", "wf_start_time", "start", "t0", "starttime")
+OFFSET = ("wf_start_offset",)  # of the first sample behind `START` [s]
 UNIT = ("unit_str", "unit_string", "unit", "units")
 NAMES = ("names", "channel_names", "channels", "columns")
+NEARLY = 0.99  # channels of one rate that are so much alike in length belong together
+
+_FREQUENCY = {"hz": 1.0, "khz": 1e3, "s/s": 1.0, "sps": 1.0, "1/s": 1.0, "": 1.0}
+_QUANTITY = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*([^\d\s]*)\s*")
+_SINCE = re.compile(r"(?P<unit>[A-Za-zµ]+)\s+since\s+(?P<moment>\S+(?:[ T]\S+)?)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +49,7 @@ class NamedArray:
     name: str  # with its groups: "tower/acc"
     values: NDArray[Any]
     notes: Notes = field(default_factory=dict)
+    own: Notes = field(default_factory=dict)  # those among the notes that are of this array alone
 
     @property
     def title(self) -> str:
@@ -49,23 +57,35 @@ class NamedArray:
         return self.name.rpartition("/")[2]
 
     @property
+    def group(self) -> str:
+        return self.name.rpartition("/")[0]
+
+    @property
     def is_time(self) -> bool:
-        return split_unit(self.title)[0].lower() in TIME_NAMES and self.values.ndim == 1
+        return self.values.ndim == 1 and is_time_title(split_unit(self.title)[0])
 
 
 def channels_of_arrays(arrays: list[NamedArray], path: Path) -> list[Channel]:
     """The channels among the arrays. Raises FileError where there is none."""
-    numbers = [a for a in arrays if a.values.ndim in (1, 2) and a.values.dtype.kind in "iuf"]
-    stamps = [a for a in arrays if a.is_time and a.values.dtype.kind in "iufM"]
-    series = [a for a in numbers if not a.is_time]
-    longest = max((max(each.values.shape) for each in series), default=0)
+    single = [part for array in arrays for part in _simple(array)]
+    stamps = [a for a in single if a.is_time and a.values.dtype.kind in "iufM"]
+    series = [
+        _upright(a, stamps)
+        for a in single
+        if not a.is_time and a.values.ndim in (1, 2) and a.values.dtype.kind in "iuf"
+    ]
+    odd = [a.name for a in single if a.values.ndim > 2 or a.values.dtype.kind == "c"]
+    longest = max((len(each.values) for each in series), default=0)
     if longest < 2:
         raise FileError(f"{path}: there is no series of numbers in it, that is no channel")
-    ignored = [each.name for each in series if max(each.values.shape) < longest]
+    kept = [each for each in series if _belongs(each, longest, stamps, path)]
+    ignored = odd + [each.name for each in series if not any(each is one for one in kept)]
     if ignored:
-        logger.info("%s: %s shorter than the others, not read", path, ", ".join(ignored))
-    kept = [each for each in series if max(each.values.shape) == longest]
-    short = _titles_are_distinct(kept)
+        told_once(
+            f"{path}: {', '.join(ignored)} not read: shorter than the others, or no series of "
+            "real numbers"
+        )
+    short = len({each.title for each in kept}) == len(kept)
     return [
         channel
         for each in kept
@@ -73,8 +93,42 @@ def channels_of_arrays(arrays: list[NamedArray], path: Path) -> list[Channel]:
     ]
 
 
-def _titles_are_distinct(arrays: list[NamedArray]) -> bool:
-    return len({each.title for each in arrays}) == len(arrays)
+def _simple(array: NamedArray) -> Iterator[NamedArray]:
+    """An array without axes of length one; of a table, an array a field."""
+    values = np.squeeze(array.values) if array.values.size > 1 else array.values
+    if values.dtype.names is None:
+        yield replace(array, values=values)
+        return
+    for name in values.dtype.names:
+        yield replace(array, name=f"{array.group}/{name}".lstrip("/"), values=values[name])
+
+
+def _upright(array: NamedArray, stamps: list[NamedArray]) -> NamedArray:
+    """The array with its samples along the first axis."""
+    if array.values.ndim < 2:
+        return array
+    rows, columns = array.values.shape
+    lengths = {len(each.values) for each in stamps}
+    named = np.size(_listed_or_nothing(array.notes))
+    lies = columns > rows
+    if (rows in lengths) != (columns in lengths):
+        lies = columns in lengths
+    elif (rows == named) != (columns == named):
+        lies = rows == named
+    return replace(array, values=array.values.T) if lies else array
+
+
+def _listed_or_nothing(notes: Notes) -> NDArray[Any]:
+    names = _noted(notes, NAMES)
+    return np.array([]) if names is None else np.asarray(names)
+
+
+def _belongs(array: NamedArray, longest: int, stamps: list[NamedArray], path: Path) -> bool:
+    length = len(array.values)
+    if length == longest:
+        return True
+    timed = _nearest(stamps, array) is not None
+    return length >= NEARLY * longest and not timed and _rate(array, path) is not None
 
 
 def _channels(
@@ -84,66 +138,137 @@ def _channels(
     values = array.values
     if values.ndim == 1:
         bare, unit = split_unit(name)
-        yield _channel(values, bare, unit or str(_noted(array.notes, UNIT) or ""), array, stamps)
+        said = unit or str(_noted(array.notes, UNIT) or "")
+        yield _channel(values, bare, said, array, stamps, path)
         return
-    columns = values if values.shape[0] >= values.shape[1] else values.T
-    count = columns.shape[1]
+    count = values.shape[1]
     names = _listed(array.notes, NAMES, count, path) or [f"{name}{i + 1}" for i in range(count)]
     units = _listed(array.notes, UNIT, count, path) or [""] * count
-    for column, title, unit in zip(columns.T, names, units, strict=True):
+    for column, title, unit in zip(values.T, names, units, strict=True):
         bare, in_brackets = split_unit(title)
-        yield _channel(column, bare, in_brackets or unit, array, stamps)
+        yield _channel(column, bare, in_brackets or unit, array, stamps, path)
 
 
 def _channel(
-    values: NDArray[Any], name: str, unit: str, array: NamedArray, stamps: list[NamedArray]
+    values: NDArray[Any],
+    name: str,
+    unit: str,
+    array: NamedArray,
+    stamps: list[NamedArray],
+    path: Path,
 ) -> Channel:
     channel = Channel(data=values, name=name, unit_str=unit)
-    rate, step = _noted(array.notes, RATE), _noted(array.notes, STEP)
-    stamp = _nearest(stamps, array.name, len(values))
+    stamp = _nearest(stamps, array)
+    start = None
     if stamp is not None:
-        channel["time"], start = _seconds(stamp)
+        channel["time"], start = _seconds(stamp, path)
     else:
-        start = None
-        if rate is not None or step:
-            channel["fs"] = float(rate) if rate is not None else 1.0 / float(step)
-    channel["start_timestamp"] = start or _start(array.notes)
+        rate = _rate(array, path)
+        if rate is not None:
+            channel["fs"] = rate
+    channel["start_timestamp"] = start or _start(array.notes, path)
     channel["quantity"] = _noted(array.notes, ("quantity",))
     return channel
 
 
-def _nearest(stamps: list[NamedArray], name: str, length: int) -> NamedArray | None:
+def _rate(array: NamedArray, path: Path) -> float | None:
+    """The sampling rate that its notes say, perhaps as the interval [Hz]."""
+    rate = _noted(array.notes, RATE)
+    if rate is not None:
+        return _number(rate, "the sampling rate", _FREQUENCY, path)
+    step = _noted(array.notes, STEP)
+    if step is None:
+        return None
+    factors = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "": 1.0}
+    seconds = _number(step, "the sampling interval", factors, path)
+    if not 0 < seconds < float("inf"):
+        raise FileError(f"{path}: the sampling interval is {seconds:g} s; it must be positive")
+    return 1.0 / seconds
+
+
+def _number(said: Any, what: str, factors: Mapping[str, float], path: Path) -> float:
+    """A number, perhaps with its unit: 50, "50 Hz", several that are equal."""
+    values = np.unique(np.asarray(said))
+    found = _QUANTITY.fullmatch(str(values[0])) if len(values) == 1 else None
+    if values.dtype.kind in "iuf" and len(values) == 1:
+        return float(values[0])
+    if found is None or found[2].lower() not in factors:
+        raise FileError(f"{path}: {what} is {_shown(said)}; one number is needed")
+    return float(found[1]) * factors[found[2].lower()]
+
+
+def _shown(said: Any) -> str:
+    return " ".join(repr(said.tolist() if isinstance(said, np.ndarray) else said).split())[:60]
+
+
+def _nearest(stamps: list[NamedArray], array: NamedArray) -> NamedArray | None:
     """The time of an array: of its own group, else of one around it."""
-    group = name.rpartition("/")[0]
     fitting = [
         each
         for each in stamps
-        if len(each.values) == length and f"{group}/".startswith(each.name.rpartition("/")[0])
+        if len(each.values) == len(array.values) and f"{array.group}/".startswith(each.group)
     ]
     return max(fitting, key=lambda each: each.name.count("/"), default=None)
 
 
-def _seconds(stamp: NamedArray) -> tuple[NDArray[np.float64], str | None]:
-    """Seconds, and the time they count from where they are dates."""
-    if stamp.values.dtype.kind == "M":
-        first = stamp.values[0]
-        since = (stamp.values - first) / np.timedelta64(1, "ns")
-        return np.asarray(since * 1e-9, dtype=np.float64), str(first.astype("datetime64[ns]"))
-    unit = split_unit(stamp.title)[1] or str(_noted(stamp.notes, UNIT) or "")
-    return np.asarray(stamp.values * SECONDS_PER_UNIT.get(unit.lower(), 1.0)), None
+def _seconds(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | None]:
+    """Seconds since the first sample or a start, and the time they count from where it is known."""
+    values = stamp.values
+    if values.dtype.kind == "M":
+        if np.isnat(values).any():
+            missing = int(np.argmax(np.isnat(values))) + 1
+            raise FileError(f"{path}: the time {stamp.name!r} has no value in sample {missing}")
+        since = (values - values[0]) / np.timedelta64(1, "ns")
+        return np.asarray(since * 1e-9), str(values[0].astype("datetime64[ns]"))
+    try:
+        return _counted(stamp, path)
+    except ClockError as error:
+        raise FileError(f"{path}: the time {stamp.name!r} {error}") from error
 
 
-def _start(notes: Notes) -> str | None:
+def _counted(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | None]:
+    values, noted = stamp.values, str(_noted(stamp.own, UNIT) or "")
+    if values.dtype.kind == "u":
+        values = values.astype(np.int64)
+    since = _SINCE.fullmatch(noted.strip())
+    name, unit = split_unit(stamp.title)
+    around = str(_noted(stamp.notes, UNIT) or "")
+    unit = (
+        unit or time_unit(name) or (since["unit"] if since else noted)
+        or (around if known_unit(around) is not None else "")
+    )  # fmt: skip
+    step = float(np.median(np.diff(values[:100]))) if len(values) > 1 else None
+    first = float(values[0])
+    scale = Scale.of(unit, first, step if np.isfinite(first) else None)
+    if since is not None:
+        begin = timestamp_ns(since["moment"], path) + round(first * scale.seconds * 1e9)
+        return np.asarray((values - values[0]) * scale.seconds), iso(begin)
+    if not scale.absolute:
+        return np.asarray(values * scale.seconds, dtype=np.float64), None
+    return np.asarray((values - values[0]) * scale.seconds), iso(
+        since_1970(values[0].item(), scale)
+    )
+
+
+def _start(notes: Notes, path: Path) -> str | None:
     """When the first sample was taken; None where the notes do not say, or say nonsense (1904)."""
     start = _noted(notes, START)
+    if isinstance(start, np.ndarray):
+        raise FileError(f"{path}: the start is {_shown(start)}; one time is needed")
     if isinstance(start, np.datetime64):
-        after = np.datetime64("1973") < start
-        return str(start.astype("datetime64[ns]")) if after else None
-    if isinstance(start, int | float):
-        if start <= ABSOLUTE:
+        if not np.datetime64("1973") < start:
             return None
-        return datetime.fromtimestamp(start, UTC).isoformat()
-    return None if not start else str(start)
+        start = str(start.astype("datetime64[ns]"))
+    elif isinstance(start, int | float):
+        try:
+            began = stated_moment_ns(start)
+        except ClockError as error:
+            raise FileError(f"{path}: the start {error}") from error
+        start = iso(began) if began else None
+    offset = _noted(notes, OFFSET)
+    if not start or not offset:
+        return str(start) if start else None
+    return iso(timestamp_ns(str(start), path) + round(float(offset) * 1e9))
 
 
 def _noted(notes: Notes, names: tuple[str, ...]) -> Any:
@@ -154,7 +279,7 @@ def _noted(notes: Notes, names: tuple[str, ...]) -> Any:
         value = value.reshape(-1)[0]
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
-    return value.item() if isinstance(value, np.number) else value
+    return value.item() if isinstance(value, np.number | np.str_) else value
 
 
 def _listed(notes: Notes, names: tuple[str, ...], count: int, path: Path) -> list[str]:

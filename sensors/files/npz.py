@@ -1,4 +1,4 @@
-"""NumPy's archive of named arrays (`np.savez`) → SEP005 channels.
+"""NumPy's archive of named arrays (`np.savez`), or a single one (`np.save`) → SEP005 channels.
 
 Scalars and texts among the arrays are notes (`fs`, `start_timestamp`, `names`, `units`); see
 `named_arrays`. A name may carry its unit in brackets. Pickled objects are not read: a file could
@@ -30,7 +30,19 @@ def read_npz(path: Path) -> list[Channel]:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise FileError(f"{path}: no readable NPZ file: {reason}") from error
     notes = {
-        name: each for name, each in arrays.items() if each.ndim == 0 or each.dtype.kind in "US"
+        name: each for name, each in arrays.items() if each.size == 1 or each.dtype.kind in "US"
     }
     series = [NamedArray(name, each, notes) for name, each in arrays.items() if name not in notes]
     return channels_of_arrays(series, path)
+
+
+def read_npy(path: Path) -> list[Channel]:
+    """The channels of an NPY file. Raises FileError where it is missing, damaged or holds none."""
+    try:
+        values = np.load(existing(path), allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        reason = " ".join(str(error).split())
+        raise FileError(f"{path}: no readable NPY file: {reason}") from error
+    if not isinstance(values, np.ndarray):
+        raise FileError(f"{path}: an archive of arrays; name it .npz")
+    return channels_of_arrays([NamedArray("ch", values)], path)

@@ -45,5 +45,6 @@ def read_tdms(path: Path) -> list[Channel]:
 def _arrays(file: Any) -> Iterator[NamedArray]:
     for group in file.groups():
         for channel in group.channels():
-            notes = {**file.properties, **group.properties, **channel.properties}
-            yield NamedArray(f"{group.name}/{channel.name}", np.asarray(channel[:]), notes)
+            own = dict(channel.properties)
+            notes = {**file.properties, **group.properties, **own}
+            yield NamedArray(f"{group.name}/{channel.name}", np.asarray(channel[:]), notes, own)

@@ -1,0 +1,199 @@
+"""Arrays with notes as programs leave them: odd shapes, odd clocks, counts with a scale."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import obspy
+import pyarrow as pa
+import pytest
+from nptdms import ChannelObject, TdmsWriter
+from pyarrow import parquet
+
+from sensors.files.formats import read_file
+from sensors.files.table import FileError
+
+RATE = 50.0  # [Hz]
+START = np.datetime64("2024-03-13T12:00:00.250", "ns")
+START_NS = int(START.astype(np.int64))
+SAMPLES = np.round(np.random.default_rng(6).normal(size=(60, 2)), 6)
+COUNTS = np.round(1000 * SAMPLES).astype(np.int16)
+SECONDS = np.arange(len(SAMPLES)) / RATE
+STAMPS = START + np.round(SECONDS * 1e9).astype("timedelta64[ns]")
+TABLE = np.array(
+    list(zip(SECONDS, *SAMPLES.T, strict=True)), dtype=[("time", "f8"), ("a", "f8"), ("b", "f8")]
+)
+
+Notes = dict[str, Any]
+
+
+def npz(folder: Path, **arrays: Any) -> Path:
+    np.savez(folder / "a.npz", **{name: np.asarray(each) for name, each in arrays.items()})
+    return folder / "a.npz"
+
+
+def hdf5(folder: Path, fill: Callable[[h5py.File], None]) -> Path:
+    with h5py.File(folder / "a.h5", "w") as file:
+        fill(file)
+    return folder / "a.h5"
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"acc": SAMPLES.T, "fs": 50},
+        {"acc": SAMPLES, "fs": "50 Hz"},
+        {"acc": SAMPLES, "fs": [[50.0]]},
+        {"acc": SAMPLES, "dt": "0.02"},
+        {"acc": SAMPLES, "dt": "20 ms"},
+        {"acc": SAMPLES.astype(">f8"), "t": SECONDS[:, None]},
+        {"acc": SAMPLES, "time_ms": np.arange(60) * 20},
+        {"table": TABLE},
+        {"acc": SAMPLES[None], "fs": 50.0},
+    ],
+)
+def test_shapes_and_rates_are_understood(tmp_path: Path, arrays: Notes) -> None:
+    table = read_file(npz(tmp_path, **arrays))
+    np.testing.assert_array_equal(table.samples, SAMPLES)
+    assert table.sampling_rate == pytest.approx(RATE, rel=1e-9)
+    assert table.start_ns == 0
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"time": STAMPS.astype(np.int64)},
+        {"time": STAMPS.astype(np.int64) // 10**6},
+        {"time": STAMPS.astype("datetime64[ms]")},
+        {"fs": 50, "start_time": START_NS // 10**6},
+        {"fs": 50, "start_time": START_NS / 1e9},
+    ],
+)
+def test_what_counts_from_1970_has_a_date(tmp_path: Path, arrays: Notes) -> None:
+    table = read_file(npz(tmp_path, acc=SAMPLES, **arrays))
+    assert abs(table.start_ns - START_NS) < 1000
+    assert table.sampling_rate == pytest.approx(RATE, rel=1e-9)
+
+
+def test_the_times_say_which_side_of_a_matrix_is_time(tmp_path: Path) -> None:
+    many = np.arange(400.0).reshape(10, 40)
+    table = read_file(npz(tmp_path, acc=many, t=SECONDS[:10]))
+    np.testing.assert_array_equal(table.samples, many)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "complaint"),
+    [
+        ({"fs": "fast"}, "sampling rate is 'fast'; one number"),
+        ({"dt": 0.0}, "sampling interval is 0 s"),
+        ({"fs": np.nan}, "sampling rate is nan Hz"),
+        ({"fs": 50, "start_time": np.inf}, "the start is inf"),
+        ({"time": np.where(np.arange(60) == 3, np.datetime64("NaT"), STAMPS)}, "in sample 4"),
+    ],
+)
+def test_notes_that_make_no_sense_are_one_line(
+    tmp_path: Path, arrays: Notes, complaint: str
+) -> None:
+    with pytest.raises(FileError, match=complaint) as error:
+        read_file(npz(tmp_path, acc=SAMPLES, **arrays))
+    assert "\n" not in str(error.value)
+
+
+def test_a_single_array_is_read_and_an_object_is_not(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", SAMPLES)
+    np.testing.assert_array_equal(read_file(tmp_path / "a.npy").samples, SAMPLES)
+    with pytest.raises(FileError, match="no readable NPZ file"):
+        read_file(npz(tmp_path, acc=np.array([SAMPLES, "x"], dtype=object)))
+
+
+def test_counts_are_scaled_and_fill_values_are_nothing(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        counts = COUNTS.copy()
+        counts[5, 1] = -32768
+        file["acc"] = counts
+        file["acc"].attrs.update(
+            fs=50, units="m s-2", scale_factor=1e-3, add_offset=2.0, _FillValue=-32768
+        )
+
+    table = read_file(hdf5(tmp_path, fill))
+    assert np.argwhere(np.isnan(table.samples)).tolist() == [[5, 1]]
+    assert table.units == ("m/s²", "m/s²")
+    kept = ~np.isnan(table.samples)
+    np.testing.assert_allclose(table.samples[kept], (COUNTS * 1e-3 + 2.0)[kept], atol=1e-12)
+
+
+def test_datasets_of_one_value_are_notes_wherever_they_stand(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file["acc"] = SAMPLES.T
+        file["fs"] = np.array([[50.0]])
+        file["names"] = np.array(["top", "mid"], dtype=h5py.string_dtype())
+        file["elsewhere"] = h5py.ExternalLink("nowhere.h5", "/x")
+
+    table = read_file(hdf5(tmp_path, fill))
+    assert (table.names, table.sampling_rate) == (("top", "mid"), RATE)
+    np.testing.assert_array_equal(table.samples, SAMPLES)
+
+
+def test_the_unit_of_a_time_says_since_when(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file["acc"] = SAMPLES
+        file["time"] = SECONDS
+        file["time"].attrs["units"] = "seconds since 2024-03-13 12:00:00.25"
+
+    assert read_file(hdf5(tmp_path, fill)).start_ns == START_NS
+
+
+@pytest.mark.parametrize(
+    ("attribute", "complaint"), [("ticks", r"is in \[ticks\]"), ("pandas", "a table of pandas")]
+)
+def test_what_a_file_leaves_open_is_one_line(
+    tmp_path: Path, attribute: str, complaint: str
+) -> None:
+    def fill(file: h5py.File) -> None:
+        file["g/acc"], file["g/time"] = SAMPLES, SECONDS
+        file["g/time"].attrs["units"] = attribute
+        if attribute == "pandas":
+            file["g"].attrs["pandas_type"] = "frame"
+
+    with pytest.raises(FileError, match=complaint):
+        read_file(hdf5(tmp_path, fill))
+
+
+def test_a_waveform_of_labview_begins_at_its_offset(tmp_path: Path) -> None:
+    notes = {"wf_increment": 0.02, "wf_start_time": START.astype("datetime64[us]"),
+             "wf_start_offset": 10.0}  # fmt: skip
+    with TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment(
+            [ChannelObject("g", "a", np.ascontiguousarray(SAMPLES[:, 0]), properties=notes)]
+        )
+    assert read_file(tmp_path / "a.tdms").start_ns == START_NS + 10 * 10**9
+
+
+def test_a_log_among_miniseed_records_is_no_channel(tmp_path: Path) -> None:
+    def trace(code: str, data: np.ndarray) -> obspy.Trace:
+        header = {"channel": code, "sampling_rate": RATE if code != "LOG" else 0.0}
+        return obspy.Trace(data, header)
+
+    told = trace("LOG", np.frombuffer(b"said" * 20, dtype="S1"))
+    with pytest.warns(UserWarning, match="different encodings"):
+        obspy.Stream([trace("HNX", SAMPLES[:, 0].copy()), told]).write(
+            str(tmp_path / "a.mseed"), format="MSEED"
+        )
+    assert read_file(tmp_path / "a.mseed").names == ("...HNX",)
+
+
+def test_columns_of_parquet_are_understood_by_their_types(tmp_path: Path) -> None:
+    columns = {
+        "when": pa.array(STAMPS).cast(pa.timestamp("us", "Europe/Copenhagen")),
+        "a": pa.array(np.round(SAMPLES[:, 0])).dictionary_encode(),
+        "b": pa.array(SAMPLES[:, 1].astype(np.float16)),
+        "turbine": ["t1"] * 60,
+        "__index_level_0__": np.arange(60),
+    }
+    parquet.write_table(pa.table(columns), tmp_path / "a.parquet")
+    table = read_file(tmp_path / "a.parquet")
+    assert (table.names, table.start_ns, table.sampling_rate) == (("a", "b"), START_NS, RATE)
+    half = SAMPLES[:, 1].astype(np.float16)
+    np.testing.assert_array_equal(table.samples.T, [np.round(SAMPLES[:, 0]), half])
