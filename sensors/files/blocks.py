@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.files.formats import file_pieces
-from sensors.files.table import ChannelTable, FileError
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
 from sensors.layout import SensorLayout
 
 FloatArray = NDArray[np.float64]
@@ -48,10 +48,11 @@ class MeasurementFile:
     units: tuple[str, ...]
     sampling_rate: float | None  # [Hz]; None: it does not say
     start_ns: int  # [ns since 1970-01-01 UTC]; 0: it does not say
+    wanted: Wanted = EVERYTHING
 
     def pieces(self) -> Iterator[ChannelTable]:
         """Its samples, its channels in the order of `names`."""
-        for piece in file_pieces(self.path, self.reader):
+        for piece in file_pieces(self.path, self.reader, self.wanted):
             if piece.names == self.names:
                 yield piece
             else:
@@ -59,13 +60,16 @@ class MeasurementFile:
                 yield replace(piece, names=self.names, samples=piece.samples[:, columns])
 
 
-def opened(path: Path, reader: str | None = None) -> tuple[MeasurementFile, ChannelTable]:
+def opened(
+    path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
+) -> tuple[MeasurementFile, ChannelTable]:
     """A file and its first piece. Raises FileError."""
-    first = next(file_pieces(path, reader), None)
+    first = next(file_pieces(path, reader, wanted), None)
     if first is None:
         raise FileError(f"{path}: 0 samples; at least two are needed")
     rate = first.sampling_rate
-    return MeasurementFile(path, reader, first.names, first.units, rate, first.start_ns), first
+    known = first.names, first.units, rate, first.start_ns
+    return MeasurementFile(path, reader, *known, wanted), first
 
 
 def in_order_of_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
@@ -141,7 +145,8 @@ def stamped(
         if (steps <= 0).any():
             raise FileError(
                 f"{files[number].path}: time stands still or goes back at "
-                f"{moment(int(times_ns[np.argmax(steps <= 0)]))}"
+                f"{moment(int(times_ns[np.argmax(steps <= 0)]))}; --sampling-rate HZ counts the "
+                "samples instead"
             )
         last_ns, last_file = int(times_ns[-1]), number
         present = ~np.isnan(piece.samples).all(axis=1)

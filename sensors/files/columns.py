@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from sensors.files.clock import Clock, ClockError
-from sensors.files.table import ChannelTable, FileError, in_standard_unit
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, in_standard_unit
 from sensors.files.titles import distinct, is_number_title, is_time_title, time_unit
 
 logger = logging.getLogger(__name__)
@@ -61,7 +61,7 @@ class Columns:
         return tuple(sorted((*self.clock, *self.channels)))
 
 
-def sorted_columns(columns: Sequence[Column], path: Path) -> Columns:
+def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING) -> Columns:
     """Time, channels, and what is left out: said once a file.
 
     Raises FileError: no channel; a column that looks like a clock under another name.
@@ -76,14 +76,15 @@ def sorted_columns(columns: Sequence[Column], path: Path) -> Columns:
     if not channels and columns:
         time = "time " if clock == tuple(left_out) else ""
         raise FileError(f"{path}: no channel beside the {time}{_listed(columns, sorted(left_out))}")
-    for number in texts:
+    channels = tuple(channels[i] for i in wanted.among([columns[i].name for i in channels]))
+    for number in texts if not wanted.names else ():
         told_once(
             f"{path}: column {columns[number].name!r} holds text "
             f"({str(next(iter(columns[number].first), ''))!r}) and is left out"
         )
     if times:
         told_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
-    return Columns(tuple(columns), channels, clock)
+    return Columns(tuple(columns), channels, clock if wanted.stamps else ())
 
 
 def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:

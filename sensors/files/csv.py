@@ -17,7 +17,7 @@ import pyarrow as pa
 from pyarrow import csv as arrow_csv
 
 from sensors.files.columns import tables_of_columns
-from sensors.files.table import ChannelTable, FileError, whole
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, whole
 from sensors.files.text_head import COMMENT, MISSING, TextHead, head_of
 from sensors.files.text_stream import UNREADABLE, arrow_stream
 
@@ -36,9 +36,9 @@ def read_csv(path: Path) -> ChannelTable:
     return whole(csv_pieces(path), path)
 
 
-def csv_pieces(path: Path) -> Iterator[ChannelTable]:
+def csv_pieces(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
     """The channels of a text file in pieces of some megabytes. Raises FileError as it reads."""
-    head = head_of(path)
+    head = head_of(path, wanted)
     yield from tables_of_columns(_batches(path, head), head.columns, path)
 
 

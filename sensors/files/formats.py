@@ -19,12 +19,12 @@ from sensors.files.npz import read_npy, read_npz
 from sensors.files.optional import existing
 from sensors.files.parquet import parquet_pieces
 from sensors.files.sep005 import Channel, table_of_channels
-from sensors.files.table import ChannelTable, FileError, whole
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, whole
 from sensors.files.tdms import read_tdms
 
 GROUP = "pilewatch.files"  # of entry points
 
-PieceReader = Callable[[Path], Iterable[ChannelTable]]
+PieceReader = Callable[[Path, Wanted], Iterable[ChannelTable]]
 ChannelReader = Callable[[Path], list[Channel]]
 
 IN_PIECES: dict[str, PieceReader] = {
@@ -53,11 +53,15 @@ def read_file(path: Path, reader: str | None = None) -> ChannelTable:
     return whole(file_pieces(path, reader), path)
 
 
-def file_pieces(path: Path, reader: str | None = None) -> Iterator[ChannelTable]:
+def file_pieces(
+    path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
+) -> Iterator[ChannelTable]:
     """The channels of a file, in pieces where its format allows it.
 
     reader   "package.module:function" that gives SEP005 channels; None: the one of its suffix,
              plugged in or ours; a suffix that nobody knows is read as text
+
+    wanted   what of it is read
 
     Raises FileError: no such reader; a file that it cannot read.
     """
@@ -66,11 +70,11 @@ def file_pieces(path: Path, reader: str | None = None) -> Iterator[ChannelTable]
     if reader is not None:
         entries = [EntryPoint("--reader", reader, GROUP)]
     if entries:
-        yield table_of_channels(_by_entry(entries[0], path), path)
+        yield table_of_channels(_by_entry(entries[0], path), path, wanted)
     elif suffix in AS_CHANNELS:
-        yield table_of_channels(AS_CHANNELS[suffix](path), path)
+        yield table_of_channels(AS_CHANNELS[suffix](path), path, wanted)
     else:
-        yield from IN_PIECES.get(suffix, csv_pieces)(path)
+        yield from IN_PIECES.get(suffix, csv_pieces)(path, wanted)
 
 
 def _by_entry(entry: EntryPoint, path: Path) -> list[Channel]:

@@ -190,7 +190,7 @@ def _number(said: Any, what: str, factors: Mapping[str, float], path: Path) -> f
     """A number, perhaps with its unit: 50, "50 Hz", several that are equal."""
     values = np.unique(np.asarray(said))
     found = _QUANTITY.fullmatch(str(values[0])) if len(values) == 1 else None
-    if values.dtype.kind in "iuf" and len(values) == 1:
+    if values.dtype.kind in "iuf" and len(values) == 1 and np.isfinite(values[0]):
         return float(values[0])
     if found is None or found[2].lower() not in factors:
         raise FileError(f"{path}: {what} is {_shown(said)}; one number is needed")

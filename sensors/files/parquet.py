@@ -14,14 +14,14 @@ from pyarrow import parquet
 
 from sensors.files.columns import Column, ColumnKind, sorted_columns, tables_of_columns
 from sensors.files.dates import kind_of_text
-from sensors.files.table import ChannelTable, FileError
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
 from sensors.files.titles import distinct, split_unit
 
 ROWS = 2**16  # that are read at a time
 LOOKED_AT = 60  # of the first rows, to tell what a column is
 
 
-def parquet_pieces(path: Path) -> Iterator[ChannelTable]:
+def parquet_pieces(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
     """The channels of a Parquet file in pieces. Raises FileError as it reads."""
     try:
         with parquet.ParquetFile(path) as file:
@@ -29,7 +29,7 @@ def parquet_pieces(path: Path) -> Iterator[ChannelTable]:
             first = next(batches, None)
             if first is None:
                 raise FileError(f"{path}: 0 sample(s); at least two are needed")
-            columns = sorted_columns(_columns(file.schema_arrow, first), path)
+            columns = sorted_columns(_columns(file.schema_arrow, first), path, wanted)
             used = (batch.select(list(columns.used)) for batch in chain((first,), batches))
             yield from tables_of_columns(used, columns, path)
     except (OSError, pa.ArrowException) as error:

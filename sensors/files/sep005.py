@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 
 from sensors.blocks import NANOSECONDS
 from sensors.files.clock import ABSOLUTE
-from sensors.files.table import ChannelTable, FileError, Quantity, in_standard_unit
+from sensors.files.table import (
+    EVERYTHING,
+    ChannelTable,
+    FileError,
+    Quantity,
+    Wanted,
+    in_standard_unit,
+)
 from sensors.files.titles import distinct
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +49,9 @@ class Channel(TypedDict):
     quantity: NotRequired[str | None]  # "a", "v", "d" or "e" (strain)
 
 
-def table_of_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
+def table_of_channels(
+    channels: Sequence[Channel], path: Path, wanted: Wanted = EVERYTHING
+) -> ChannelTable:
     """The channels of one file side by side.
 
     Channels of one rate that begin or end at different times are put on one clock, NaN where one
@@ -53,6 +62,9 @@ def table_of_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
     """
     if not channels:
         raise FileError(f"{path}: there is no channel of numbers in it")
+    names = distinct([str(channel.get("name") or "") for channel in channels])
+    chosen = wanted.among(names)
+    channels = [channels[i] if wanted.stamps else _counted(channels[i]) for i in chosen]
     columns = [_samples(channel, path) for channel in channels]
     times, start_ns, samples = _on_one_clock(channels, columns, path)
     rate = channels[0].get("fs")
@@ -61,13 +73,23 @@ def table_of_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
         strict=True,
     )
     return ChannelTable(
-        names=tuple(distinct([str(channel.get("name") or "") for channel in channels])),
+        names=tuple(names[i] for i in chosen),
         units=units,
         samples=samples * np.array(factors),
         times=times,
         start_ns=start_ns,
         stated_rate=None if rate is None else float(rate),
         stated_quantities=tuple(_QUANTITIES.get(str(each.get("quantity"))) for each in channels),
+    )
+
+
+def _counted(channel: Channel) -> Channel:
+    return Channel(
+        data=channel["data"],
+        name=channel["name"],
+        unit_str=channel.get("unit_str", ""),
+        start_timestamp=channel.get("start_timestamp"),
+        quantity=channel.get("quantity"),
     )
 
 

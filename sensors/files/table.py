@@ -1,7 +1,7 @@
 """ChannelTable: what any file of measurements gives, whatever its format."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -75,6 +75,22 @@ _WORDS: dict[Quantity, tuple[str, ...]] = {
 
 class FileError(InputError):
     """A file of measurements that cannot be read; the message names file, row and column."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What of a file is read."""
+
+    names: frozenset[str] = frozenset()  # of channels; none: all
+    stamps: bool = True  # False: its samples are counted, whatever the time says
+
+    def among(self, names: Sequence[str]) -> list[int]:
+        """Which of the channels are read; all where one that is wanted is missing."""
+        complete = bool(self.names) and self.names <= set(names)
+        return [i for i, name in enumerate(names) if name in self.names or not complete]
+
+
+EVERYTHING = Wanted()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ from sensors.files.clock import ABSOLUTE
 from sensors.files.columns import Column, ColumnKind, Columns, sorted_columns
 from sensors.files.dates import kind_of_text
 from sensors.files.notes_in_text import stated_rate, stated_start_ns
-from sensors.files.table import FileError
+from sensors.files.table import EVERYTHING, FileError, Wanted
 from sensors.files.text_stream import UNREADABLE, encoding_of, unpacked
 from sensors.files.titles import distinct, is_time_title, is_unit, split_unit
 
@@ -59,7 +59,7 @@ class TextHead:
     exact_time: bool  # the time has digits that a double does not hold
 
 
-def head_of(path: Path) -> TextHead:
+def head_of(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
     """What a file's beginning tells.
 
     Raises FileError: missing, empty or no text; no samples; titles that do not fit the columns.
@@ -77,7 +77,7 @@ def head_of(path: Path) -> TextHead:
     lines = [line.rstrip("\n") for line in lines]
     if not any(line.strip() for line in lines):
         raise FileError(f"{path}: the file is empty; a header row is needed")
-    return _Beginning(lines, _form_of(lines), path).head(encoding)
+    return _Beginning(lines, _form_of(lines), path).head(encoding, wanted)
 
 
 def _form_of(lines: Sequence[str]) -> "Form":
@@ -203,7 +203,7 @@ class _Beginning:
     form: Form
     path: Path
 
-    def head(self, encoding: str) -> TextHead:
+    def head(self, encoding: str, wanted: Wanted) -> TextHead:
         rows = [self._row(number) for number, line in enumerate(self.lines) if _is_told(line)]
         kinds = _kinds(rows)
         if not {"number", "empty"} & set(kinds):
@@ -215,7 +215,7 @@ class _Beginning:
             raise FileError(f"{self.path}: 0 sample(s) below the header; at least two are needed")
         told = self.lines[: samples[0].number]
         some = [row for row in samples[:JUDGED] if len(row.cells) == len(kinds)]
-        columns = sorted_columns(self._columns(above, kinds, some), self.path)
+        columns = sorted_columns(self._columns(above, kinds, some), self.path, wanted)
         return TextHead(
             encoding,
             self.form.delimiter,

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -241,6 +242,26 @@ def test_what_cannot_be_imported_is_one_line(tmp_path: Path, content: str, compl
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
     assert not list(tmp_path.glob("a.mcap*"))
+
+
+def test_a_layout_chooses_channels_of_one_rate_and_what_else_there_is_does_not_matter(
+    tmp_path: Path,
+) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, rate in (("A", RATE), ("slow", 1.0)):
+            file[name] = SAMPLES[:, 0]
+            file[name].attrs["fs"] = rate
+    words = '[[channels]]\nname = "A"\nelevation = 9.0\ndirection = [1, 0, 0]\n'
+    layout = load_layout(written(tmp_path / "layout.toml", words))
+    assert open_measurement([tmp_path / "a.h5"], layout=layout).sampling_rate == RATE
+    with pytest.raises(InputError, match="channels differ in sampling rate"):
+        open_measurement([tmp_path / "a.h5"])
+    rows = "".join(f"12:00:00,{value},ok\n" for value in SAMPLES[:, 0])
+    coarse = written(tmp_path / "a.csv", "time,A,state\n" + rows)
+    with pytest.raises(InputError, match="stand still; --sampling-rate HZ counts the samples"):
+        record_measurement(open_measurement([coarse], layout=layout), tmp_path / "a.mcap")
+    counted = open_measurement([coarse], layout=layout, sampling_rate=RATE)
+    assert sum(len(block.samples) for block in counted.blocks()) == len(SAMPLES)
 
 
 def test_the_template_is_a_layout_that_can_be_filled_in(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def test_the_times_say_which_side_of_a_matrix_is_time(tmp_path: Path) -> None:
     [
         ({"fs": "fast"}, "sampling rate is 'fast'; one number"),
         ({"dt": 0.0}, "sampling interval is 0 s"),
-        ({"fs": np.nan}, "sampling rate is nan Hz"),
+        ({"fs": np.nan}, "sampling rate is nan; one number"),
         ({"fs": 50, "start_time": np.inf}, "the start is inf"),
         ({"time": np.where(np.arange(60) == 3, np.datetime64("NaT"), STAMPS)}, "in sample 4"),
     ],
