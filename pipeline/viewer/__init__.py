@@ -2,6 +2,7 @@
 
     outputs           where to: RrdFile, SpawnedViewer, ConnectedViewer; needs no rerun
     viewer_process    a viewer's window or a page for browsers, as a process on loopback
+    page_server, web/ that page: Rerun's viewer inside, nobody outside this machine asked
     display_signals   accelerations at 20 Hz
     scene, corner, pile, spectrum, stabilisation, mac_matrix
                       what is drawn, as plain figures

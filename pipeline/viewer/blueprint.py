@@ -37,9 +37,8 @@ def session_blueprint(
         rrb.TimePanel(
             state="collapsed",
             timeline=TIMELINE,
-            play_state="following",  # opens at the session's end, where everything is
+            play_state="following",  # opens at the end, where everything is; a loop_mode ends that
             playback_speed=playback_speed,
-            loop_mode="all",
         ),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -158,8 +157,8 @@ def _change_probability(root: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"{root}/change",
         contents=["$origin/probability", "$origin/noticed"],
-        name="Probability that the modes changed [-]; red: a change was noticed",
-        axis_y=rrb.ScalarAxis(range=(0.0, 1.05)),
+        name="Probability of a change [-]; red: noticed",
+        axis_y=rrb.ScalarAxis(range=(-0.1, 1.1)),  # 0 and 1 are most of what is seen
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )

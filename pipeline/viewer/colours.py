@@ -11,7 +11,7 @@ ORANGE: Colour = (230, 159, 0)
 BLUISH_GREEN: Colour = (0, 158, 115)
 VERMILLION: Colour = (213, 94, 0)
 REDDISH_PURPLE: Colour = (204, 121, 167)
-GREY: Colour = (140, 140, 140)
+GREY: Colour = (124, 124, 124)
 
 # One meaning a colour, in every view.
 MEASURED = SKY_BLUE

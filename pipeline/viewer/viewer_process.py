@@ -14,7 +14,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from urllib.parse import quote
 
 from pipeline.viewer.outputs import (
     ConnectedViewer,
@@ -23,8 +22,8 @@ from pipeline.viewer.outputs import (
     WebPage,
     require_rerun,
 )
+from pipeline.viewer.page_server import LOOPBACK, serving_page
 
-LOOPBACK = "127.0.0.1"
 MEMORY = "1GiB"  # of messages kept for browsers that come late: about ten days of one turbine
 START_PATIENCE = 20.0  # for a viewer to come up [s]
 STOP_PATIENCE = 5.0  # for a page's server to end [s]
@@ -57,25 +56,23 @@ def served_page(page: WebPage, *pictures: Path) -> Iterator[ShownPage]:
     Raises ViewerError where rerun is missing or the server does not come up.
     """
     require_rerun((page,))
-    port, page_port = free_port(page.port), free_port(page.page_port)
-    options = ["--serve-web", "--port", str(port), "--web-viewer-port", str(page_port)]
-    server = _started([*map(str, pictures), *options, "--server-memory-limit", MEMORY])
+    port, page_port, assets_port = free_port(page.port), free_port(page.page_port), free_port(0)
+    # The pictures are not for this server: given a file, that of 0.41 keeps a core busy for ever.
+    options = ["--serve-web", "--port", str(port), "--web-viewer-port", str(assets_port)]
+    server = _started([*options, "--server-memory-limit", MEMORY])
+    session = proxy_address(port)
     try:
-        for each in (port, page_port):
+        for each in (port, assets_port):
             _await_listening(server, each, page.option)
-        yield ShownPage(ConnectedViewer(proxy_address(port)), page_address(page_port, port))
+        with serving_page(page_port, session=session, assets_port=assets_port, pictures=pictures):
+            yield ShownPage(ConnectedViewer(session), f"http://{LOOPBACK}:{page_port}/")
     finally:
-        _stop(server, port, page_port)
+        _stop(server, port, assets_port)
 
 
 def proxy_address(port: int) -> str:
     """Where a session is sent to."""
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
-
-
-def page_address(page_port: int, port: int) -> str:
-    """What a browser opens: the page, told where its session comes from."""
-    return f"http://{LOOPBACK}:{page_port}/?url={quote(proxy_address(port), safe='')}"
 
 
 def free_port(preferred: int) -> int:

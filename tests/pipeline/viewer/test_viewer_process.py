@@ -4,9 +4,9 @@ import logging
 import socket
 import threading
 import urllib.request
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -122,9 +122,13 @@ def test_a_viewer_that_is_killed_changes_nothing_for_anybody_else(
 def test_a_page_is_served_on_loopback_only_and_is_gone_afterwards():
     with served_page(WebPage(free_port(0), free_port(0))) as shown:
         address = urlsplit(shown.address)
-        assert parse_qs(address.query)["url"] == [shown.output.url]
-        with urllib.request.urlopen(f"http://{address.netloc}/", timeout=20.0) as page:
-            assert b"Rerun" in page.read()
+        page, headers = fetched(shown.address)
+        assert f'data-show="{shown.output.url}"' in page.decode()
+        assert (
+            f"connect-src 'self' {origin_of(shown.output.url)};"
+            in headers["Content-Security-Policy"]
+        )
+        assert fetched(f"{shown.address}re_viewer.js")[0].startswith(b"let wasm_bindgen")
         viewer = Viewer([shown.output], DESCRIPTION, session="s", unhurried=True, strict=True)
         for message in session(Episode(n_windows=1, block=60)):
             viewer.handle(message)
@@ -132,6 +136,17 @@ def test_a_page_is_served_on_loopback_only_and_is_gone_afterwards():
         ports = [address.port, urlsplit(shown.output.url).port]
         assert all(listening_addresses(port) == {"127.0.0.1"} for port in ports)
     assert not any(is_listening(port) for port in ports)
+
+
+def origin_of(proxy: str) -> str:
+    """http://127.0.0.1:9876 of rerun+http://127.0.0.1:9876/proxy."""
+    return proxy.removeprefix("rerun+").removesuffix("/proxy")
+
+
+def fetched(url: str) -> tuple[bytes, Mapping[str, str]]:
+    """What a browser gets: content and headers."""
+    with urllib.request.urlopen(url, timeout=20.0) as answer:
+        return answer.read(), answer.headers
 
 
 def listening_addresses(port: int) -> set[str]:

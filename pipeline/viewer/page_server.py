@@ -1,0 +1,136 @@
+"""The page that a browser opens: pilewatch's own around Rerun's viewer, on loopback only.
+
+Why not Rerun's page: it asks the internet for a font, example recordings and its newest release,
+and reports to its makers how it is used, with no way to say no. This one speaks to the session
+alone; its script answers for everybody else, and the browser is told to allow nothing more.
+"""
+
+import http.client
+import logging
+import shutil
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from html import escape
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsRead
+
+OWN = {  # path → file of this package, its type
+    "/": ("page.html", "text/html; charset=utf-8"),
+    "/page.css": ("page.css", "text/css; charset=utf-8"),
+    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
+}
+RERUNS = ("/re_viewer.js", "/re_viewer_bg.wasm")  # the viewer itself, from Rerun's own server
+LOOPBACK = "127.0.0.1"
+PATIENCE = 10.0  # for Rerun's server to answer [s]
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def serving_page(
+    page_port: int, *, session: str, assets_port: int, pictures: Sequence[Path] = ()
+) -> Iterator[None]:
+    """Serve the page for as long as the context lasts.
+
+    session       where a session is sent to, rerun+http://127.0.0.1:9876/proxy; shown where there
+                  are no pictures
+    assets_port   of Rerun's own web server on this machine
+    pictures      .rrd files to show
+
+    Raises OSError where the port is taken.
+    """
+    places = {f"/{number}.rrd": path for number, path in enumerate(pictures)}
+    shown = tuple(f"http://{LOOPBACK}:{page_port}{place}" for place in places) or (session,)
+
+    class Handler(PageRequest):
+        """Knows what it is to show."""
+
+        answers = own_answers(shown)
+        policy = content_policy(shown)
+        rrds = places
+        assets = assets_port
+
+    server = ThreadingHTTPServer((LOOPBACK, page_port), Handler)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, name="page", daemon=True).start()
+    try:
+        yield
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def own_answers(shown: Sequence[str]) -> dict[str, tuple[bytes, str]]:
+    """Path → (bytes, type) of what this package holds, made out to the addresses to show."""
+    folder = files(__package__) / "web"
+    texts = {path: (folder / name).read_text("utf-8") for path, (name, _) in OWN.items()}
+    texts["/"] = texts["/"].replace("ADDRESSES", escape(" ".join(shown)), 1)
+    return {path: (texts[path].encode(), kind) for path, (_, kind) in OWN.items()}
+
+
+def content_policy(shown: Sequence[str]) -> str:
+    """What the browser allows the page: itself and what it shows, nobody else."""
+    places = (urlsplit(address.removeprefix("rerun+")) for address in shown)
+    origins = " ".join(sorted({f"{place.scheme}://{place.netloc}" for place in places}))
+    return (
+        "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; "
+        "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+        f"connect-src 'self' {origins}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+
+
+class PageRequest(BaseHTTPRequestHandler):
+    """One request of a browser."""
+
+    answers: dict[str, tuple[bytes, str]]
+    policy: str
+    rrds: dict[str, Path]
+    assets: int
+
+    def do_GET(self) -> None:
+        """The page's own files, its pictures, the viewer from Rerun's server; nothing else."""
+        path = urlsplit(self.path).path
+        try:
+            if path in self.answers:
+                content, kind = self.answers[path]
+                self._pass_on(BytesIO(content), len(content), kind)
+            elif path in self.rrds:
+                with self.rrds[path].open("rb") as rrd:
+                    self._pass_on(rrd, self.rrds[path].stat().st_size, "application/octet-stream")
+            elif path in RERUNS:
+                self._ask_rerun(path)
+            else:
+                self.send_error(HTTPStatus.NOT_FOUND)
+        except (OSError, http.client.HTTPException) as error:
+            # Why so quiet: it is the browser that went, or a viewer that is being ended.
+            _log.debug("%s not served: %s", path, error)
+            self.close_connection = True
+
+    def _ask_rerun(self, path: str) -> None:
+        with closing(http.client.HTTPConnection(LOOPBACK, self.assets, timeout=PATIENCE)) as rerun:
+            rerun.request("GET", path)
+            answer = rerun.getresponse()
+            self._pass_on(answer, None, answer.headers["Content-Type"])
+
+    def _pass_on(self, content: "SupportsRead[bytes]", length: int | None, kind: str) -> None:
+        """Without a length the end of the connection is the end of the content."""
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", kind)
+        if length is not None:
+            self.send_header("Content-Length", str(length))
+        self.send_header("Content-Security-Policy", self.policy)
+        self.send_header("Cache-Control", "no-cache")
+        self.end_headers()
+        shutil.copyfileobj(content, self.wfile)
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 (its name)
+        """Requests are nobody's news."""
+        _log.debug(format, *args)
