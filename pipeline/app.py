@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.kept_answers import KeptIdentification
 from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.nodes.node import Node
 from pipeline.nodes.updating_in_context import UpdatingInContext
@@ -38,6 +39,7 @@ class Outputs:
     session: str = "pilewatch"  # what the viewer calls it
     checkpoints: Path | None = None  # folder of the updating's state; None: it begins anew
     earlier: tuple[Path, ...] = ()  # recordings that the identification goes on from
+    tracks: Path | None = None  # folder of its latest answers, where it has no recordings
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +77,11 @@ def build(
     turbines = Turbines(scenario, layout, layouts or {}, outputs.checkpoints)
 
     def identification() -> Node:
-        if not outputs.earlier:
-            return IdentificationInContext(scenario.oma)
-        return ResumedIdentification(scenario.oma, recorded_past(outputs.earlier, scenario.oma))
+        if outputs.earlier:
+            return ResumedIdentification(scenario.oma, recorded_past(outputs.earlier, scenario.oma))
+        if outputs.tracks:
+            return KeptIdentification(ResumedIdentification(scenario.oma), outputs.tracks)
+        return IdentificationInContext(scenario.oma)
 
     def viewer() -> Node:
         drawn = scenario.structure if scenario.has_structure else bare_mast(layout)

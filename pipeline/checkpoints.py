@@ -40,9 +40,10 @@ from pipeline.updating.updater import FoundationUpdater
 logger = logging.getLogger(__name__)
 
 FOLDER = "checkpoints"  # inside a session's folder
-Answer = FoundationEvent | FoundationPosterior | WindowRejected
-ANSWERS: dict[str, type[Answer]] = {
-    each.__name__: each for each in (FoundationEvent, FoundationPosterior, WindowRejected)
+Answer = FoundationEvent | FoundationPosterior | WindowRejected  # of the updating
+ANSWERS: dict[str, type[Answer | ModalEstimate]] = {
+    each.__name__: each
+    for each in (FoundationEvent, FoundationPosterior, WindowRejected, ModalEstimate)
 }
 LATEST = stream_of(FoundationPosterior).cached  # answers that a publisher would still have
 
@@ -60,19 +61,23 @@ class NodeCheckpoint:
     turbine: str
     answered_ns: int  # end of the last window that was answered [ns since 1970-01-01 UTC]
     state: bytes  # the updater's own checkpoint
-    answers: tuple[Answer, ...] = ()  # the latest, oldest first
+    answers: tuple[Answer | ModalEstimate, ...] = ()  # the latest, oldest first
 
 
 class CheckpointFolder:
     """One file a turbine in one folder, which is made when it is first needed, and at most
-    MOST_FILES of them."""
+    MOST_FILES of them.
 
-    def __init__(self, path: Path) -> None:
+    node   whose they are; it stands in their names
+    """
+
+    def __init__(self, path: Path, node: str = "updating") -> None:
         self._path = path
+        self._node = node
 
     def file_of(self, turbine: str) -> Path:
         """Where the turbine's checkpoint lies, if it has one."""
-        return self._path / f"updating-{_in_file_names(turbine)}.checkpoint"
+        return self._path / f"{self._node}-{_in_file_names(turbine)}.checkpoint"
 
     def write(self, checkpoint: NodeCheckpoint) -> None:
         """Replace the turbine's checkpoint in one step, the bytes on disk before the name.
@@ -97,7 +102,7 @@ class CheckpointFolder:
     def _make_room(self) -> None:
         """For one more file: a stranger may make up turbines for ever, each answered window of
         his costs an updating, and those that exist renew theirs meanwhile."""
-        files = sorted(self._path.glob("updating-*.checkpoint"), key=_renewed)
+        files = sorted(self._path.glob(f"{self._node}-*.checkpoint"), key=_renewed)
         for longest_left in files[: len(files) + 1 - MOST_FILES]:
             logger.warning("removed %s: %d checkpoints are kept", longest_left, MOST_FILES)
             longest_left.unlink(missing_ok=True)
@@ -213,7 +218,8 @@ class CheckpointedUpdating:
     def _restore(self) -> None:
         found = self._folder.read(self._turbine)
         self._answered_ns = None if found is None else found.answered_ns
-        self._answers: tuple[Answer, ...] = () if found is None else found.answers
+        answers = () if found is None else found.answers
+        self._answers = tuple(each for each in answers if not isinstance(each, ModalEstimate))
         if found is None:
             self._node = FoundationUpdaterNode(self._updater)
             return

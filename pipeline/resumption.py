@@ -10,7 +10,8 @@ from the recording. Windows that were answered are not answered again, but those
 to which no posterior is recorded are given once more: whoever updates counts none of them twice and
 says again what it said of the latest (`pipeline.checkpoints`).
 
-Why nothing is written for this: the recording holds everything already, and what it does not hold
+Why nothing is written for this: the recording holds everything already (where there is none, see
+`pipeline.kept_answers`), and what it does not hold
 (a second before a kill) is answered again, with the same result. Several units of a turbine are
 joined on a clock that begins with the first of their blocks, so their windows may lie elsewhere
 after a restart; those of a single unit lie where they did.
@@ -94,6 +95,16 @@ class ResumedIdentification:
         self._past = {turbine: _of(turbine, past) for turbine in {m.turbine for m in past}}
         self._open: dict[str, _OpenWindow] = {}  # by turbine
         self._to_recall: dict[str, list[WindowAnswer]] = {}  # when the turbine's session has begun
+        self._updated_ns: dict[str, int] = {}  # by turbine: estimates up to it need not be repeated
+
+    def remember(self, turbine: str, past: Sequence[Message], *, updated_ns: int) -> None:
+        """What to take up when the turbine's first block comes, if nothing else is known of it.
+
+        updated_ns   estimates that end up to then are not given once more
+        """
+        if past and turbine not in self._past:
+            self._past[turbine] = list(past)
+            self._updated_ns[turbine] = updated_ns
 
     def handle(self, message: Message) -> Iterator[Message]:
         if not isinstance(message, AccelerationBlock):
@@ -115,7 +126,7 @@ class ResumedIdentification:
         recorded = _blocks_before(past, block)
         for each in recorded:
             yield from self._pushed(each)
-        yield from _without_posterior(past, answers)
+        yield from _without_posterior(past, answers, self._updated_ns.pop(block.turbine, 0))
         logger.warning(
             "identification of %s continues after %d recorded windows and %d recorded blocks",
             *(block.turbine, len(answers), len(recorded)),
@@ -182,7 +193,7 @@ def _blocks_before(past: Sequence[Message], block: AccelerationBlock) -> list[Ac
 
 
 def _without_posterior(
-    past: Sequence[Message], answers: Sequence[WindowAnswer]
+    past: Sequence[Message], answers: Sequence[WindowAnswer], known_ns: int
 ) -> Iterator[ModalEstimate]:
     """Estimates after the last window that the updating is known to have answered."""
     starts = {each.start_ns for each in answers if isinstance(each, ModalEstimate)}
@@ -196,5 +207,5 @@ def _without_posterior(
         default=0,
     )
     for answer in answers:
-        if isinstance(answer, ModalEstimate) and answer.end_ns > updated_ns:
+        if isinstance(answer, ModalEstimate) and answer.end_ns > max(updated_ns, known_ns):
             yield answer

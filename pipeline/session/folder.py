@@ -8,6 +8,7 @@ from pathlib import Path
 from pipeline.checkpoints import FOLDER as CHECKPOINTS
 from pipeline.files import written_whole
 from pipeline.json_values import Json
+from pipeline.kept_answers import FOLDER as TRACKS
 from pipeline.recording.parts import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.session_files import SESSION
@@ -56,6 +57,12 @@ def set_checkpoints_aside(out: Path) -> None:
     """Let the updating begin with nothing seen; an earlier session's state is kept."""
     if (out / CHECKPOINTS).exists():
         logger.info("the updating's state is now %s", set_aside(out / CHECKPOINTS))
+
+
+def set_tracks_aside(out: Path) -> None:
+    """Let an identification by itself begin with nothing seen."""
+    if (out / TRACKS).exists():
+        logger.info("the identification's answers are now %s", set_aside(out / TRACKS))
 
 
 def set_aside(path: Path) -> Path:

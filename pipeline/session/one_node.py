@@ -1,9 +1,11 @@
 """One node of a session's graph by itself: `pilewatch node NAME`."""
 
 import threading
+from dataclasses import replace
 
 from pipeline import runner
 from pipeline.app import build
+from pipeline.kept_answers import FOLDER as TRACKS
 from pipeline.nodes.shard import ShardedNode, parsed_shard
 from pipeline.recording.recent import files_of
 from pipeline.session.folder import (
@@ -12,6 +14,7 @@ from pipeline.session.folder import (
     make_folder,
     set_aside,
     set_checkpoints_aside,
+    set_tracks_aside,
 )
 from pipeline.session.options import SessionOptions
 from pipeline.session.processes import SHARED
@@ -38,6 +41,7 @@ def run_node(
     outputs = session_outputs(
         source, options, () if options.fresh else files_of(options.out / RECORDING)
     )
+    outputs = replace(outputs, tracks=options.out / TRACKS)
     graph = build(source.scenario, source.layout, outputs, source.layouts)
     plans = {plan.name: plan for plan in graph}
     if name not in plans:
@@ -48,6 +52,8 @@ def run_node(
         make_folder(options.out)
         if options.fresh and name == "updating":
             set_checkpoints_aside(options.out)
+        if options.fresh and name == "identification":
+            set_tracks_aside(options.out)
         if name == "viewer" and (options.out / PICTURES).exists():
             set_aside(options.out / PICTURES)  # of the viewer that this one follows
         node = plans[name].make()

@@ -29,6 +29,7 @@ from pipeline.session.folder import (
     SUMMARY,
     prepare_folder,
     set_checkpoints_aside,
+    set_tracks_aside,
     write_summary,
 )
 from pipeline.session.meeting import meeting_point, open_hub
@@ -75,6 +76,7 @@ def run_session(
     source = prepare_folder(source, options.out)
     if options.fresh or not source.is_live:  # a replay is an experiment of its own
         set_checkpoints_aside(options.out)
+        set_tracks_aside(options.out)
     goes_on = source.is_live and not options.fresh
     outputs = session_outputs(
         source, options, tuple(raw_files(options.out / RECORDING)) if goes_on else ()
