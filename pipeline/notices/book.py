@@ -18,6 +18,7 @@ from pipeline.notices.settings import BookSettings
 from sensors.blocks import NANOSECONDS
 
 Occasion = Literal["raised", "reminder", "ended"]
+BEGINNINGS: dict[Occasion, str] = {"raised": "", "reminder": "still: ", "ended": "over: "}
 CLOSED_KEPT = 200  # notices that are over and still listed
 
 
@@ -49,14 +50,16 @@ class Telling:
     notice: Notice
 
     def as_json(self) -> dict[str, Any]:
-        """As webhooks and brokers get it; names are stable."""
+        """As webhooks and brokers get it; names are stable. `text` can stand alone, as chats show
+        it; `cause` is what was said of the cause itself."""
         notice = self.notice
         return {
             "occasion": self.occasion,
             "id": notice.id,
             "kind": notice.kind,
             "turbine": notice.turbine,
-            "text": notice.text,
+            "text": f"{notice.turbine}: {BEGINNINGS[self.occasion]}{notice.text}",
+            "cause": notice.text,
             "count": notice.count,
             "first_ns": notice.first_ns,
             "last_ns": notice.last_ns,

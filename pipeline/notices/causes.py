@@ -1,7 +1,9 @@
 """What in the messages is worth a notice, and what says that it is over."""
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 from pipeline.health import Health
 from pipeline.messages import (
@@ -15,21 +17,24 @@ from pipeline.messages import (
 )
 from pipeline.notices.settings import BookSettings
 from sensors.blocks import NANOSECONDS
+from sensors.layout import SensorLayout
 
-SENSOR = {  # codes of windows that speak of an instrument
-    "constant": "a channel does not move",
-    "clipped": "a channel is at its limit",
-    "duplicate-channel": "two channels carry one signal",
-    "swapped-channels": "two channels have changed place",
-    "sensor-fault": "a unit reports a faulty channel",
-    "missing-unit": "a unit is missing",
-    "nan": "samples that are no numbers",
-    "spikes": "spikes",
-    "unsynchronised-clock": "a unit has lost its time reference",
-    "unsynchronised-units": "units are not on one clock",
-}
+SENSOR = (  # codes of windows that speak of an instrument
+    "constant",
+    "clipped",
+    "duplicate-channel",
+    "swapped-channels",
+    "sensor-fault",
+    "missing-unit",
+    "nan",
+    "spikes",
+    "unsynchronised-clock",
+    "unsynchronised-units",
+)
 REFUSED = ("few-pairs", "pairing-cost", "no-paired-mode")  # codes of posteriors that were not made
 SILENT_AFTER = 30.0  # without a block of a unit that has not said that it ends [s]
+LOST_AFTER = 60.0  # without a status of a node; one that works on a window has no time for any [s]
+LINK = ("link-down", "quiet")  # what a feed says of why its unit is silent
 LOOKED_EVERY = 1.0  # at what is silent [s]
 
 
@@ -56,26 +61,30 @@ class CauseFinder:
         self._settings = settings
         self._health = Health()
         self._looked_ns = 0
-        self._sensor_doubts: dict[str, set[str]] = {}  # by turbine: codes that are open
+        self._sensor_doubts: dict[str, set[str]] = {}  # by turbine: keys of causes that last
+        self._channels: dict[str, set[str]] = {}  # by turbine: names of its channels
+        self._links: dict[tuple[str, str], str] = {}  # turbine, unit: why its feed is silent
 
     def causes(self, message: Message, now_ns: int) -> Iterator[Cause]:
         """What one message says."""
         self._health.observe(message, now_ns)
         found: Iterable[Cause] = ()
         match message:
+            case SensorLayout():
+                names = (channel.name for channel in message.channels)
+                self._channels.setdefault(message.turbine, set()).update(names)
             case FoundationEvent():
                 found = _change(message)
             case StreamGap():
                 found = self._gap(message)
             case ModalEstimate():
-                doubts = {each.code: each.text for each in message.warnings if each.code in SENSOR}
-                found = self._sensor(message.turbine, doubts)
+                found = self._sensor(message)
             case WindowRejected():
                 found = self._rejected(message)
             case FoundationPosterior():
                 found = _posterior(message)
             case NodeStatus():
-                found = _status(message)
+                found = self._status(message)
         for cause in (*found, *self._silences(now_ns)):
             if cause.kind in self._settings.kinds:
                 yield cause
@@ -89,26 +98,36 @@ class CauseFinder:
         yield Cause(key, "gap", gap.turbine, text)
         yield Cause(key, "gap", gap.turbine, "", over=True)  # samples have resumed
 
-    def _sensor(self, turbine: str, doubts: dict[str, str]) -> Iterator[Cause]:
+    def _sensor(self, estimate: ModalEstimate) -> Iterator[Cause]:
         """Doubts about instruments in a window; those that it does not share are over."""
-        known = self._sensor_doubts.setdefault(turbine, set())
-        for code, text in doubts.items():
-            yield Cause(f"{turbine}/sensor/{code}", "sensor", turbine, f"{SENSOR[code]}: {text}")
-        for code in sorted(known - doubts.keys()):
-            yield Cause(f"{turbine}/sensor/{code}", "sensor", turbine, "", over=True)
+        turbine = estimate.turbine
+        doubts = {
+            self._sensor_key(turbine, each.code, each.text): each.text
+            for each in estimate.warnings
+            if each.code in SENSOR
+        }
+        for key, text in doubts.items():
+            yield Cause(key, "sensor", turbine, f"{text} ({_window_from(estimate.start_ns)})")
+        for key in sorted(self._sensor_doubts.get(turbine, set()) - doubts.keys()):
+            yield Cause(key, "sensor", turbine, "", over=True)
         self._sensor_doubts[turbine] = set(doubts)
 
     def _rejected(self, window: WindowRejected) -> Iterator[Cause]:
         """A window that says nothing of instruments does not say that they are well."""
+        turbine, begin = window.turbine, _window_from(window.start_ns)
         if window.code in SENSOR:
-            doubts = dict.fromkeys(self._sensor_doubts.get(window.turbine, ()), "")
-            text = f"{SENSOR[window.code]}: {window.reason}"
-            key = f"{window.turbine}/sensor/{window.code}"
-            yield Cause(key, "sensor", window.turbine, text)
-            self._sensor_doubts[window.turbine] = {*doubts, window.code}
+            key = self._sensor_key(turbine, window.code, window.reason)
+            yield Cause(key, "sensor", turbine, f"{window.reason} ({begin}, not used)")
+            self._sensor_doubts.setdefault(turbine, set()).add(key)
         elif window.code in REFUSED:
-            text = f"no posterior of window {window.window}: {window.reason}"
-            yield Cause(f"{window.turbine}/refused", "refused", window.turbine, text)
+            text = f"no posterior of the {begin}: {window.reason}"
+            yield Cause(f"{turbine}/refused", "refused", turbine, text)
+
+    def _sensor_key(self, turbine: str, code: str, text: str) -> str:
+        """Of one fault of certain channels: another one that fails meanwhile is another cause."""
+        channels = self._channels.get(turbine, set())
+        named = sorted({name for name in _NAME.findall(text) if name in channels})
+        return "/".join([turbine, "sensor", code, *named])
 
     def _silences(self, now_ns: int) -> Iterator[Cause]:
         """Units and nodes from which nothing has come for too long, and those that are back."""
@@ -119,12 +138,43 @@ class CauseFinder:
             _, turbine, *unit = stream.key.split("/")
             if stream.key.endswith("/acceleration"):
                 silent = stream.condition == "late" and stream.silence > SILENT_AFTER
-                text = f"unit {unit[0]} has been silent for {stream.silence:.0f} s"
+                link = self._links.get((turbine, unit[0]), "")
+                why = f"; its feed says: {link}" if link else ""
+                text = f"unit {unit[0]} has been silent for {_spoken(stream.silence)}{why}"
                 yield _state(f"{turbine}/silence/{unit[0]}", "silence", turbine, text, silent)
         for node in self._health.nodes(now_ns):
-            status, lost = node.status, node.condition == "late"
-            text = f"node {status.node} has not been heard of for {node.silence:.0f} s"
+            status = node.status
+            lost = node.condition == "late" and node.silence > LOST_AFTER
+            text = f"node {status.node} has not been heard of for {_spoken(node.silence)}"
             yield _state(f"{status.turbine}/node/{status.node}", "node", status.turbine, text, lost)
+
+    def _status(self, status: NodeStatus) -> Iterator[Cause]:
+        unit = status.node.removeprefix("feed-")
+        if unit != status.node:
+            link = "; ".join(doubt.text for doubt in status.warnings if doubt.code in LINK)
+            self._links[status.turbine, unit] = link
+        stopped = [doubt for doubt in status.warnings if doubt.code == "recording-stopped"]
+        if status.node == "recorder":
+            text = stopped[0].text if stopped else ""
+            key = f"{status.turbine}/recorder"
+            yield _state(key, "recorder", status.turbine, text, bool(stopped))
+
+
+_NAME = re.compile(r"[^\s,;:()]+")  # what may be the name of a channel
+
+
+def _window_from(start_ns: int) -> str:
+    return (
+        f"window from {datetime.fromtimestamp(start_ns // NANOSECONDS, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    )
+
+
+def _spoken(seconds: float) -> str:
+    """A duration as people say it."""
+    for unit, length in (("days", 86_400), ("hours", 3600), ("minutes", 60)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{seconds:.0f} s"
 
 
 def _state(key: str, kind: str, turbine: str, text: str, wrong: bool) -> Cause:
@@ -142,11 +192,3 @@ def _posterior(posterior: FoundationPosterior) -> Iterator[Cause]:
     text = f"the posterior is not to be trusted: {why or 'the data contradict the model'}"
     yield _state(f"{turbine}/untrusted", "untrusted", turbine, text, not posterior.trusted)
     yield Cause(f"{turbine}/refused", "refused", turbine, "", over=True)
-
-
-def _status(status: NodeStatus) -> Iterator[Cause]:
-    stopped = [doubt for doubt in status.warnings if doubt.code == "recording-stopped"]
-    text = stopped[0].text if stopped else ""
-    key = f"{status.turbine}/recorder"
-    if status.node == "recorder":
-        yield _state(key, "recorder", status.turbine, text, bool(stopped))

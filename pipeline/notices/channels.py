@@ -1,11 +1,13 @@
 """The ways out: each sends one telling or says why it could not."""
 
 import json
+import shlex
 import smtplib
 import ssl
 import urllib.error
 import urllib.request
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
 from typing import Any, Protocol
@@ -18,8 +20,9 @@ from pipeline.notices.settings import (
     WebhookSettings,
     secret,
 )
+from sensors.blocks import NANOSECONDS
 
-OCCASIONS = {"raised": "", "reminder": "still: ", "ended": "over: "}
+LONGEST_SUBJECT = 160  # [characters]
 
 Json = Mapping[str, Any]
 
@@ -37,7 +40,8 @@ class Channel(Protocol):
         ...
 
     def send(self, telling: Json) -> None:
-        """One telling, as `Telling.as_json` has it. Raises DeliveryFailed."""
+        """One telling, as `Telling.as_json` has it, with `host`, `session` (the folder in which it
+        can be acknowledged) and `serial`. Raises DeliveryFailed."""
         ...
 
 
@@ -93,20 +97,29 @@ class Mail:
 
     def _message(self, telling: Json) -> EmailMessage:
         message = EmailMessage()
-        subject = f"[pilewatch] {telling['turbine']}: {OCCASIONS[telling['occasion']]}"
-        message["Subject"] = " ".join(f"{subject}{telling['text']}".split())[:160]
+        message["Subject"] = " ".join(f"[pilewatch] {telling['text']}".split())[:LONGEST_SUBJECT]
         message["From"] = self._settings.sender
         message["To"] = ", ".join(self._settings.recipients)
         message["Date"] = formatdate(telling["last_ns"] / 1e9)
         message["Message-ID"] = make_msgid(domain="pilewatch")
         seen = "once" if telling["count"] == 1 else f"{telling['count']} times"
-        message.set_content(
-            f"{OCCASIONS[telling['occasion']]}{telling['text']}\n\n"
-            f"turbine {telling['turbine']}, kind {telling['kind']}, seen {seen} since "
-            f"{formatdate(telling['first_ns'] / 1e9)}\n"
-            f"acknowledge with: pilewatch ack {telling['id']}\n"
-        )
+        lines = [
+            telling["text"],
+            "",
+            f"kind {telling['kind']}, seen {seen} since {_moment(telling['first_ns'])}, last at "
+            f"{_moment(telling['last_ns'])}",
+        ]
+        if telling["occasion"] != "ended":
+            lines.append(
+                f"acknowledge it on {telling['host']}: "
+                f"pilewatch ack {telling['id']} --out {shlex.quote(telling['session'])}"
+            )
+        message.set_content("\n".join([*lines, ""]))
         return message
+
+
+def _moment(time_ns: int) -> str:
+    return f"{datetime.fromtimestamp(time_ns // NANOSECONDS, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
 class Mqtt:

@@ -2,6 +2,7 @@
 
 import json
 import logging
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -49,6 +50,7 @@ class NoticesDesk:
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / BOOK
+        self._place = {"host": socket.gethostname(), "session": str(folder.resolve().parent)}
         self._clock = clock
         self._causes = CauseFinder(settings)
         self._book = NoticeBook(settings, notices_in(self._path))
@@ -115,7 +117,7 @@ class NoticesDesk:
         for telling in tellings:
             for outbox, delivery in zip(self._outboxes, self._deliveries, strict=True):
                 try:
-                    outbox.put(telling.as_json())
+                    outbox.put(telling.as_json() | self._place)
                 except OSError as error:
                     logger.error("a notice could not be kept: %s", error)
                 delivery.wake()

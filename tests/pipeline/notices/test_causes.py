@@ -9,7 +9,7 @@ from pipeline.messages import Warning as Doubt
 from pipeline.notices.causes import Cause, CauseFinder
 from pipeline.notices.settings import BookSettings
 from sensors.blocks import NANOSECONDS
-from tests.pipeline.example_messages import START_NS, block, status
+from tests.pipeline.example_messages import LAYOUT, START_NS, block, status
 from tests.pipeline.updating.test_checkpoint import estimate_of, updater_of
 
 SECOND = NANOSECONDS
@@ -49,14 +49,32 @@ def test_a_gap_is_worth_a_notice_from_a_minute_on_and_is_over_at_once(finder: Ca
 
 
 def test_a_dead_channel_is_wrong_until_a_window_without_it(finder: CauseFinder) -> None:
-    dead = WindowRejected("t1", 0, 0, 1, "constant", "z41-fa is constant over the window")
+    dead = WindowRejected("t1", 0, START_NS, 1, "constant", "z41-fa is constant over the window")
     unrelated = WindowRejected("t1", 1, 0, 1, "gap", "gap of 2 s")
     well = replace(estimate_of(2), turbine="t1", warnings=())
 
     (cause,) = wrong(finder.causes(dead, START_NS))
-    assert cause.text == "a channel does not move: z41-fa is constant over the window"
+    assert cause.text == (
+        "z41-fa is constant over the window (window from 2023-11-14 22:13:20 UTC, not used)"
+    )
     assert over(finder.causes(unrelated, START_NS)) == []
     assert "t1/sensor/constant" in over(finder.causes(well, START_NS))
+
+
+def test_a_second_channel_that_dies_while_one_is_dead_is_a_cause_of_its_own(
+    finder: CauseFinder,
+) -> None:
+    list(finder.causes(LAYOUT, START_NS))
+    first, second = LAYOUT.channels[0].name, LAYOUT.channels[1].name
+    reasons = (f"{first} stands still from 3 s on", f"{first} is constant", f"{second} is constant")
+    windows = [WindowRejected("t1", i, 0, 1, "constant", each) for i, each in enumerate(reasons)]
+    keys = [cause.key for each in windows for cause in wrong(finder.causes(each, START_NS))]
+    still_dead = replace(
+        estimate_of(3), turbine="t1", warnings=(Doubt("constant", f"{second} does not move"),)
+    )
+
+    assert keys == [f"t1/sensor/constant/{name}" for name in (first, first, second)]
+    assert over(finder.causes(still_dead, START_NS)) == [f"t1/sensor/constant/{first}"]
 
 
 def test_doubts_of_a_window_speak_of_instruments_only_by_their_codes(finder: CauseFinder) -> None:
@@ -81,7 +99,9 @@ def test_a_refused_posterior_is_wrong_until_there_is_one(finder: CauseFinder) ->
 
     (cause,) = wrong(finder.causes(refused, START_NS))
     assert cause.kind == "refused"
-    assert cause.text.startswith("no posterior of window 3: only 20 %")
+    assert cause.text.startswith(
+        "no posterior of the window from 1970-01-01 00:00:00 UTC: only 20 %"
+    )
 
 
 def test_a_unit_that_falls_silent_is_noticed_while_others_speak(finder: CauseFinder) -> None:
@@ -97,14 +117,29 @@ def test_a_unit_that_falls_silent_is_noticed_while_others_speak(finder: CauseFin
     assert "t1/silence/tower" in back
 
 
+def test_a_feed_tells_why_its_unit_is_silent(finder: CauseFinder) -> None:
+    down = replace(
+        status("feed-tower"), turbine="t1", warnings=(Doubt("link-down", "udp://:5: refused"),)
+    )
+    list(finder.causes(block(0), START_NS))
+
+    (cause,) = wrong(finder.causes(down, START_NS + 300 * SECOND))
+
+    assert cause.text == (
+        "unit tower has been silent for 5 minutes; its feed says: udp://:5: refused"
+    )
+
+
 def test_a_node_that_dies_is_noticed_and_one_that_stops_is_not(finder: CauseFinder) -> None:
     lost = replace(status("updating"), state="running")
     stopped = replace(status("viewer"), state="stopped")
     list(finder.causes(lost, START_NS))
     list(finder.causes(stopped, START_NS))
 
-    found = wrong(finder.causes(block(0), START_NS + 20 * SECOND))
+    busy = wrong(finder.causes(block(0), START_NS + 20 * SECOND))
+    found = wrong(finder.causes(block(1), START_NS + 70 * SECOND))
 
+    assert busy == []  # it may be at work on a window
     assert [cause.key.split("/", 1)[1] for cause in found] == ["node/updating"]
 
 

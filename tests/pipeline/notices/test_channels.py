@@ -21,7 +21,10 @@ TELLING: dict[str, Any] = {
     "serial": 17,
     "kind": "change",
     "turbine": "t1",
-    "text": "k22 fell by 10 % ± 1 %",
+    "text": "t1: k22 fell by 10 % ± 1 %",
+    "cause": "k22 fell by 10 % ± 1 %",
+    "host": "shore-1",
+    "session": "/srv/my session",
     "count": 2,
     "first_ns": 1_700_000_000 * 10**9,
     "last_ns": 1_700_000_600 * 10**9,
@@ -56,15 +59,20 @@ def test_a_mail_says_it_in_its_subject_and_how_to_acknowledge_it() -> None:
         "127.0.0.1", "p@example.org", ("a@example.org", "b@example.org"), free_port(), False
     )
     with mail_server(settings.port) as server:
-        Mail("mail-1", settings).send(TELLING | {"occasion": "reminder"})
+        Mail("mail-1", settings).send(TELLING)
+        Mail("mail-1", settings).send(TELLING | {"occasion": "ended"})
 
-    (mail,) = server.received
-    assert mail["Subject"] is not None
-    text = str(mail.get_payload(decode=True), "utf-8")  # type: ignore[arg-type]
-    assert "still: k22 fell by 10 % ± 1 %" in text
-    assert "seen 2 times" in text
-    assert "pilewatch ack 3" in text
-    assert server.recipients == ["a@example.org", "b@example.org"]
+    told, over = server.received
+    assert told["Subject"] is not None
+    text = str(told.get_payload(decode=True), "utf-8")  # type: ignore[arg-type]
+    assert text.splitlines() == [
+        "t1: k22 fell by 10 % ± 1 %",
+        "",
+        "kind change, seen 2 times since 2023-11-14 22:13:20 UTC, last at 2023-11-14 22:23:20 UTC",
+        "acknowledge it on shore-1: pilewatch ack 3 --out '/srv/my session'",
+    ]
+    assert b"pilewatch ack" not in over.get_payload(decode=True)  # type: ignore[operator]
+    assert server.recipients == 2 * ["a@example.org", "b@example.org"]
 
 
 def test_a_mail_goes_over_starttls_with_the_password_of_the_environment(

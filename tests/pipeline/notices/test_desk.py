@@ -78,7 +78,7 @@ def test_a_notice_of_a_time_without_the_outside_comes_later(tmp_path: Path) -> N
     with web_server(port=server.port) as back:
         desk_telling(url, tmp_path, clock).close()
 
-    assert [each["text"] for each in back.received] == ["k22 fell by 10 %"]
+    assert [each["text"] for each in back.received] == ["t1: k22 fell by 10 %"]
 
 
 def test_an_acknowledged_notice_is_not_reminded_of(tmp_path: Path) -> None:
@@ -141,7 +141,9 @@ def test_a_session_tells_of_its_gap(short_recording: Path, tmp_path: Path) -> No
 
     (told,) = server.received
     assert (told["kind"], told["turbine"]) == ("gap", "iea15mw")
-    assert told["text"] == "10 s of measurements of unit tower are missing"
+    assert told["cause"] == "10 s of measurements of unit tower are missing"
+    assert told["text"] == f"iea15mw: {told['cause']}"
+    assert told["session"] == str(tmp_path / "out")
 
 
 @pytest.mark.parametrize(
