@@ -122,8 +122,7 @@ def concluded(
     modes, harmonics = [], []
     for each in merged([band.modes for band in by_band], [band.band for band in by_band]):
         mode = each.mode
-        doubtful = mode.damping_ratio < HARMONIC_DAMPING
-        if doubtful and is_harmonic(steady, sampling_rate, mode.frequency):
+        if hardly_damped(mode) and is_harmonic(steady, sampling_rate, mode.frequency):
             harmonics.append(mode)
         elif known_as_modes_are(mode, len(steady) / sampling_rate, settings, alone=each.alone):
             modes.append(mode)
@@ -141,6 +140,15 @@ def concluded(
         tuple(warnings),
         diagrams=tuple(band.poles for band in by_band),
     )
+
+
+def hardly_damped(mode: Mode) -> bool:
+    """Whether damping is so surely little that a machine's harmonic may be behind it.
+
+    In a window of a few of its own decay times a mode keeps its amplitude, too, and may by chance
+    seem hardly damped; but then its damping is known vaguely, that of a harmonic well.
+    """
+    return bool(mode.damping_ratio + np.nan_to_num(mode.damping_ratio_std) < HARMONIC_DAMPING)
 
 
 def known_as_modes_are(

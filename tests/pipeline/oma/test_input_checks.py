@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.identification import identify
+from pipeline.messages import Mode
+from pipeline.oma.identification import hardly_damped, identify
 from pipeline.oma.input_checks import Finding, check_samples, check_timestamps, is_harmonic
 from tests.pipeline.oma.conftest import KnownStructure
 
@@ -86,6 +87,18 @@ def test_a_machines_harmonic_is_no_mode(record: np.ndarray) -> None:
     for frequency in (1.236, 3.236):
         assert not is_harmonic(record, RATE, frequency)
         assert [m for m in result.modes if abs(m.frequency / frequency - 1) < 0.01]
+
+
+@pytest.mark.parametrize(
+    ("damping", "std", "harmonic"),
+    [(0.0001, 0.0008, True), (0.0004, 0.0025, True), (0.0018, 0.0023, False), (0.005, 0.0, False)],
+)
+def test_only_what_is_surely_hardly_damped_may_be_a_harmonic(
+    damping: float, std: float, harmonic: bool
+) -> None:
+    """The first two were sines in 120 s of noise, the third a mode of 1 % at 0.16 Hz in 120 s."""
+    found = Mode("", 0.16, 1e-4, damping, std, np.ones(2), np.zeros((4, 1)), 1)
+    assert hardly_damped(found) == harmonic
 
 
 def test_a_gap_in_the_stamps_is_rejected_with_its_length_and_place() -> None:
