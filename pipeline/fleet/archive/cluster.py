@@ -33,10 +33,16 @@ ALLOCATION = {
 }
 
 
+class ClusterLost(InputError):  # noqa: N818  # it says what happened
+    """A scheduler that is gone in the midst of the work."""
+
+
 class DaskWorkers:
     """The workers that a Dask client knows.
 
     missed   told how many there are when nothing has come for a while
+
+    Raises ClusterLost, from `outcomes`, where the scheduler goes.
     """
 
     def __init__(self, client: Any, missed: Callable[[int], None]) -> None:
@@ -107,12 +113,18 @@ class _WorkersDied:
 
 
 def _result_of(future: Any) -> Any:
+    from distributed.client import FutureCancelledError
     from distributed.scheduler import KilledWorker
 
     try:
         return future.result()
     except KilledWorker as error:
         return _WorkersDied(error.allowed_failures + 1)
+    except FutureCancelledError as error:  # nobody here cancels: whoever knew of it is gone
+        raise ClusterLost(
+            "the Dask scheduler has gone; what is finished is kept, and the same command goes on "
+            "with it when a scheduler runs again"
+        ) from error
     finally:
         future.release()
 
@@ -170,14 +182,17 @@ def cluster_workers(address: str, *, patience: float = CONNECTING) -> Iterator[W
 
     patience   how long the scheduler is waited for [s]
 
-    Raises InputError where nobody answers there, or none of its workers.
+    Raises InputError where nobody answers there, or none of its workers; ClusterLost where it goes.
     """
     _require_dask()
     from distributed import Client
 
     with _opened(lambda: Client(address, timeout=patience), address) as client:
         _require_alike(client, address)
-        yield DaskWorkers(client, _wait_for_workers)
+        try:
+            yield DaskWorkers(client, _wait_for_workers)
+        except ClusterLost as error:
+            raise ClusterLost(f"--cluster {address}: {error}") from error
 
 
 def _wait_for_workers(alive: int) -> None:
@@ -228,11 +243,11 @@ def _opened(connect: Callable[[], Any], address: str) -> Iterator[Any]:
 
 
 def _require_dask() -> None:
-    """Dask, loaded so that it speaks of nothing but errors."""
+    """Dask, loaded so that it speaks of nothing but errors; of a scheduler that has gone we do."""
     try:
         import dask
 
-        dask.config.set({"logging": {"distributed": "error", "distributed.client": "error"}})
+        dask.config.set({"logging": {"distributed": "error", "distributed.client": "critical"}})
         import distributed  # noqa: F401
     except ImportError:
         raise InputError(

@@ -29,7 +29,7 @@ from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.updating.spring_coordinates import SpringCoordinates
 
-OUTLYING = 0.9  # probability from which a turbine is said to be unlike the others
+OUTLYING = 0.8  # probability from which a turbine is said to be unlike the others
 MOST_DRAWS = 1000  # of a turbine's springs, that are kept
 POPULATION_DRAWS = 100  # of mean and spread, that make the prior of one more turbine
 FEWEST_TURBINES = 2

@@ -1,13 +1,20 @@
 """Processes of this machine do what one process does; one that dies costs only what it was at."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from distributed import LocalCluster
+from distributed.client import FutureCancelledError
 
 from pipeline.fleet.archive import cluster
-from pipeline.fleet.archive.cluster import cluster_workers, local_workers
+from pipeline.fleet.archive.cluster import (
+    ClusterLost,
+    DaskWorkers,
+    cluster_workers,
+    local_workers,
+)
 from pipeline.fleet.archive.reprocessing import reprocessed
 from pipeline.fleet.archive.work import Call, Failed, Workers
 from sensors.errors import InputError
@@ -111,3 +118,22 @@ def test_workers_of_several_threads_are_refused() -> None:
 def test_a_scheduler_that_is_not_there_is_one_line() -> None:
     with pytest.raises(InputError, match="no Dask scheduler answers there"):
         cluster_workers("tcp://127.0.0.1:9", patience=0.2).__enter__()
+
+
+def test_a_scheduler_that_goes_in_the_midst_is_one_line() -> None:
+    class Lost:
+        """A call of which only the scheduler knew."""
+
+        def add_done_callback(self, told: Callable[[object], None]) -> None:
+            told(self)
+
+        def result(self) -> object:
+            raise FutureCancelledError("key", "scheduler-connection-lost")
+
+        def release(self) -> None:
+            pass
+
+    client = SimpleNamespace(nthreads=lambda: {"worker": 1}, submit=lambda *_, **__: Lost())
+    workers = DaskWorkers(client, missed=lambda _: None)
+    with pytest.raises(ClusterLost, match="what is finished is kept"):
+        list(workers.outcomes([Call("a", str, 1)]))
