@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from sensors.blocks import NANOSECONDS
+from sensors.feeds.recent import Recent
 from sensors.files.table import rate_of_stamps
 
 # Samples over which the clock follows the stamps: a drift of 100 ppm is followed within a tenth of
@@ -17,7 +18,6 @@ FOLLOWED = 1000.0
 RATE_TOLERANCE = 1e-3  # between what is told of a sampling rate, relative
 SET_ANEW = 10  # messages in a row that tell another rate
 STAMPS = 64  # single samples whose stamps tell their rate
-MOST_STREAMS = 1000  # whose stamps are kept until then
 
 
 class UnitClock:
@@ -74,13 +74,14 @@ class RateFinder:
     """The sampling rate of samples that come one by one with their stamps."""
 
     def __init__(self) -> None:
-        self._stamps: dict[str, list[int]] = {}  # by stream [ns]
+        self._stamps: Recent[list[int]] = Recent()  # by stream [ns]
 
     def rate(self, stream: str, time_ns: int) -> float | None:
         """Take note of a stamp; the rate [Hz] when one stream has shown enough of them."""
-        if stream not in self._stamps and len(self._stamps) >= MOST_STREAMS:
-            self._stamps.clear()  # they are nonsense, or one of them will come again
-        stamps = self._stamps.setdefault(stream, [])
+        stamps = self._stamps.get(stream)
+        if stamps is None:
+            stamps = []
+            self._stamps.put(stream, stamps)
         stamps.append(time_ns)
         if len(stamps) < STAMPS:
             return None

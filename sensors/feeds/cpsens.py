@@ -39,7 +39,8 @@ from sensors.feeds.feed import ChannelSamples, FeedCounts
 from sensors.feeds.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.json_samples import MessageError, json_of, named_by
 from sensors.feeds.moments import LATEST_NS
-from sensors.feeds.sequences import MOST_SENDERS, SenderNumbers
+from sensors.feeds.recent import Recent
+from sensors.feeds.sequences import SenderNumbers
 
 _FIXED = "HHQQQ"
 DESCRIPTOR_BYTES = struct.calcsize(f"<{_FIXED}")  # 28
@@ -98,8 +99,8 @@ class CpSensReader:
         self._numbers = SenderNumbers(counts)
         self._default = Metadata(sampling_rate) if sampling_rate else None
         self._clock = clock
-        self._metadata: dict[str, Metadata] = {}  # by channel's topic
-        self._arrival: dict[str, tuple[int, int]] = {}  # a sample's number, its time [ns]
+        self._metadata: Recent[Metadata] = Recent()  # by channel's topic
+        self._arrival: Recent[tuple[int, int]] = Recent()  # a sample's number, its time [ns]
 
     def read(self, payload: bytes, topic: str) -> ChannelSamples | None:
         """The samples of a message; None of metadata and of what is counted instead.
@@ -108,11 +109,9 @@ class CpSensReader:
         """
         base = _without(topic, _ENDINGS)
         if topic.endswith("/metadata"):
-            if base not in self._metadata and len(self._metadata) >= MOST_SENDERS:
-                raise MessageError(f"more than {MOST_SENDERS} channels")
-            self._metadata[base] = metadata_of(json_of(payload))
+            self._metadata.put(base, metadata_of(json_of(payload)))
             return None
-        metadata = self._metadata.get(base, self._default)
+        metadata = self._metadata.get(base) or self._default
         if metadata is None:
             raise MessageError("no metadata yet: its sampling rate is not known; or say ?rate=")
         descriptor = descriptor_of(payload)
@@ -155,10 +154,10 @@ class CpSensReader:
             return descriptor.time_ns, BlockStatus.OK
         if metadata.started_ns is not None:
             return metadata.started_ns + since, BlockStatus.OK
-        before, time_ns = self._arrival.get(base, (-1, 0))
+        before, time_ns = self._arrival.get(base) or (-1, 0)
         if descriptor.first_sample < before or before < 0:  # the first, or a start anew
             time_ns = self._clock() - since
-        self._arrival[base] = (descriptor.first_sample, time_ns)
+        self._arrival.put(base, (descriptor.first_sample, time_ns))
         return time_ns + since, BlockStatus.CLOCK_UNSYNCHRONISED
 
 

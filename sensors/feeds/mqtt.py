@@ -23,9 +23,9 @@ from sensors.feeds.feed import Arrival, FeedCounts, FeedError, Inbox
 from sensors.feeds.frame import MAGIC
 from sensors.feeds.json_samples import JsonReader, MessageError, json_of
 from sensors.feeds.numbered import FrameReader
+from sensors.feeds.recent import Recent
 from sensors.feeds.reconnecting import LinkError, kept_connected
 from sensors.feeds.scada import RisingTimes, ScadaReader
-from sensors.feeds.sequences import MOST_SENDERS
 
 logger = logging.getLogger(__name__)
 
@@ -196,13 +196,14 @@ class ScadaMessages:
 
     def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:
         self._reader, self._counts = reader, counts
-        self._times: dict[str, RisingTimes] = {}  # by topic
+        self._times: Recent[RisingTimes] = Recent()  # by topic
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
         self._counts.received += 1
-        if topic not in self._times and len(self._times) >= MOST_SENDERS:
-            raise MessageError(f"more than {MOST_SENDERS} topics")
-        times = self._times.setdefault(topic, RisingTimes(self._counts))
+        times = self._times.get(topic)
+        if times is None:
+            times = RisingTimes(self._counts)
+            self._times.put(topic, times)
         said = json_of(payload)
         for each in said if isinstance(said, list) else [said]:
             if not isinstance(each, dict):

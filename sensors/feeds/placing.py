@@ -13,13 +13,13 @@ from sensors.feeds.clock import UnitClock
 from sensors.feeds.columns import Columns
 from sensors.feeds.cutter import RowCutter, SessionNames
 from sensors.feeds.feed import ChannelSamples, FeedCounts
+from sensors.feeds.recent import Recent
 from sensors.feeds.rows import WaitingRows
 
 AGREEING = 3  # messages in a row whose stamps leap to the same place
 JITTER = 0.5  # of a stamp [samples]
 FEW = 64  # samples, before which the first stamp's own jitter is still in the clock
 CLOCK_STEP = 0.5  # of the stamps, while the numbers go on: the clock was set [s]
-MOST_STREAMS = 1000  # topics or senders of one unit; more are nonsense
 RESTARTED = 600.0  # a unit that was silent that long begins a new session [s]
 
 
@@ -58,7 +58,7 @@ class Placing:
         self._columns, self._counts = columns, counts
         self._rate, self._wait = rate, round(wait * rate)
         self._cutter = RowCutter(columns.layout, rate, size, sessions)
-        self._streams: dict[str, _Stream] = {}
+        self._streams: Recent[_Stream] = Recent()
         self._begin(first)
 
     @property
@@ -72,10 +72,7 @@ class Placing:
 
     def push(self, piece: ChannelSamples) -> Iterator[AccelerationBlock]:
         """Take what a message brought; give the blocks that it completes."""
-        if piece.stream not in self._streams and len(self._streams) >= MOST_STREAMS:
-            self._counts.refuse(f"{piece.stream}: more than {MOST_STREAMS} topics or senders")
-            return
-        stream = self._streams.setdefault(piece.stream, _Stream())
+        stream = self._stream(piece.stream)
         if self._fits(piece, stream):
             self._drop_held(stream)
             yield from self._place(piece, stream)
@@ -85,6 +82,15 @@ class Placing:
         stream.held.append(piece)
         if len(stream.held) >= AGREEING:
             yield from self._believe(stream)
+
+    def _stream(self, name: str) -> _Stream:
+        stream = self._streams.get(name)
+        if stream is None:
+            stream = _Stream()
+            forgotten = self._streams.put(name, stream)
+            if forgotten is not None:
+                self._drop_held(forgotten)
+        return stream
 
     def finish(self) -> Iterator[AccelerationBlock]:
         """Nothing more will come: give what is left."""

@@ -3,8 +3,8 @@
 from enum import Enum
 
 from sensors.feeds.feed import FeedCounts
+from sensors.feeds.recent import Recent
 
-MOST_SENDERS = 1000  # whose numbers are watched; more are nonsense
 WATCHED = 4096  # newest numbers of which it is known one by one whether they came
 FARTHEST = 1_000_000  # a number so far ahead is no loss but nonsense, or another start
 
@@ -93,15 +93,15 @@ class SenderNumbers:
 
     def __init__(self, counts: FeedCounts, *, rising: bool = False) -> None:
         self._counts, self._rising = counts, rising
-        self._watches: dict[str, SequenceWatch] = {}
+        self._watches: Recent[SequenceWatch] = Recent()
 
     def follows(self, sender: str, sequence: int, session: int = 0, *, time_ns: int) -> bool | None:
         """Whether a message is directly behind its sender's last; None: it is not to be taken,
         and counted."""
-        if sender not in self._watches and len(self._watches) >= MOST_SENDERS:
-            self._counts.refuse(f"{sender}: more than {MOST_SENDERS} senders")
-            return None
-        watch = self._watches.setdefault(sender, SequenceWatch(rising=self._rising))
+        watch = self._watches.get(sender)
+        if watch is None:
+            watch = SequenceWatch(rising=self._rising)
+            self._watches.put(sender, watch)
         before = watch.lost
         place = watch.place(sequence, session, time_ns=time_ns)
         self._counts.lost += watch.lost - before
