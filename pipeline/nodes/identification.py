@@ -31,6 +31,7 @@ class IdentificationNode:
         self._sessions: dict[str, Session] = {}  # by turbine
         self._gates: dict[tuple[str, str], BlockGate] = {}  # by turbine and unit
         self._ends: dict[tuple[str, str, str], StreamEnd] = {}  # announced, blocks still missing
+        self._late_of_ended = self._duplicate_of_ended = 0  # blocks of sessions that are over
         self._unfit_of_forgotten = 0  # blocks of units that were let go
 
     def handle(self, message: Message) -> Iterable[Message]:
@@ -51,7 +52,7 @@ class IdentificationNode:
     def forget(self, turbine: str) -> Iterator[Message]:
         """Let go of a turbine; what its session still has to say."""
         if turbine in self._sessions:
-            yield from self._sessions.pop(turbine).finish()
+            yield from self._end_session(turbine)
         units = {unit for of, unit in self._gates if of == turbine}
         units |= {layout.unit for layout in self._layouts.values() if layout.turbine == turbine}
         units |= {unit for of, unit, _ in self._ends if of == turbine}
@@ -99,7 +100,7 @@ class IdentificationNode:
         session = self._sessions.get(block.turbine)
         admission = gate.admit(block, "" if session is None else session.refusal(block))
         if admission.anew and block.turbine in self._sessions:
-            yield from self._sessions.pop(block.turbine).finish()
+            yield from self._end_session(block.turbine)
         for each in admission.blocks:
             yield from self._take(each)
 
@@ -107,7 +108,7 @@ class IdentificationNode:
         session = self._sessions.get(block.turbine)
         if session is None or not session.goes_on_with(block):
             if session is not None:
-                yield from session.finish()
+                yield from self._end_session(block.turbine)
             session = self._sessions[block.turbine] = self._new_session(block)
         misfit = session.misfit(block)
         if misfit:
@@ -141,18 +142,26 @@ class IdentificationNode:
         ):
             for unit, (name, _) in session.newest.items():
                 del self._ends[turbine, unit, name]
-            del self._sessions[turbine]
-            yield from session.finish()
+            yield from self._end_session(turbine)
+
+    def _end_session(self, turbine: str) -> Iterator[Message]:
+        """What a session still has to say; its blocks stay counted."""
+        session = self._sessions.pop(turbine)
+        self._late_of_ended += session.late
+        self._duplicate_of_ended += session.duplicate
+        yield from session.finish()
 
     @property
     def late(self) -> int:
-        """Blocks of the present sessions that came too late to be used."""
-        return sum(session.late for session in self._sessions.values())
+        """Blocks that came too late to be used."""
+        return self._late_of_ended + sum(session.late for session in self._sessions.values())
 
     @property
     def duplicate(self) -> int:
-        """Blocks of the present sessions that came twice."""
-        return sum(session.duplicate for session in self._sessions.values())
+        """Blocks that came twice."""
+        return self._duplicate_of_ended + sum(
+            session.duplicate for session in self._sessions.values()
+        )
 
     @property
     def unfit(self) -> int:

@@ -161,6 +161,17 @@ def test_a_block_that_comes_after_its_gap_was_declared_changes_nothing(
     assert outline(answers(very_late)) == outline(answers(blocks[:70] + blocks[71:]))
 
 
+def test_late_and_repeated_blocks_stay_counted_when_their_session_ends(
+    blocks: list[AccelerationBlock],
+) -> None:
+    node = IdentificationNode(SETTINGS)
+    end = StreamEnd("t1", "tower", "s1", blocks[39].end_ns, 40)
+    sent = [*blocks[:20], *blocks[21:35], blocks[20], blocks[34], *blocks[35:40], end]
+    for message in sent:
+        list(node.handle(message))
+    assert (node.late, node.duplicate) == (1, 1)
+
+
 def test_a_gap_over_several_windows_rejects_each(blocks: list[AccelerationBlock]) -> None:
     said = answers(blocks[:50] + blocks[130:])
     assert outline(said) == [
