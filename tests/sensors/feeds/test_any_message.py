@@ -1,14 +1,17 @@
 """Whatever a stranger publishes: it is taken or counted, and what comes out can be sent on."""
 
+import json
 import struct
+import tracemalloc
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.transport.codec import encode
+from sensors.blocks import AccelerationBlock
 from sensors.feeds.address import parsed
 from sensors.feeds.assembler import Assembler
-from sensors.feeds.feed import ChannelSamples, FeedCounts
+from sensors.feeds.feed import LONGEST_SENTENCE, NAMED_UNKNOWN, ChannelSamples, FeedCounts
 from sensors.feeds.json_samples import MessageError
 from sensors.feeds.mqtt import SamplesReader
 from sensors.files.layout_file import LayoutFile, MappedChannel
@@ -47,10 +50,43 @@ _json = st.builds(
         lambda each: str(each).replace("None", "null")
     ),
 )
-_messages = st.tuples(
-    st.sampled_from(["t/ax", "c/ax/acc/raw/data", "c/ax/acc/raw/metadata"]),
-    _frames | _cpsens | _json | st.binary(max_size=60),
+_bombs = st.sampled_from(
+    [
+        b"[" * 200_000,
+        b'{"a":' * 100_000,
+        b'"' + b"x" * 2_000_000 + b'"',
+        b'{"time": 1e999, "ax": 1}',
+    ]
 )
+_named = st.builds(
+    lambda names: json.dumps({"time": 1_700_000_000, **dict.fromkeys(names, 1.0)}).encode(),
+    st.lists(st.text(max_size=100), max_size=40),
+)
+_messages = st.tuples(
+    st.sampled_from(["t/ax", "c/ax/acc/raw/data", "c/ax/acc/raw/metadata"]) | st.text(max_size=30),
+    _frames | _cpsens | _json | _bombs | _named | st.binary(max_size=60),
+)
+
+
+class Feed:
+    """What an MQTT feed does with messages, without the broker."""
+
+    def __init__(self) -> None:
+        self.counts = FeedCounts()
+        self.blocks: list[AccelerationBlock] = []
+        self._reader = SamplesReader(parsed("mqtt://h/#"), ("ax",), self.counts)
+        self._assembler = Assembler(LAYOUT, self.counts)
+
+    def take(self, topic: str, payload: bytes) -> None:
+        try:
+            for piece in self._reader.read(topic, payload, retained=False):
+                assert isinstance(piece, ChannelSamples)
+                self.blocks += self._assembler.push(piece)
+        except MessageError as error:
+            self.counts.refuse(str(error))
+
+    def finish(self) -> None:
+        self.blocks += self._assembler.finish()
 
 
 @settings(max_examples=60)
@@ -58,16 +94,50 @@ _messages = st.tuples(
 def test_any_messages_are_taken_or_counted_and_what_comes_out_can_be_sent(
     messages: list[tuple[str, bytes]],
 ) -> None:
-    counts = FeedCounts()
-    reader = SamplesReader(parsed("mqtt://h/#?rate=40"), ("ax",), counts)
-    assembler = Assembler(LAYOUT, counts)
-    blocks = []
+    feed = Feed()
     for topic, payload in messages:
-        try:
-            for piece in reader.read(topic, payload, retained=False):
-                assert isinstance(piece, ChannelSamples)
-                blocks += assembler.push(piece)
-        except MessageError as error:
-            counts.refuse(str(error))
-    for block in [*blocks, *assembler.finish()]:
+        feed.take(topic, payload)
+    feed.finish()
+    for block in feed.blocks:
         encode(block)
+    assert len(feed.counts.unknown) <= NAMED_UNKNOWN
+    for told in (*feed.counts.unknown, feed.counts.refusal):
+        assert told.isprintable()
+        assert len(told) <= LONGEST_SENTENCE
+
+
+@settings(max_examples=40)
+@given(messages=st.lists(_messages, max_size=9))
+def test_whatever_came_before_the_instrument_itself_is_heard(
+    messages: list[tuple[str, bytes]],
+) -> None:
+    feed = Feed()
+    for topic, payload in messages:
+        feed.take(topic, payload)
+    before = len(feed.blocks)
+    for second in range(40):
+        values = {"ax": [float(second)] * 40}
+        said = {"time": 1_710_000_000 + second, "rate": 40, "values": values}
+        feed.take("t/ax", json.dumps(said).encode())
+    feed.finish()
+    heard = [block for block in feed.blocks[before:] if block.sampling_rate == 40.0]
+    assert {float(second) for second in range(20, 40)} <= {
+        float(value) for block in heard for value in block.samples[:, 0]
+    }
+
+
+def test_names_and_topics_without_end_cost_no_memory() -> None:
+    feed = Feed()
+
+    def storm(begin: int) -> None:
+        for number in range(begin, begin + 1200):
+            said = {"time": 1_700_000_000, "rate": 40, "sequence": 1, f"n{number}": [1.0] * 40}
+            feed.take(f"t/{number}", json.dumps(said | {"ax": [2.0] * 40}).encode())
+
+    storm(0)
+    tracemalloc.start()
+    storm(1200)
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert grown < 1_000_000
+    assert len(feed.counts.unknown) == NAMED_UNKNOWN
