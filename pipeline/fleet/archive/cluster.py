@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -214,20 +214,14 @@ def _require_alike(client: Any, address: str) -> None:
                 f"--cluster {address}: worker {worker} has {count} threads; start each worker with "
                 "--nthreads 1, and more of them"
             )
-    own = version("pilewatch")
-    for worker, theirs in client.run(_installed).items():
+    own = version("pilewatch")  # the standard library's function: a worker need not have ours
+    for worker, theirs in client.run(version, "pilewatch", on_error="return").items():
         if theirs != own:
+            has = f"pilewatch {theirs}" if isinstance(theirs, str) else "no pilewatch"
             raise InputError(
-                f"--cluster {address}: worker {worker} has {theirs or 'no'} pilewatch, this is "
-                f"pilewatch {own}"
+                f"--cluster {address}: worker {worker} has {has}, this is pilewatch {own}; install "
+                "the same on every worker"
             )
-
-
-def _installed() -> str:
-    try:
-        return version("pilewatch")
-    except PackageNotFoundError:
-        return ""
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """Processes of this machine do what one process does; one that dies costs only what it was at."""
 
 from collections.abc import Callable, Iterator
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -137,3 +138,10 @@ def test_a_scheduler_that_goes_in_the_midst_is_one_line() -> None:
     workers = DaskWorkers(client, missed=lambda _: None)
     with pytest.raises(ClusterLost, match="what is finished is kept"):
         list(workers.outcomes([Call("a", str, 1)]))
+
+
+def test_workers_with_another_pilewatch_or_none_are_refused() -> None:
+    for theirs, told in ((PackageNotFoundError("pilewatch"), "no pilewatch"), ("0.0.9", "0.0.9")):
+        client = SimpleNamespace(nthreads=lambda: {"w": 1}, run=lambda *_, **__: {"w": theirs})  # noqa: B023
+        with pytest.raises(InputError, match=f"worker w has .*{told}, this is pilewatch"):
+            cluster._require_alike(client, "tcp://here:1")
