@@ -11,8 +11,8 @@ from pipeline.runner import run_lock_step
 from pipeline.scenario import scenario_from_text
 from pipeline.sources import simulated
 from sensors.blocks import AccelerationBlock
+from tests.pipeline.example_estimates import estimate, mode
 from tests.pipeline.example_messages import block, rejection, status
-from tests.pipeline.nodes.test_operation import estimate, mode
 
 FARM = """
 title = "Two towers, one of them with half the sensors"
