@@ -22,7 +22,7 @@ from sensors.files.blocks import (
     stamped,
 )
 from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
-from sensors.files.table import ChannelTable, FileError, Wanted
+from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError
 from sensors.layout import SensorLayout
 
 MODES_ONLY = """
@@ -80,8 +80,8 @@ def open_measurement(
     """
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise FileError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
-    names = frozenset(each.name for each in layout.channels) if layout else frozenset()
-    wanted = Wanted(names, stamps=sampling_rate is None)
+    wanted = EVERYTHING if layout is None else layout.wanted()
+    wanted = replace(wanted, stamps=sampling_rate is None)
     begun = [opened(path, reader, wanted) for path in paths]
     files = in_order_of_time([file for file, _ in begun])
     first = next(table for file, table in begun if file.path == files[0].path)
@@ -95,10 +95,7 @@ def open_measurement(
     _require_one_quantity(table, files[0].path)
     rate = sampling_rate or files[0].sampling_rate
     if rate is None and first.times is not None:
-        raise FileError(
-            f"{files[0].path}: its time stamps stand still; --sampling-rate HZ counts the samples "
-            "instead"
-        )
+        raise FileError(STANDING.format(path=files[0].path))
     if rate is None:
         raise FileError(
             f"{files[0].path} says neither its sampling rate nor the time of its samples: give "

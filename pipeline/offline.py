@@ -20,7 +20,8 @@ from pipeline.recording.reader import read_messages
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 from sensors.files.formats import read_file
-from sensors.files.table import ChannelTable, FileError, Quantity
+from sensors.files.layout_file import LayoutFile
+from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError, Quantity
 from sensors.layout import SensorLayout
 
 JOINING = 5.0  # how long a unit that is missing is waited for [s]
@@ -74,15 +75,17 @@ def identify_file(
     sampling_rate: float | None = None,
     window: float | None = None,
     settings: OmaSettings | None = None,
+    layout: LayoutFile | None = None,
 ) -> FileIdentification:
     """Modes of the structure that a recording or a file of measurements shows.
 
     sampling_rate   [Hz]; needed where the file says neither its rate nor when its samples were
     window          [s]; None: the whole file is one window
+    layout          which channels, in what units; None: all, as the file has them
 
     Raises InputError: a file that cannot be read, no sampling rate, a window longer than the file.
     """
-    table, rate = _read(path, sampling_rate)
+    table, rate = _read(path, sampling_rate, layout)
     duration = len(table.samples) / rate
     if window is not None and not 0 < window <= duration * (1 + 1e-9):
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
@@ -105,11 +108,19 @@ def identify_file(
     )
 
 
-def _read(path: Path, sampling_rate: float | None) -> tuple[ChannelTable, float]:
+def _read(
+    path: Path, sampling_rate: float | None, layout: LayoutFile | None
+) -> tuple[ChannelTable, float]:
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
-    table = recorded_channels(path) if path.suffix == ".mcap" else read_file(path)
+    wanted = EVERYTHING if layout is None else layout.wanted()
+    table = recorded_channels(path) if path.suffix == ".mcap" else read_file(path, wanted=wanted)
+    table = table if layout is None else layout.chosen(table)
     stamped = table.sampling_rate
+    if stamped is None and table.times is not None:  # they stand still
+        table = replace(table, times=None)
+        if sampling_rate is None:
+            raise FileError(STANDING.format(path=path))
     if sampling_rate is None and stamped is None:
         raise FileError(
             f"{path} says no sampling rate and has no time column (t, time or timestamp): give "

@@ -38,11 +38,11 @@ def import_files(
     """Make a recording of files of measurements. Without a scenario, running it tracks modes."""
     from pipeline.importing import open_measurement, record_measurement
     from pipeline.scenario import load_scenario
-    from sensors.files.blocks import opened
+    from sensors.files.formats import channels_in
     from sensors.files.layout_file import layout_template, load_layout
 
     if template:
-        typer.echo(layout_template(opened(files[0], reader)[1]), nl=False)
+        typer.echo(layout_template(channels_in(files[0], reader)), nl=False)
         return
     if out is None:
         raise InputError("import needs -o FILE.mcap, the recording to write")

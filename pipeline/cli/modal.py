@@ -33,6 +33,10 @@ def identify(
     highest_frequency: Annotated[
         float | None, typer.Option(help="Highest mode sought [Hz]; without it from the rate.")
     ] = None,
+    layout: Annotated[
+        Path | None,
+        typer.Option(help="TOML file of the channels to use, as `pilewatch import` has it."),
+    ] = None,
     plot: Annotated[
         Path | None,
         typer.Option(
@@ -47,12 +51,14 @@ def identify(
     from pipeline.offline import identify_file
     from pipeline.oma.settings import OmaSettings
     from pipeline.tables import identified_modes_table
+    from sensors.files.layout_file import load_layout
 
     with people.status(f"identifying {file}"):
         found = identify_file(
             file,
             sampling_rate=sampling_rate,
             window=window,
+            layout=None if layout is None else load_layout(layout),
             settings=OmaSettings(
                 lowest_frequency=lowest_frequency, highest_frequency=highest_frequency
             ),

@@ -130,5 +130,5 @@ def _order(examples: Sequence[str]) -> Order:
     if any(int(found[2]) > 12 for found in parts):
         return "mdy"
     raise DateError(
-        f"{examples[0].strip()!r} may be in day or month first; write dates as 2024-12-31"
+        f"{examples[0].strip()!r} day or month first? Dates written as 2024-12-31 are clear"
     )

@@ -9,6 +9,7 @@ sep005-io-… have it.
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from sensors.files.miniseed import read_miniseed
 from sensors.files.npz import read_npy, read_npz
 from sensors.files.optional import existing
 from sensors.files.parquet import parquet_pieces
-from sensors.files.sep005 import Channel, table_of_channels
+from sensors.files.sep005 import Channel, table_of_channels, titles_of_channels
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, whole
 from sensors.files.tdms import read_tdms
 
@@ -48,9 +49,9 @@ AS_CHANNELS: dict[str, ChannelReader] = {
 }
 
 
-def read_file(path: Path, reader: str | None = None) -> ChannelTable:
-    """All channels of a file. Raises FileError, as its reader does."""
-    return whole(file_pieces(path, reader), path)
+def read_file(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING) -> ChannelTable:
+    """What is wanted of a file as one table. Raises FileError, as its reader does."""
+    return whole(file_pieces(path, reader, wanted), path)
 
 
 def file_pieces(
@@ -65,16 +66,35 @@ def file_pieces(
 
     Raises FileError: no such reader; a file that it cannot read.
     """
+    channels = _channels(path, reader)
+    if channels is not None:
+        yield table_of_channels(channels, path, wanted)
+    else:
+        suffix = path.suffix.lower().removeprefix(".")
+        yield from IN_PIECES.get(suffix, csv_pieces)(path, wanted)
+
+
+def channels_in(path: Path, reader: str | None = None) -> ChannelTable:
+    """Names and units of all channels of a file, without its samples: even of such as differ in
+    rate. Raises FileError, as its reader does."""
+    channels = _channels(path, reader)
+    if channels is None:
+        first = next(file_pieces(path, reader), None)
+        if first is None:
+            raise FileError(f"{path}: 0 samples; at least two are needed")
+        return replace(first, samples=first.samples[:0], times=None)
+    return titles_of_channels(channels, path)
+
+
+def _channels(path: Path, reader: str | None) -> list[Channel] | None:
+    """The channels of a file that is not read in pieces."""
     suffix = path.suffix.lower().removeprefix(".")
     entries = [each for each in entry_points(group=GROUP) if each.name == suffix]
     if reader is not None:
         entries = [EntryPoint("--reader", reader, GROUP)]
     if entries:
-        yield table_of_channels(_by_entry(entries[0], path), path, wanted)
-    elif suffix in AS_CHANNELS:
-        yield table_of_channels(AS_CHANNELS[suffix](path), path, wanted)
-    else:
-        yield from IN_PIECES.get(suffix, csv_pieces)(path, wanted)
+        return _by_entry(entries[0], path)
+    return AS_CHANNELS[suffix](path) if suffix in AS_CHANNELS else None
 
 
 def _by_entry(entry: EntryPoint, path: Path) -> list[Channel]:

@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from sensors.files.table import ChannelTable, Quantity, in_standard_unit
+from sensors.files.table import ChannelTable, Quantity, Wanted, in_standard_unit
 from sensors.layout import (
     FORE_AFT,
     SIDE_SIDE,
@@ -78,6 +78,10 @@ class LayoutFile:
             name = getattr(self, key)
             if not name or any(letter in name for letter in "/*$#? "):
                 raise LayoutError(f"{key} is {name!r}; a name without spaces and / * $ # ?")
+
+    def wanted(self) -> Wanted:
+        """What of a file is read."""
+        return Wanted(frozenset(channel.name for channel in self.channels))
 
     def chosen(self, table: ChannelTable) -> ChannelTable:
         """The channels that the layout lists, in their units.

@@ -83,6 +83,19 @@ def table_of_channels(
     )
 
 
+def titles_of_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
+    """Names and units, without samples. Raises FileError where there is no channel."""
+    if not channels:
+        raise FileError(f"{path}: there is no channel of numbers in it")
+    units = [in_standard_unit(str(channel.get("unit_str") or ""))[0] for channel in channels]
+    return ChannelTable(
+        names=tuple(distinct([str(channel.get("name") or "") for channel in channels])),
+        units=tuple(units),
+        samples=np.empty((0, len(channels))),
+        times=None,
+    )
+
+
 def _counted(channel: Channel) -> Channel:
     return Channel(
         data=channel["data"],

@@ -91,6 +91,7 @@ class Wanted:
 
 
 EVERYTHING = Wanted()
+STANDING = "{path}: its time stamps stand still; --sampling-rate HZ counts the samples instead"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,7 +170,7 @@ def whole(pieces: Iterable[ChannelTable], path: Path) -> ChannelTable:
         raise FileError(f"{path}: only NaN in {', '.join(parts[0].names)}; numbers are needed")
     stamps = [part.times for part in parts if part.times is not None]
     times = np.concatenate(stamps) if len(stamps) == len(parts) else None
-    if times is not None and times[-1] <= times[0]:
+    if times is not None and times[-1] < times[0]:
         raise FileError(
             f"{path}: the time does not increase (the last sample is stamped "
             f"{times[0] - times[-1]:g} s before the first)"

@@ -14,14 +14,15 @@ from pipeline.app import Outputs, build
 from pipeline.cli import app
 from pipeline.importing import open_measurement, record_measurement
 from pipeline.model_modes import model_modes
-from pipeline.offline import recorded_channels
+from pipeline.offline import identify_file, recorded_channels
 from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.scenario import load_scenario
 from pipeline.sources import replayed
 from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
-from sensors.files.layout_file import load_layout
+from sensors.files.formats import channels_in
+from sensors.files.layout_file import layout_template, load_layout
 from sensors.layout import SensorLayout
 
 START = np.datetime64("2024-03-01T12:00:00", "ns")
@@ -256,10 +257,17 @@ def test_a_layout_chooses_channels_of_one_rate_and_what_else_there_is_does_not_m
     assert open_measurement([tmp_path / "a.h5"], layout=layout).sampling_rate == RATE
     with pytest.raises(InputError, match="channels differ in sampling rate"):
         open_measurement([tmp_path / "a.h5"])
+    template = layout_template(channels_in(tmp_path / "a.h5"))
+    assert 'name = "A"' in template
+    assert 'name = "slow"' in template
+    assert identify_file(tmp_path / "a.h5", layout=layout).channels == ("A",)
     rows = "".join(f"12:00:00,{value},ok\n" for value in SAMPLES[:, 0])
     coarse = written(tmp_path / "a.csv", "time,A,state\n" + rows)
     with pytest.raises(InputError, match="stand still; --sampling-rate HZ counts the samples"):
         record_measurement(open_measurement([coarse], layout=layout), tmp_path / "a.mcap")
+    with pytest.raises(InputError, match="stand still; --sampling-rate HZ counts the samples"):
+        identify_file(coarse)
+    assert identify_file(coarse, sampling_rate=RATE).estimates
     counted = open_measurement([coarse], layout=layout, sampling_rate=RATE)
     assert sum(len(block.samples) for block in counted.blocks()) == len(SAMPLES)
 

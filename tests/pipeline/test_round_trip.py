@@ -81,7 +81,7 @@ def _there_and_back(
     (folder / "layout.toml").write_text(mapping, "utf-8")
     measurement = open_measurement([file.path], layout=load_layout(folder / "layout.toml"))
     record_measurement(measurement, folder / "b.mcap")
-    after = [each for each in read_messages(folder / "b.mcap")]
+    after = list(read_messages(folder / "b.mcap"))
     (again,) = [each for each in after if isinstance(each, SensorLayout)]
     returned = [each for each in after if isinstance(each, AccelerationBlock)]
     assert [each.unit for each in again.channels] == units
