@@ -41,7 +41,7 @@ class CsvTailFeed:
         self.counts = FeedCounts()
         self._path = Path(address.path)
         self._from_start = address.one_of("from", ("end", "start")) == "start"
-        self._rows = _Rows(reader, self.counts)
+        self._rows = Rows(reader, self.counts)
         self._once = once
 
     async def run(self, inbox: Inbox) -> None:
@@ -83,7 +83,7 @@ class CsvTailFeed:
             return True
 
 
-class _Rows:
+class Rows:
     """The rows of a file and of those that follow it."""
 
     def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:

@@ -52,6 +52,10 @@ QUIET = 30.0  # after so long without a packet the server is asked whether it li
 ANSWER = 10.0  # for the server's answers [s]
 LONGEST_LINE = 1024  # [bytes]
 
+# Sequence number, quality, and the names of station, location, channel and network, in ASCII: what
+# is none of this, libmseed complains of on the terminal.
+_HEADER = re.compile(rb"[0-9 ]{6}[DRQM][ \0][A-Z0-9 ]{12}", re.IGNORECASE)
+
 _STATION = re.compile(
     r"(?P<net>\w{1,2})\.(?P<sta>\w{1,5})(\.(?P<loc>[\w*]{0,2})\.(?P<cha>[\w*]{3}))?"
 )
@@ -115,7 +119,7 @@ class SeedLinkFeed:
             if self.counts.connect():
                 logger.warning("%s: connected again", self.name)
             async for sequence, record in self._packets(reader, writer):
-                for piece in self._read(sequence, record):
+                for piece in self.pieces_of(sequence, record):
                     await inbox.put(piece)
 
     async def _negotiate(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -171,8 +175,12 @@ class SeedLinkFeed:
                 raise LinkError(f"a packet that begins with {head!r}")
             yield sequence, packet[8:]
 
-    def _read(self, sequence: int, record: bytes) -> Iterator[ChannelSamples]:
+    def pieces_of(self, sequence: int, record: bytes) -> Iterator[ChannelSamples]:
+        """The samples in a packet; one that has none is counted."""
         self.counts.received += 1
+        if not _HEADER.match(record):
+            self.counts.refuse(f"packet {sequence:06X} is no miniSEED: {record[:20]!r}")
+            return
         try:
             traces = self._traces(record)
         except Exception as error:  # noqa: BLE001  # obspy raises bare Exceptions
@@ -183,7 +191,8 @@ class SeedLinkFeed:
             stats = trace.stats
             self._note(stats.network, stats.station, sequence)
             timed = 0 <= stats.starttime.ns < LATEST_NS
-            if timed and LOWEST_RATE <= stats.sampling_rate <= HIGHEST_RATE:  # not a log record
+            numbers = trace.data.dtype.kind in "if"  # not the text of a log record
+            if numbers and timed and LOWEST_RATE <= stats.sampling_rate <= HIGHEST_RATE:
                 yield ChannelSamples(
                     trace.id,
                     (trace.id,),

@@ -1,20 +1,26 @@
 """Whatever a stranger publishes: it is taken or counted, and what comes out can be sent on."""
 
+import io
 import json
 import struct
 import tracemalloc
 
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.transport.codec import encode
-from sensors.blocks import AccelerationBlock
+from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.address import parsed
 from sensors.feeds.assembler import Assembler
+from sensors.feeds.csv_tail import Rows
 from sensors.feeds.feed import LONGEST_SENTENCE, NAMED_UNKNOWN, ChannelSamples, FeedCounts
 from sensors.feeds.json_samples import MessageError
 from sensors.feeds.mqtt import SamplesReader
+from sensors.feeds.scada import ScadaReader
+from sensors.feeds.seedlink import SeedLinkFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
+from tests.sensors.feeds.seedlink_server import records
 
 LAYOUT = LayoutFile((MappedChannel("ax", 100.0, (1.0, 0.0, 0.0)),), "t1", "top")
 
@@ -124,6 +130,43 @@ def test_whatever_came_before_the_instrument_itself_is_heard(
     assert {float(second) for second in range(20, 40)} <= {
         float(value) for block in heard for value in block.samples[:, 0]
     }
+
+
+_RECORD = records(
+    "XX.TWR.00.HNX", np.arange(200) % 97, start_ns=1_700_000_000 * NANOSECONDS, sampling_rate=100.0
+)[0]
+
+
+@settings(max_examples=100)
+@given(
+    changes=st.lists(st.tuples(st.integers(0, 63), st.integers(0, 255)), max_size=4),
+    encoding=st.sampled_from([0, 1, 3, 4, 5, 10, 11, 99]),  # 0 is text
+)
+def test_any_record_of_a_logger_is_taken_or_counted(
+    changes: list[tuple[int, int]], encoding: int
+) -> None:
+    record = bytearray(_RECORD)
+    record[52] = encoding
+    for place, byte in changes:
+        record[place] = byte
+    feed = SeedLinkFeed(parsed("seedlink://h/XX.TWR"), once=True)
+    channel = MappedChannel("XX.TWR.00.HNX", 100.0, (1.0, 0.0, 0.0))
+    assembler = Assembler(LayoutFile((channel,), "t1", "top"), feed.counts)
+    for piece in feed.pieces_of(1, bytes(record)):
+        for block in assembler.push(piece):
+            encode(block)
+    assert feed.counts.received == 1
+
+
+@settings(max_examples=60)
+@given(rows=st.lists(st.binary(max_size=60) | st.text(max_size=60).map(str.encode), max_size=10))
+def test_any_row_of_a_controllers_table_is_taken_or_counted(rows: list[bytes]) -> None:
+    counts = FeedCounts()
+    table = Rows(ScadaReader(parsed("scada+csv:t.csv"), "t1"), counts)
+    table.begin(io.BytesIO(b"time,wind_speed,state\n"), from_start=False)
+    for row in rows:
+        for sample in table.samples(row):
+            encode(sample)
 
 
 def test_names_and_topics_without_end_cost_no_memory() -> None:
