@@ -138,14 +138,14 @@ def start_viewer(page: "Page") -> None:
     """Say yes where a narrow screen is asked first; wait until the viewer runs."""
     if page.locator("#open").is_visible():
         page.locator("#open").tap()
-    page.wait_for_function("window.viewer", timeout=1000 * PATIENCE)
+    page.locator("#note").wait_for(state="hidden", timeout=1000 * PATIENCE)
 
 
 def settled_picture(page: "Page") -> bytes:
     """A PNG of what does not change any more; TimeoutError after PATIENCE."""
     before, deadline = None, time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
-        now = (viewer_state(page), page.screenshot(timeout=1000 * PATIENCE))
+        now = (viewer_state(page), page.screenshot(full_page=True, timeout=1000 * PATIENCE))
         if now == before:
             return now[1]
         before = now

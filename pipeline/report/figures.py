@@ -163,18 +163,21 @@ def windows_over_time(record: TurbineRecord) -> str:
         ("not used", summary.rejected, colours.TROUBLE),
         ("gaps", summary.gaps, colours.QUIET),
     )
+    start, end = moments(record.span_ns)
+    visible = (end - start) // 300  # what is shorter is drawn as long as this
     with page_figure(1.5) as page:
         axes = page.figure.subplots()
         many = sum(len(spans) for _, spans, _ in rows) > VECTOR_POINTS
         for place, (_, spans, colour) in enumerate(rows):
-            starts, ends = moments([s.start_ns for s in spans]), moments([s.end_ns for s in spans])
+            starts = moments([s.start_ns for s in spans])
+            ends = np.maximum(moments([s.end_ns for s in spans]), starts + visible)
             axes.hlines(
                 [-place] * len(spans), starts, ends, color=paint(colour), linewidth=9,
                 alpha=0.75, rasterized=many,
             )  # fmt: skip
         axes.set_yticks([0, -1, -2], [name for name, _, _ in rows])
         axes.set_ylim(-2.6, 0.6)
-        axes.set_xlim(*moments(record.span_ns))
+        axes.set_xlim(start, end)
         axes.grid(False, axis="y")
         _time_axis(axes)
         return page.svg()
@@ -251,6 +254,8 @@ def _legend(axes: Any) -> None:
 def _time_axis(axes: Any, *, label: bool = True) -> None:
     dates: Any = importlib.import_module("matplotlib.dates")  # its classes have no types
     locator = dates.AutoDateLocator(minticks=3, maxticks=7 if label else 5)
+    locator.intervald[dates.MINUTELY].append(60)  # else two hours or two days fit no interval
+    locator.intervald[dates.HOURLY].append(24)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator, show_offset=label))
     if label:

@@ -15,12 +15,16 @@ STYLE = """
 body { max-width: 62rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word; }
 h1 { line-height: 1.2; margin-bottom: .25rem; }
 h2 { margin-top: 2.5rem; border-bottom: 1px solid #8886; }
-.wide { overflow-x: auto; }
+.wide { overflow-x: auto;  /* shadows where there is more to scroll to */
+  background: linear-gradient(to right, Canvas 1.5rem, #0000) 0 / 3rem 100% no-repeat local,
+    linear-gradient(to left, Canvas 1.5rem, #0000) 100% / 3rem 100% no-repeat local,
+    linear-gradient(to right, #8888, #0000) 0 / .75rem 100% no-repeat scroll,
+    linear-gradient(to left, #8888, #0000) 100% / .75rem 100% no-repeat scroll; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .25rem .6rem; text-align: right; border-bottom: 1px solid #8886;
   white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; }
-caption { text-align: left; font-weight: 600; padding: .25rem 0; }
+.title { font-weight: 600; margin: 1rem 0 0; padding: .25rem 0; break-after: avoid; }
 .words { text-align: left; min-width: 14rem; white-space: normal; }
 img { max-width: 100%; background: white; }
 figure { margin: 1rem 0; break-inside: avoid; }
@@ -30,7 +34,7 @@ pre { overflow-x: auto; font-size: .8rem; }
 @media print {
   :root { color-scheme: light; font-size: 11px; }
   body { max-width: none; padding: 0; }
-  .wide, pre { overflow: visible; }
+  .wide, pre { overflow: visible; background: none; }
   pre { white-space: pre-wrap; }
   td { white-space: normal; }
   h2, h3 { break-after: avoid; }
@@ -99,9 +103,12 @@ def table_of(content: TextTable, links: Sequence[str] = ()) -> str:
             link = f'<a href="{html.escape(links[number])}">{html.escape(row[0])}</a>'
             cells[0] = f"<td>{link}</td>"
         rows.append("<tr>" + "".join(cells) + "</tr>")
-    caption = f"<caption>{html.escape(content.title)}</caption>" if content.title else ""
+    named = html.escape(content.title)
+    above = f'<p class="title">{named}</p>' if named else ""  # a caption would scroll away with it
+    # Whoever has no mouse reaches what is hidden by the keys.
+    region = f'class="wide" role="region" tabindex="0" aria-label="{named or "table"}"'
     return (
-        f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead>'
+        f"{above}<div {region}><table><thead><tr>{head}</tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table></div>\n"
     )
 

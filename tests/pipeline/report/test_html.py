@@ -80,5 +80,11 @@ def test_two_drawings_on_one_page_keep_their_own_names() -> None:
     assert "<?xml" not in page
 
 
+def test_what_a_table_is_called_does_not_scroll_away_with_it() -> None:
+    text = table_of(TextTable("springs", ("a",), (("1",),)))
+    assert text.index("springs") < text.index('class="wide"')
+    assert 'tabindex="0" aria-label="springs"' in text  # it scrolls by the keys, too
+
+
 def test_an_empty_list_is_nothing() -> None:
     assert listed([]) == ""
