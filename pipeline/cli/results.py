@@ -1,17 +1,21 @@
 """What a session, or the updating from a recording, tells a person."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from pipeline.cli.console import escaped, output
+from pipeline.json_values import Json
 
 if TYPE_CHECKING:
     from pipeline.scenario import Scenario
     from pipeline.summary import SessionSummary
 
+TOLD_OF_A_KIND = 3  # doubts, and windows not used; all are in summary.json
+
 
 def print_results(
     summary: "SessionSummary",
-    figures: dict[str, Any],
+    figures: Json,
     *,
     scenario: "Scenario",
     misfits: bool = False,
@@ -45,7 +49,26 @@ def print_results(
             output.print("[bold red]NOT TRUSTED[/]: the data contradict the model.")
     for event in figures["events"]:
         output.print(f"[bold]change:[/] {escaped(event['text'])}")
-    for rejected in figures["windows"]["rejected"]:
-        output.print(f"window at {rejected['start']:.0f} s not used: {rejected['reason']}")
-    for warning in figures["warnings"]:
-        output.print(f"[yellow]{warning['code']}[/]: {escaped(warning['text'])}")
+    for code, reasons in _by_code(figures["windows"]["rejected"]).items():
+        for rejected in reasons[:TOLD_OF_A_KIND]:
+            output.print(
+                f"window at {rejected['start']:.0f} s not used: {escaped(rejected['reason'])}"
+            )
+        _print_rest(reasons, f"windows not used ({code})")
+    for code, doubts in _by_code(figures["warnings"]).items():
+        for doubt in doubts[:TOLD_OF_A_KIND]:
+            output.print(f"[yellow]{code}[/]: {escaped(doubt['text'])}")
+        _print_rest(doubts, code)
+
+
+def _by_code(told: Sequence[Json]) -> dict[str, list[Json]]:
+    """Code → what has it, in the order in which each was first told."""
+    found: dict[str, list[Json]] = {}
+    for each in told:
+        found.setdefault(each["code"], []).append(each)
+    return found
+
+
+def _print_rest(told: Sequence[Json], kind: str) -> None:
+    if (rest := len(told) - TOLD_OF_A_KIND) > 0:
+        output.print(f"[dim]… and {rest} more {kind}[/]")
