@@ -8,6 +8,7 @@ blocks   |0   |1   |2   |3   |        what only some channels lack is NaN, what 
 Decisions depend on the stamps alone, never on when a message arrived.
 """
 
+import logging
 from collections.abc import Iterator
 
 from sensors.blocks import AccelerationBlock
@@ -17,6 +18,8 @@ from sensors.feeds.cutter import SessionNames
 from sensors.feeds.feed import ChannelSamples, FeedCounts
 from sensors.feeds.placing import Placing
 from sensors.files.layout_file import LayoutFile
+
+logger = logging.getLogger(__name__)
 
 BLOCK = 1.0  # [s]
 WAIT = 2.0  # of sensor time, for a channel that is late [s]
@@ -55,6 +58,7 @@ class Assembler:
         self._placing: Placing | None = None
         self._taken = 0  # pieces at the present rate
         self._missing = 0  # blocks that gaps at earlier rates cost
+        self._rates_set = 0  # times that the rate became another one
 
     @property
     def missing_blocks(self) -> int:
@@ -116,9 +120,20 @@ class Assembler:
         if self._watch.is_set_anew(told, self._rate) and self._may_change_the_rate(piece):
             yield from self.finish()
             self._missing, self._placing, self._taken = self.missing_blocks, None, 0
+            self._tell_new_rate(piece.stream, told)
             self._rate = told
         if self._fits(piece, self._rate):
             yield from self._placed(piece, self._rate)
+
+    def _tell_new_rate(self, stream: str, told: float) -> None:
+        self._rates_set += 1
+        if self._rates_set.bit_count() == 1:  # the 1st, 2nd, 4th, 8th, …: nonsense fills no log
+            logger.warning(
+                "%r is sampled at %g Hz from now on, not at %g Hz: a session begins",
+                stream,
+                told,
+                self._rate,
+            )
 
     def _may_change_the_rate(self, piece: ChannelSamples) -> bool:
         """Whether it is the unit's own, rather than another one's that never had its rate."""

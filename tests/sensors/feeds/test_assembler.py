@@ -291,7 +291,9 @@ def at_50_hz(second: int) -> ChannelSamples:
     return piece(40 * second, 50, at=40 * second, rate=50.0)
 
 
-def test_an_instrument_that_is_set_to_another_rate_begins_a_session_at_it() -> None:
+def test_an_instrument_that_is_set_to_another_rate_begins_a_session_at_it(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     counts = FeedCounts()
     blocks = assembled(
         [piece(0), piece(40), *(at_50_hz(second) for second in range(2, 20))], counts
@@ -299,6 +301,9 @@ def test_an_instrument_that_is_set_to_another_rate_begins_a_session_at_it() -> N
     assert [block.sampling_rate for block in blocks] == [40.0] * 2 + [50.0] * 9
     assert len({block.session for block in blocks}) == 2
     assert counts.malformed == 9  # the tenth message in a row is believed
+    assert caplog.messages == [
+        "'ax,ay' is sampled at 50 Hz from now on, not at 40 Hz: a session begins"
+    ]
 
 
 def test_one_message_of_another_rate_at_the_start_does_not_keep_the_instrument_out() -> None:
