@@ -40,7 +40,9 @@ def publish(
     opened = open_source(source, scenario)
     with stopped_by_signals() as stopping, progress(opened.text, opened.duration) as report:
         count = publish_source(opened, settings, speed=factor, stopping=stopping, report=report)
-    output.print(f"{count} blocks of {opened.layout.turbine} published")
+    n_turbines = len(opened.turbines)
+    whose = f"{n_turbines} turbines" if n_turbines > 1 else opened.layout.turbine
+    output.print(f"{count} blocks of {whose} published")
 
 
 def control(
