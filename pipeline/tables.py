@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
@@ -43,34 +44,64 @@ def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table
 
 
 def posterior_table(posterior: Json) -> Table:
-    """Median and 90 % interval of each spring, absolute and over nominal."""
-    table = _table("Foundation posterior")
+    """Median and 90 % interval of each spring, absolute and over nominal; whose, where it says."""
+    whose = f" of {posterior['turbine']}" if "turbine" in posterior else ""
+    doubt = "" if posterior.get("trusted", True) else ", NOT TRUSTED"
+    table = _table(f"Foundation posterior{escape(whose)}{doubt}")
     for title in ("", "÷ nominal", "90 % interval", "truth", "median", "unit"):
         table.add_column(title, justify="right", no_wrap=True)
     for name in ("k11", "k22", "k12"):
         spring = posterior[name]
-        truth = spring["truth_ratio"]
         table.add_row(
             name,
-            f"{spring['ratio_median']:.4f}",
-            f"{spring['ratio_p05']:.4f} to {spring['ratio_p95']:.4f}",
-            "unknown" if truth is None else f"{truth:.4f}",
-            f"{spring['median']:.4g}",
+            _told(spring["ratio_median"], ".4f"),
+            f"{_told(spring['ratio_p05'], '.4f')} to {_told(spring['ratio_p95'], '.4f')}",
+            _told(spring["truth_ratio"], ".4f"),
+            _told(spring["median"], ".4g"),
             spring["unit"],
         )
     sigma = posterior["sigma"]
-    table.add_row("σ", "", f"below {sigma['p95']:.1e} (95 %)", "", f"{sigma['median']:.1e}", "-")
+    above = f"below {_told(sigma['p95'], '.1e')} (95 %)"
+    table.add_row("σ", "", above, "", _told(sigma["median"], ".1e"), "-")
     for name, each in posterior["figures"].items():
-        interval = f"{each['p05']:.4g} to {each['p95']:.4g}"
+        interval = f"{_told(each['p05'], '.4g')} to {_told(each['p95'], '.4g')}"
+        median = _told(each["median"], ".4g")
         table.add_row(
-            name.replace("_", " "), "", interval, "", f"{each['median']:.4g}", each["unit"]
+            escape(name.replace("_", " ")), "", interval, "", median, escape(each["unit"])
         )
     table.caption = (
         f"{_counted(posterior['windows'], 'window')}, {posterior['sampler']}: "
-        f"{posterior['ess']:.0f} effective draws, R-hat {posterior['rhat']:.3f}; "
-        "σ: relative discrepancy of the model"
+        f"{_told(posterior['ess'], '.0f')} effective draws, R-hat {_told(posterior['rhat'], '.3f')}"
+        "; σ: relative discrepancy of the model; probability that the modes have changed: "
+        f"{_told(posterior['change_probability'], '.2f')}"
     )
     return table
+
+
+def posteriors_table(posteriors: Sequence[Json]) -> Table:
+    """The springs of many turbines, one a row: median and half the 90 % interval over nominal."""
+    table = _table("Foundation posteriors, ÷ nominal")
+    for title in ("turbine", "windows", "k11", "k22", "k12", "change", ""):
+        table.add_column(title, justify="right", no_wrap=True)
+    for each in posteriors:
+        springs = [_plus_minus(each[name]) for name in ("k11", "k22", "k12")]
+        table.add_row(
+            escape(each["turbine"]), str(each["windows"]), *springs,
+            _told(each["change_probability"], ".2f"), "" if each["trusted"] else "NOT TRUSTED",
+            style=None if each["trusted"] else "bold red",
+        )  # fmt: skip
+    table.caption = "± half a 90 % interval, %; change: probability that the modes have changed"
+    return table
+
+
+def _plus_minus(spring: Json) -> str:
+    low, high = spring["ratio_p05"], spring["ratio_p95"]
+    half = None if low is None or high is None else 50 * (high - low)
+    return f"{_told(spring['ratio_median'], '.3f')} ± {_told(half, '.1f')}"
+
+
+def _told(figure: float | None, form: str) -> str:
+    return "unknown" if figure is None else format(figure, form)
 
 
 def farm_table(farm: Farm) -> Table:
@@ -188,7 +219,7 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
         channels.add_row(channel.key, channel.message, str(channel.count))
     units = _table("Acquisition units")
     for title in ("unit", "session", "rate [Hz]", "channels", "blocks", "duration [s]", "gaps"):
-        units.add_column(title, justify="right")
+        units.add_column(escape(title), justify="right")
     for unit in info.units:
         missing = sum((gap.end_ns - gap.start_ns) * 1e-9 for gap in unit.gaps)
         units.add_row(
@@ -203,7 +234,7 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
     nodes = _table("Nodes, as they last said")
     accounts = ("recovered", "lost", "late", "duplicate")
     for title in ("node", "state", "last block", *accounts, "busy [s]"):
-        nodes.add_column(title, justify="right")
+        nodes.add_column(escape(title), justify="right")
     for status in info.health:
         nodes.add_row(
             status.node,
@@ -220,20 +251,25 @@ def status_tables(status: Mapping[str, Any]) -> list[Table]:
     nodes = _table(f"nodes of {status['source']}")
     rare = ("recovered", "late", "duplicate", "malformed")  # shown where there are any
     counted = ("received", "lost", *(n for n in rare if any(each[n] for each in status["nodes"])))
-    for title in ("node", "condition", "silent [s]", "behind [blocks]", *counted):
-        nodes.add_column(title, justify="left" if title in ("node", "condition") else "right")
+    nodes.add_column("node", no_wrap=True)  # shares of a node differ in the last letters
+    nodes.add_column("condition")
+    for title in ("silent [s]", "behind [blocks]", *counted):
+        nodes.add_column(escape(title), justify="right")
     for each in status["nodes"]:
         behind = "" if each["behind_blocks"] is None else str(each["behind_blocks"])
         counts = (str(each[name]) for name in counted)
         nodes.add_row(each["node"], each["condition"], f"{each['silence_s']:.1f}", behind, *counts)
     streams = _table("streams")
-    for title in ("key", "condition", "silent [s]", "messages", "rate [1/s]"):
-        streams.add_column(title, justify="left" if title in ("key", "condition") else "right")
+    streams.add_column("key", overflow="fold")
+    streams.add_column("condition")
+    for title in ("silent [s]", "messages", "rate [1/s]"):
+        streams.add_column(escape(title), justify="right")
     for each in status["streams"]:
         rate = "" if each["rate_hz"] is None else f"{each['rate_hz']:.2f}"
         silence, messages = f"{each['silence_s']:.1f}", str(each["messages"])
         streams.add_row(each["key"], each["condition"], silence, messages, rate)
-    posteriors = [posterior_table(each) for each in status["posteriors"]]
+    known = status["posteriors"]
+    posteriors = [posteriors_table(known)] if len(known) > 1 else [*map(posterior_table, known)]
     links = _table("connections, by certificate or address")
     links.add_column("who")
     links.add_column("links", justify="right")
@@ -262,7 +298,7 @@ def _gap_tables(gaps: Sequence[Mapping[str, Any]]) -> list[Table]:
         return []
     table = _table("latest gaps")
     for title in ("turbine", "unit", "missing [s]", "blocks"):
-        table.add_column(title)
+        table.add_column(escape(title))
     for gap in gaps:
         table.add_row(gap["turbine"], gap["unit"], f"{gap['duration_s']:.1f}", str(gap["blocks"]))
     return [table]

@@ -87,6 +87,28 @@ def test_no_number_that_somebody_sends_keeps_the_desk_from_answering(
     assert len(status_tables(json.loads(desk.answer()))) == 4
 
 
+def test_of_several_turbines_the_posteriors_are_one_table(desk: StatusDesk) -> None:
+    (known,) = desk._posteriors.values()
+    desk.handle(replace(known, turbine="t2", trusted=False, change_probability=0.25))
+    springs = tuple(replace(each, median=float("nan")) for each in known.parameters)
+    desk.handle(replace(known, turbine="[forged]", parameters=springs))
+    *_, table, _ = status_tables(json.loads(desk.answer()))
+    cells = [list(column.cells) for column in table.columns]
+    assert cells[0] == [known.turbine, "t2", r"\[forged]"]
+    assert cells[5][1] == "0.25"
+    assert cells[6] == ["", "NOT TRUSTED", ""]
+    assert cells[2][2].startswith("unknown ± ")
+
+
+def test_a_posterior_of_no_number_is_unknown(desk: StatusDesk) -> None:
+    (known,) = desk._posteriors.values()
+    springs = tuple(replace(each, p05=float("nan")) for each in known.parameters)
+    desk.handle(replace(known, parameters=springs, ess=float("nan"), trusted=False))
+    *_, table, _ = status_tables(json.loads(desk.answer()))
+    assert str(table.title).endswith(f"{known.turbine}, NOT TRUSTED")
+    assert "unknown effective draws" in str(table.caption)
+
+
 def test_whoever_connects_can_ask(desk: StatusDesk) -> None:
     endpoint = free_endpoint()
     bus = ZenohBus(hub(endpoint))
