@@ -93,7 +93,8 @@ class CauseFinder:
         seconds = (gap.end_ns - gap.start_ns) / NANOSECONDS
         if seconds < self._settings.shortest_gap:
             return
-        text = f"{seconds:.0f} s of measurements of unit {gap.unit} are missing"
+        begin = _moment(gap.start_ns)
+        text = f"{_spoken(seconds)} of measurements of unit {gap.unit} are missing, from {begin} on"
         key = f"{gap.turbine}/gap/{gap.unit}"
         yield Cause(key, "gap", gap.turbine, text)
         yield Cause(key, "gap", gap.turbine, "", over=True)  # samples have resumed
@@ -164,9 +165,11 @@ _NAME = re.compile(r"[^\s,;:()]+")  # what may be the name of a channel
 
 
 def _window_from(start_ns: int) -> str:
-    return (
-        f"window from {datetime.fromtimestamp(start_ns // NANOSECONDS, UTC):%Y-%m-%d %H:%M:%S} UTC"
-    )
+    return f"window from {_moment(start_ns)}"
+
+
+def _moment(time_ns: int) -> str:
+    return f"{datetime.fromtimestamp(time_ns // NANOSECONDS, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
 def _spoken(seconds: float) -> str:

@@ -72,7 +72,7 @@ class MqttFeed:
 
     async def run(self, inbox: Inbox) -> None:
         """Raises FeedError for a user or a password that the broker refuses at the start."""
-        logging.getLogger("mqtt").setLevel(logging.ERROR)  # its own words on what is told here
+        logging.getLogger("mqtt").setLevel(logging.CRITICAL)  # its own words on what is told here
 
         async def session() -> None:
             await self._session(inbox)
@@ -92,7 +92,16 @@ class MqttFeed:
             code = getattr(error, "rc", None)
             if getattr(code, "value", code) in _REFUSED:
                 self._refuse_user(error)
-            raise LinkError(_reason(error)) from error
+            raise LinkError(self._reason(error)) from error
+
+    def _reason(self, error: Exception) -> str:
+        """In few words why the link is down, without the numbers that codes have."""
+        cause = error.__cause__ or error
+        if isinstance(cause, TimeoutError) or "timed out" in str(cause):
+            question = "" if self._address.tls else "; does it want mqtts://?"
+            return f"no answer as a broker gives within {KEEP_ALIVE} s{question}"
+        words = getattr(cause, "strerror", None) or _CODE.sub("", str(cause))
+        return " ".join(words.split()) or type(cause).__name__
 
     def _refuse_user(self, error: Exception) -> None:
         if self._address.user:
@@ -234,10 +243,3 @@ def _tls(address: FeedAddress) -> ssl.SSLContext | None:
             f"{address.text}: its certificates cannot be read: {error.strerror or error}"
         ) from error
     return context
-
-
-def _reason(error: BaseException) -> str:
-    """In few words why a link is down, without the numbers that codes have."""
-    cause = error.__cause__ or error
-    words = getattr(cause, "strerror", None) or _CODE.sub("", str(cause))
-    return " ".join(words.split()) or type(cause).__name__
