@@ -8,21 +8,15 @@ Nominally equal turbines of one design share the model, and with it the model's 
 them are wrong by alike, pooling takes for the farm's mean.
 """
 
-import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.fleet.farm.evidence import FEWEST_DRAWS, StackedEvidence, evidence_of
-from pipeline.fleet.farm.pooling import (
-    FarmError,
-    GibbsSettings,
-    PooledDraws,
-    PopulationPrior,
-    pooled,
-)
+from pipeline.fleet.farm.evidence import StackedEvidence, evidence_of
+from pipeline.fleet.farm.members import LeftOut, members_of, nominal_of
+from pipeline.fleet.farm.pooling import PooledDraws, pooled
+from pipeline.fleet.farm.settings import FarmError, GibbsSettings, PopulationPrior
 from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.population import StiffnessPopulation
@@ -85,14 +79,6 @@ class PooledTurbine:
         return self.outlier_probability >= OUTLYING
 
 
-@dataclass(frozen=True, slots=True)
-class LeftOut:
-    """A turbine whose posterior could not be pooled."""
-
-    turbine: str
-    reason: str
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Farm:
     """All turbines, what they have in common, and what may be expected of one more."""
@@ -115,7 +101,7 @@ def pooled_farm(
     Raises FarmError where fewer than two turbines can be pooled.
     """
     settings = settings or FarmSettings()
-    members, left_out = _members(posteriors)
+    members, left_out = members_of(posteriors)
     if len(members) < FEWEST_TURBINES:
         missing = "".join(f"; {each.turbine}: {each.reason}" for each in left_out)
         raise FarmError(
@@ -123,55 +109,10 @@ def pooled_farm(
             f"{FEWEST_TURBINES} are needed{missing}"
         )
     generator = np.random.default_rng(settings.seed)
-    coordinates = SpringCoordinates(_nominal(members[0]))
+    coordinates = SpringCoordinates(nominal_of(members[0]))
     evidence = [evidence_of(each, coordinates, generator) for each in members]
     drawn = pooled(StackedEvidence.of(evidence), settings.population, generator, settings.gibbs)
     return _told(members, left_out, drawn, coordinates, settings.population)
-
-
-def _members(
-    posteriors: Sequence[FoundationPosterior],
-) -> tuple[list[FoundationPosterior], tuple[LeftOut, ...]]:
-    """The latest posterior of each turbine that can be pooled, and why others cannot."""
-    latest: dict[str, FoundationPosterior] = {}
-    for each in sorted(posteriors, key=lambda posterior: posterior.time_ns):
-        latest[each.turbine] = each
-    ordered = [latest[name] for name in sorted(latest, key=in_order)]
-    nominals = Counter(tuple(_nominal(each).tolist()) for each in ordered)
-    common = np.array(max(nominals, key=lambda nominal: nominals[nominal])) if nominals else None
-    members, left_out = [], []
-    for each in ordered:
-        reason = _reason_against(each, common)
-        if reason:
-            left_out.append(LeftOut(each.turbine, reason))
-        else:
-            members.append(each)
-    return members, tuple(left_out)
-
-
-def _reason_against(posterior: FoundationPosterior, nominal: FloatArray | None) -> str:
-    """Why a posterior cannot be pooled; "" where it can."""
-    if not posterior.trusted:
-        return "its posterior is not trusted"
-    if posterior.population:
-        return f"its posterior began with a population's prior ({posterior.population})"
-    if nominal is None or not np.allclose(_nominal(posterior), nominal, rtol=1e-6, atol=0.0):
-        return "its nominal foundation is another one than the other turbines'"
-    if len(posterior.draws) < FEWEST_DRAWS:
-        return f"its posterior has {len(posterior.draws)} draws; {FEWEST_DRAWS} are needed"
-    k11, k22, k12 = posterior.draws[:, :3].T
-    possible = np.isfinite(posterior.draws).all() and np.all((k11 > 0) & (k11 * k22 > k12**2))
-    return "" if possible else "its posterior has springs that no foundation has"
-
-
-def _nominal(posterior: FoundationPosterior) -> FloatArray:
-    return np.array([posterior.parameter(name).nominal for name in PARAMETER_NAMES])
-
-
-def in_order(name: str) -> tuple[tuple[int, str], ...]:
-    """A key by which turbine 2 comes before turbine 10."""
-    parts = re.split(r"(\d+)", name)
-    return tuple((int(part), "") if part.isdigit() else (-1, part) for part in parts)
 
 
 def _told(
@@ -228,7 +169,7 @@ def _pooled_turbine(
         abs(each.median) / np.hypot(spread, each.half_width)
         for each, spread in zip(deviations, spreads, strict=True)
     ]
-    stiffness = ratios * _nominal(posterior)
+    stiffness = ratios * nominal_of(posterior)
     return PooledTurbine(
         turbine=posterior.turbine,
         window=posterior.window,

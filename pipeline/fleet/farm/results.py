@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.fleet.farm.farm import Farm, Interval, PooledTurbine
-from pipeline.fleet.farm.pooling import FarmError
+from pipeline.fleet.farm.settings import FarmError
 from pipeline.messages import ParameterSummary, PooledPosterior
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.updating.summary import stiffness_summary

@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pipeline.fleet.farm.pooling import FarmError
+from pipeline.fleet.farm.settings import FarmError
 from pipeline.messages import FoundationPosterior
 from pipeline.recording.reader import read_messages
 from pipeline.transport.bus import Bus, Inbox

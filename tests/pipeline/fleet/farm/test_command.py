@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.fleet.farm import farm, sources
 from pipeline.fleet.farm.farm import FarmSettings, pooled_farm
-from pipeline.fleet.farm.pooling import FarmError, GibbsSettings
 from pipeline.fleet.farm.results import pooled_posterior
+from pipeline.fleet.farm.settings import FarmError, GibbsSettings
 from pipeline.fleet.farm.sources import RunningFarm, recorded_posteriors
 from pipeline.recording.writer import Recorder
 from pipeline.transport.codec import decode, encode

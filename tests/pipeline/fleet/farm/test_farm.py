@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.fleet.farm.farm import FarmSettings, in_order, pooled_farm
-from pipeline.fleet.farm.pooling import FarmError, GibbsSettings
+from pipeline.fleet.farm.farm import FarmSettings, pooled_farm
+from pipeline.fleet.farm.members import in_order
+from pipeline.fleet.farm.settings import FarmError, GibbsSettings
 from tests.pipeline.fleet.farm.farms import (
     NOMINAL,
     SPREAD,

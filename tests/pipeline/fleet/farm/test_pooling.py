@@ -5,13 +5,9 @@ import pytest
 from scipy import stats
 
 from pipeline.fleet.farm.evidence import StackedEvidence, TurbineEvidence
-from pipeline.fleet.farm.pooling import (
-    FarmError,
-    GibbsSettings,
-    PopulationPrior,
-    inverse_wishart,
-    pooled,
-)
+from pipeline.fleet.farm.gibbs import inverse_wishart
+from pipeline.fleet.farm.pooling import pooled
+from pipeline.fleet.farm.settings import FarmError, GibbsSettings, PopulationPrior
 
 BRIEF = GibbsSettings(chains=16, burn_in=40, sweeps=50, rounds=1)
 SHORT = GibbsSettings(chains=16, burn_in=40, sweeps=80, rounds=1)
