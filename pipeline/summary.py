@@ -52,7 +52,7 @@ class SessionSummary:
     first_ns: int | None = None  # of the first block that the source gave
     last_ns: int | None = None
     published: int = 0  # acceleration blocks
-    heard: dict[tuple[str, str], int] = field(default_factory=dict)  # (unit, session) → sequence
+    heard: dict[tuple[str, ...], int] = field(default_factory=dict)  # a unit's session → sequence
 
     name = "summary"
 
@@ -64,6 +64,8 @@ class SessionSummary:
         return (*results, *told, *((AccelerationBlock,) if self.live else ()))
 
     def handle(self, message: Message) -> Iterable[Message]:
+        if isinstance(message, AccelerationBlock):
+            self._hear(message)
         if getattr(message, "turbine", self.turbine) != self.turbine:
             return ()  # another of the farm
         match message:
@@ -82,16 +84,21 @@ class SessionSummary:
                 self.truth = message
             case NodeStatus():
                 self.statuses[message.node] = message
-            case AccelerationBlock():
-                self._hear(message)
         return ()
 
     def _hear(self, block: AccelerationBlock) -> None:
-        """A block of a live unit; one that comes again is the same one."""
-        newest = self.heard.get((block.unit, block.session), -1)
-        if block.sequence > newest:
-            self.heard[block.unit, block.session] = block.sequence
+        """A block of a live unit, whichever turbine's; one that comes again is the same one."""
+        unit = (block.turbine, block.unit, block.session)
+        newest = self.heard.pop(unit, -1)
+        self.heard[unit] = max(newest, block.sequence)
+        if len(self.heard) > KEPT:
+            del self.heard[next(iter(self.heard))]  # silent for longest
+        if block.sequence <= newest:
+            return
+        if block.turbine == self.turbine:
             self.count(block)
+        else:
+            self.published += 1
 
     def _add_estimate(self, estimate: ModalEstimate) -> None:
         """A window once, even where a restarted identification has seen it again."""
