@@ -1,6 +1,6 @@
 """What the session says in words: a running summary of one turbine, as Markdown. No rerun here."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -26,6 +26,7 @@ CHANGED = {  # what a change is called, by its kind
     "undecided": "foundation: perhaps changed",
 }
 _LISTED = 5  # rejected windows and gaps shown, the newest
+_CUT_SHORT = "short"  # why a window is rejected in which the session ended: nothing is wrong
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ class SessionStatus:
         self.turbine = turbine
         self._heading = f"{title} ({turbine})" if title and title != turbine else turbine
         self._n_identified = 0
-        self._n_rejected = 0
+        self._rejections: Counter[str] = Counter()  # windows by why
         self._n_gaps = 0
         self._missing_s = 0.0
         self._estimate: ModalEstimate | None = None
@@ -63,8 +64,8 @@ class SessionStatus:
                 self._estimate = message
                 self._last_rejected = False
             case WindowRejected():
-                self._n_rejected += 1
-                self._last_rejected = True
+                self._rejections[message.code] += 1
+                self._last_rejected = message.code != _CUT_SHORT
                 self._rejected.append(message)
             case FoundationPosterior():
                 self._posterior = message
@@ -100,7 +101,7 @@ class SessionStatus:
     @property
     def n_rejected(self) -> int:
         """Windows that gave no estimate."""
-        return self._n_rejected
+        return self._rejections.total()
 
     @property
     def n_gaps(self) -> int:
@@ -130,7 +131,7 @@ class SessionStatus:
         lost = sum(node.lost for node in self._nodes.values())
         if self._n_gaps or lost:
             return Lamp("doubt", f"measurements: {counted(self._n_gaps, 'gap')}, {lost} lost")
-        if self._estimate is None and not self._n_rejected:
+        if self._estimate is None and not self._rejections:
             return Lamp("unknown", "measurements: no whole window yet")
         return Lamp("good", "measurements: whole")
 
@@ -188,7 +189,7 @@ class SessionStatus:
 
     def _windows(self) -> list[str]:
         found = f", {len(self._estimate.modes)} modes in the last" if self._estimate else ""
-        lines = [f"- {self._n_identified} identified{found}", f"- {self._n_rejected} rejected"]
+        lines = [f"- {self._n_identified} identified{found}", self._rejected_line()]
         lines += [
             f"  - {clock_time(window.start_ns)}: {window.reason}" for window in self._rejected
         ]
@@ -197,6 +198,12 @@ class SessionStatus:
         )
         lines += [f"  - {gap_text(gap)}" for gap in self._gaps]
         return ["#### Windows", "\n".join(lines)]
+
+    def _rejected_line(self) -> str:
+        """'- 7 rejected: 3 × gap, 4 × constant; the last 5:'."""
+        reasons = ", ".join(f"{count} × {code}" for code, count in self._rejections.most_common())
+        listed = f"; the last {_LISTED}:" if self.n_rejected > _LISTED else ""
+        return f"- {self.n_rejected} rejected" + (f": {reasons}{listed}" if reasons else "")
 
     def _doubts(self) -> list[str]:
         results = (self._estimate, self._posterior)
@@ -208,9 +215,10 @@ class SessionStatus:
     def _node_table(self) -> list[str]:
         if not self._nodes:
             return []
-        rows = ["| node | state | lost | late | busy |", "|---|---|---|---|---|"]
+        rows = ["| node | state | lost | late | twice | malformed | busy |", "|---" * 7 + "|"]
         rows += [
-            f"| {node.node} | {node.state} | {node.lost} | {node.late} | {node.busy_s:.1f} s |"
+            f"| {node.node} | {node.state} | {node.lost} | {node.late} | {node.duplicate} "
+            f"| {node.malformed} | {node.busy_s:.1f} s |"
             for _, node in sorted(self._nodes.items())
         ]
         return ["#### Nodes", "\n".join(rows)]

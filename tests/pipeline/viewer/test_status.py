@@ -1,5 +1,7 @@
 """The status text says first what matters."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from pipeline.messages import NodeStatus
@@ -43,8 +45,18 @@ def test_only_the_newest_rejections_are_listed_but_all_are_counted():
     for window in range(1000):
         status.take(rejection(window))
     text = status.health_markdown()
-    assert "1000 rejected" in text
+    assert "1000 rejected: 1000 × gap; the last 5:" in text
     assert text.count("gap of 60.0 s") == 5
+
+
+def test_a_window_in_which_the_session_ended_is_no_trouble():
+    status = SessionStatus(TURBINE)
+    status.take(modal_estimate(0, np.random.default_rng(1)))
+    before = status.lamps
+    status.take(replace(rejection(1), code="short"))
+    assert status.lamps == before
+    status.take(rejection(2))
+    assert status.lamps[1].state == "bad"
 
 
 def test_a_node_is_news_when_its_state_or_its_losses_change():
