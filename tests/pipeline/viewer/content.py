@@ -52,8 +52,14 @@ class Recorded:
         """(n_rows, n_series) in time order."""
         return np.array(self.column(entity, "Scalars:scalars"))
 
+    def has_scalars(self, entity: str) -> bool:
+        """Whether a plot draws the entity."""
+        return bool(self.column(entity, "Scalars:scalars"))
+
     def series_names(self, entity: str) -> list[str]:
-        (names,) = self.column(entity, "SeriesLines:names", static=True)
+        """Of its lines, or of its points where they are not joined."""
+        lines = self.column(entity, "SeriesLines:names", static=True)
+        (names,) = lines or self.column(entity, "SeriesPoints:names", static=True)
         return names
 
 

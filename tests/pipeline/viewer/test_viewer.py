@@ -42,6 +42,48 @@ def test_everything_of_a_turbine_lies_below_its_name_on_the_sensor_clock(recorde
         assert times[-1] <= START_NS + 3 * WINDOW * NANOSECONDS
 
 
+USED = (0, 2)  # windows of the recorded session; one is rejected
+STREAMS = {  # of every session with a posterior: its unit, whether it has a row a window
+    "signals/tower/acceleration": ("m/s²", False),
+    "frequencies/identified/m2": ("Hz", True),
+    "modes/2/identified": ("Hz", True),
+    "modes/2/model": ("Hz", True),
+    "modes/2/damping": ("%", True),
+    **{f"foundation/{name}/posterior": ("-", True) for name in ("k11", "k22", "k12", "sigma")},
+    **{f"foundation/{name}/truth": ("-", True) for name in ("k11", "k22", "k12")},
+    **{f"learned/{name}": ("%", True) for name in ("k11", "k22", "k12", "sigma")},
+    "change/probability": ("-", True),
+    "health/lost/identification": ("-", False),
+    "health/behind/identification": ("s", False),
+}
+
+
+@pytest.mark.parametrize("path", STREAMS)
+def test_every_stream_is_there_with_its_unit_at_its_times(recorded: Recorded, path: str):
+    unit, by_window = STREAMS[path]
+    entity = f"{ROOT}/{path}"
+    rows, times = recorded.scalars(entity), recorded.times_ns(entity)
+    names = recorded.series_names(entity)
+    assert all(name.endswith(f"[{unit}]") for name in names)
+    assert rows.reshape(len(times), -1).shape[1] == len(names)
+    if by_window:
+        assert times.tolist() == [START_NS + (k + 1) * WINDOW * NANOSECONDS for k in USED]
+    else:
+        assert START_NS <= times[0] < times[-1] <= START_NS + 3 * WINDOW * NANOSECONDS
+
+
+def test_every_series_that_is_drawn_names_its_unit(recorded: Recorded):
+    drawn = [each for each in recorded.entities if recorded.has_scalars(each)]
+    assert len(drawn) > 50
+    without = {
+        entity: name
+        for entity in drawn
+        for name in recorded.series_names(entity)
+        if not name.endswith("]")
+    }
+    assert without == {}
+
+
 def test_a_blueprint_is_in_the_file(recorded: Recorded):
     assert recorded.n_blueprints == 1
 
