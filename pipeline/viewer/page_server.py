@@ -30,6 +30,7 @@ OWN = {  # path → file of this package, its type
 }
 RERUNS = ("/re_viewer.js", "/re_viewer_bg.wasm")  # the viewer itself, from Rerun's own server
 LOOPBACK = "127.0.0.1"
+NAMES = (LOOPBACK, "localhost")  # by which a browser on this machine may call the page
 PATIENCE = 10.0  # for Rerun's server to answer [s]
 _log = logging.getLogger(__name__)
 
@@ -48,7 +49,7 @@ def serving_page(
     Raises OSError where the port is taken.
     """
     places = {f"/{number}.rrd": path for number, path in enumerate(pictures)}
-    shown = tuple(f"http://{LOOPBACK}:{page_port}{place}" for place in places) or (session,)
+    shown = tuple(places) or (session,)
 
     class Handler(PageRequest):
         """Knows what it is to show."""
@@ -69,7 +70,8 @@ def serving_page(
 
 
 def own_answers(shown: Sequence[str]) -> dict[str, tuple[bytes, str]]:
-    """Path → (bytes, type) of what this package holds, made out to the addresses to show."""
+    """Path → (bytes, type) of what this package holds, made out to what it shows: addresses of
+    sessions, paths on this server."""
     folder = files(__package__) / "web"
     texts = {path: (folder / name).read_text("utf-8") for path, (name, _) in OWN.items()}
     texts["/"] = texts["/"].replace("ADDRESSES", escape(" ".join(shown)), 1)
@@ -78,12 +80,12 @@ def own_answers(shown: Sequence[str]) -> dict[str, tuple[bytes, str]]:
 
 def content_policy(shown: Sequence[str]) -> str:
     """What the browser allows the page: itself and what it shows, nobody else."""
-    places = (urlsplit(address.removeprefix("rerun+")) for address in shown)
-    origins = " ".join(sorted({f"{place.scheme}://{place.netloc}" for place in places}))
+    places = [urlsplit(address.removeprefix("rerun+")) for address in shown]
+    origins = "".join(f" {place.scheme}://{place.netloc}" for place in places if place.netloc)
     return (
         "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; "
         "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-        f"connect-src 'self' {origins}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        f"connect-src 'self'{origins}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     )
 
 
@@ -99,7 +101,10 @@ class PageRequest(BaseHTTPRequestHandler):
         """The page's own files, its pictures, the viewer from Rerun's server; nothing else."""
         path = urlsplit(self.path).path
         try:
-            if path in self.answers:
+            if urlsplit(f"//{self.headers.get('Host', '')}").hostname not in NAMES:
+                # Why: another page could have its own name lead here and read what is shown.
+                self.send_error(HTTPStatus.FORBIDDEN)
+            elif path in self.answers:
                 content, kind = self.answers[path]
                 self._pass_on(BytesIO(content), len(content), kind)
             elif path in self.rrds:

@@ -5,8 +5,10 @@
    Rerun's own page asks the internet for a font, for example recordings and for its newest release,
    and tells its makers how it is used. This one speaks to the session alone. */
 
-/* A session's stream, rerun+http://127.0.0.1:9876/proxy, or .rrd files of this server. */
-const shown = document.documentElement.dataset.show.split(" ");
+/* A session's stream, rerun+http://127.0.0.1:9876/proxy, or .rrd files of this server, /0.rrd. */
+const shown = document.documentElement.dataset.show
+  .split(" ")
+  .map((address) => (address.startsWith("/") ? location.origin + address : address));
 const note = document.getElementById("note");
 const words = document.getElementById("words");
 const canvas = document.getElementById("canvas");

@@ -57,7 +57,7 @@ def test_pictures_are_served_whole_and_shown_instead_of_the_session(tmp_path: Pa
     rrd = tmp_path / "a.rrd"
     rrd.write_bytes(b"RRF2" * 1000)
     with page((rrd,)) as address:
-        assert f'data-show="{address}/0.rrd"' in fetched(address).decode()
+        assert 'data-show="/0.rrd"' in fetched(address).decode()
         assert fetched(f"{address}/0.rrd") == rrd.read_bytes()
 
 
@@ -71,11 +71,20 @@ def test_nothing_else_is_served(path: str, tmp_path: Path):
         fetched(address + path)
 
 
+def test_a_page_elsewhere_whose_name_leads_here_is_told_nothing():
+    with page() as address:
+        assert fetched(address.replace("127.0.0.1", "localhost"))
+        request = urllib.request.Request(address, headers={"Host": "elsewhere.example:80"})
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(request, timeout=20.0)
+
+
 def test_the_browser_may_speak_to_the_page_and_the_session_only():
     policy = content_policy([SESSION])
     assert "default-src 'none'" in policy
     assert "connect-src 'self' http://127.0.0.1:9876;" in policy
     assert "*" not in policy
+    assert "connect-src 'self';" in content_policy(["/0.rrd"])
 
 
 def test_the_page_names_nobody_outside_this_machine():
