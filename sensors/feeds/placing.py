@@ -13,6 +13,7 @@ from sensors.feeds.clock import UnitClock
 from sensors.feeds.columns import Columns
 from sensors.feeds.cutter import RowCutter, SessionNames
 from sensors.feeds.feed import ChannelSamples, FeedCounts
+from sensors.feeds.owners import Owners
 from sensors.feeds.recent import Recent
 from sensors.feeds.rows import WaitingRows
 
@@ -59,6 +60,7 @@ class Placing:
         self._rate, self._wait = rate, round(wait * rate)
         self._cutter = RowCutter(columns.layout, rate, size, sessions)
         self._streams: Recent[_Stream] = Recent()
+        self._owners = Owners()
         self._begin(first)
 
     @property
@@ -72,6 +74,10 @@ class Placing:
 
     def push(self, piece: ChannelSamples) -> Iterator[AccelerationBlock]:
         """Take what a message brought; give the blocks that it completes."""
+        complaint = self._owners.complaint(piece)
+        if complaint:
+            self._counts.refuse(complaint)
+            return
         stream = self._stream(piece.stream)
         if self._fits(piece, stream):
             self._drop_held(stream)

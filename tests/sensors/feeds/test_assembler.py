@@ -1,6 +1,7 @@
 """Channels of one unit, put together by the time that their stamps tell."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,9 +83,7 @@ def test_channels_that_come_on_topics_of_their_own_are_put_together_by_time() ->
 
 
 def test_a_channel_that_begins_earlier_than_the_first_message_loses_nothing() -> None:
-    blocks = assembled(
-        [piece(40, 40, ("ay",)), piece(0, 80, ("ax",)), piece(80, 40, ("ax", "ay"), stream="c")]
-    )
+    blocks = assembled([piece(40, 40, ("ay",)), piece(0, 120, ("ax",)), piece(80, 40, ("ay",))])
     samples = np.concatenate([block.samples for block in blocks])
     assert len(samples) == 120
     np.testing.assert_array_equal(samples[40:], expected(40, 120))
@@ -318,6 +317,34 @@ def test_another_instrument_of_another_rate_never_takes_the_unit_over() -> None:
     blocks = assembled([*(piece(first) for first in range(0, 800, 40)), *other, piece(800)], counts)
     assert {block.sampling_rate for block in blocks} == {40.0}
     assert (len(blocks), counts.malformed) == (21, 30)
+
+
+@pytest.mark.parametrize("apart", [0, 13, 20, 40_000])
+def test_two_instruments_of_one_name_are_never_mixed(apart: int) -> None:
+    counts = FeedCounts()
+    pieces = []
+    for first in range(0, 800, 40):
+        other = piece(first + apart, stream="farm/t2", at=first + apart)
+        pieces += [piece(first, stream="farm/t1"), replace(other, samples=-other.samples)]
+    blocks = assembled(pieces, counts)
+    np.testing.assert_array_equal(
+        np.concatenate([block.samples for block in blocks]), expected(0, 800)
+    )
+    assert counts.malformed == 20
+    assert counts.refusal == (
+        "farm/t2 gives 'ay' while farm/t1 does: a feed is one unit, so its address must name one "
+        "of them"
+    )
+
+
+def test_an_instrument_that_has_another_topic_from_now_on_is_followed() -> None:
+    counts = FeedCounts()
+    before = [piece(first, stream="old") for first in range(0, 400, 40)]
+    after = [piece(first, stream="new") for first in range(400, 4000, 40)]
+    samples = joined(assembled(before + after, counts))
+    assert counts.malformed == 30  # half a minute until it is believed
+    assert sorted(samples) == [*range(400), *range(1600, 4000)]
+    np.testing.assert_array_equal(samples[3999], expected(3999, 4000)[0])
 
 
 def test_samples_whose_rate_nobody_tells_are_counted_and_the_option_is_named() -> None:
