@@ -18,7 +18,7 @@ from pipeline.viewer.scene import (
 from sensors.layout import SensorLayout
 
 AMPLITUDE = 20.0  # swing of a shape's largest component in the picture [m]
-SPACING = 40.0  # between two shapes [m]
+SPACING = 52.0  # between two shapes [m]: room for their labels
 ROW_DIRECTION = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)  # seen from (1, 1): FA and SS both show
 
 
