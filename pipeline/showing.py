@@ -1,5 +1,6 @@
 """A recorded session as pictures, long after it ended: what `pilewatch show` does."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -68,7 +69,8 @@ def open_pictures(path: Path) -> None:
     """
     require_pictures(path)
     command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(path)]
-    ended = subprocess.run(command, check=False, stderr=subprocess.PIPE, text=True)
+    silent = os.environ | {"RERUN_ANALYTICS": "0"}
+    ended = subprocess.run(command, check=False, stderr=subprocess.PIPE, text=True, env=silent)
     if ended.returncode:
         last = ended.stderr.strip().splitlines()[-1:] or ["no reason given"]
         raise ViewerError(
