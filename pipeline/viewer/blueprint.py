@@ -95,7 +95,9 @@ def _modes(root: str, panel: TurbinePanel) -> rrb.Horizontal:
         rrb.Vertical(
             rrb.Tabs(
                 rrb.Grid(
-                    *[_track(root, label) for label in panel.modes], grid_columns=4, name="Tracks"
+                    *[_track(root, label) for label in panel.modes],
+                    grid_columns=4,
+                    name="Tracks: identified ± 2 std blue, model orange",
                 ),
                 _matrix(root),
             ),
@@ -304,7 +306,7 @@ def _damping(root: str, panel: TurbinePanel) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"{root}/modes",
         contents=paths,
-        name="Damping ratios [% of critical]",
+        name="Damping ratios [% of critical], a line a mode",
         overrides={path: [middle, points] for path in paths},
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
