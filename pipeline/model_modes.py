@@ -124,4 +124,6 @@ def _ratios(theta: str | None) -> NDArray[np.float64]:
             f"--theta {theta!r}: three numbers are needed, k11,k22,k12 as ratios to nominal, "
             "e.g. 1,0.9,1"
         )
+    if not np.all(ratios[:2] > 0):
+        raise InputError(f"--theta {theta!r}: k11 and k22 must be above 0")
     return ratios

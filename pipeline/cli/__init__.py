@@ -8,6 +8,7 @@ import errno
 import logging
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import typer
 from rich.logging import RichHandler
@@ -63,6 +64,10 @@ NOT_OURS = frozenset(
 )
 
 
+# What typer raises for arguments that do not fit: its own class has no public name.
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+
+
 def main() -> None:
     """Entry point of `pilewatch`: a user's mistake becomes one line and exit code 2."""
     logging.basicConfig(
@@ -71,7 +76,11 @@ def main() -> None:
         handlers=[RichHandler(console=people, show_path=False)],
     )
     try:
-        app()
+        sys.exit(app(standalone_mode=False) or 0)
+    except UsageError as error:
+        if told := _misuse(error):
+            people.print(f"[bold red]pilewatch:[/] {escaped(told)}", soft_wrap=True)
+        sys.exit(2)
     except InputError as error:
         people.print(f"[bold red]pilewatch:[/] {escaped(str(error))}", soft_wrap=True)
         sys.exit(2)
@@ -87,5 +96,15 @@ def main() -> None:
             f"[bold red]pilewatch:[/] {escaped(f'{place}{error.strerror}')}", soft_wrap=True
         )
         sys.exit(2)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, typer.Abort):
         sys.exit(130)
+
+
+def _misuse(error: Any) -> str:
+    """A wrong argument or option in one line; "" where the help was shown instead."""
+    message = " ".join(error.format_message().split()).removesuffix(".")
+    context = getattr(error, "ctx", None)
+    command = (
+        context.command_path if context is not None else " ".join(["pilewatch", *sys.argv[1:2]])
+    )
+    return message and f"{message}; `{command} --help` tells how"

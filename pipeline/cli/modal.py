@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.console import JsonOption, ScenarioOption, escaped, output, people
+from sensors.errors import InputError
 
 if TYPE_CHECKING:
     from pipeline.offline import FileIdentification
@@ -53,6 +54,8 @@ def identify(
     from pipeline.tables import identified_modes_table
     from sensors.files.layout_file import load_layout
 
+    if plot is not None and not plot.parent.is_dir():  # before the work, not after it
+        raise InputError(f"--plot {plot}: there is no folder {plot.parent}")
     with people.status(f"identifying {file}"):
         found = identify_file(
             file,

@@ -50,6 +50,8 @@ class OmaSettings:
         low, high = self.lowest_frequency, self.highest_frequency
         if low is not None and not low > 0:
             raise OmaSettingsError(f"[oma] lowest_frequency is {low:g} Hz; it must be > 0")
+        if high is not None and not high > 0:
+            raise OmaSettingsError(f"[oma] highest_frequency is {high:g} Hz; it must be > 0")
         if low is not None and high is not None and not high > low:
             raise OmaSettingsError(
                 f"[oma] highest_frequency is {high:g} Hz, not above lowest_frequency ({low:g} Hz)"

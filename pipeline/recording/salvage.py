@@ -55,7 +55,7 @@ class Remains:
 def salvaged_name(source: Path) -> Path:
     """Where the remains of a recording go unless somebody says otherwise."""
     name = source.name.removesuffix(ACTIVE_SUFFIX)
-    return source.with_name(f"{name}.salvaged.mcap")
+    return source.parent / f"{name}.salvaged.mcap"
 
 
 def salvage(source: Path, target: Path) -> Remains:

@@ -49,7 +49,7 @@ def draw_stabilisation(
     spectrum_axes.xaxis.set_major_locator(_log_ticks())
     spectrum_axes.xaxis.set_major_formatter("{x:g}")
     try:
-        figure.savefig(path, dpi=DOTS_PER_INCH)
+        figure.savefig(path, dpi=DOTS_PER_INCH, format=path.suffix[1:] or "png")
     except (OSError, ValueError) as error:  # ValueError: a suffix that no picture has
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"cannot write the figure {path}: {reason}") from error

@@ -32,7 +32,7 @@ def draw_structure(figures: StructureFigures, path: Path) -> None:
     title = figures.description.title or figures.description.name
     figure.suptitle(f"{title}: as described, and its first modes (share of the blades' energy)")
     try:
-        figure.savefig(path, dpi=DOTS_PER_INCH)
+        figure.savefig(path, dpi=DOTS_PER_INCH, format=path.suffix[1:] or "png")
     except (OSError, ValueError) as error:  # ValueError: a suffix that no picture has
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"cannot write the figure {path}: {reason}") from error
