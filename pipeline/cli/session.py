@@ -1,6 +1,7 @@
 """`pilewatch run` and `pilewatch node`: a session, and one node of it."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,6 +15,7 @@ from pipeline.cli.console import (
     ModeOption,
     ScenarioOption,
     ZenohConfigOption,
+    escaped,
     output,
     progress,
     speed_of,
@@ -138,6 +140,9 @@ def run(
             output.print_json(json.dumps(session.figures))
         else:
             _print_session(session, opened.scenario)
+            if len(opened.turbines) > 1:
+                shown_of = session.figures["turbine"]
+                output.print(escaped(of_a_farm(opened.turbines, shown_of, out)), soft_wrap=True)
         shown.stay(stopping)
     if not session.complete:
         raise typer.Exit(2)
@@ -179,6 +184,14 @@ def _session_options(
         zenoh=zenoh,
         shards=shards,
         elsewhere=elsewhere,
+    )
+
+
+def of_a_farm(turbines: Sequence[str], shown: str, out: Path) -> str:
+    """Whose results were printed, and where those of the others are."""
+    return (
+        f"These are the results of {shown}, one of {len(turbines)} turbines; all of them: "
+        f"pilewatch farm {out}"
     )
 
 

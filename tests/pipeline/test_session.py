@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.cli.session import of_a_farm
 from pipeline.playback import Playback
 from pipeline.recorded_streams import SourceError
 from pipeline.session import folder
@@ -127,3 +128,9 @@ def test_a_node_in_another_process_is_told_the_same(short_recording: Path) -> No
     ]
     live = replace(source, recording=None)
     assert "--scenario" in node_command("updating", live, options, peer_of("tcp/127.0.0.1:1"), None)
+
+
+def test_one_turbines_results_are_not_taken_for_the_farms() -> None:
+    assert of_a_farm(("t1", "t2", "t3"), "t1", Path("shore")) == (
+        "These are the results of t1, one of 3 turbines; all of them: pilewatch farm shore"
+    )
