@@ -92,9 +92,9 @@ class MqttFeed:
             code = getattr(error, "rc", None)
             if getattr(code, "value", code) in _REFUSED:
                 self._refuse_user(error)
-            raise LinkError(self._reason(error)) from error
+            raise LinkError(self.reason(error)) from error
 
-    def _reason(self, error: Exception) -> str:
+    def reason(self, error: Exception) -> str:
         """In few words why the link is down, without the numbers that codes have."""
         cause = error.__cause__ or error
         if isinstance(cause, TimeoutError) or "timed out" in str(cause):

@@ -1,6 +1,7 @@
 """MQTT through a real broker."""
 
 import json
+import socketserver
 import struct
 import subprocess
 import sys
@@ -10,12 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from aiomqtt import MqttError
 
 from pipeline.deploy.certificates import make_certificates
 from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.feeds.feed import FeedError
+from sensors.feeds.address import parsed
+from sensors.feeds.feed import FeedCounts, FeedError
 from sensors.feeds.frame import Frame, encoded
 from sensors.feeds.live import Measured
+from sensors.feeds.mqtt import MqttFeed, SamplesReader
 from sensors.feeds.opening import open_feed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from sensors.scada import ScadaSample
@@ -216,6 +220,63 @@ def test_a_password_that_is_refused_is_one_line_and_the_right_one_lets_in(
         monkeypatch.setenv("PILEWATCH_FEED_PASSWORD", "right")
         live = open_feed(address, LAYOUT)
         measured_until(live, lambda: live.counts.connected)
+
+
+@pytest.mark.parametrize("qos", [0, 2])
+def test_every_quality_of_service_brings_each_frame_once(running: Broker, qos: int) -> None:
+    live = open_feed(f"mqtt://127.0.0.1:{running.port}/qos{qos}/#?qos={qos}", LAYOUT)
+    with publisher(running.port) as sender:
+
+        def send() -> None:
+            for number in range(5):
+                sender.publish(f"qos{qos}/top", frame(number), qos=qos)
+
+        given = measured_until(live, lambda: live.counts.received == 5, send)
+    assert [block.samples[0, 0] for block in blocks_of(given)] == [0, 1, 2, 3, 4]
+    assert (live.counts.lost, live.counts.duplicate) == (0, 0)
+
+
+class RefusingBroker(socketserver.StreamRequestHandler):
+    """Lets everybody in and grants no topic (MQTT 3.1.1)."""
+
+    def handle(self) -> None:
+        def packet() -> tuple[int, bytes]:
+            kind, length = self.rfile.read(2)  # none is longer than 127 bytes
+            return kind >> 4, self.rfile.read(length)
+
+        assert packet()[0] == 1  # CONNECT
+        self.wfile.write(b"\x20\x02\x00\x00")  # CONNACK: welcome
+        kind, content = packet()
+        assert kind == 8  # SUBSCRIBE
+        self.wfile.write(b"\x90\x03" + content[:2] + b"\x80")  # SUBACK: failure
+        self.rfile.read(2)
+
+
+def test_a_topic_that_the_broker_refuses_is_one_line() -> None:
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), RefusingBroker) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        live = open_feed(f"mqtt://127.0.0.1:{server.server_address[1]}/a/#", LAYOUT)
+        with pytest.raises(FeedError, match="refuses this user the topic 'a/#'"):
+            list(live.measured(threading.Event()))
+        server.shutdown()
+
+
+def test_what_is_said_of_a_link_is_for_people() -> None:
+    feed = MqttFeed(parsed("mqtt://h/t"), SamplesReader(parsed("mqtt://h/t"), (), FeedCounts()),
+                    FeedCounts(), once=True)  # fmt: skip
+    said = {
+        feed.reason(error)
+        for error in (
+            MqttError("[Errno 111] Connection refused"),
+            MqttError("[code:135] Not authorized"),
+            MqttError("Operation timed out"),
+        )
+    }
+    assert said == {
+        "Connection refused",
+        "Not authorized",
+        "no answer as a broker gives within 10 s; does it want mqtts://?",
+    }
 
 
 def test_a_topic_that_is_none_is_one_line(running: Broker) -> None:
