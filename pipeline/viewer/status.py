@@ -79,14 +79,11 @@ class SessionStatus:
                 self._gaps.append(message)
 
     def take_node(self, node: NodeStatus) -> bool:
-        """Remember a node's status; True where its state or its counts of trouble are new."""
+        """Remember a node's status; True where its state, its counts of trouble or the kinds of its
+        doubts are new."""
         before = self._nodes.get(node.node)
         self._nodes[node.node] = node
-        return before is None or (before.state, before.lost, before.late) != (
-            node.state,
-            node.lost,
-            node.late,
-        )
+        return before is None or _news(before) != _news(node)
 
     @property
     def posterior(self) -> FoundationPosterior | None:
@@ -221,7 +218,17 @@ class SessionStatus:
             f"| {node.malformed} | {node.busy_s:.1f} s |"
             for _, node in sorted(self._nodes.items())
         ]
-        return ["#### Nodes", "\n".join(rows)]
+        said = [  # as code: a stranger's words are neither links nor pictures
+            f"- {node.node}: `{doubt.text.replace('`', '´')}`"
+            for _, node in sorted(self._nodes.items())
+            for doubt in node.warnings
+        ]
+        return ["#### Nodes", "\n".join(rows), *(["\n".join(said)] if said else [])]
+
+
+def _news(node: NodeStatus) -> tuple[object, ...]:
+    """What of a status is worth drawing anew."""
+    return node.state, node.lost, node.late, {doubt.code for doubt in node.warnings}
 
 
 def clock_time(time_ns: int) -> str:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.messages import NodeStatus
+from pipeline.messages import NodeStatus, Warning  # noqa: A004  # the field's word
 from pipeline.viewer.status import SessionStatus, counted, frequencies_text, posterior_text
 from tests.pipeline.viewer.session import (
     TURBINE,
@@ -64,6 +64,17 @@ def test_a_node_is_news_when_its_state_or_its_losses_change():
     assert status.take_node(node_status("running", 1))
     assert not status.take_node(node_status("running", 2))
     assert status.take_node(node_status("stopped", 3))
+
+
+def test_what_a_node_doubts_stands_below_the_nodes_and_its_words_are_no_markup():
+    status = SessionStatus(TURBINE)
+    status.take_node(node_status("running", 1))
+    doubting = replace(
+        node_status("running", 2), warnings=(Warning("link-down", "udp: ![x](http://y/`z`)"),)
+    )
+    assert status.take_node(doubting)
+    assert not status.take_node(replace(doubting, last_sequence=3))
+    assert "- identification: `udp: ![x](http://y/´z´)`" in status.health_markdown()
 
 
 def test_one_line_for_a_posterior_has_medians_and_half_widths():
