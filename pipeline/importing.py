@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
-from pipeline.recording.writer import Metadata, whole_recording
+from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, whole_recording
 from pipeline.runner import with_end
 from pipeline.scenario import Scenario, load_scenario, scenario_from_text, scenario_metadata
 from pipeline.sources import COMPACT
@@ -183,6 +183,7 @@ def imported_source(
     )
     folder.mkdir(parents=True, exist_ok=True)
     names = (f"{path.stem}{again}.mcap" for again in ("", *(f"-{i}" for i in range(2, 1000))))
-    recording = next(folder / name for name in names if not (folder / name).exists())
+    begun = {each.name.removesuffix(ACTIVE_SUFFIX) for each in folder.iterdir()}
+    recording = next(folder / name for name in names if name not in begun)
     record_measurement(measurement, recording, scenario=chosen, report=report)
     return f"replay:{recording}"

@@ -88,12 +88,22 @@ class _TableFiles:
 
 @contextmanager
 def _table_files(folder: Path, form: Format) -> Iterator[_TableFiles]:
+    """Files that are whole in the end; where writing fails or is interrupted, there are none.
+
+    Raises InputError where a disk takes no more.
+    """
     tables = _TableFiles(folder, form)
     try:
         yield tables
-    finally:
         for table in tables.open.values():
             table.close()
+    except BaseException as error:
+        for table in tables.open.values():
+            table.remove()
+        if isinstance(error, OSError):
+            reason = error.strerror or error
+            raise InputError(f"cannot write to {folder}: {reason}; nothing was left") from error
+        raise
 
 
 def _export_samples(

@@ -1,6 +1,7 @@
 """One table on its way into a file, written piece by piece."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -56,6 +57,14 @@ class TableFile:
         self._write()
         self._writer.close()
         self._file.close()
+
+    def remove(self) -> None:
+        """Let go of an unfinished file, and have it gone."""
+        with suppress(OSError, pa.ArrowException):
+            self._writer.close()
+        with suppress(OSError):  # what it still holds finds no room either
+            self._file.close()
+        self.path.unlink(missing_ok=True)
 
     def _count(self, rows: int) -> None:
         self.rows += rows

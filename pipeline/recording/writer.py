@@ -1,5 +1,6 @@
 """The recorder: a node that writes every message it is given to an MCAP file."""
 
+import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -17,6 +18,8 @@ from pipeline.streams import STREAMS, key_of
 from pipeline.transport.codec import encode
 from pipeline.transport.wire import full_name, self_description
 from sensors.blocks import NANOSECONDS, AccelerationBlock
+
+logger = logging.getLogger(__name__)
 
 Metadata = Mapping[str, Mapping[str, str]]  # section → name → text
 
@@ -194,6 +197,12 @@ def whole_recording(
         raise _refused(path, error) from error
     except Exception:
         recorder.remove()
+        raise
+    except BaseException:  # Ctrl-C
+        logger.warning(
+            "%s%s holds what was written until now: `pilewatch salvage` makes a recording of it, "
+            "or remove it", path, ACTIVE_SUFFIX,
+        )  # fmt: skip
         raise
 
 

@@ -1,5 +1,6 @@
 """What is exported is what was recorded: samples, times and units, and every result."""
 
+import errno
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from pipeline.export.exporting import Exported, export
 from pipeline.export.samples import sample_times
 from pipeline.messages import FoundationTruth, ParameterSummary
 from pipeline.offline import recorded_channels
-from sensors.blocks import NANOSECONDS
+from sensors.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 from sensors.files.csv import read_csv
 from sensors.files.table import ChannelTable
@@ -94,6 +95,23 @@ def test_rows_are_written_as_they_come_not_all_at_the_end(
     written = parquet.ParquetFile(samples.path)
     assert written.num_row_groups == 6  # of 2200 rows in blocks of 40
     assert written.read().num_rows == samples.rows == 2200
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_an_export_that_is_interrupted_or_finds_no_room_leaves_no_half_table(
+    form: table_file.Format, minute: Path, tmp_path: Path
+) -> None:
+    def interrupt(_: AccelerationBlock) -> None:
+        raise KeyboardInterrupt
+
+    def refuse(_: AccelerationBlock) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(KeyboardInterrupt):
+        export(minute, tmp_path / "out", form, report=interrupt)
+    with pytest.raises(InputError, match=r"out: No space left on device; nothing was left"):
+        export(minute, tmp_path / "out", form, report=refuse)
+    assert not list((tmp_path / "out").iterdir())
 
 
 def test_other_channels_of_a_unit_go_on_in_another_file(tmp_path: Path) -> None:
