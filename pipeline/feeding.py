@@ -189,7 +189,8 @@ class FeedAccount:
 
     def _doubts(self, state: str) -> Iterator[Doubt]:
         counts, name = self._live.counts, self._live.name
-        if not counts.connected and state == "running":
+        never = state == "stopped" and not counts.connections and bool(counts.trouble)
+        if (not counts.connected and state == "running") or never:
             yield Doubt("link-down", f"{name}: {counts.trouble or 'not connected yet'}")
         if self._quiet:
             yield Doubt("quiet", self._silence)

@@ -98,6 +98,17 @@ def test_a_link_that_is_up_and_brings_nothing_is_told_once(
     assert [(doubt.code, doubt.text) for doubt in last.warnings] == [("quiet", sentence)]
 
 
+def test_an_instrument_that_was_never_reached_is_said_so_at_the_end() -> None:
+    stopping, feed = threading.Event(), ScriptedFeed([])
+    feed.counts.trouble = "Connection refused"
+    stopping.set()
+    *_, last = told_of(feed, stopping)
+    assert isinstance(last, NodeStatus)
+    assert [(each.code, each.text) for each in last.warnings] == [
+        ("link-down", "scripted: Connection refused")
+    ]
+
+
 def test_a_feed_of_the_controller_says_no_layout() -> None:
     stopping = threading.Event()
     sample = ScadaSample("t1", START, "parked", 9.0, 0.0, 90.0, 0.0, 0.0, 0.1)
