@@ -159,7 +159,7 @@ def _change_probability(root: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"{root}/change",
         contents=["$origin/probability", "$origin/noticed"],
-        name="Probability of a change [-]; red: noticed",
+        name="Probability of a new change [-]; red: noticed",
         axis_y=rrb.ScalarAxis(range=(-0.1, 1.1)),  # 0 and 1 are most of what is seen
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
