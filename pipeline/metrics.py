@@ -307,14 +307,16 @@ def served(desk: MetricsDesk, port: int, address: str = LOOPBACK) -> Iterator[in
     from prometheus_client import CollectorRegistry, start_http_server
 
     if not 0 <= port <= LAST_PORT:
-        raise InputError(f"--metrics {port} is no port; ports are 0 (any) to {LAST_PORT}")
+        raise InputError(f"{port} is no port for the figures; ports are 0 (any) to {LAST_PORT}")
 
     registry = CollectorRegistry()
     registry.register(desk)  # a Collector by its method
     try:
         server, thread = start_http_server(port, addr=address, registry=registry)
     except OSError as error:
-        raise InputError(f"--metrics {address}:{port}: {error.strerror or error}") from error
+        raise InputError(
+            f"figures cannot be served at {address}:{port}: {error.strerror or error}"
+        ) from error
     try:
         yield int(server.server_port)
     finally:
