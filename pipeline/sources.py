@@ -223,7 +223,7 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
         chosen = scenario_from_metadata(stored, f"scenario in {path}")
     else:
         chosen = load_scenario(DEFAULT_SCENARIO)
-    layout = joined_layout(_units_of(info.layouts, info.layouts[-1].turbine))
+    layout = joined_layout(_units_of(info.layouts, info.layouts[0].turbine))
     return Source(
         text=f"replay:{path}",
         scenario=chosen,
