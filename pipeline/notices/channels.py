@@ -102,13 +102,10 @@ class Mail:
         message["To"] = ", ".join(self._settings.recipients)
         message["Date"] = formatdate(telling["last_ns"] / 1e9)
         message["Message-ID"] = make_msgid(domain="pilewatch")
+        first, last = _moment(telling["first_ns"]), _moment(telling["last_ns"])
         seen = "once" if telling["count"] == 1 else f"{telling['count']} times"
-        lines = [
-            telling["text"],
-            "",
-            f"kind {telling['kind']}, seen {seen} since {_moment(telling['first_ns'])}, last at "
-            f"{_moment(telling['last_ns'])}",
-        ]
+        when = f"at {first}" if first == last else f"since {first}, last at {last}"
+        lines = [telling["text"], "", f"kind {telling['kind']}, seen {seen}, {when}"]
         if telling["occasion"] != "ended":
             lines.append(
                 f"acknowledge it on {telling['host']}: "

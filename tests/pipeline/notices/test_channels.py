@@ -68,7 +68,7 @@ def test_a_mail_says_it_in_its_subject_and_how_to_acknowledge_it() -> None:
     assert text.splitlines() == [
         "t1: k22 fell by 10 % ± 1 %",
         "",
-        "kind change, seen 2 times since 2023-11-14 22:13:20 UTC, last at 2023-11-14 22:23:20 UTC",
+        "kind change, seen 2 times, since 2023-11-14 22:13:20 UTC, last at 2023-11-14 22:23:20 UTC",
         "acknowledge it on shore-1: pilewatch ack 3 --out '/srv/my session'",
     ]
     assert b"pilewatch ack" not in over.get_payload(decode=True)  # type: ignore[operator]
