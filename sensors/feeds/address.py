@@ -25,10 +25,10 @@ _COMMON = ("rate", "wait")
 _SECURITY = ("ca", "cert", "key", "password-file")
 _SCADA = ("time", "state", "wind_speed", "rotor_speed", "pitch", "yaw", "power", "water_level")
 OPTIONS = {  # by scheme
-    "mqtt": (*_COMMON, *_SECURITY, "qos", "format", "client", "key-file"),
+    "mqtt": (*_COMMON, *_SECURITY, "qos", "mqtt", "format", "client", "key-file"),
     "seedlink": (*_COMMON,),
     "udp": (*_COMMON, "key-file"),
-    "scada+mqtt": (*_SECURITY, "qos", "client", *_SCADA),
+    "scada+mqtt": (*_SECURITY, "qos", "mqtt", "client", *_SCADA),
     "scada+csv": ("from", *_SCADA),
 }
 PORTS = {"mqtt": 1883, "mqtts": 8883, "seedlink": 18000}

@@ -5,8 +5,9 @@
 A message is told by itself (format=auto), or by the option: `json` (`json_samples.py`), `float32`
 (`frame.py`) or `cpsens` (`cpsens.py`). With client=NAME the broker keeps what comes while the link
 is cut (quality of service 1 or 2), and gives it afterwards; without, it is lost, and counted where
-messages are numbered. mqtts:// checks the broker's certificate, by the authorities in ca=FILE or
-the system's; cert=FILE and key=FILE are the client's own.
+messages are numbered. mqtt=5 speaks MQTT 5 instead of 3.1.1. mqtts:// checks the broker's
+certificate, by the authorities in ca=FILE or the system's; cert=FILE and key=FILE are the client's
+own.
 """
 
 import logging
@@ -66,6 +67,7 @@ class MqttFeed:
         self.counts = counts
         self._address, self._reader, self._once = address, reader, once
         self._aiomqtt = _aiomqtt()
+        self._is_5 = address.one_of("mqtt", ("3.1.1", "5")) == "5"
         self._qos = int(address.one_of("qos", ("1", "0", "2")))
         self._tls = _tls(address)
         self._password = address.secret("password") if address.user else ""
@@ -98,7 +100,10 @@ class MqttFeed:
         """In few words why the link is down, without the numbers that codes have."""
         cause = error.__cause__ or error
         if isinstance(cause, TimeoutError) or "timed out" in str(cause):
-            question = "" if self._address.tls else "; does it want mqtts://?"
+            wanted = ([] if self._address.tls else ["mqtts://"]) + (
+                [] if self._is_5 else ["mqtt=5"]
+            )
+            question = f"; does it want {' or '.join(wanted)}?" if wanted else ""
             return f"no answer as a broker gives within {KEEP_ALIVE} s{question}"
         words = getattr(cause, "strerror", None) or _CODE.sub("", str(cause))
         return " ".join(words.split()) or type(cause).__name__
@@ -129,15 +134,19 @@ class MqttFeed:
             raise FeedError(f"{self.name}: the broker refuses this user the topic {topic!r}")
 
     def _client(self) -> Any:
-        address = self._address
+        address, versions = self._address, self._aiomqtt.ProtocolVersion
         client = address.options.get("client")
+        kept: dict[str, Any] = {"clean_session": client is None}
+        if self._is_5:
+            kept = {"clean_start": client is None, "properties": _kept_for_ever(client is not None)}
         return self._aiomqtt.Client(
             address.host,
             address.port,
             username=address.user or None,
             password=self._password or None,
             identifier=client,
-            clean_session=client is None,
+            protocol=versions.V5 if self._is_5 else versions.V311,
+            **kept,
             tls_context=self._tls,
             keepalive=KEEP_ALIVE,
             max_queued_incoming_messages=WAITING_MESSAGES,
@@ -154,6 +163,16 @@ class MqttFeed:
             yield from self._reader.read(topic, payload, retained=message.retain)
         except MessageError as error:
             self.counts.refuse(f"{topic}: {error}")
+
+
+def _kept_for_ever(wanted: bool) -> Any:
+    """What makes a broker of MQTT 5 keep messages while the link is cut."""
+    properties = import_module("paho.mqtt.properties").Properties(
+        import_module("paho.mqtt.packettypes").PacketTypes.CONNECT
+    )
+    if wanted:
+        properties.SessionExpiryInterval = 2**32 - 1  # [s]; the largest means for ever
+    return properties
 
 
 class SamplesReader:

@@ -186,15 +186,19 @@ def test_a_broker_that_dies_and_comes_back_is_found_again_and_the_loss_is_counte
     assert caplog.messages[-1].endswith("connected again")
 
 
-def test_with_a_name_the_broker_keeps_what_comes_while_nobody_listens(running: Broker) -> None:
-    address = f"mqtt://127.0.0.1:{running.port}/named/#?client=tower-7"
+@pytest.mark.parametrize("version", ["3.1.1", "5"])
+def test_with_a_name_the_broker_keeps_what_comes_while_nobody_listens(
+    running: Broker, version: str
+) -> None:
+    topic = f"named/{version}"
+    address = f"mqtt://127.0.0.1:{running.port}/{topic}?client=tower-{version}&mqtt={version}"
     first, second = open_feed(address, LAYOUT), open_feed(address, LAYOUT)
     with publisher(running.port) as sender:
         measured_until(
-            first, lambda: first.counts.received == 1, lambda: sender.publish("named/a", frame(0))
+            first, lambda: first.counts.received == 1, lambda: sender.publish(topic, frame(0))
         )
         for number in range(1, 6):
-            sender.publish("named/a", frame(number))
+            sender.publish(topic, frame(number))
         sender.settled()
         given = measured_until(second, lambda: second.counts.received == 5)
     assert [block.samples[0, 0] for block in blocks_of(given)] == [1, 2, 3, 4, 5]
@@ -275,7 +279,7 @@ def test_what_is_said_of_a_link_is_for_people() -> None:
     assert said == {
         "Connection refused",
         "Not authorized",
-        "no answer as a broker gives within 10 s; does it want mqtts://?",
+        "no answer as a broker gives within 10 s; does it want mqtts:// or mqtt=5?",
     }
 
 
