@@ -28,6 +28,7 @@ from pipeline.viewer.scene import outline
 from pipeline.viewer.signal_screen import Fault, SignalScreen
 from pipeline.viewer.stabilisation import stabilisation_picture
 from pipeline.viewer.status import (
+    CUT_SHORT,
     SessionStatus,
     clock_time,
     frequencies_text,
@@ -149,7 +150,8 @@ class TurbineScreen:
     def show_rejection(self, rejected: WindowRejected) -> None:
         """A window that gave no estimate, and why."""
         self._at(rejected.end_ns)
-        self._event(f"window {rejected.window} rejected: {rejected.reason}", level="WARN")
+        level = "INFO" if rejected.code == CUT_SHORT else "WARN"
+        self._event(f"window {rejected.window} rejected: {rejected.reason}", level=level)
         self._status.take(rejected)
         self._show_status()
 

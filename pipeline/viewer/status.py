@@ -26,7 +26,7 @@ CHANGED = {  # what a change is called, by its kind
     "undecided": "foundation: perhaps changed",
 }
 _LISTED = 5  # rejected windows and gaps shown, the newest
-_CUT_SHORT = "short"  # why a window is rejected in which the session ended: nothing is wrong
+CUT_SHORT = "short"  # why a window is rejected in which the session ended: nothing is wrong
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class SessionStatus:
                 self._last_rejected = False
             case WindowRejected():
                 self._rejections[message.code] += 1
-                self._last_rejected = message.code != _CUT_SHORT
+                self._last_rejected = message.code != CUT_SHORT
                 self._rejected.append(message)
             case FoundationPosterior():
                 self._posterior = message
