@@ -207,7 +207,7 @@ def load_scenario(name_or_path: str) -> Scenario:
         return replace(scenario_from_text(text, f"{name_or_path}.toml"), origin=name_or_path)
     path = Path(name_or_path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
         return replace(scenario_from_text(text, name_or_path), origin=name_or_path)
     except FileNotFoundError:
         shipped_names = ", ".join(shipped_scenarios())

@@ -153,7 +153,7 @@ def load_layout(path: Path) -> LayoutFile:
     Raises LayoutError, one line: no such file, not TOML, an unknown or missing key, a wrong value.
     """
     try:
-        table = tomllib.loads(path.read_text("utf-8"))
+        table = tomllib.loads(path.read_text("utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8"
         raise LayoutError(f"layout {path} cannot be read: {reason}") from error

@@ -132,8 +132,8 @@ def wave_pattern(model: StructuralModel, waves: WaveBandLoad) -> FloatArray:
     water = model.description.water
     if water is None:
         raise LoadError(
-            f"{model.description.name} has no [water]; set the waves' fore_aft_rms and "
-            "side_side_rms to 0"
+            f"{model.description.name} has no [water]; set fore_aft_rms and side_side_rms of "
+            "[simulation.waves] to 0"
         )
     profile = wave_profile(
         model.elevations,

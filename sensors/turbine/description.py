@@ -276,7 +276,7 @@ def turbine_text(name_or_path: str | Path) -> str:
         return shipped_text(str(name_or_path))
     path = Path(name_or_path)
     try:
-        return path.read_text("utf-8")
+        return path.read_text("utf-8-sig")  # Windows' editors put a mark at the beginning
     except FileNotFoundError:
         raise TurbineError(
             f"{path}: no such file; a turbine is one of {', '.join(SHIPPED)} or a TOML file"
@@ -317,9 +317,18 @@ def _with_materials(tubes: Any, materials: Any, source: str) -> Any:
                     f"{source} [[tubes]]: material {material!r} is not in [materials]; "
                     f"it has {known}"
                 )
+            _require_base_units(materials[material], f"{source} [materials.{material}]")
             tube = {**materials[material], **own}
         completed.append(tube)
     return completed
+
+
+def _require_base_units(material: Mapping[str, Any], where: str) -> None:
+    """What no material has is steel's figure in GPa or in t/m³."""
+    for key, least, steel in (("youngs_modulus", 1e6, "210e9 Pa"), ("density", 50.0, "7850 kg/m³")):
+        value = material.get(key)
+        if isinstance(value, int | float) and 0 < value < least:
+            raise TurbineError(f"{where}: {key} is {value:g}; steel has {steel}")
 
 
 def _cut(tube: Tube, times: int) -> Iterator[Tube]:

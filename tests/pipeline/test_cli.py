@@ -330,3 +330,18 @@ def test_a_number_that_is_no_port_is_one_line_as_it_was_given(pilewatch: Command
 def test_shares_of_a_farm_need_processes_of_their_own(pilewatch: Command) -> None:
     told = pilewatch("run", "--source", "live", "--shards", "4")
     assert "--shards 4 needs --processes" in one_line(told)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (("youngs_modulus = 210e9", "youngs_modulus = 210"), "youngs_modulus is 210; steel has"),
+        (("density = 8500.0", "density = 8.5"), "density is 8.5; steel has 7850 kg/m³"),
+    ],
+)
+def test_steel_in_other_units_is_told_by_its_material(
+    pilewatch: Command, change: tuple[str, str], complaint: str
+) -> None:
+    marked = "\ufeff" + pilewatch("describe", "--template").stdout  # as Windows' editors save it
+    Path("own.toml").write_text(marked.replace(*change), "utf-8")
+    assert complaint in one_line(pilewatch("describe", "own.toml"))
