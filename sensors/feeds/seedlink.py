@@ -162,7 +162,8 @@ class SeedLinkFeed:
                 asked = True
                 continue
             except asyncio.IncompleteReadError as error:
-                raise LinkError(f"the server ended it {error.partial[:20]!r}") from error
+                said = f" with {error.partial[:20]!r}" if error.partial else ""
+                raise LinkError(f"the server ended it{said}") from error
             asked = False
             head = packet[:8]
             if head.startswith(b"SLINFO"):
