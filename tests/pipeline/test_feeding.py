@@ -82,7 +82,7 @@ def test_a_link_that_is_up_and_brings_nothing_is_told_once(
     moments = [START]
 
     def clock() -> int:
-        moments[0] += 5 * NANOSECONDS
+        moments[0] += 30 * NANOSECONDS
         if moments[0] > START + 400 * NANOSECONDS:
             stopping.set()
         return moments[0]
