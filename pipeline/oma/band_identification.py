@@ -20,7 +20,9 @@ from pipeline.oma.stabilization import (
     clusters,
     pole_cloud,
     recurring,
+    with_phases,
 )
+from pipeline.oma.twins import twin_frequencies
 from pipeline.oma.uncertainty import (
     OrderDeviations,
     frequency_damping_deviations,
@@ -44,6 +46,7 @@ class BandIdentification:
     modes: tuple[Mode, ...]
     poles: PoleCloud  # that came back over the orders: the band's stabilisation diagram
     subspace: SignalSubspace  # for the next window to begin with
+    twins: tuple[float, ...] = ()  # where two modes are too alike to be told apart [Hz]
 
 
 def band_covariances(
@@ -100,7 +103,9 @@ def modes_of_covariances(
     found = clusters(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
     scales = ChannelScales(covariances.scales, integrations, dt)
     modes = _represented(found, cloud, moved, scales)
-    return BandIdentification(band, tuple(modes), cloud, subspace)
+    in_phase = [with_phases(system, band, integrations) for system in systems]
+    twins = twin_frequencies(in_phase, band, settings)
+    return BandIdentification(band, tuple(modes), cloud, subspace, twins)
 
 
 def _sharp_cloud(

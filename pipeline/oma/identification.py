@@ -39,6 +39,8 @@ WELL_KNOWN_SHAPE = 0.1  # a largest std of a shape's components as only modes ha
 SHARE_ALONE = 0.4  # of the half bandwidth: what f and ζ are known to, where one band sees a mode
 MODERATE_SHARE = 0.75  # of the half bandwidth: what f and ζ are known to, where the shape is [-]
 
+TWINS_PLACE = 0.01  # twins this near to a mode that was found are told by it, relative
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification:
@@ -135,11 +137,29 @@ def concluded(
         )
         for mode in harmonics
     ]
+    warnings += _told_twins(by_band, [*modes, *harmonics])
     return Identification(
         with_close_pairs(modes, steady, sampling_rate, integrations),
         tuple(warnings),
         diagrams=tuple(band.poles for band in by_band),
     )
+
+
+def _told_twins(by_band: Sequence[BandIdentification], known: Sequence[Mode]) -> list[Warning]:
+    """A warning for each place where two modes are too alike to be told apart, and neither was."""
+    told: list[float] = []
+    for frequency in sorted(f for band in by_band for f in band.twins):
+        others = [*told, *(mode.frequency for mode in known)]
+        if not any(abs(frequency - other) <= TWINS_PLACE * frequency for other in others):
+            told.append(frequency)
+    return [
+        Warning(
+            "twin-modes",
+            f"two modes near {frequency:.4g} Hz are too alike to be told apart, their shapes mix "
+            "(a structure alike in two directions?): one direction at a time would show them",
+        )
+        for frequency in told
+    ]
 
 
 def hardly_damped(mode: Mode) -> bool:

@@ -91,7 +91,7 @@ def pole_cloud(
 
     integrations   of channels that measure different quantities (`quantities.py`), (n_channels,)
     """
-    systems = [_in_phase(system, band, integrations) for system in systems]
+    systems = [with_phases(system, band, integrations) for system in systems]
     kept = [np.flatnonzero(plausible(system, band, settings)) for system in systems]
     pairs = list(zip(systems, kept, strict=True))
     frequencies = np.concatenate([s.frequencies[index] for s, index in pairs])
@@ -106,7 +106,7 @@ def pole_cloud(
     )
 
 
-def _in_phase(system: SystemModes, band: Band, integrations: IntArray | None) -> SystemModes:
+def with_phases(system: SystemModes, band: Band, integrations: IntArray | None) -> SystemModes:
     """Shapes with the phases of accelerations; each channel keeps its own scale."""
     if integrations is None or not integrations.any():
         return system
