@@ -31,6 +31,11 @@ figure { margin: 1rem 0; break-inside: avoid; }
 figure svg { display: block; width: 100%; height: auto; }
 figcaption, .quiet { font-size: .875rem; opacity: .8; }
 pre { overflow-x: auto; font-size: .8rem; }
+@media (max-width: 40rem) {
+  .telling th, .telling td { white-space: normal; padding: .25rem .4rem; }
+  .telling td:first-child { min-width: 6.4rem; }  /* a date */
+  .telling .words { min-width: 9rem; }
+}
 @media print {
   :root { color-scheme: light; font-size: 11px; }
   body { max-width: none; padding: 0; }
@@ -107,8 +112,9 @@ def table_of(content: TextTable, links: Sequence[str] = ()) -> str:
     above = f'<p class="title">{named}</p>' if named else ""  # a caption would scroll away with it
     # Whoever has no mouse reaches what is hidden by the keys.
     region = f'class="wide" role="region" tabindex="0" aria-label="{named or "table"}"'
+    telling = _class("telling" if content.words else "")  # may break its lines on a phone
     return (
-        f"{above}<div {region}><table><thead><tr>{head}</tr></thead>"
+        f"{above}<div {region}><table{telling}><thead><tr>{head}</tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table></div>\n"
     )
 
