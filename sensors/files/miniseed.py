@@ -42,13 +42,12 @@ def read_miniseed(path: Path) -> list[Channel]:
 
 
 def _read(obspy: Any, path: Path) -> Any:
-    damage = (OSError, ValueError, TypeError, obspy.core.util.obspy_types.ObsPyException)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # obspy only warns of records that are cut off
         try:
             stream = obspy.read(str(path), format="MSEED", check_compression=False)
             cut = import_module("obspy.io.mseed.util").get_record_information(str(path))
-        except (*damage, Warning) as error:
+        except Exception as error:  # obspy raises bare Exceptions, and struct's
             reason = " ".join(str(error).split())
             raise FileError(f"{path}: no readable miniSEED file: {reason}") from error
     if cut["excess_bytes"]:

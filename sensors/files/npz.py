@@ -5,6 +5,7 @@ Scalars and texts among the arrays are notes (`fs`, `start_timestamp`, `names`, 
 run anything.
 """
 
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -18,6 +19,12 @@ from sensors.files.optional import existing
 from sensors.files.sep005 import Channel
 from sensors.files.table import FileError
 
+# What numpy raises of files that are no such archive: a broken header is read as Python's grammar.
+DAMAGE = (
+    *(OSError, ValueError, EOFError, KeyError, TypeError, MemoryError, NotImplementedError),
+    *(RuntimeError, SyntaxError, tokenize.TokenError, zipfile.BadZipFile, zlib.error),
+)
+
 
 def read_npz(path: Path) -> list[Channel]:
     """The channels of an NPZ file. Raises FileError where it is missing, damaged or holds none."""
@@ -26,7 +33,7 @@ def read_npz(path: Path) -> list[Channel]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             arrays: dict[str, NDArray[Any]] = dict(archive)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except DAMAGE as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise FileError(f"{path}: no readable NPZ file: {reason}") from error
     notes = {
@@ -38,9 +45,10 @@ def read_npz(path: Path) -> list[Channel]:
 
 def read_npy(path: Path) -> list[Channel]:
     """The channels of an NPY file. Raises FileError where it is missing, damaged or holds none."""
+    existing(path)
     try:
-        values = np.load(existing(path), allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+        values = np.load(path, allow_pickle=False)
+    except DAMAGE as error:
         reason = " ".join(str(error).split())
         raise FileError(f"{path}: no readable NPY file: {reason}") from error
     if not isinstance(values, np.ndarray):

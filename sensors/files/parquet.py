@@ -32,7 +32,7 @@ def parquet_pieces(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelT
             columns = sorted_columns(_columns(file.schema_arrow, first), path, wanted)
             used = (batch.select(list(columns.used)) for batch in chain((first,), batches))
             yield from tables_of_columns(used, columns, path)
-    except (OSError, pa.ArrowException) as error:
+    except (OSError, UnicodeError, pa.ArrowException) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise FileError(f"{path}: no readable Parquet file: {reason}") from error
 

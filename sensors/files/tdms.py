@@ -18,7 +18,10 @@ from sensors.files.optional import existing, needed
 from sensors.files.sep005 import Channel
 from sensors.files.table import FileError
 
-DAMAGE = (OSError, ValueError, KeyError, IndexError, EOFError, struct.error)
+DAMAGE = (
+    *(OSError, ValueError, LookupError, EOFError, struct.error, NotImplementedError),
+    *(AttributeError, TypeError, ArithmeticError, MemoryError),
+)
 
 
 def read_tdms(path: Path) -> list[Channel]:

@@ -75,7 +75,7 @@ def head_of(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
     if len(beginning) == BEGINNING and len(lines) > 1:
         lines = lines[:-1]  # begun
     lines = [line.rstrip("\n") for line in lines]
-    if not any(line.strip() for line in lines):
+    if not any(_is_told(line) for line in lines):
         raise FileError(f"{path}: the file is empty; a header row is needed")
     return _Beginning(lines, _form_of(lines), path).head(encoding, wanted)
 
@@ -104,7 +104,7 @@ def _sense(form: "Form", judged: Sequence[str], first: Sequence[str]) -> tuple[f
     regular = [row for row in rows if len(row) == count]
     kinds = Counter(form.kind(cell) for row in regular for cell in row)
     told = kinds.total() - kinds["empty"]
-    share = (1 - kinds["text"] / told if told else 1.0) * len(regular) / len(rows)
+    share = (1 - kinds["text"] / told if told else 1.0) * len(regular) / max(1, len(rows))
     titles = (form.titles(line, count) for line in first)
     titled = any(cells and all(cells[1:]) and "text" in map(form.kind, cells) for cells in titles)
     return round(share, 2), titled, count if share else 0
@@ -155,7 +155,7 @@ class Form:
         return "number" if self.is_number(cell) else kind_of_text(cell) or "text"
 
     def value(self, cell: str) -> float:
-        return float(cell.replace(self.decimal_point, "."))
+        return float(cell.strip().replace(self.decimal_point, "."))
 
 
 @dataclass(frozen=True, slots=True)

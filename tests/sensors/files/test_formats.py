@@ -46,6 +46,26 @@ def test_an_empty_file_gives_one_line(measurement: Path) -> None:
     _assert_one_line(measurement)
 
 
+def test_a_file_that_is_damaged_anywhere_is_read_or_gives_one_line(measurement: Path) -> None:
+    whole, rng = measurement.read_bytes(), np.random.default_rng(61)
+    for _ in range(25):
+        content = bytearray(whole)
+        for place in rng.integers(0, min(len(whole), rng.choice([300, len(whole)])), size=3):
+            content[place : place + rng.integers(0, 4)] = rng.bytes(rng.integers(0, 3))
+        measurement.write_bytes(content)
+        complaint = _complaint(measurement)
+        assert complaint is None or (str(measurement) in complaint and "\n" not in complaint)
+
+
+def _complaint(path: Path) -> str | None:
+    """What is said of a file that cannot be read; None of one that can."""
+    try:
+        read_file(path)
+    except FileError as error:
+        return str(error)
+    return None
+
+
 def test_a_missing_file_gives_one_line(measurement: Path) -> None:
     measurement.unlink()
     _assert_one_line(measurement)

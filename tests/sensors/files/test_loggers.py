@@ -188,6 +188,7 @@ def test_axes_in_brackets_are_no_units(tmp_path: Path) -> None:
         ("t,a\n" + rows(seconds), "line 1 has 2 titles, the samples below it 3 columns"),
         ("t,a,b\n" + rows(seconds) + '0.8,"1,234.5",1\n', "has '1,234.5' in line 42"),
         ("t,a,b\nx\n" + "\0" * 50, "this is no text"),
+        ("# only\n# comments\n", "the file is empty"),
         ("PK\x03\x04" + "\0" * 50, "no text but an archive or a workbook"),
         ("t,a,b\n" + rows(lambda i: f"12 o'clock {i}"), "a time is needed"),
     ],
