@@ -106,6 +106,8 @@ class MqttFeed:
             question = f"; does it want {' or '.join(wanted)}?" if wanted else ""
             return f"no answer as a broker gives within {KEEP_ALIVE} s{question}"
         words = getattr(cause, "strerror", None) or _CODE.sub("", str(cause))
+        if words == "Unspecified error":  # paho's words where the socket was closed
+            return "the broker ended it"
         return " ".join(words.split()) or type(cause).__name__
 
     def _refuse_user(self, error: Exception) -> None:

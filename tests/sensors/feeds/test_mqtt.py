@@ -274,11 +274,13 @@ def test_what_is_said_of_a_link_is_for_people() -> None:
             MqttError("[Errno 111] Connection refused"),
             MqttError("[code:135] Not authorized"),
             MqttError("Operation timed out"),
+            MqttError("Unspecified error"),
         )
     }
     assert said == {
         "Connection refused",
         "Not authorized",
+        "the broker ended it",
         "no answer as a broker gives within 10 s; does it want mqtts:// or mqtt=5?",
     }
 
