@@ -19,10 +19,11 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import zenoh
 
+from pipeline.streams import stream_of
 from pipeline.transport.bus import Delivery, Inbox
 from pipeline.transport.zenoh_settings import without_source
 
@@ -30,7 +31,8 @@ logger = logging.getLogger(__name__)
 
 HEARTBEAT = 0.5  # a publisher says how far it is; what is missed is noticed then at the latest [s]
 MOST_KNOWN = 100_000  # publishers of a stream: each start of a unit is one more
-FETCH_TIMEOUT = 2.0  # for the beginning of a stream; it is held back so long at most [s]
+FETCH_TIMEOUT = 2.0  # for an answer to who asks for the beginning of a stream [s]
+PAUSES = (0.1, 0.3, 0.6)  # before it is asked for again, where it did not come [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,8 @@ class Arrivals:
             else:
                 self._know(publisher)
                 self._held[publisher] = [sample]
-                self._beginnings.ask(publisher, number, self.begin)
+                kept = stream_of(self._message_type).cached > 1  # else this one is all there is
+                self._beginnings.ask(publisher, number, self.begin, patient=kept)
 
     def _know(self, publisher: Publisher) -> None:
         """The latest to begin are known; one that was forgotten begins again, with what it still
@@ -158,19 +161,37 @@ def _origin(sample: zenoh.Sample) -> tuple[Publisher, int]:
 _Begin = Callable[[Publisher, Iterable[zenoh.Sample]], None]
 
 
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """A beginning that is asked for."""
+
+    publisher: Publisher
+    first_number: int  # of the sample that arrived
+    begin: _Begin
+    patient: bool  # an answer that brings nothing is not believed at once
+    attempt: int = 0
+    due: float = 0.0  # not to be asked for before [s, monotonic]
+
+
 class Beginnings:
-    """Fetches the samples before the first that arrived, in a thread of its own."""
+    """Fetches the samples before the first that arrived, in a thread of its own.
+
+    A router that has just come (back) may pass samples on before it knows whose cache to ask:
+    where an answer brings nothing although something is kept, it is asked for again.
+    """
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
-        self._asked: queue.SimpleQueue[tuple[Publisher, int, _Begin] | None]
-        self._asked = queue.SimpleQueue()
+        self._asked: queue.SimpleQueue[_Wanted | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._fetch_all, name="beginnings", daemon=True)
         self._thread.start()
 
-    def ask(self, publisher: Publisher, first_number: int, begin: _Begin) -> None:
-        """Have `begin` called with what the publisher still has from before this number."""
-        self._asked.put((publisher, first_number, begin))
+    def ask(self, publisher: Publisher, first_number: int, begin: _Begin, *, patient: bool) -> None:
+        """Have `begin` called with what the publisher still has from before this number.
+
+        patient   something is kept for sure: where nothing comes, ask again before giving up
+        """
+        self._asked.put(_Wanted(publisher, first_number, begin, patient))
 
     def close(self) -> None:
         """Fetch what has been asked for until now, then no more."""
@@ -178,17 +199,35 @@ class Beginnings:
         self._thread.join()
 
     def _fetch_all(self) -> None:
-        while (asked := self._asked.get()) is not None:
-            publisher, first_number, begin = asked
-            earlier: list[zenoh.Sample] = []
-            try:
-                earlier = self._fetched(publisher, first_number)
-            except zenoh.ZError as error:
+        closing = False
+        while not (closing and self._asked.empty()):
+            wanted = self._asked.get()
+            if wanted is None:
+                closing = True
+                continue
+            time.sleep(max(0.0, wanted.due - time.monotonic()))
+            earlier = self._tried(wanted)
+            if earlier or closing or not wanted.patient:
+                wanted.begin(wanted.publisher, earlier)
+            elif wanted.attempt < len(PAUSES):
+                due = time.monotonic() + PAUSES[wanted.attempt]
+                self._asked.put(replace(wanted, attempt=wanted.attempt + 1, due=due))
+            else:
                 logger.warning(
-                    "the beginning of %s, %d messages, could not be fetched: %s",
-                    *(publisher.key, first_number, without_source(str(error))),
+                    "nobody has the %d messages with which %s begins",
+                    *(wanted.first_number, wanted.publisher.key),
                 )
-            begin(publisher, earlier)
+                wanted.begin(wanted.publisher, [])
+
+    def _tried(self, wanted: _Wanted) -> list[zenoh.Sample]:
+        try:
+            return self._fetched(wanted.publisher, wanted.first_number)
+        except zenoh.ZError as error:
+            logger.warning(
+                "the beginning of %s, %d messages, could not be fetched: %s",
+                *(wanted.publisher.key, wanted.first_number, without_source(str(error))),
+            )
+            return []
 
     def _fetched(self, publisher: Publisher, first_number: int) -> list[zenoh.Sample]:
         # The selector with which Zenoh's own subscriber asks a publisher for what it missed.

@@ -1,22 +1,31 @@
 """Sessions of their own on one machine: they find each other and lose nothing."""
 
 import multiprocessing
+import queue
 import random
 import socket
 import threading
 from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
+import zenoh
 from zenoh import NTP64
 
 from pipeline.messages import NodeStatus, WindowRejected
 from pipeline.streams import stream_of
+from pipeline.transport import zenoh_arrivals
 from pipeline.transport.bus import Inbox
 from pipeline.transport.errors import TransportError
-from pipeline.transport.zenoh_arrivals import beginning, is_recovered, lost_at_beginning
+from pipeline.transport.zenoh_arrivals import (
+    Beginnings,
+    Publisher,
+    beginning,
+    is_recovered,
+    lost_at_beginning,
+)
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub, peer_of
 from sensors.blocks import AccelerationBlock
 from tests.pipeline.example_messages import block, rejection, status
@@ -190,6 +199,29 @@ def test_what_is_lost_of_a_beginning_is_what_was_published_since_the_reader_subs
 ) -> None:
     kept = [sample_of(n, published=20.0 + n, began=began) for n in range(100, 150)]
     assert lost_at_beginning(kept, since) == lost
+
+
+@pytest.mark.parametrize(("kept", "answers", "asked"), [(True, 3, 3), (False, 3, 1), (True, 9, 4)])
+def test_an_empty_answer_is_not_believed_at_once_where_something_is_kept(
+    monkeypatch: pytest.MonkeyPatch, kept: bool, answers: int, asked: int
+) -> None:
+    """answers: the number of the one that brings something; before it nobody is known to ask."""
+    monkeypatch.setattr(zenoh_arrivals, "PAUSES", (0.0, 0.0, 0.0))
+    sample = sample_of(4, published=1.0, began=None)
+    tries: list[str] = []
+
+    def get(selector: str, **_: object) -> list[Any]:
+        tries.append(selector)
+        return [SimpleNamespace(ok=sample)] if len(tries) >= answers else []
+
+    begun: queue.SimpleQueue[list[Any]] = queue.SimpleQueue()
+    beginnings = Beginnings(cast(zenoh.Session, SimpleNamespace(get=get)))
+    publisher = Publisher("z", 1, "k")
+    beginnings.ask(publisher, 5, lambda _, earlier: begun.put(list(earlier)), patient=kept)
+    earlier = begun.get(timeout=10.0)
+    beginnings.close()
+    assert len(tries) == asked
+    assert earlier == ([sample] if asked == answers else [])
 
 
 def refusal(settings: ZenohSettings) -> str:
