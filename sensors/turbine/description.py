@@ -225,6 +225,10 @@ class TurbineDescription:
     def __post_init__(self) -> None:
         _require_not_negative("turbine", "gravity", self.gravity)
         _require_contiguous("tubes", [(tube.bottom, tube.top) for tube in self.tubes])
+        if self.water is not None and not self.water.level < self.tower_top:
+            raise TurbineError(
+                f"water: level is {self.water.level:g} m; the tower ends at {self.tower_top:g} m"
+            )
         names = [mode.name for mode in self.reference_modes]
         for name in names:
             if names.count(name) > 1:

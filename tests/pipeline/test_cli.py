@@ -337,9 +337,10 @@ def test_shares_of_a_farm_need_processes_of_their_own(pilewatch: Command) -> Non
     [
         (("youngs_modulus = 210e9", "youngs_modulus = 210"), "youngs_modulus is 210; steel has"),
         (("density = 8500.0", "density = 8.5"), "density is 8.5; steel has 7850 kg/m³"),
+        (("level = 0.0", "level = 500.0"), "level is 500 m; the tower ends at 145 m"),
     ],
 )
-def test_steel_in_other_units_is_told_by_its_material(
+def test_figures_in_other_units_are_told_where_they_stand(
     pilewatch: Command, change: tuple[str, str], complaint: str
 ) -> None:
     marked = "\ufeff" + pilewatch("describe", "--template").stdout  # as Windows' editors save it
