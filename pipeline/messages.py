@@ -174,7 +174,7 @@ class FoundationPosterior:
     warnings: tuple[Warning, ...] = ()
     population: str = ""  # the farm's prior that it began with; "" for the uniform one
     figures: tuple[ParameterSummary, ...] = ()  # of the structure that are uncertain as well
-    change_probability: float = 0.0  # that the modes are no longer what they were [-]
+    change_probability: float = 0.0  # that the modes have changed since the last event [-]
 
     def parameter(self, name: str) -> ParameterSummary:
         """The parameter of that name; KeyError where there is none."""

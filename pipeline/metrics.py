@@ -223,7 +223,7 @@ class MetricsDesk:
             ("posterior_windows", "Windows that entered the posterior.", _n_windows),
             ("posterior_trusted", "0: the data contradict the model.", _trusted),
             ("posterior_effective_draws", "Smallest effective sample size.", _ess),
-            ("change_probability", "That the modes are no longer what they were.", _change),
+            ("change_probability", "That the modes have changed since the last event.", _change),
         ):
             values = (((turbine,), figure(each)) for turbine, each in posteriors)
             yield _gauge(name, text, ("turbine",), values)

@@ -72,7 +72,7 @@ def posterior_table(posterior: Json) -> Table:
     table.caption = (
         f"{_counted(posterior['windows'], 'window')}, {posterior['sampler']}: "
         f"{_told(posterior['ess'], '.0f')} effective draws, R-hat {_told(posterior['rhat'], '.3f')}"
-        "; σ: relative discrepancy of the model; probability that the modes have changed: "
+        "; σ: relative discrepancy of the model; probability of a new change: "
         f"{_told(posterior['change_probability'], '.2f')}"
     )
     return table
@@ -90,7 +90,7 @@ def posteriors_table(posteriors: Sequence[Json]) -> Table:
             _told(each["change_probability"], ".2f"), "" if each["trusted"] else "NOT TRUSTED",
             style=None if each["trusted"] else "bold red",
         )  # fmt: skip
-    table.caption = "± half a 90 % interval, %; change: probability that the modes have changed"
+    table.caption = "± half a 90 % interval, %; change: probability of a new one"
     return table
 
 

@@ -1,5 +1,6 @@
 """What the commands share: where they speak, how they show progress, how they are stopped."""
 
+import re
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -73,8 +74,8 @@ def speed_of(text: str) -> float:
 
 
 def escaped(text: str) -> str:
-    """Text whose brackets are brackets, not markup."""
-    return text.replace("[", r"\[")
+    """Text whose brackets are brackets, not markup, whatever backslashes stand before them."""
+    return re.sub(r"(\\*)\[", r"\1\1\\[", text)
 
 
 @contextmanager

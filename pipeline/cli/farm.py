@@ -81,8 +81,8 @@ def _whom(connect: str | None, zenoh_config: Path | None, out: Path) -> Any:
 def _of_running_sessions(
     settings: Any, follow: bool, prior: Path | None, parquet: Path | None, as_json: bool
 ) -> None:
-    from pipeline.fleet.farm.settings import FarmError
     from pipeline.fleet.farm.results import pooled_posterior
+    from pipeline.fleet.farm.settings import FarmError
     from pipeline.fleet.farm.sources import RunningFarm
     from pipeline.transport.zenoh_bus import ZenohBus
 

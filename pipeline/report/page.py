@@ -139,7 +139,7 @@ def _key_figures(record: TurbineRecord) -> list[Key]:
         cards = [
             (f"{name} ÷ nominal", plus_minus(posterior.parameter(name))) for name in PARAMETER_NAMES
         ]
-        cards.append(("probability of a change", percent(posterior.change_probability)))
+        cards.append(("probability of a new change", percent(posterior.change_probability)))
     missing = sum(gap.end_ns - gap.start_ns for gap in summary.gaps) / NANOSECONDS
     used = 0 if posterior is None else posterior.n_windows
     cards += [

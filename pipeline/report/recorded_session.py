@@ -40,7 +40,7 @@ class PosteriorAtWindow:
     window: int
     parameters: tuple[ParameterSummary, ...]
     trusted: bool
-    change_probability: float  # that the modes are no longer what they were [-]
+    change_probability: float  # that the modes have changed since the last event [-]
 
     def parameter(self, name: str) -> ParameterSummary:
         """The parameter of that name; KeyError where there is none."""

@@ -10,7 +10,7 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
     figures       of the structure that are uncertain as well, by name; {} where none is
     correlation   3 × 3, order k11, k22, k12
     ess, rhat     the smallest and the largest over the parameters
-    change_probability   that the modes are no longer what they were
+    change_probability   that the modes have changed since the last event
     """
     summary: Json = {
         name: stiffness_summary(

@@ -273,7 +273,7 @@ class FoundationUpdater:
     def _change_probability(
         self, change: ChangeState, pairs: Sequence[TrackSensitivity], duration: float
     ) -> float:
-        """That the modes are no longer what they were, by all windows of that duration [s]."""
+        """That the modes have changed since the last event, by windows of that duration [s]."""
         known = sensitivities_of(change.sums.tracks, pairs)
         verdict = self._detector.verdict(change, known, window_duration=duration)
         return float(verdict.probability)

@@ -12,7 +12,7 @@ Everything of a turbine lies below /{turbine}:
     foundation/{parameter}/posterior  5 %, 50 %, 95 %, stiffness ÷ nominal [-]; /truth
     foundation/joint/…, /pile/…       corner plot of the stiffnesses; the tower on its springs
     learned/{parameter}               what is left of the prior's 90 % interval [%]
-    change/probability                that the modes are no longer what they were [-]
+    change/probability                that the modes have changed since the last event [-]
     change/noticed, /size/{k}         of every change that was noticed [-], [%]
     spectrum/…, stabilisation/…, mac/…
                                       pictures of the last window: spectra, poles, MAC matrix

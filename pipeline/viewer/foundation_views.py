@@ -103,7 +103,7 @@ def log_pile(recording: rr.RecordingStream, root: str, picture: PilePicture) -> 
 def log_change_probability(
     recording: rr.RecordingStream, root: str, posterior: FoundationPosterior
 ) -> None:
-    """How probable it is, by all windows so far, that the modes are no longer what they were."""
+    """How probable it is that the modes have changed since the last event."""
     recording.log(f"{root}/change/probability", rr.Scalars(posterior.change_probability))
 
 
