@@ -24,7 +24,7 @@ def describe(
     """Check the description of a structure; print its key figures and first modes."""
     from pipeline.report.structure import draw_structure
     from pipeline.structure_figures import structure_figures
-    from pipeline.tables import structure_tables
+    from pipeline.tables.modes import structure_tables
     from sensors.turbine.description import load_turbine, turbine_text
 
     if template:

@@ -134,7 +134,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _print(found: "Farm") -> None:
-    from pipeline.tables import farm_table
+    from pipeline.tables.posteriors import farm_table
 
     output.print(farm_table(found))
     for turbine in found.turbines:

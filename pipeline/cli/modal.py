@@ -51,7 +51,7 @@ def identify(
     from pipeline.combined_modes import combined_modes
     from pipeline.offline import identify_file
     from pipeline.oma.settings import OmaSettings
-    from pipeline.tables import identified_modes_table
+    from pipeline.tables.modes import identified_modes_table
     from sensors.files.layout_file import load_layout
 
     if plot is not None and not plot.parent.is_dir():  # before the work, not after it
@@ -115,7 +115,7 @@ def modes(
 ) -> None:
     """Print the model's modes: Table 1's eleven first, then the others that sensors can see."""
     from pipeline.model_modes import model_modes
-    from pipeline.tables import model_modes_table
+    from pipeline.tables.modes import model_modes_table
 
     with people.status("solving the model"):
         found = model_modes(theta=theta, sign=sign, turbine=turbine, scenario=scenario)

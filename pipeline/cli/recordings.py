@@ -26,7 +26,7 @@ def simulate(
     """Simulate a scenario's turbine and record what its sensors say."""
     from pipeline.scenario import load_scenario, shipped_scenarios, with_overrides
     from pipeline.sources import record_simulation, simulated
-    from pipeline.tables import scenario_description, scenario_settings, scenarios_table
+    from pipeline.tables.recordings import scenario_description, scenario_settings, scenarios_table
 
     if show_list:
         output.print(scenarios_table([load_scenario(name) for name in shipped_scenarios()]))
@@ -53,7 +53,7 @@ def info(
 ) -> None:
     """Show what a recording holds: channels, duration, gaps, scenario, truth."""
     from pipeline.recording.info import recording_info
-    from pipeline.tables import recording_tables
+    from pipeline.tables.recordings import recording_tables
 
     with people.status(f"reading {file}"):
         found = recording_info(file)

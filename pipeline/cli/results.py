@@ -27,12 +27,8 @@ def print_results(
     misfits   also how each mode fits; always where the posterior is not to be trusted
     """
     from pipeline.model_modes import nearest_modes
-    from pipeline.tables import (
-        identified_modes_table,
-        misfit_table,
-        nearest_modes_table,
-        posterior_table,
-    )
+    from pipeline.tables.modes import identified_modes_table, nearest_modes_table
+    from pipeline.tables.posteriors import misfit_table, posterior_table
 
     output.print(identified_modes_table(summary.modes, figures["windows"]["identified"]))
     if not scenario.has_structure:

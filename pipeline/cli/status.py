@@ -20,7 +20,7 @@ def status(
 ) -> None:
     """Ask a running session for its nodes, streams, gaps and last posteriors."""
     from pipeline.status import KEY, endpoint_of
-    from pipeline.tables import status_tables
+    from pipeline.tables.running import status_tables
     from pipeline.transport.zenoh_bus import asked
     from sensors.errors import InputError
 

@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.scenario import load_scenario, shipped_scenarios
-from pipeline.tables import duration_in_words, scenario_description, scenario_settings
+from pipeline.tables.recordings import duration_in_words, scenario_description, scenario_settings
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())

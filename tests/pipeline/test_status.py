@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.messages import StreamGap, Warning  # noqa: A004  # the field's word
 from pipeline.status import KEY, StatusDesk, endpoint_of
-from pipeline.tables import status_tables
+from pipeline.tables.running import status_tables
 from pipeline.transport.errors import TransportError
 from pipeline.transport.zenoh_bus import ZenohBus, asked, free_endpoint, hub
 from sensors.errors import InputError

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
-from pipeline.tables import posterior_table
+from pipeline.tables.posteriors import posterior_table
 from pipeline.updating.summary import empty_summary, posterior_summary, truth_covered
 
 POSTERIOR = FoundationPosterior(
