@@ -122,7 +122,8 @@ def print_pooling(case: FarmCase, seeds: Sequence[int], newcomers: int) -> None:
     kind += f", springs correlated by {case.common:g}" if case.common else ""
     print(f"{len(seeds)} farms of {kind}, seeds {seeds[0]}…{seeds[-1]}")
     print(_row("all with one window", together))
-    print(_row(f"one window, the others {case.windows}", alone))
+    if newcomers:
+        print(_row(f"one window, the others {case.windows}", alone))
     print(
         f"a turbine with {case.outlier:g} of the farm's k22: flagged in {flagged} of {len(seeds)}; "
         f"of the others {falsely} of {regular} flagged"
