@@ -21,6 +21,7 @@ from sensors.blocks import NANOSECONDS, AccelerationBlock
 
 logger = logging.getLogger(__name__)
 
+PICTURES = ".rrd"  # how the names of the viewer's files end
 RESULTS = ".results"
 DAY = 86_400.0  # [s]
 _HEAD = struct.Struct("<BQ")  # opcode, length of what follows [bytes]
@@ -113,6 +114,9 @@ def sync_folder(folder: Path) -> None:
 def thin(path: Path, settings: RecordingSettings, now_ns: int, *, needed: int = 0) -> list[Path]:
     """Let the oldest samples go, results kept, until age and size are within the settings.
 
+    Pictures of past days, which can be drawn again from the samples, go by age, too, and before any
+    sample where there is no room.
+
     path     of the recording's first part; files of earlier sessions beside it count too
     now_ns   [ns since 1970-01-01 UTC]
     needed   free at least so many bytes, where the settings allow any deletion
@@ -122,16 +126,37 @@ def thin(path: Path, settings: RecordingSettings, now_ns: int, *, needed: int = 
     gone: list[Path] = []
     if not settings.may_delete:
         return gone
+    needed -= _without_pictures(path, settings.keep_days, now_ns, needed)
     files = {part: part.stat() for part in raw_files(path)}
     total = sum(stat.st_size for stat in files.values())
     for part in sorted(files, key=lambda each: files[each].st_mtime_ns):
-        age = (now_ns - files[part].st_mtime_ns) / NANOSECONDS / DAY
+        age = _age(files[part], now_ns)
         if age <= settings.keep_days and total <= settings.keep_gigabytes * 1e9 and needed <= 0:
             break
         freed = files[part].st_size - keep_results(part)
         total, needed = total - files[part].st_size, needed - freed
         gone.append(part)
     return gone
+
+
+def _without_pictures(path: Path, keep_days: float, now_ns: int, needed: int) -> int:
+    """Delete the viewer's files that are too old or in the way, but for the one in writing; gives
+    how much room that made [bytes]."""
+    found = {each: each.stat() for each in path.parent.glob(f"{path.stem}*{PICTURES}")}
+    *past, _ = sorted(found, key=lambda each: found[each].st_mtime_ns) or [path]
+    freed = 0
+    for each in past:
+        if freed >= needed and _age(found[each], now_ns) <= keep_days:
+            break
+        each.unlink()
+        freed += found[each].st_size
+        logger.warning("the pictures in %s have gone; `pilewatch show` draws them again", each)
+    return freed
+
+
+def _age(stat: os.stat_result, now_ns: int) -> float:
+    """[d]"""
+    return (now_ns - stat.st_mtime_ns) / NANOSECONDS / DAY
 
 
 def raw_files(path: Path) -> list[Path]:

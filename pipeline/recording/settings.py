@@ -8,7 +8,10 @@ from pipeline.recording.errors import RecordingError
 
 @dataclass(frozen=True, slots=True)
 class RecordingSettings:
-    """Sizes and ages. Without `keep_days` or `keep_gigabytes` nothing is ever deleted."""
+    """Sizes and ages. Without `keep_days` or `keep_gigabytes` nothing is ever deleted.
+
+    Pictures of past days (.rrd) go by age, too, and first where the disk is short of room.
+    """
 
     rotate_after: float = 3600.0  # a file is closed and the next begun when it is that old [s] …
     rotate_megabytes: float = 256.0  # … or that large [10⁶ bytes]

@@ -1,5 +1,6 @@
 """A recording that may run for a year: parts, what is kept, what a full disk and a kill leave."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import pytest
 from pipeline.messages import WindowRejected
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import counted_in_summary
-from pipeline.recording.parts import next_part, parts_of, raw_files
+from pipeline.recording.parts import next_part, parts_of, raw_files, thin
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
@@ -122,6 +123,41 @@ def test_retention_relieves_a_full_disk_where_it_may(tmp_path):
     assert recorder.warnings == ()
     assert recorder.lost == 0
     assert sequences([recorder.path])[-1] == 119
+
+
+def pictures(folder: Path) -> list[str]:
+    """Three days of pictures, the last one in writing; the names of those that are there."""
+    for day in range(3):
+        path = folder / f"session-2026-01-0{day + 1}.rrd"
+        path.write_bytes(bytes(50_000))
+        begun = START_NS + day * 86_400 * SECOND
+        os.utime(path, ns=(begun, begun))
+    return sorted(path.name for path in folder.glob("*.rrd"))
+
+
+def test_pictures_of_past_days_go_before_any_sample(tmp_path):
+    assert len(pictures(tmp_path)) == 3
+
+    def free(_: Path) -> int:
+        return 100_000_000 - 30_000 + 50_000 * (3 - len(list(tmp_path.glob("*.rrd"))))
+
+    recorder = recorded(tmp_path, 60, free=free, rotate_after=10.0, keep_days=3650.0)
+    assert sorted(path.name for path in tmp_path.glob("*.rrd")) == [
+        "session-2026-01-02.rrd",
+        "session-2026-01-03.rrd",
+    ]
+    assert sequences(parts_of(tmp_path / "session.mcap")) == list(range(60))
+    assert recorder.warnings == ()
+
+
+def test_pictures_of_past_days_go_by_age_but_never_those_in_writing(tmp_path):
+    pictures(tmp_path)
+    now_ns = START_NS + 100 * 86_400 * SECOND
+    assert thin(tmp_path / "session.mcap", RecordingSettings(keep_days=30.0), now_ns) == []
+    assert [path.name for path in tmp_path.glob("*.rrd")] == ["session-2026-01-03.rrd"]
+    pictures(tmp_path)
+    thin(tmp_path / "session.mcap", RecordingSettings(), now_ns, needed=10**9)
+    assert len(list(tmp_path.glob("*.rrd"))) == 3  # nobody has said that anything may go
 
 
 FILL = """
