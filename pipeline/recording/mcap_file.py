@@ -76,7 +76,10 @@ def open_recording(path: Path) -> BinaryIO:
         ) from error
     if file.read(len(MAGIC)) != MAGIC:
         file.close()
-        raise RecordingError(f"{path} is not a recording: it does not begin as an MCAP file does")
+        raise RecordingError(
+            f"{path} is not a recording: it does not begin as an MCAP file does; a file of "
+            "measurements in another format becomes one by `pilewatch import`"
+        )
     return file
 
 
