@@ -72,7 +72,7 @@ class StructureFigures:
         widths = [tube.diameter for tube in described.tubes]
         return [
             ("from mudline to tower top", f"{described.mudline:g} to {described.tower_top:g} m"),
-            ("tubes", f"{len(described.tubes)}, {min(widths):g} to {max(widths):g} m wide"),
+            ("tubes", f"{min(widths):g} to {max(widths):g} m wide, in {len(widths)} elements"),
             ("largest step of the diameter", f"{_largest_step(widths):.2f} m"),
             ("water depth", f"{self.water_depth:g} m"),
             ("mass of the tubes", f"{self.tube_mass / 1e3:,.0f} t"),

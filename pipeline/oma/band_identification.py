@@ -22,7 +22,7 @@ from pipeline.oma.stabilization import (
     recurring,
     with_phases,
 )
-from pipeline.oma.twins import twin_frequencies
+from pipeline.oma.twins import Twins, twins_in
 from pipeline.oma.uncertainty import (
     OrderDeviations,
     frequency_damping_deviations,
@@ -46,7 +46,7 @@ class BandIdentification:
     modes: tuple[Mode, ...]
     poles: PoleCloud  # that came back over the orders: the band's stabilisation diagram
     subspace: SignalSubspace  # for the next window to begin with
-    twins: tuple[float, ...] = ()  # where two modes are too alike to be told apart [Hz]
+    twins: tuple[Twins, ...] = ()  # where two modes are too alike to be told apart
 
 
 def band_covariances(
@@ -104,7 +104,7 @@ def modes_of_covariances(
     scales = ChannelScales(covariances.scales, integrations, dt)
     modes = _represented(found, cloud, moved, scales)
     in_phase = [with_phases(system, band, integrations) for system in systems]
-    twins = twin_frequencies(in_phase, band, settings)
+    twins = twins_in(in_phase, band, settings)
     return BandIdentification(band, tuple(modes), cloud, subspace, twins)
 
 

@@ -13,7 +13,7 @@ from pipeline.oma.band_identification import (
     modes_of_covariances,
 )
 from pipeline.oma.bands import plan_bands
-from pipeline.oma.close_pairs import UNRESOLVED, with_close_pairs
+from pipeline.oma.close_pairs import UNRESOLVED, twin_pairs, with_close_pairs
 from pipeline.oma.input_checks import (
     HARMONIC_DAMPING,
     Finding,
@@ -29,6 +29,7 @@ from pipeline.oma.quantities import integrations_of
 from pipeline.oma.references import references_among
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.stabilization import PoleCloud
+from pipeline.oma.twins import Twins
 from sensors.files.table import Quantity
 
 FloatArray = NDArray[np.float64]
@@ -137,29 +138,33 @@ def concluded(
         )
         for mode in harmonics
     ]
-    warnings += _told_twins(by_band, [*modes, *harmonics])
+    twins = _twins_beside(by_band, [*modes, *harmonics])
+    warnings += [_told(each) for each in twins]
+    pairs = twin_pairs(twins, steady, sampling_rate, integrations)
+    single = with_close_pairs(modes, steady, sampling_rate, integrations)
     return Identification(
-        with_close_pairs(modes, steady, sampling_rate, integrations),
+        tuple(sorted([*single, *pairs], key=lambda mode: mode.frequency)),
         tuple(warnings),
         diagrams=tuple(band.poles for band in by_band),
     )
 
 
-def _told_twins(by_band: Sequence[BandIdentification], known: Sequence[Mode]) -> list[Warning]:
-    """A warning for each place where two modes are too alike to be told apart, and neither was."""
-    told: list[float] = []
-    for frequency in sorted(f for band in by_band for f in band.twins):
-        others = [*told, *(mode.frequency for mode in known)]
-        if not any(abs(frequency - other) <= TWINS_PLACE * frequency for other in others):
-            told.append(frequency)
-    return [
-        Warning(
-            "twin-modes",
-            f"two modes near {frequency:.4g} Hz are too alike to be told apart, their shapes mix "
-            "(a structure alike in two directions?): one direction at a time would show them",
-        )
-        for frequency in told
-    ]
+def _twins_beside(by_band: Sequence[BandIdentification], known: Sequence[Mode]) -> list[Twins]:
+    """Each place once where two modes are too alike to be told apart, and neither was."""
+    found: list[Twins] = []
+    for twins in sorted((t for band in by_band for t in band.twins), key=lambda t: t.frequency):
+        others = [*(each.frequency for each in found), *(mode.frequency for mode in known)]
+        if not any(abs(twins.frequency - f) <= TWINS_PLACE * twins.frequency for f in others):
+            found.append(twins)
+    return found
+
+
+def _told(twins: Twins) -> Warning:
+    return Warning(
+        "twin-modes",
+        f"two modes near {twins.frequency:.4g} Hz are too alike to be told apart, their shapes mix "
+        "(a structure alike in two directions?): what is known is their mean",
+    )
 
 
 def hardly_damped(mode: Mode) -> bool:

@@ -48,6 +48,7 @@ from pipeline.updating.uncertain import (
 )
 from sensors.layout import SensorLayout
 
+LONG_RIDGE = 0.1  # std / median of a spring that the modes do not tell from the others [-]
 POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for
 
 
@@ -225,7 +226,7 @@ class FoundationUpdater:
             return state, _rejected(estimate, EstimateRefused(against.code, against.text))
         sampled = match if self._wide_prior is None else widened(match, self._wide_prior)
         draws = self._drawn(sampled, state, estimate)
-        representative = self._representative(draws)
+        representative = self._representative(draws, sampled.peak.ratios)
         after = replace(
             state,
             # contiguous, as a checkpoint gives it back: BLAS may round by layout
@@ -334,11 +335,14 @@ class FoundationUpdater:
         }
         return tuple(each for each in found.values() if np.all(np.isfinite(each.slopes)))
 
-    def _representative(self, draws: PosteriorDraws) -> FloatArray:
+    def _representative(self, draws: PosteriorDraws, peak: FloatArray) -> FloatArray:
         """(3,) the median of each ratio, what else is uncertain beside it; where these three cannot
-        stand together, the draw nearest to them."""
+        stand together, the draw nearest to them; and of a long ridge, which few modes leave, the
+        peak: beside it the medians fit nothing, and draws only to within a σ nothing bounds."""
         flat = draws.flat[:, :-1]
         median = np.median(flat, axis=0)
+        if (flat[:, :3].std(axis=0) > LONG_RIDGE * median[:3]).any():
+            return peak
         supported, modes = modal_where_supported(self._forward, self._prior, median[None, :3])
         if supported[0] and modes is not None and modes.admissible[0]:
             return median

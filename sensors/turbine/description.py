@@ -4,6 +4,7 @@ Axes: x downwind in the parked position (fore-aft), y to the side (side-side), z
 water level. Positions of the rotor-nacelle assembly are relative to the tower's top.
 """
 
+import math
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -24,6 +25,7 @@ Vector = tuple[float, float, float]
 
 SHIPPED = ("iea15mw_monopile", "iea15mw_detailed")
 STANDARD_GRAVITY = 9.80665  # [m/s²]
+LONGEST_ELEMENT = 1 / 12  # of the tower: the first ten frequencies of a mast are then exact to .2 %
 _TOUCHING = 1e-6  # two elevations closer than this are the same [m]
 
 
@@ -263,6 +265,13 @@ class TurbineDescription:
             raise TurbineError(f"tube refinement is {times}; 1 or more is needed")
         return replace(self, tubes=tuple(part for tube in self.tubes for part in _cut(tube, times)))
 
+    def meshed(self) -> "TurbineDescription":
+        """The same turbine with the tubes cut that are too long to be one element each."""
+        longest = LONGEST_ELEMENT * (self.tower_top - self.mudline)
+        times = [math.ceil(tube.length / longest - 1e-9) for tube in self.tubes]
+        cut = zip(self.tubes, times, strict=True)
+        return replace(self, tubes=tuple(part for tube, n in cut for part in _cut(tube, n)))
+
 
 def load_turbine(name_or_path: str | Path) -> TurbineDescription:
     """A turbine that ships (`iea15mw_monopile`) or the description in a user's TOML file.
@@ -295,7 +304,8 @@ def shipped_text(name: str) -> str:
 
 
 def parse_turbine(text: str, *, source: str) -> TurbineDescription:
-    """The description in a TOML text; `source` is the file's name for errors."""
+    """The description in a TOML text, long tubes cut into elements; `source` is the file's name
+    for errors."""
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -303,7 +313,7 @@ def parse_turbine(text: str, *, source: str) -> TurbineDescription:
     materials = document.pop("materials", {})
     if "tubes" in document:
         document["tubes"] = _with_materials(document["tubes"], materials, source)
-    return settings_from_table(TurbineDescription, document, source, TurbineError)
+    return settings_from_table(TurbineDescription, document, source, TurbineError).meshed()
 
 
 def _with_materials(tubes: Any, materials: Any, source: str) -> Any:

@@ -5,7 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from pipeline.oma.identification import identify
+from pipeline.messages import Mode
+from pipeline.oma.identification import Identification, identify
 
 RATE, FREQUENCIES, DAMPING = 20.0, (1.0, 4.1), 0.007  # [Hz], [Hz], [-]
 SHAPES = np.array([[0.3, 1.0], [1.0, -0.8]])  # of two modes at two levels
@@ -24,22 +25,43 @@ def one_direction(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
     return response + 0.02 * response.std() * rng.normal(size=response.shape)
 
 
-def test_modes_alike_in_two_directions_are_told_where_none_can_be_found() -> None:
+def test_modes_alike_in_two_directions_are_pairs_of_which_the_mean_is_known() -> None:
     rng = np.random.default_rng(11)
     mast = np.hstack([one_direction(rng, 12_000), one_direction(rng, 12_000)])
     both = identify(mast, RATE)
-    assert not both.modes  # neither is passed off as one
-    told = " ".join(each.text for each in both.warnings if each.code == "twin-modes")
-    for frequency in FREQUENCIES:
-        seen = next((f for f in _numbers(told) if abs(f / frequency - 1) < 0.005), None)
-        assert seen is not None, told
+    assert [each.code for each in both.warnings] == ["twin-modes", "twin-modes"]
+    assert len({mode.pair_id for mode in both.modes}) == len(FREQUENCIES)
+    for frequency, (one, other) in zip(FREQUENCIES, pairwise_of(both), strict=True):
+        assert one.frequency == other.frequency
+        assert abs(one.frequency - frequency) < 3 * one.frequency_std < 0.01 * frequency
+        assert abs(one.damping_ratio - DAMPING) < 3 * one.damping_ratio_std
+        assert one.shape_std.max() > 0.2  # where in the plane it lies is not known
     single = identify(mast[:, :2], RATE)
     assert [mode.frequency for mode in single.modes] == pytest.approx(FREQUENCIES, rel=0.005)
     assert "twin-modes" not in [each.code for each in single.warnings]
 
 
-def _numbers(text: str) -> list[float]:
-    return [float(word) for word in text.split() if word.replace(".", "").isdigit()]
+def test_twins_lie_as_far_from_the_truth_as_they_say() -> None:
+    """Twelve records; of seeds 100 to 139 the rms was .66 and .71 of the stated std."""
+    apart = []
+    for seed in range(300, 312):
+        rng = np.random.default_rng(seed)
+        mast = np.hstack([one_direction(rng, 12_000), one_direction(rng, 12_000)])
+        for one, _ in pairwise_of(identify(mast, RATE)):
+            truth = min(FREQUENCIES, key=lambda f: abs(f - one.frequency))
+            apart.append((one.frequency - truth) / one.frequency_std)
+    assert len(apart) >= 20
+    assert np.sqrt(np.mean(np.square(apart))) < 1.3
+    assert np.abs(apart).max() < 4
+
+
+def pairwise_of(found: Identification) -> list[tuple[Mode, Mode]]:
+    """The two entries of every pair, lowest frequency first."""
+    pairs: dict[str, list[Mode]] = {}
+    for mode in found.modes:
+        if mode.pair_id:
+            pairs.setdefault(mode.pair_id, []).append(mode)
+    return [(one, other) for one, other in pairs.values()]
 
 
 def test_noise_has_no_twins() -> None:

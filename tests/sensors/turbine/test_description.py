@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
+from sensors.turbine.assembly import assemble
 from sensors.turbine.description import (
     TurbineDescription,
     Water,
@@ -54,8 +56,24 @@ def test_a_small_description_of_ones_own_is_read_from_its_file(tmp_path: Path) -
     path.write_text(SMALL)
     mast = load_turbine(path)
     assert (mast.name, mast.water, mast.blades) == ("mast", None, None)
-    assert [tube.density for tube in mast.tubes] == [7850.0, 8500.0]  # the tube's own key wins
+    assert [tube.density for tube in mast.tubes] == [7850.0] * 6 + [8500.0] * 6  # its own key wins
     assert mast.tubes[0].second_moment == pytest.approx(np.pi / 64 * (3.0**4 - 2.94**4))
+
+
+def test_long_tubes_are_cut_until_the_frequencies_are_those_of_many_elements(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "mast.toml"
+    path.write_text(SMALL)
+    mast = load_turbine(path)
+    assert max(tube.length for tube in mast.tubes) <= (mast.tower_top - mast.mudline) / 12 + 1e-9
+
+    def first(refinement: int) -> np.ndarray:
+        model = assemble(mast, tube_refinement=refinement)
+        squares = eigh(model.stiffness, model.mass, eigvals_only=True, subset_by_index=[0, 9])
+        return np.sqrt(squares)
+
+    assert first(1) == pytest.approx(first(4), rel=2e-3)
 
 
 def test_a_shipped_description_can_be_started_from() -> None:
