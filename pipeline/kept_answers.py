@@ -22,6 +22,7 @@ from pipeline.messages import (
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
+from pipeline.nodes.coat import Coat
 from pipeline.oma.tracking import DIES_AFTER
 from pipeline.resumption import ResumedIdentification, WindowAnswer
 from sensors.blocks import AccelerationBlock
@@ -33,7 +34,7 @@ MOST_WINDOWS = DIES_AFTER + 1  # that are kept of a turbine
 MOST_TURBINES = 1000  # that are kept in memory; of strangers' there may be any number
 
 
-class KeptIdentification:
+class KeptIdentification(Coat[ResumedIdentification]):
     """An identification whose latest answers lie in a folder, from which it goes on.
 
     node     that has taken up nothing of the turbines that it is to take up from the folder
@@ -47,7 +48,7 @@ class KeptIdentification:
     inputs: tuple[type, ...] = ResumedIdentification.inputs
 
     def __init__(self, node: ResumedIdentification, folder: Path) -> None:
-        self._node = node
+        super().__init__(node)
         self._folder = CheckpointFolder(folder, "identification")
         self._kept: dict[str, tuple[WindowAnswer, ...]] = {}  # by turbine, windows in order
         self._doubts: tuple[Warning, ...] = ()
@@ -55,7 +56,7 @@ class KeptIdentification:
     def handle(self, message: Message) -> Iterator[Message]:
         if isinstance(message, AccelerationBlock) and message.turbine not in self._kept:
             self._recollect(message.turbine)
-        for answer in self._node.handle(message):
+        for answer in self._inner.handle(message):
             yield answer
             if isinstance(answer, ModalEstimate | WindowRejected):
                 self._keep(answer)
@@ -64,7 +65,7 @@ class KeptIdentification:
         found = self._folder.read(turbine)
         answers = () if found is None else found.answers
         kept = tuple(e for e in answers if isinstance(e, ModalEstimate | WindowRejected))
-        self._node.remember(turbine, kept, updated_ns=max([0, *(e.end_ns for e in kept[:-1])]))
+        self._inner.remember(turbine, kept, updated_ns=max([0, *(e.end_ns for e in kept[:-1])]))
         self._kept[turbine] = kept
         if len(self._kept) > MOST_TURBINES:
             del self._kept[next(iter(self._kept))]
@@ -88,24 +89,10 @@ class KeptIdentification:
         else:
             self._doubts = ()
 
-    def close(self) -> None:
-        """The files are whole after every window."""
-        self._node.close()
-
-    @property
-    def late(self) -> int:
-        """See `IdentificationNode.late`."""
-        return self._node.late
-
-    @property
-    def duplicate(self) -> int:
-        """See `IdentificationNode.duplicate`."""
-        return self._node.duplicate
-
     @property
     def warnings(self) -> tuple[Warning, ...]:
         """The node's own, and that the disk is full."""
-        return (*self._node.warnings, *self._doubts)
+        return (*self._inner.warnings, *self._doubts)
 
 
 def _without_covariances(answer: WindowAnswer) -> WindowAnswer:

@@ -31,6 +31,7 @@ from pipeline.messages import (
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
+from pipeline.nodes.coat import Coat
 from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER
@@ -79,7 +80,7 @@ class _OpenWindow:
         return True
 
 
-class ResumedIdentification:
+class ResumedIdentification(Coat[IdentificationInContext]):
     """The identification, which takes up what was recorded when a turbine's first block comes.
 
     settings   of the identification
@@ -91,7 +92,7 @@ class ResumedIdentification:
 
     def __init__(self, settings: OmaSettings, past: Sequence[Message] = ()) -> None:
         self._settings = settings
-        self._inner = IdentificationInContext(settings)
+        super().__init__(IdentificationInContext(settings))
         self._past = {turbine: _of(turbine, past) for turbine in {m.turbine for m in past}}
         self._open: dict[str, _OpenWindow] = {}  # by turbine
         self._to_recall: dict[str, list[WindowAnswer]] = {}  # when the turbine's session has begun
@@ -140,19 +141,6 @@ class ResumedIdentification:
         yield from filter(opened.is_new, self._inner.handle(block))
         for answer in self._to_recall.pop(block.turbine, ()):
             self._inner.recall(answer)
-
-    def close(self) -> None:
-        self._inner.close()
-
-    @property
-    def late(self) -> int:
-        """See `IdentificationNode.late`."""
-        return self._inner.late
-
-    @property
-    def duplicate(self) -> int:
-        """See `IdentificationNode.duplicate`."""
-        return self._inner.duplicate
 
     @property
     def warnings(self) -> tuple[Warning, ...]:

@@ -16,6 +16,7 @@ from pipeline.messages import (
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
+from pipeline.nodes.coat import Coat
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.operation import OperationLog, rejected_estimate
 from pipeline.nodes.roster import MOST_TURBINES, MOST_UNITS, Roster, told_of_gone
@@ -27,7 +28,7 @@ from sensors.layout import SensorLayout
 from sensors.scada import ScadaSample
 
 
-class IdentificationInContext:
+class IdentificationInContext(Coat[IdentificationNode]):
     """The identification with what it knows of operation, clock, link and wiring.
 
     Every estimate carries the state, yaw and water level of its window by SCADA. What the link and
@@ -43,7 +44,7 @@ class IdentificationInContext:
     def __init__(self, settings: OmaSettings | None = None, *, compared: bool = True) -> None:
         self._compared = compared
         self._settings = settings or OmaSettings()
-        self._inner = IdentificationNode(self._settings)
+        super().__init__(IdentificationNode(self._settings))
         self._log = OperationLog()
         self._blocks: dict[str, dict[str, BlockWatch]] = {}  # by turbine and unit
         self._layouts: dict[tuple[str, str], SensorLayout] = {}  # by turbine and unit
@@ -131,19 +132,6 @@ class IdentificationInContext:
             for unit, watch in units.items()
             for doubt in watch.warnings_until(estimate.end_ns)
         )
-
-    def close(self) -> None:
-        self._inner.close()
-
-    @property
-    def late(self) -> int:
-        """See `IdentificationNode.late`."""
-        return self._inner.late
-
-    @property
-    def duplicate(self) -> int:
-        """See `IdentificationNode.duplicate`."""
-        return self._inner.duplicate
 
     @property
     def warnings(self) -> tuple[Warning, ...]:
