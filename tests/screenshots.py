@@ -94,7 +94,9 @@ def _await(port: int, viewer: "subprocess.Popen[bytes]") -> None:
 def take(rrd: Path, folder: Path, *wanted: str) -> dict[str, Path]:
     """One PNG of each tab of a .rrd, the cursor at the session's end; tab's name → file.
 
-    wanted   names of tabs; none: all
+    wanted   what the names of tabs begin with; none: all
+
+    Raises ValueError for a tab that there is not, or that lacks the colours of what it shows.
     """
     pictures = {}
     with headless_viewer() as viewer:
@@ -103,13 +105,22 @@ def take(rrd: Path, folder: Path, *wanted: str) -> dict[str, Path]:
         end = next(line.end for line in recording.timelines if line.name == "time")
         viewer.set_time(timeline="time", timestamp=np.datetime64(end, "ns"), play_state="paused")
         layout = _laid_out(viewer).blueprint  # read once: the viewer rewrites what it shows
-        for tab in wanted or [*tabs(layout), *inner_tabs(layout)]:
+        there = [*tabs(layout), *inner_tabs(layout)]
+        for tab in [_begun(name, there) for name in wanted] or there:
             show_tab(viewer, layout, tab)
             pictures[tab] = folder.resolve() / f"{file_name(tab)}.png"
             _save_settled(viewer, pictures[tab])
             _require_content(tab, pictures[tab])
             _shrink(pictures[tab])
     return pictures
+
+
+def _begun(name: str, there: list[str]) -> str:
+    """The first tab whose name begins so."""
+    for tab in there:
+        if tab.startswith(name):
+            return tab
+    raise ValueError(f"no tab's name begins with {name!r}; there are {', '.join(there)}")
 
 
 def _save_settled(viewer: Any, png: Path) -> None:
@@ -240,7 +251,11 @@ def main(arguments: list[str]) -> None:
         return
     rrd, folder = map(Path, arguments[:2])
     folder.mkdir(parents=True, exist_ok=True)
-    for tab, picture in take(rrd, folder, *arguments[2:]).items():
+    try:
+        taken = take(rrd, folder, *arguments[2:])
+    except ValueError as error:
+        sys.exit(str(error))
+    for tab, picture in taken.items():
         _log.info("%s: %s, %.0f kB", tab, picture, picture.stat().st_size / 1e3)
 
 

@@ -96,6 +96,18 @@ def test_every_window_narrows_the_interval(three_windows):
         assert widths[2] < 0.8 * widths[0]
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_two_modes_leave_a_ridge_that_contradicts_nothing_and_says_so(updater, seed):
+    """Beside a long ridge the medians of the springs, each for itself, would fit nothing."""
+    few = [replace(each, modes=each.modes[:2]) for each in windows(3, seed=seed)]
+    _, (*_, posterior) = after(updater, few)
+    assert posterior.trusted
+    assert posterior.reduced_chi_square < 1
+    assert "not-identified" in [doubt.code for doubt in posterior.warnings]
+    for name, k in zip(NAMES, TRUTH * NOMINAL, strict=True):
+        assert posterior.parameter(name).p05 <= k <= posterior.parameter(name).p95
+
+
 def test_the_truth_lies_within_the_posterior(three_windows):
     _, posteriors = three_windows
     parameters = [posteriors[-1].parameter(name) for name in NAMES]
