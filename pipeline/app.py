@@ -25,7 +25,7 @@ from pipeline.scenario import Scenario
 from pipeline.turbines import Turbines
 from pipeline.viewer.outputs import ViewerOutput
 from pipeline.viewer.sink import Viewer
-from sensors.layout import LayoutError, SensorLayout
+from sensors.acquisition.layout import LayoutError, SensorLayout
 from sensors.turbine.mast import bare_mast
 
 

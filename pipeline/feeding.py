@@ -19,13 +19,13 @@ from pipeline.runner import STATUS_PERIOD, Report, open_session, with_end
 from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
 from pipeline.sources import Source
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.feeds.columns import sensor_layout
 from sensors.feeds.feed import FeedError
 from sensors.feeds.live import LiveFeed
 from sensors.feeds.opening import layout_file_of, open_feed
 from sensors.files.layout_file import LayoutFile, load_layout
-from sensors.layout import SensorLayout
 
 logger = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pipeline.messages import Message, NodeStatus, StreamEnd, StreamGap
 from pipeline.streams import key_of, stream_of
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 LATE_AFTER = 3.0  # a stream is late when so many of its periods have gone by in silence [-]
 LATEST_GAPS = 1000  # that are remembered

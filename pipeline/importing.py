@@ -13,7 +13,8 @@ from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, whole_recording
 from pipeline.runner import with_end
 from pipeline.scenario import Scenario, load_scenario, scenario_from_text, scenario_metadata
 from pipeline.sources import COMPACT
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.files.blocks import (
     BlockCutter,
     MeasurementFile,
@@ -23,7 +24,6 @@ from sensors.files.blocks import (
 )
 from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
 from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError
-from sensors.layout import SensorLayout
 
 MODES_ONLY = """
 title = "Modes of a structure of which no model is known"

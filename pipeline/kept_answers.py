@@ -25,7 +25,7 @@ from pipeline.messages import (
 from pipeline.nodes.coat import Coat
 from pipeline.oma.tracking import DIES_AFTER
 from pipeline.resumption import ResumedIdentification, WindowAnswer
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 
 logger = logging.getLogger(__name__)
 

@@ -25,7 +25,7 @@ from pipeline.messages import (
 )
 from pipeline.streams import STREAMS
 from pipeline.transport.bus import Bus, Inbox
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 
 if TYPE_CHECKING:

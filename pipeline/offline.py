@@ -17,12 +17,12 @@ from pipeline.oma.tracking import ModeTracker
 from pipeline.oma.units import UnitJoiner
 from pipeline.oma.windowing import BlockOrder, MissingSamples
 from pipeline.recording.reader import read_messages
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 from sensors.files.formats import read_file
 from sensors.files.layout_file import LayoutFile
 from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError, Quantity
-from sensors.layout import SensorLayout
 
 JOINING = 5.0  # how long a unit that is missing is waited for [s]
 RATE_TOLERANCE = 0.02  # between the sampling rate given and the time stamps, relative

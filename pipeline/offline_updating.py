@@ -9,7 +9,7 @@ from pipeline.recording.reader import read_messages
 from pipeline.runner import run_lock_step
 from pipeline.sources import Source, replayed
 from pipeline.summary import SessionSummary
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 
 Report = Callable[[AccelerationBlock], None]
 

@@ -10,11 +10,11 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.replayed import LATEST_BLOCKS
+from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
-from sensors.replayed import LATEST_BLOCKS
-from sensors.scada import ScadaSample
 
 SensorMessage = AccelerationBlock | SensorLayout | ScadaSample
 

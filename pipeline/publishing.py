@@ -9,7 +9,7 @@ from pipeline.replay_control import KEY, ReplayControl
 from pipeline.runner import open_session, with_end
 from pipeline.sources import Source
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 
 logger = logging.getLogger(__name__)
 

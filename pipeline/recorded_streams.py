@@ -6,11 +6,11 @@ from pathlib import Path
 from pipeline.playback import SensorMessage, each_block_once
 from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.replayed import ReplayedTower
+from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
-from sensors.replayed import ReplayedTower
-from sensors.scada import ScadaSample
 
 
 class SourceError(InputError):

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from pipeline.json_values import Json
 from pipeline.messages import Message
 from pipeline.sources import Source, due_of
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 
 KEY = "pilewatch/@replay"  # no stream's key expression matches what begins with @

@@ -36,9 +36,9 @@ from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER
 from pipeline.recording.recent import latest_messages
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 
 logger = logging.getLogger(__name__)
 

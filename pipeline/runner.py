@@ -29,7 +29,7 @@ from pipeline.nodes.account import NodeAccount, message_counts
 from pipeline.nodes.node import Node
 from pipeline.transport.bus import Bus, Inbox
 from pipeline.transport.codec import decode, encode
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 
 logger = logging.getLogger(__name__)

@@ -19,10 +19,10 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
 from pipeline.updating.population import StiffnessPopulation, load_population
 from pipeline.updating.settings import UpdatingSettings
+from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
-from sensors.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.settings import settings_from_table
-from sensors.simulated import SimulationSettings
+from sensors.simulation.tower import SimulationSettings
 from sensors.turbine.description import TurbineDescription, load_turbine
 from sensors.turbine.foundation import positive_definite
 

@@ -11,7 +11,7 @@ from pipeline.recording.reader import read_messages
 from pipeline.sources import replayed
 from pipeline.viewer.outputs import RrdFile, ViewerError, ViewerOutput
 from pipeline.viewer.sink import Viewer
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from sensors.turbine.mast import bare_mast
 

@@ -32,12 +32,12 @@ from pipeline.truths import (
     stored_truth,
     with_truths,
 )
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout, joined_layout
-from sensors.pacing import Pace, paced
-from sensors.replayed import due_time
-from sensors.scada import ScadaSample
-from sensors.simulated import SimulatedTower
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout, joined_layout
+from sensors.acquisition.pacing import Pace, paced
+from sensors.acquisition.replayed import due_time
+from sensors.acquisition.scada import ScadaSample
+from sensors.simulation.tower import SimulatedTower
 
 if TYPE_CHECKING:
     from sensors.feeds.live import LiveFeed

@@ -15,7 +15,7 @@ from pipeline.json_values import Json, known, with_nulls
 from pipeline.messages import FoundationPosterior, Message, StreamGap
 from pipeline.streams import STREAMS
 from pipeline.updating.summary import posterior_summary
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 
 API = 1  # of the answer: a field may come, none goes or changes its meaning under one number

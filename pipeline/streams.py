@@ -15,9 +15,9 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
 from sensors.turbine.description import Direction, TurbineDescription
 from sensors.turbine.whole import FullModes, full_modes
 

@@ -25,7 +25,7 @@ from pipeline.messages import (
 )
 from pipeline.nodes.shard import of_kind
 from pipeline.updating.summary import empty_summary, posterior_summary
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 KEPT = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
 

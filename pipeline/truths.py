@@ -11,8 +11,8 @@ from pipeline.playback import SensorMessage
 from pipeline.recorded_streams import recordings_in
 from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import Metadata
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.simulated import SimulatedTower
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.simulation.tower import SimulatedTower
 
 TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is said anew
 

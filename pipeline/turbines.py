@@ -10,7 +10,7 @@ from pipeline.nodes.updating import FoundationUpdaterNode
 from pipeline.nodes.updating_in_context import UpdatingInContext
 from pipeline.scenario import Scenario, farm_members
 from pipeline.updating.updater import FoundationUpdater
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.modal import ModalModel
 
 

@@ -20,7 +20,7 @@ from pipeline.scenario import scenario_from_text
 from pipeline.session.options import SessionOptions, Way
 from pipeline.session.running import run_session
 from pipeline.sources import record_simulation, replayed, simulated
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 
 
 @pytest.fixture(scope="module")

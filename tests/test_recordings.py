@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.scenario import load_scenario
 from pipeline.sources import replayed, simulated_tower
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 
 PARKED = Path(__file__).parents[1] / "recordings" / "parked.mcap"
 

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
-    from sensors.blocks import AccelerationBlock
+    from sensors.acquisition.blocks import AccelerationBlock
 
 # Without emoji: they would take the place of what stands between two colons, as in an address.
 people = Console(stderr=True, emoji=False)  # progress, warnings, errors

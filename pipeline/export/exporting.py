@@ -13,10 +13,10 @@ from pipeline.playback import SensorMessage, each_block_once
 from pipeline.recorded_streams import sensor_messages
 from pipeline.recording.reader import read_messages
 from pipeline.session_files import session_files
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.replayed import ReplayedTower
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
-from sensors.replayed import ReplayedTower
 
 HELD_RESULTS = 1000  # rows of a table that are made into one piece
 

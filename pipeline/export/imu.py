@@ -19,9 +19,9 @@ from pipeline.export.samples import sample_times
 from pipeline.recording.imu_file import ImuFile
 from pipeline.recording.ros import imu_messages
 from pipeline.session_files import session_files
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
 
 AXES = np.eye(3)
 FILE_NAME = "imu.mcap"

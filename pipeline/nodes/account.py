@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pipeline.messages import Message, MessageCount, NodeStatus
 from pipeline.messages import Warning as Doubt
 from pipeline.nodes.node import Node
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 
 
 class NodeAccount:

@@ -11,7 +11,7 @@ would be more than any instrument's is followed by nobody.
 
 from dataclasses import dataclass
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 STUBBORN = 5  # blocks on end that fit each other and not the session
 FARTHEST = 86_400.0  # from one block to the next of a session [s]

@@ -6,8 +6,8 @@ from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
 from pipeline.nodes.gate import BlockGate, window_complaint
 from pipeline.nodes.unit_sessions import JoinedSession, UnitSession
 from pipeline.oma.settings import OmaSettings
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 
 LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
 

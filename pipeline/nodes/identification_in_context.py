@@ -23,9 +23,9 @@ from pipeline.nodes.roster import MOST_TURBINES, MOST_UNITS, Roster, told_of_gon
 from pipeline.oma.block_watch import BlockWatch
 from pipeline.oma.channel_watch import ChannelWatch
 from pipeline.oma.settings import OmaSettings
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 
 
 class IdentificationInContext(Coat[IdentificationNode]):

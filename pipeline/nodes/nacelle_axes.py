@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
 from pipeline.modal_shapes import normalised_to, renormalised_factor
+from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
 
 FloatArray = NDArray[np.float64]
 

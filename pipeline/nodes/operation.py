@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.messages import ModalEstimate, WindowRejected
+from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
-from sensors.scada import ScadaSample
 
 STATES = ("parked", "idling", "start", "operating", "stop")
 CHANGING = "changing"  # state of a window during which the state or the yaw changed

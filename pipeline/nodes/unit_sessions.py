@@ -11,8 +11,8 @@ from pipeline.nodes.window_answers import WindowAnswers
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.units import UnitJoiner
 from pipeline.oma.windowing import BlockOrder, MissingSamples
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 
 
 class UnitSession:

@@ -19,7 +19,7 @@ from pipeline.nodes.nacelle_axes import in_nacelle_axes
 from pipeline.nodes.node import Node
 from pipeline.nodes.operation import OperationSettings, refusal_by_operation
 from pipeline.nodes.roster import MOST_TURBINES, Roster, told_of_gone
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 
 
 class UpdatingInContext:

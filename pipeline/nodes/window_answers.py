@@ -19,8 +19,8 @@ from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
 from pipeline.oma.unit_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
 from pipeline.oma.windowing import MissingSamples, Window, WindowCutter
-from sensors.blocks import AccelerationBlock, BlockStatus
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock, BlockStatus
+from sensors.acquisition.layout import SensorLayout
 
 Columns = dict[str, list[int]]  # which channels are a unit's, of several
 

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from pipeline.notices.causes import Cause
 from pipeline.notices.settings import BookSettings
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 Occasion = Literal["raised", "reminder", "ended"]
 BEGINNINGS: dict[Occasion, str] = {"raised": "", "reminder": "still: ", "ended": "over: "}

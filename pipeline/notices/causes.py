@@ -16,8 +16,8 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.notices.settings import BookSettings
-from sensors.blocks import NANOSECONDS
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout
 
 SENSOR = (  # codes of windows that speak of an instrument
     "constant",

@@ -20,7 +20,7 @@ from pipeline.notices.settings import (
     WebhookSettings,
     secret,
 )
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 LONGEST_SUBJECT = 160  # [characters]
 

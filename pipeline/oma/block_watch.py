@@ -5,7 +5,7 @@ from collections import Counter, deque
 import numpy as np
 
 from pipeline.messages import Warning  # noqa: A004  # the field's word
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 REMEMBERED = 600  # blocks by which a repeated one is recognised
 CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps better than 1

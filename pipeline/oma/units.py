@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.oma.windowing import MissingSamples
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
-from sensors.layout import SensorLayout, joined_layout
-from sensors.resampling import HALF_LENGTH, interpolated
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.layout import SensorLayout, joined_layout
+from sensors.acquisition.resampling import HALF_LENGTH, interpolated
 
 FloatArray = NDArray[np.float64]
 

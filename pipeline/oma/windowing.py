@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 
 FloatArray = NDArray[np.float64]
 

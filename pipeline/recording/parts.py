@@ -17,7 +17,7 @@ from pipeline.recording.mcap_file import MAGIC, complete_records, open_recording
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 logger = logging.getLogger(__name__)
 

@@ -30,7 +30,7 @@ from pipeline.recording.times import time_of
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 logger = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ says that it is not known. An axis that no sensor measures is NaN.
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 TYPE = "sensor_msgs/msg/Imu"
 ENCAPSULATION = b"\x00\x01\x00\x00"

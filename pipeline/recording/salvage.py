@@ -19,7 +19,7 @@ from pipeline.recording.mcap_file import (
 from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 
 @dataclass(frozen=True, slots=True)

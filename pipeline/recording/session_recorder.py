@@ -29,8 +29,8 @@ from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
 from pipeline.streams import key_of, stream_of
 from pipeline.transport.codec import encode
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 
 logger = logging.getLogger(__name__)
 

@@ -13,8 +13,8 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from sensors.blocks import AccelerationBlock
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.scada import ScadaSample
 
 
 def time_of(message: Message) -> int | None:

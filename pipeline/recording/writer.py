@@ -17,7 +17,7 @@ from pipeline.recording.times import time_of
 from pipeline.streams import STREAMS, key_of
 from pipeline.transport.codec import encode
 from pipeline.transport.wire import full_name, self_description
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 logger = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import headline, ratios
 from pipeline.report.wording import percent, span, stamp
 from pipeline.updating.prior import PARAMETER_NAMES
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 MOST_ROWS = 60  # of windows, gaps or doubts; of more, the newest
 

@@ -38,7 +38,7 @@ from pipeline.updating.tmcmc import (
     PublishedTmcmc,
     TemperingSettings,
 )
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.turbine.foundation import SpringSign
 from sensors.turbine.modal import ModalModel
 

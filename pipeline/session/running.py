@@ -42,7 +42,7 @@ from pipeline.summary import SessionSummary
 from pipeline.transport.bus import Bus
 from pipeline.transport.zenoh_bus import ZenohBus
 from pipeline.viewer.outputs import RrdFile, ViewerOutput, require_rerun
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 
 

@@ -17,7 +17,7 @@ from pipeline.updating.change.walk import deviation
 from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.prior import PARAMETER_NAMES
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 QUANTILE = 1.6449  # of the standard normal distribution at 95 %
 

@@ -46,7 +46,7 @@ from pipeline.updating.uncertain import (
     require_figures,
     widened,
 )
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 
 LONG_RIDGE = 0.1  # std / median of a spring that the modes do not tell from the others [-]
 POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for

@@ -17,7 +17,7 @@ from pipeline.viewer.mac_matrix import SIDE
 from pipeline.viewer.panel import TurbinePanel, events_view, whole_session
 from pipeline.viewer.status import STIFFNESSES
 from pipeline.viewer.tower_views import SPACING
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 
 TABS = ("Overview", "Signals", "Modes", "Foundation", "Health")
 

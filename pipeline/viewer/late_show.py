@@ -20,8 +20,8 @@ from urllib.parse import urlsplit
 from pipeline.messages import FoundationTruth, Message, NodeStatus, StabilisationDiagram
 from pipeline.viewer.outputs import DEFAULT_PORT, ViewerError
 from pipeline.viewer.stages import Drawing
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 
 PERIOD = 2.0  # between two looks for the viewer, by the machine's clock [s]
 PATIENCE = 1.0  # for it to answer a look [s]

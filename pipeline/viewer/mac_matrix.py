@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.viewer.corner import Text
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 
 FloatArray = NDArray[np.float64]
 ImageArray = NDArray[np.uint8]

@@ -9,8 +9,8 @@ from pipeline.viewer import plane_views, tower_views, track_views
 from pipeline.viewer.mac_matrix import mac_matrix
 from pipeline.viewer.pace import Pace
 from pipeline.viewer.scene import Deflection, Outline, deflection, scaled_onto, swing_frames
-from sensors.blocks import NANOSECONDS
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout
 
 FloatArray = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ import rerun as rr
 
 from pipeline.messages import NodeStatus
 from pipeline.viewer import foundation_views
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 
 class NodeScreen:

@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from pipeline.viewer.entities import TIMELINE
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """The turbine's outline in space [m]: what a picture of it is drawn from. No rerun here.
 
-Axes as in sensors.layout: x downwind (fore-aft), y to the side (side-side), z up from mean water.
+Axes as in `sensors.acquisition.layout`:
+x downwind (fore-aft), y to the side (side-side), z up from mean water.
 """
 
 from collections.abc import Sequence
@@ -9,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.blocks import NANOSECONDS
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.description import Blades, RotorNacelle, Tube, TurbineDescription
 
 FloatArray = NDArray[np.float64]

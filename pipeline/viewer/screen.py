@@ -35,8 +35,8 @@ from pipeline.viewer.status import (
     gap_text,
     posterior_text,
 )
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.description import TurbineDescription
 
 

@@ -32,8 +32,8 @@ from pipeline.viewer.pace import TO_FILE, TO_VIEWER
 from pipeline.viewer.panel import TurbinePanel
 from pipeline.viewer.plane_views import log_farm
 from pipeline.viewer.screen import TurbineScreen
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.description import TurbineDescription
 
 DAY = 86_400 * NANOSECONDS  # [ns]

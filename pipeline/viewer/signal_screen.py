@@ -13,8 +13,8 @@ from pipeline.viewer.entities import at
 from pipeline.viewer.known_layouts import KnownLayouts
 from pipeline.viewer.pace import Pace
 from pipeline.viewer.spectrum import RecentSamples, spectrum_picture
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.layout import SensorLayout
 
 NONE_FAULTY: frozenset[str] = frozenset()
 

@@ -22,8 +22,8 @@ from pipeline.viewer.outputs import (
     require_rerun,
 )
 from pipeline.viewer.stages import DirectStage, ThreadedStage
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.description import TurbineDescription
 
 

@@ -14,8 +14,8 @@ from scipy.fft import rfft, rfftfreq
 
 from pipeline.viewer.corner import Text
 from pipeline.viewer.frequency_axis import LOWEST, WIDTH, FrequencyAxis, frame, hair
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 
 FloatArray = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 STIFFNESSES = ("k11", "k22", "k12")
 CHANGED = {  # what a change is called, by its kind

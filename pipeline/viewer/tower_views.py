@@ -15,7 +15,7 @@ from pipeline.viewer.scene import (
     TriangleMesh,
     disc,
 )
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 
 AMPLITUDE = 20.0  # swing of a shape's largest component in the picture [m]
 SPACING = 52.0  # between two shapes [m]: room for their labels

@@ -17,7 +17,7 @@ from pipeline.viewer.entities import (
     time_column,
 )
 from pipeline.viewer.scene import deflection
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 
 PERCENT = 100.0
 BAND = 2.0  # standard deviations either side

@@ -11,7 +11,7 @@ Decisions depend on the stamps alone, never on when a message arrived.
 import logging
 from collections.abc import Iterator
 
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.feeds.clock import SET_ANEW, STAMPS, RateFinder, RateWatch, are_equal
 from sensors.feeds.columns import Columns
 from sensors.feeds.cutter import SessionNames

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.feeds.recent import Recent
 from sensors.files.table import rate_of_stamps
 

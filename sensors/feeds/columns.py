@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from sensors.acquisition.layout import Accelerometer, SensorLayout
 from sensors.feeds.feed import ChannelSamples, FloatArray
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from sensors.files.table import in_standard_unit
-from sensors.layout import Accelerometer, SensorLayout
 
 FeedLayout = LayoutFile
 LARGEST = float(np.finfo(np.float32).max)  # that a block can hold, in its unit

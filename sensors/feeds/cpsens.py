@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from sensors.blocks import NANOSECONDS, BlockStatus
+from sensors.acquisition.blocks import NANOSECONDS, BlockStatus
 from sensors.feeds.feed import ChannelSamples, FeedCounts
 from sensors.feeds.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.json_samples import MessageError, json_of, named_by

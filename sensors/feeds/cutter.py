@@ -10,9 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.layout import SensorLayout
 from sensors.feeds.feed import FloatArray
-from sensors.layout import SensorLayout
 
 
 class SessionNames:

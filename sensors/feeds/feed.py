@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.blocks import BlockStatus
+from sensors.acquisition.blocks import BlockStatus
+from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
-from sensors.scada import ScadaSample
 
 FloatArray = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.blocks import BlockStatus
+from sensors.acquisition.blocks import BlockStatus
 from sensors.feeds.feed import FloatArray
 from sensors.feeds.moments import LATEST_NS
 

@@ -3,7 +3,7 @@
 import math
 from datetime import UTC, datetime
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 # Numbers since 1970: seconds, ms, µs, ns; today each is at least 10⁹ of its unit.
 _STEPS = ((1e11, NANOSECONDS), (1e14, 1_000_000), (1e17, 1000), (1e20, 1))

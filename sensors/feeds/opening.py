@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from sensors.acquisition.layout import SensorLayout
 from sensors.feeds.address import FeedAddress, parsed
 from sensors.feeds.assembler import WAIT, Assembler
 from sensors.feeds.csv_tail import CsvTailFeed
@@ -12,7 +13,6 @@ from sensors.feeds.scada import ScadaReader
 from sensors.feeds.seedlink import SeedLinkFeed
 from sensors.feeds.udp import UdpFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
-from sensors.layout import SensorLayout
 
 
 def open_feed(

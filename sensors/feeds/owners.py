@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.feeds.feed import ChannelSamples
 
 # A channel is another stream's from now on after so many of its messages, over so long, without one

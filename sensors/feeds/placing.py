@@ -8,7 +8,7 @@ while the numbers go on) begins another session.
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.clock import UnitClock
 from sensors.feeds.columns import Columns
 from sensors.feeds.cutter import RowCutter, SessionNames

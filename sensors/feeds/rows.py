@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sensors.blocks import AccelerationBlock, BlockStatus
+from sensors.acquisition.blocks import AccelerationBlock, BlockStatus
 from sensors.feeds.clock import UnitClock
 from sensors.feeds.cutter import RowCutter
 from sensors.feeds.feed import FloatArray

@@ -11,12 +11,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import FeedAddress
 from sensors.feeds.feed import FeedCounts, FeedError
 from sensors.feeds.json_samples import MessageError
 from sensors.feeds.moments import moment_ns
-from sensors.scada import ScadaSample
 
 STATES = ("parked", "idling", "start", "operating", "stop", "")
 LARGEST = 1e9  # of any figure, in whatever unit

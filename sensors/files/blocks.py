@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.files.formats import file_pieces
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
-from sensors.layout import SensorLayout
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

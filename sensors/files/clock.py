@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.dates import DateError, DateStyle, kind_of_text
 
 FloatArray = NDArray[np.float64]

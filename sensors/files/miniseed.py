@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.optional import existing, needed
 from sensors.files.sep005 import Channel
 from sensors.files.table import FileError

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.clock import SECONDS_PER_UNIT
 
 _GAP = r"[^\d\n+-]{0,24}?"

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.loads.load import RandomStream, generator, require_not_negative
+from sensors.loads.operating_states import SteadyState
 from sensors.loads.spectra import kaimal
 from sensors.loads.synthesis import SegmentedNoise, harmonics, in_chunks
 from sensors.loads.wind import ALONG_LENGTH, Wind
-from sensors.operation import SteadyState
 from sensors.turbine.assembly import StructuralModel
 from sensors.turbine.rotor_nacelle import apex, rigid_displacement
 

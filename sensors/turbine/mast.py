@@ -1,6 +1,6 @@
 """A bare mast: what is drawn of a structure of which nothing is known but where its sensors are."""
 
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.description import Tube, TurbineDescription
 from sensors.turbine.foundation import FoundationSprings
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 from scipy.optimize import linear_sum_assignment
 
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.assembly import PLANE, StructuralModel, assemble
 from sensors.turbine.description import TurbineDescription
 from sensors.turbine.foundation import positive_definite, spring_matrix

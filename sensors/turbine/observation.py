@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.layout import LayoutError, SensorLayout
+from sensors.acquisition.layout import LayoutError, SensorLayout
 from sensors.turbine.assembly import StructuralModel
 
 FloatArray = NDArray[np.float64]

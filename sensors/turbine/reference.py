@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.assembly import StructuralModel
 from sensors.turbine.description import Direction, ReferenceMode
 from sensors.turbine.foundation import TurbineError

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.assembly import StructuralModel
 from sensors.turbine.foundation import TurbineError
 

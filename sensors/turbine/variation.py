@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.assembly import assemble
 from sensors.turbine.description import RotorNacelle, TurbineDescription
 from sensors.turbine.foundation import TurbineError

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.assembly import StructuralModel, assemble
 from sensors.turbine.description import TurbineDescription
 from sensors.turbine.observation import Observation

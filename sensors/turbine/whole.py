@@ -14,7 +14,7 @@ from scipy.linalg import LinAlgError, eigh
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.assembly import PLANE, StructuralModel, assemble
 from sensors.turbine.description import Direction, TurbineDescription
 from sensors.turbine.foundation import TurbineError

@@ -16,9 +16,9 @@ from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import Recorder
 from pipeline.updating.prior import Prior
-from sensors.layout import SensorLayout, biaxial_layout
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.loads import BroadbandLoad, WaveBandLoad
-from sensors.simulated import SimulatedTower, SimulationSettings
+from sensors.simulation.tower import SimulatedTower, SimulationSettings
 from sensors.turbine.description import TurbineDescription, load_turbine
 from sensors.turbine.foundation import SpringSign
 

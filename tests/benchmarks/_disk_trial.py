@@ -17,7 +17,7 @@ from pipeline.recording.reader import read_messages
 from pipeline.session.options import SessionOptions
 from pipeline.session.running import run_session
 from pipeline.sources import replayed
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 
 KILOBYTE = 1000
 

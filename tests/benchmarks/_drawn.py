@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pipeline.messages import ModalEstimate, Mode
 from pipeline.modal_shapes import complex_normalised, renormalised_factor
 from pipeline.updating.forward_model import ForwardModel
-from sensors.blocks import NANOSECONDS
-from sensors.layout import SensorLayout, biaxial_layout
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.turbine.description import load_turbine
 from sensors.turbine.modal import ModalModel
 

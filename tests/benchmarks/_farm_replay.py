@@ -21,7 +21,7 @@ from pipeline.scenario import scenario_from_text
 from pipeline.session.options import SessionOptions
 from pipeline.session.running import run_session
 from pipeline.sources import record_simulation, replayed, simulated
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 FloatArray = NDArray[np.float64]
 WINDOW = 600.0  # [s]

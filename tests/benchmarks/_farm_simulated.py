@@ -25,8 +25,8 @@ from pipeline.runner import one_blas_thread
 from pipeline.scenario import Scenario
 from pipeline.sources import replayed
 from pipeline.transport.codec import encode
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from tests.benchmarks._drawn import PAPERS_MODES
 
 FloatArray = NDArray[np.float64]

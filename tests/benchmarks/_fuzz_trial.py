@@ -36,9 +36,9 @@ from pipeline.streams import STREAMS, Stream, key_of
 from pipeline.transport.codec import encode
 from pipeline.transport.errors import CodecError
 from pipeline.transport.zenoh_bus import asked, free_endpoint
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
 from tests.pipeline.example_messages import LAYOUT, block, messages
 
 TURBINES = ("t1", "t2")

@@ -31,7 +31,7 @@ from pipeline.session.options import SessionOptions
 from pipeline.session.running import run_session
 from pipeline.sources import replayed
 from pipeline.transport.zenoh_bus import free_endpoint
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.benchmarks._fuzz_trial import wait_for_nodes
 
 SOURCE = "source"

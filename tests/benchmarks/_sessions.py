@@ -10,7 +10,7 @@ from pipeline.app import Outputs, build
 from pipeline.scenario import Scenario, load_scenario
 from pipeline.sources import simulated
 from pipeline.summary import SessionSummary
-from sensors.faults import Fault
+from sensors.simulation.faults import Fault
 
 SPRINGS = ("k11", "k22", "k12")
 

@@ -44,7 +44,7 @@ from pipeline.updating.prior import PARAMETER_NAMES, Prior, PriorSettings
 from pipeline.updating.sampler import SamplerSettings
 from pipeline.updating.samplers import SamplingSettings, sampler_of
 from pipeline.updating.sampling import PosteriorDraws
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from tests.benchmarks._drawn import DURATION, LAYOUT, TrueModes, drawn_window, turbine_model
 from tests.benchmarks._pairing_trials import pairing_part
 

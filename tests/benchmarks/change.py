@@ -63,7 +63,7 @@ from pipeline.updating.half_way import measured_half_way, stiffness_slopes
 from pipeline.updating.likelihood import LikelihoodSettings
 from pipeline.updating.prior import Prior
 from pipeline.updating.updater import FoundationUpdater
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
 from sensors.turbine.description import load_turbine
 from sensors.turbine.modal import ModalModel
 

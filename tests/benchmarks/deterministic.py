@@ -22,7 +22,7 @@ from pipeline.updating.deterministic import (
     deterministic_update,
 )
 from pipeline.updating.prior import Prior
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
 from sensors.turbine.description import load_turbine
 from sensors.turbine.foundation import SPRING_SIGNS
 from sensors.turbine.modal import ModalModel

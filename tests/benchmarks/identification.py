@@ -35,8 +35,8 @@ from pipeline.oma.uncertainty import (
     shape_deviations,
     state_deviations,
 )
-from sensors.layout import biaxial_layout
-from sensors.simulated import SimulatedTower, SimulationSettings
+from sensors.acquisition.layout import biaxial_layout
+from sensors.simulation.tower import SimulatedTower, SimulationSettings
 from sensors.turbine.description import load_turbine
 from sensors.turbine.modal import FullModes, full_modes
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import eigh
 
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
 from sensors.turbine.assembly import assemble
 from sensors.turbine.description import TurbineDescription, load_turbine
 from sensors.turbine.foundation import SPRING_SIGNS

@@ -24,7 +24,7 @@ from pipeline.recording.reader import read_messages
 from pipeline.recording.salvage import salvage
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Recorder, RecorderSettings
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 FloatArray = NDArray[np.float64]
 

@@ -38,7 +38,7 @@ from pipeline.updating.sampler import SamplerSettings
 from pipeline.updating.samplers import SamplingSettings, sampler_of
 from pipeline.updating.sampling import CountedDensity, PosteriorDraws, Target
 from pipeline.updating.tmcmc import PublishedSettings, TemperingSettings
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
 from sensors.turbine.description import load_turbine
 from sensors.turbine.modal import ModalModel
 

@@ -30,7 +30,7 @@ from pipeline.modal_shapes import complex_normalised, modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.scenario import Scenario, load_scenario
 from pipeline.sources import simulated_tower
-from sensors.simulated import SensedModes
+from sensors.simulation.tower import SensedModes
 from sensors.turbine.modal import ModalModel
 from tests.benchmarks._sessions import print_sessions
 

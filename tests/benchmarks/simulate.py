@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.signal import lsim
 
 from pipeline.scenario import Scenario, load_scenario
-from sensors.layout import biaxial_layout
-from sensors.simulated import SimulatedTower
+from sensors.acquisition.layout import biaxial_layout
+from sensors.simulation.tower import SimulatedTower
 from sensors.turbine.damped_system import DampedSystem
 from sensors.turbine.description import load_turbine
 

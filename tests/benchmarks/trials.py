@@ -37,8 +37,8 @@ from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.scenario import scenario_from_text
 from pipeline.sources import record_simulation, simulated
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import biaxial_layout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import biaxial_layout
 from tests.benchmarks._disk_trial import disk_trial
 from tests.benchmarks._farm_trial import farm_trial
 from tests.benchmarks._fuzz_trial import fuzz_decoder, fuzz_trial

@@ -33,7 +33,7 @@ from pipeline.runner import run_lock_step
 from pipeline.sources import Source, replayed
 from pipeline.viewer.outputs import RrdFile
 from pipeline.viewer.sink import Viewer
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 RECORDING = Path("recordings/parked.mcap")
 NODES = ("source", "identification", "updating", "recorder", "viewer", "summary", "status")

@@ -28,9 +28,9 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
-from sensors.layout import Accelerometer, SensorLayout, biaxial_layout
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.layout import Accelerometer, SensorLayout, biaxial_layout
+from sensors.acquisition.scada import ScadaSample
 
 START_NS = 1_700_000_000 * NANOSECONDS
 SAMPLING_RATE = 40.0  # [Hz]

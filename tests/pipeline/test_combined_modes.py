@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.combined_modes import combined_modes
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 WINDOW = 600 * NANOSECONDS
 

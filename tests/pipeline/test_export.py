@@ -14,7 +14,7 @@ from pipeline.export.exporting import Exported, export
 from pipeline.export.samples import sample_times
 from pipeline.messages import FoundationTruth, ParameterSummary
 from pipeline.offline import recorded_channels
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 from sensors.files.csv import read_csv
 from sensors.files.table import ChannelTable

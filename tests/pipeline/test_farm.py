@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.scenario import ScenarioError, farm_members, load_scenario, scenario_from_text
 from pipeline.sources import simulated, simulated_tower
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.turbine.foundation import positive_definite
 
 

@@ -17,15 +17,15 @@ from pipeline.session.running import run_session
 from pipeline.sources import Source
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.assembler import Assembler
 from sensors.feeds.columns import sensor_layout
 from sensors.feeds.feed import ChannelSamples
 from sensors.feeds.live import LiveFeed
 from sensors.feeds.opening import layout_file_of, open_feed
 from sensors.files.layout_file import LayoutFile, MappedChannel
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
 from tests.sensors.feeds.scripted import ScriptedFeed
 from tests.sensors.feeds.test_udp import frame
 

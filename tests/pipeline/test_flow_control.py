@@ -4,7 +4,7 @@ import pytest
 
 from pipeline.flow import Credit, is_drained
 from pipeline.messages import FoundationPosterior, ModalEstimate, NodeStatus
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import status
 
 CONSUMERS = {

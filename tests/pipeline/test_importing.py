@@ -19,11 +19,11 @@ from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.scenario import load_scenario
 from pipeline.sources import replayed
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 from sensors.files.formats import channels_in
 from sensors.files.layout_file import layout_template, load_layout
-from sensors.layout import SensorLayout
 
 START = np.datetime64("2024-03-01T12:00:00", "ns")
 RATE = 40.0

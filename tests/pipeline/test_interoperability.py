@@ -13,9 +13,9 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 
 from pipeline.export.imu import export_imu, imus_of
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import Accelerometer, SensorLayout
 from sensors.errors import InputError
-from sensors.layout import Accelerometer, SensorLayout
 from tests.pipeline.example_messages import LAYOUT, START_NS, block
 from tests.pipeline.report.example_session import estimate, event, posterior, recorded
 

@@ -18,7 +18,7 @@ from pipeline.session.options import SessionOptions
 from pipeline.session.running import run_session
 from pipeline.sources import replayed
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, block, rejection, status
 from tests.pipeline.updating.test_checkpoint import estimate_of, updater_of

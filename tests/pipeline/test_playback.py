@@ -13,7 +13,7 @@ from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.runner import with_end
 from pipeline.sources import replayed, simulated
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, same
 

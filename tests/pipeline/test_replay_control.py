@@ -12,7 +12,7 @@ from pipeline.replay_control import KEY, ReplayControl
 from pipeline.sources import replayed, simulated
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, asked, free_endpoint, hub, peer_of
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 
 PATIENCE = 30.0  # [s]

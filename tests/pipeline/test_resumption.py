@@ -24,7 +24,7 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.recording.recent import files_of, latest_messages
 from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.resumption import ResumedIdentification, recorded_past
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, cut
 from tests.pipeline.oma.conftest import structure
 

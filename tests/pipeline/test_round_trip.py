@@ -13,9 +13,9 @@ from pipeline.export.exporting import export
 from pipeline.export.samples import sample_times
 from pipeline.importing import open_measurement, record_measurement
 from pipeline.recording.reader import read_messages
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import Accelerometer, SensorLayout
 from sensors.files.layout_file import load_layout
-from sensors.layout import Accelerometer, SensorLayout
 from tests.pipeline.report.example_session import recorded
 
 TEXT_ROUNDING_NS = 240  # seconds since 1970 as a 64-bit number

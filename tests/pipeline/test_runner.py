@@ -12,7 +12,7 @@ from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.nodes.node import Node
 from pipeline.runner import NodeThread, run_lock_step, run_workers, with_end
 from pipeline.transport.memory_bus import MemoryBus
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import block as acceleration_block
 
 

@@ -14,7 +14,7 @@ from pipeline.messages import (
 )
 from pipeline.nodes.account import NodeAccount
 from pipeline.summary import SessionSummary
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import START_NS, block, status
 from tests.pipeline.test_combined_modes import WINDOW, estimate, mode
 

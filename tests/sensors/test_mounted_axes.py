@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.acquisition import InstrumentError, Instruments, MountedAxes
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
+from sensors.simulation.instruments import InstrumentError, Instruments, MountedAxes
 
 LAYOUT = biaxial_layout("two", turbine="t", unit="u", elevations=(41.0, 145.0))
 ANGLES = st.floats(-180.0, 180.0)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.course import Stage
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
 from sensors.loads import BroadbandLoad, Sea, WaveBandLoad, Wind
-from sensors.simulated import SimulatedTower, SimulationSettings, resonance_grid
+from sensors.simulation.schedule import Stage
+from sensors.simulation.tower import SimulatedTower, SimulationSettings, resonance_grid
 from sensors.turbine.damped_response import DampedResponse
 from sensors.turbine.description import load_turbine
 

@@ -21,9 +21,9 @@ from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.reader import read_messages
 from pipeline.runner import one_blas_thread, with_end
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 
 SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
 SCADA_BEFORE = 600.0  # in which the state at a window's beginning was said [s]

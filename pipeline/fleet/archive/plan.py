@@ -19,7 +19,7 @@ from pathlib import Path
 from pipeline.fleet.archive.survey import FileSurvey, Part
 from pipeline.messages import StreamGap
 from pipeline.oma.settings import OmaSettings
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 JOINT = 0.5  # of a sample, by which the clock of a new session may be off where two parts join
 

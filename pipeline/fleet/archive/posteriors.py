@@ -30,7 +30,7 @@ from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.updater import FoundationUpdater
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.turbine.description import TurbineDescription
 from sensors.turbine.modal import ModalModel
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from pipeline.messages import StreamGap
 from pipeline.recording.info import RecordingInfo, UnitInfo, recording_info
+from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
 
 PIECE = 2**20  # that is read of a file at a time for its fingerprint [bytes]
 

@@ -18,7 +18,7 @@ from pipeline.messages import (
 from pipeline.nodes.operation import rejected_estimate
 from pipeline.oma.channel_watch import ChannelWatch
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 FORGETTING = 12  # windows at most by which a gap, however long, widens what is expected of a mode
 

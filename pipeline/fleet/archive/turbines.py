@@ -15,8 +15,8 @@ from pipeline.scenario import (
     scenario_from_metadata,
     with_sampler,
 )
-from sensors.blocks import NANOSECONDS
-from sensors.layout import SensorLayout, joined_layout
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout, joined_layout
 
 MOST_CHANNELS = 64  # that a file without a layout is expected to have
 

@@ -27,7 +27,7 @@ from pipeline.session.meeting import bus_options, meeting_point
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint
 from pipeline.transport.zenoh_settings import configuration
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import block
 from tests.pipeline.nodes.test_shard import Teller
 from tests.pipeline.transport.test_bus import PATIENCE, take

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from pipeline.messages import Message
 from pipeline.nodes.account import NodeAccount
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block, rejection
 
 

@@ -15,7 +15,7 @@ from pipeline.messages import (
 from pipeline.nodes.gate import STUBBORN, BlockGate, fits
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.identification_in_context import IdentificationInContext
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, START, cut
 from tests.pipeline.oma.conftest import structure
 

@@ -5,9 +5,9 @@ import pytest
 
 from pipeline.messages import ModalEstimate
 from pipeline.nodes.operation import CHANGING, OperationLog, OperationSettings
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
-from sensors.scada import ScadaSample
 from tests.pipeline.example_estimates import estimate
 from tests.pipeline.example_messages import START_NS
 

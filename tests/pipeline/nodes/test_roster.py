@@ -11,7 +11,7 @@ from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.nodes.roster import Roster
 from pipeline.nodes.updating_in_context import UpdatingInContext
 from pipeline.oma.settings import OmaSettings
-from sensors.scada import ScadaSample
+from sensors.acquisition.scada import ScadaSample
 from tests.pipeline.example_messages import LAYOUT, block, rejection
 
 SETTINGS = OmaSettings(window_duration=60.0, hop=60.0)

@@ -15,9 +15,14 @@ from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.runner import with_end
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import FORE_AFT, Accelerometer, SensorLayout
-from sensors.units import UnitError, UnitSettings, read_by_units, unit_layouts
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
+from sensors.simulation.acquisition_units import (
+    UnitError,
+    UnitSettings,
+    read_by_units,
+    unit_layouts,
+)
 from tests.pipeline.oma.conftest import KnownStructure, structure
 
 RATE = 20.0

@@ -10,7 +10,7 @@ from pipeline.nodes.shard import Shard, ShardedNode, ShardError, of_kind, parsed
 from pipeline.runner import run_lock_step
 from pipeline.scenario import scenario_from_text
 from pipeline.sources import simulated
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_estimates import estimate, mode
 from tests.pipeline.example_messages import block, rejection, status
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from pipeline.notices.book import NoticeBook, Telling, decoded_notices, encoded_notices
 from pipeline.notices.causes import Cause
 from pipeline.notices.settings import BookSettings
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 SETTINGS = BookSettings(reminder=3600.0, settle=600.0)
 SILENT = Cause("t1/silence/tower", "silence", "t1", "unit tower is silent", counted=False)

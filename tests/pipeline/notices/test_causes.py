@@ -8,7 +8,7 @@ from pipeline.messages import FoundationEvent, NodeStatus, StreamGap, WindowReje
 from pipeline.messages import Warning as Doubt
 from pipeline.notices.causes import Cause, CauseFinder
 from pipeline.notices.settings import BookSettings
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, status
 from tests.pipeline.updating.test_checkpoint import estimate_of, updater_of
 

@@ -24,7 +24,7 @@ from pipeline.session.options import SessionOptions
 from pipeline.session.running import run_session
 from pipeline.sources import replayed
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, rejection
 from tests.pipeline.fleet.archive.archives import Change, rewritten

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from pipeline.oma.block_watch import BlockWatch
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import START_NS, block
 
 

@@ -12,8 +12,8 @@ import pytest
 
 from pipeline.oma.units import BELOW_GRID, MOST_SESSIONS, RATES_APART, UnitJoiner
 from pipeline.oma.windowing import MissingSamples
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import FORE_AFT, Accelerometer, SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
 
 RATE = 40.0
 LATENESS = 5.0

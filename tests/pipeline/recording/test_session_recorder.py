@@ -16,8 +16,8 @@ from pipeline.recording.parts import next_part, parts_of, raw_files, thin
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.example_messages import LAYOUT, START_NS, all_same, block, rejection
 
 SECOND = 10**9  # [ns]

@@ -20,7 +20,7 @@ from pipeline.messages import (
 )
 from pipeline.messages import Warning as Doubt
 from pipeline.recording.writer import Recorder
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, rejection, status
 
 WINDOW_NS = 600 * NANOSECONDS

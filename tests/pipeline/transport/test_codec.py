@@ -18,10 +18,10 @@ from pipeline.transport.codec import LARGEST_PAYLOAD, decode, encode
 from pipeline.transport.errors import CodecError
 from pipeline.transport.proto import pilewatch_pb2
 from pipeline.transport.wire import schema
-from sensors import blocks, layout, scada
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
+from sensors.acquisition import blocks, layout, scada
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 from tests.pipeline.example_messages import START_NS, block, messages, same
 
 TYPES = [stream.message for stream in STREAMS]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
 from pipeline.modal_shapes import complex_normalised, renormalised_factor
-from sensors.layout import SensorLayout, biaxial_layout
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
 
 FloatArray = NDArray[np.float64]
 NOMINAL = np.array([0.098e11, 8.238e11, 0.678e11])  # k11 [N/m], k22 [N·m/rad], k12 [N/rad]

@@ -26,8 +26,8 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.messages import Warning as Doubt
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import biaxial_layout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import biaxial_layout
 from sensors.turbine.description import load_turbine
 
 START_NS = 1_767_225_600 * NANOSECONDS  # 2026-01-01 00:00 UTC

@@ -13,7 +13,7 @@ from pipeline.viewer.display_signals import (
     joined_runs,
     low_pass,
 )
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 START_NS = 1_767_225_600 * NANOSECONDS
 

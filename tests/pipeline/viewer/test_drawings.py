@@ -27,8 +27,8 @@ from pipeline.viewer.spectrum import (
     spectrum_picture,
 )
 from pipeline.viewer.stabilisation import stabilisation_picture
-from sensors.blocks import NANOSECONDS
-from sensors.layout import Accelerometer, SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import Accelerometer, SensorLayout
 from sensors.turbine.foundation import SPRING_SIGNS, SpringSign, spring_matrix
 from tests.pipeline.viewer.session import (
     DESCRIPTION,

@@ -12,7 +12,7 @@ from pipeline.viewer.farm import ROWS, board_bounds, farm_markdown, lamp_board
 from pipeline.viewer.outputs import RrdFile
 from pipeline.viewer.sink import Viewer
 from pipeline.viewer.status import SessionStatus
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import DESCRIPTION, START_NS, WINDOW, Episode, session
 

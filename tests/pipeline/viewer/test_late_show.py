@@ -16,8 +16,8 @@ from pipeline.messages import FoundationPosterior, FoundationTruth, Message, Mod
 from pipeline.viewer.late_show import LateShow, SessionPast
 from pipeline.viewer.outputs import ViewerError
 from pipeline.viewer.viewer_process import free_port, proxy_address
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.viewer.session import Episode, session
 
 RESULTS = (ModalEstimate, FoundationPosterior)

@@ -11,7 +11,7 @@ from pipeline.messages import FoundationTruth, ModalEstimate
 from pipeline.viewer.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.sink import Viewer
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from tests.pipeline.viewer.conftest import record
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import (

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.feeds.assembler import Assembler
 from sensors.feeds.cutter import SessionNames
 from sensors.feeds.feed import ChannelSamples, FeedCounts

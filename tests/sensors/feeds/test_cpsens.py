@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from sensors.blocks import BlockStatus
+from sensors.acquisition.blocks import BlockStatus
 from sensors.feeds.cpsens import CpSensReader, descriptor_of, is_cpsens
 from sensors.feeds.feed import ChannelSamples, FeedCounts
 from sensors.feeds.json_samples import MessageError

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.blocks import BlockStatus
+from sensors.acquisition.blocks import BlockStatus
 from sensors.feeds.feed import FeedCounts
 from sensors.feeds.frame import Frame, FrameError, decoded, encoded
 from sensors.feeds.numbered import FrameReader

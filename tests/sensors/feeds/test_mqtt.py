@@ -14,7 +14,8 @@ import pytest
 from aiomqtt import MqttError
 
 from pipeline.deploy.certificates import make_certificates
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import parsed
 from sensors.feeds.feed import FeedCounts, FeedError
 from sensors.feeds.frame import Frame, encoded
@@ -22,7 +23,6 @@ from sensors.feeds.live import Measured
 from sensors.feeds.mqtt import MqttFeed, SamplesReader
 from sensors.feeds.opening import open_feed
 from sensors.files.layout_file import LayoutFile, MappedChannel
-from sensors.scada import ScadaSample
 from tests.sensors.feeds.broker import Broker, broker, free_port, mosquitto, publisher
 from tests.sensors.feeds.scripted import measured_until
 

@@ -10,7 +10,7 @@ import pytest
 from obspy.clients.seedlink.client.seedlinkconnection import SeedLinkConnection
 from obspy.clients.seedlink.slpacket import SLPacket
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.address import parsed
 from sensors.feeds.assembler import Assembler
 from sensors.feeds.feed import FeedError

@@ -9,7 +9,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.address import parsed
 from sensors.feeds.feed import FeedError, Inbox
 from sensors.feeds.frame import Frame, encoded

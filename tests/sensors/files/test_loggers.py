@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.csv import read_csv
 from sensors.files.formats import read_file
 from sensors.files.table import STANDARD_GRAVITY, FileError

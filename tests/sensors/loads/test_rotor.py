@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sensors.loads import LoadError, Rotor, Wind, rotor_damping, rotor_load, thrust_slope
+from sensors.loads.operating_states import steady_state
 from sensors.loads.rotor import RotorLoad, averaging
-from sensors.operation import steady_state
 from sensors.turbine.assembly import StructuralModel, assemble
 from sensors.turbine.description import load_turbine
 

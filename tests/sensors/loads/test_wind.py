@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
 from sensors.loads import LoadError, Wind, aerodynamic_damping, wind_load
 from sensors.loads.spectra import iec_coherence, kaimal
 from sensors.loads.wind import WindLoad, mean_speeds

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
 from sensors.turbine.assembly import StructuralModel, assemble
 from sensors.turbine.damped_response import DampedResponse
 from sensors.turbine.damped_system import DampedSystem, damped_system

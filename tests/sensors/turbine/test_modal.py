@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sensors.layout import Accelerometer, LayoutError, SensorLayout
+from sensors.acquisition.layout import Accelerometer, LayoutError, SensorLayout
 from sensors.turbine.assembly import assemble
 from sensors.turbine.description import RigidBody
 from sensors.turbine.foundation import FoundationSprings, TurbineError, positive_definite

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
 from sensors.turbine.assembly import assemble
 from sensors.turbine.description import load_turbine
 from sensors.turbine.foundation import TurbineError

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
 from sensors.turbine.description import load_turbine
 from sensors.turbine.modal import ModalModel
 from sensors.turbine.whole import full_modes

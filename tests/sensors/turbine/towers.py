@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from sensors.layout import SensorLayout, biaxial_layout
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.turbine.description import (
     RigidBody,
     RotorNacelle,

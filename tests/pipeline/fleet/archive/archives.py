@@ -7,9 +7,9 @@ from pathlib import Path
 from pipeline.messages import FoundationTruth, Message
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Recorder
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 
 MEASURED = (SensorLayout, AccelerationBlock, ScadaSample, FoundationTruth)
 

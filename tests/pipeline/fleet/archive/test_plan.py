@@ -15,7 +15,7 @@ from pipeline.fleet.archive.plan import (
 )
 from pipeline.fleet.archive.survey import FileSurvey, Part, archive_files, without_copies
 from pipeline.oma.settings import OmaSettings
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
 RATE = 10.0  # [Hz]

@@ -20,7 +20,7 @@ from pipeline.fleet.archive.work import Call
 from pipeline.messages import FoundationEvent, FoundationPosterior, Message, ModalEstimate
 from pipeline.nodes.operation import OperationSettings
 from pipeline.updating.updater import FoundationUpdater
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.turbine.description import load_turbine
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 from tests.pipeline.updating.test_checkpoint import SETTINGS

@@ -20,7 +20,7 @@ from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.runner import with_end
 from pipeline.sources import replayed
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.fleet.archive.archives import Renamed, rewritten
 
 CLI = CliRunner()

@@ -8,12 +8,12 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.modal_shapes import modal_assurance_criterion
-from sensors.acquisition import Instruments
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout, biaxial_layout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.loads import BroadbandLoad, WaveBandLoad, tower_pattern
-from sensors.pieces import in_blocks, trimmed
-from sensors.simulated import (
+from sensors.simulation.chunks import in_blocks, trimmed
+from sensors.simulation.instruments import Instruments
+from sensors.simulation.tower import (
     SimulatedTower,
     SimulationError,
     SimulationSettings,

@@ -3,14 +3,14 @@
 import math
 from dataclasses import dataclass, field
 
-from sensors.acquisition import Instruments
-from sensors.blocks import NANOSECONDS
-from sensors.course import FoundationCourse, Stage, Tide
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
-from sensors.faults import Fault
 from sensors.loads import BroadbandLoad, Rotor, Sea, WaveBandLoad, Wind
+from sensors.simulation.acquisition_units import UnitSettings
+from sensors.simulation.faults import Fault
+from sensors.simulation.instruments import Instruments
+from sensors.simulation.schedule import FoundationCourse, Stage, Tide
 from sensors.turbine.structure_modes import ModalDamping
-from sensors.units import UnitSettings
 
 LOWEST_INTEGRATION_RATE = 120.0  # [Hz]: loads and response hold the band to 60 Hz
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from sensors.layout import (
+from sensors.acquisition.layout import (
     FORE_AFT,
     SIDE_SIDE,
     Accelerometer,

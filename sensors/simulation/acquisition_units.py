@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.resampling import HALF_LENGTH, interpolated
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
-from sensors.resampling import HALF_LENGTH, interpolated
 
 
 class UnitError(InputError):

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.course import Course
 from sensors.loads import Load, Sea, SeaState, Wind, random_loads, rotor_load, wave_load, wind_load
-from sensors.simulation_settings import SimulationError, SimulationSettings
+from sensors.simulation.schedule import Course
+from sensors.simulation.settings import SimulationError, SimulationSettings
 from sensors.turbine.assembly import StructuralModel
 from sensors.turbine.description import TurbineDescription
 from sensors.turbine.foundation import FoundationSprings, positive_definite

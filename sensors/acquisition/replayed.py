@@ -3,9 +3,9 @@
 import heapq
 from collections.abc import Iterable, Iterator
 
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 
 LATEST_BLOCKS = 1200  # a recorded block may come that many blocks too late: the publisher's cache
 

@@ -8,27 +8,28 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.acquisition import Decimator, MountedAxes, quantised
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.faults import with_faults
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 from sensors.loads import RandomStream, generator
-from sensors.pieces import in_blocks, made_ahead, trimmed
-from sensors.scada import ScadaSample, scada_samples
-from sensors.simulated_loads import course_of, loads_on, true_springs
-from sensors.simulated_structure import ChangingStructure
-from sensors.simulation_settings import (
+from sensors.simulation.acquisition_units import read_by_units, unit_layouts
+from sensors.simulation.chunks import in_blocks, made_ahead, trimmed
+from sensors.simulation.faults import with_faults
+from sensors.simulation.instruments import Decimator, MountedAxes, quantised
+from sensors.simulation.loads_over_time import course_of, loads_on, true_springs
+from sensors.simulation.scada_samples import scada_samples
+from sensors.simulation.settings import (
     LOWEST_INTEGRATION_RATE,
     SimulationError,
     SimulationSettings,
 )
+from sensors.simulation.structure_over_time import ChangingStructure
 from sensors.turbine.damped_response import DampedResponse
 from sensors.turbine.damped_system import DampedSystem
 from sensors.turbine.description import TurbineDescription, load_turbine
 from sensors.turbine.foundation import FoundationSprings
 from sensors.turbine.response import AccelerationResponse
 from sensors.turbine.structure_modes import StructureModes
-from sensors.units import read_by_units, unit_layouts
 
 __all__ = [
     "LOWEST_INTEGRATION_RATE",

@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from sensors.course import Course, CourseError, FoundationCourse, Stage, StiffnessEvent, Tide
-from sensors.operation import RATED_SPEED, steady_state
-from sensors.scada import scada_samples
+from sensors.loads.operating_states import RATED_SPEED, steady_state
+from sensors.simulation.scada_samples import scada_samples
+from sensors.simulation.schedule import (
+    Course,
+    CourseError,
+    FoundationCourse,
+    Stage,
+    StiffnessEvent,
+    Tide,
+)
 
 STAGES = (
     Stage(at=0.0, state="parked", wind_speed=6.0),

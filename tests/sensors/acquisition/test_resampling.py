@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sensors.resampling import HALF_LENGTH, interpolated
+from sensors.acquisition.resampling import HALF_LENGTH, interpolated
 
 
 @pytest.mark.parametrize("frequency", [0.01, 0.2, 0.44])

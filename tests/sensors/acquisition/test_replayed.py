@@ -3,9 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.replayed import ReplayedTower, due_time
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.replayed import ReplayedTower, due_time
 from tests.pipeline.example_messages import LAYOUT, block
 
 

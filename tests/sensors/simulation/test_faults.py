@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
-from sensors.faults import Fault, FaultError, with_faults
-from sensors.layout import Accelerometer, SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.layout import Accelerometer, SensorLayout
+from sensors.simulation.faults import Fault, FaultError, with_faults
 
 NAMES = ("a", "b", "c")
 LAYOUT = SensorLayout("l", "t", "u", tuple(Accelerometer(n, 0.0, (1.0, 0.0, 0.0)) for n in NAMES))

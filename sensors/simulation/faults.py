@@ -14,9 +14,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
 
 FaultKind = Literal[
     "dead",  # the channel reads 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.pieces import made_ahead
+from sensors.simulation.chunks import made_ahead
 
 
 def counted(made: list[int], last: int | None = None) -> Iterator[NDArray[np.float64]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import InputError
-from sensors.operation import OperatingState, SteadyState, steady_state
+from sensors.loads.operating_states import OperatingState, SteadyState, steady_state
 
 FloatArray = NDArray[np.float64]
 DAY = 86_400.0  # [s]

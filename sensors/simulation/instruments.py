@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve, firwin, kaiserord
 
+from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE, SensorLayout
 from sensors.errors import InputError
-from sensors.layout import FORE_AFT, SIDE_SIDE, SensorLayout
 
 FloatArray = NDArray[np.float64]
 

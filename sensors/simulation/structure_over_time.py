@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.course import Course
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.loads import Rotor, Wind, aerodynamic_damping, rotor_damping, thrust_slope
-from sensors.operation import FINE_PITCH
+from sensors.loads.operating_states import FINE_PITCH
+from sensors.simulation.schedule import Course
 from sensors.turbine.assembly import StructuralModel, assemble
 from sensors.turbine.damped_response import DampedResponse
 from sensors.turbine.damped_system import DampedSystem, damped_system

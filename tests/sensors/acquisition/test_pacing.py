@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from sensors.acquisition.pacing import AT_ONCE, REAL_TIME, Pace, paced
 from sensors.errors import InputError
-from sensors.pacing import AT_ONCE, REAL_TIME, Pace, paced
 
 SECOND = 10**9  # [ns]
 START_NS = 1_700_000_000 * SECOND

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from sensors.acquisition import Decimator, quantised
+from sensors.simulation.instruments import Decimator, quantised
 
 
 def sine(frequency: float, rate: float, n: int) -> NDArray[np.float64]:
