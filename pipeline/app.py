@@ -26,7 +26,7 @@ from pipeline.turbines import Turbines
 from pipeline.viewer.outputs import ViewerOutput
 from pipeline.viewer.sink import Viewer
 from sensors.acquisition.layout import LayoutError, SensorLayout
-from sensors.turbine.mast import bare_mast
+from sensors.structure.bare_mast import bare_mast
 
 
 @dataclass(frozen=True, slots=True)

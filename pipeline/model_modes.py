@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from pipeline.combined_modes import CombinedMode
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.scenario import DEFAULT_SCENARIO, Scenario, load_scenario
+from sensors.dynamics.modal_model import ModalModel, ModalParameters
 from sensors.errors import InputError
-from sensors.turbine.description import load_turbine
-from sensors.turbine.foundation import SpringSign
-from sensors.turbine.modal import ModalModel, ModalParameters
+from sensors.structure.description import load_turbine
+from sensors.structure.foundation import SpringSign
 
 
 @dataclass(frozen=True, slots=True, eq=False)

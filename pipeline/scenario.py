@@ -23,8 +23,8 @@ from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
 from sensors.settings import settings_from_table
 from sensors.simulation.tower import SimulationSettings
-from sensors.turbine.description import TurbineDescription, load_turbine
-from sensors.turbine.foundation import positive_definite
+from sensors.structure.description import TurbineDescription, load_turbine
+from sensors.structure.foundation import positive_definite
 
 DEFAULT_SCENARIO = "parked"
 NO_STRUCTURE = "none"  # as `[turbine] description`: modes are tracked, nothing is updated

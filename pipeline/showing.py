@@ -13,7 +13,7 @@ from pipeline.viewer.outputs import RrdFile, ViewerError, ViewerOutput
 from pipeline.viewer.sink import Viewer
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
-from sensors.turbine.mast import bare_mast
+from sensors.structure.bare_mast import bare_mast
 
 PICTURES = ".rrd"
 

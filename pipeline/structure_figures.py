@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.acquisition.layout import biaxial_layout
-from sensors.turbine.description import Direction, TurbineDescription
-from sensors.turbine.whole import FullModes, full_modes
+from sensors.dynamics.full_model_modes import FullModes, full_modes
+from sensors.structure.description import Direction, TurbineDescription
 
 FloatArray = NDArray[np.float64]
 

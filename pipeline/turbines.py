@@ -11,7 +11,7 @@ from pipeline.nodes.updating_in_context import UpdatingInContext
 from pipeline.scenario import Scenario, farm_members
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
-from sensors.turbine.modal import ModalModel
+from sensors.dynamics.modal_model import ModalModel
 
 
 class Turbines:

@@ -1,7 +1,7 @@
 """The one error a person can cause and mend.
 
 InputError                 what somebody gave is wrong
-├── TurbineError           a turbine description (sensors.turbine.description)
+├── TurbineError           a turbine description (sensors.structure.description)
 ├── LayoutError            a sensor layout (sensors.acquisition.layout)
 ├── LoadError              a load on the structure (sensors.loads)
 ├── SimulationError        how a tower is simulated (sensors.simulation.settings)

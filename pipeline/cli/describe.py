@@ -25,7 +25,7 @@ def describe(
     from pipeline.report.structure import draw_structure
     from pipeline.structure_figures import structure_figures
     from pipeline.tables.modes import structure_tables
-    from sensors.turbine.description import load_turbine, turbine_text
+    from sensors.structure.description import load_turbine, turbine_text
 
     if template:
         typer.echo(turbine_text(turbine), nl=False)

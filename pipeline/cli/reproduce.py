@@ -20,7 +20,7 @@ def reproduce(
     """Run the publication's example and write its tables and figure beside ours."""
     from pipeline.reproduction.page import write_report
     from pipeline.reproduction.study import run_study
-    from sensors.turbine.foundation import SPRING_SIGNS
+    from sensors.structure.foundation import SPRING_SIGNS
 
     if seeds < 1:
         raise InputError(f"--seeds is {seeds}; at least 1 is needed")

@@ -39,8 +39,8 @@ from pipeline.updating.tmcmc import (
     TemperingSettings,
 )
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.turbine.foundation import SpringSign
-from sensors.turbine.modal import ModalModel
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.foundation import SpringSign
 
 FloatArray = NDArray[np.float64]
 

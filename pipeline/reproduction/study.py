@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.reproduction.example import Example, ExamplePosterior, run_example
 from pipeline.reproduction.paper import LABELS, SAMPLES
-from sensors.turbine.foundation import SPRING_SIGNS, SpringSign
+from sensors.structure.foundation import SPRING_SIGNS, SpringSign
 
 FloatArray = NDArray[np.float64]
 

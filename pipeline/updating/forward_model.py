@@ -29,7 +29,7 @@ class ModesOfStiffness(Protocol):
 
 
 class ForwardModel(Protocol):
-    """The structure as a function of its foundation; `sensors.turbine.modal.ModalModel` is one."""
+    """The structure as a function of its foundation, such as `dynamics.modal_model.ModalModel`."""
 
     @property
     def nominal(self) -> FloatArray:

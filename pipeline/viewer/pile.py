@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from pipeline.messages import FoundationPosterior, FoundationTruth
 from pipeline.viewer.corner import Text
 from pipeline.viewer.status import STIFFNESSES
-from sensors.turbine.description import TurbineDescription
-from sensors.turbine.foundation import SpringSign, spring_matrix
+from sensors.structure.description import TurbineDescription
+from sensors.structure.foundation import SpringSign, spring_matrix
 
 FloatArray = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
-from sensors.turbine.description import Blades, RotorNacelle, Tube, TurbineDescription
+from sensors.structure.description import Blades, RotorNacelle, Tube, TurbineDescription
 
 FloatArray = NDArray[np.float64]
 

@@ -37,7 +37,7 @@ from pipeline.viewer.status import (
 )
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-from sensors.turbine.description import TurbineDescription
+from sensors.structure.description import TurbineDescription
 
 
 class TurbineScreen:

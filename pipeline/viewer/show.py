@@ -34,7 +34,7 @@ from pipeline.viewer.plane_views import log_farm
 from pipeline.viewer.screen import TurbineScreen
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-from sensors.turbine.description import TurbineDescription
+from sensors.structure.description import TurbineDescription
 
 DAY = 86_400 * NANOSECONDS  # [ns]
 PATIENCE_WITH_FILE = 60.0  # for the last of the session to be written [s]

@@ -24,7 +24,7 @@ from pipeline.viewer.outputs import (
 from pipeline.viewer.stages import DirectStage, ThreadedStage
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-from sensors.turbine.description import TurbineDescription
+from sensors.structure.description import TurbineDescription
 
 
 class Viewer:

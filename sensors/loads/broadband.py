@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensors.loads.filtered import RandomLoad, spectral_kernel, white_kernel
 from sensors.loads.load import LoadError, RandomStream, require_not_negative, require_positive
 from sensors.loads.spectra import jonswap, wave_number
-from sensors.turbine.assembly import PLANE, StructuralModel
+from sensors.structure.assembly import PLANE, StructuralModel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

@@ -16,8 +16,8 @@ from sensors.loads.operating_states import SteadyState
 from sensors.loads.spectra import kaimal
 from sensors.loads.synthesis import SegmentedNoise, harmonics, in_chunks
 from sensors.loads.wind import ALONG_LENGTH, Wind
-from sensors.turbine.assembly import StructuralModel
-from sensors.turbine.rotor_nacelle import apex, rigid_displacement
+from sensors.structure.assembly import StructuralModel
+from sensors.structure.rotor_nacelle import apex, rigid_displacement
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -22,7 +22,7 @@ from sensors.loads.load import (
 )
 from sensors.loads.spectra import horizontal_motion, jonswap
 from sensors.loads.synthesis import OVERLAP, SegmentedNoise, harmonics, in_chunks
-from sensors.turbine.assembly import StructuralModel
+from sensors.structure.assembly import StructuralModel
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

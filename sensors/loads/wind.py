@@ -21,8 +21,8 @@ from sensors.loads.load import (
 )
 from sensors.loads.spectra import iec_coherence, kaimal
 from sensors.loads.synthesis import SegmentedNoise, harmonics, in_chunks
-from sensors.turbine.assembly import StructuralModel
-from sensors.turbine.rotor_nacelle import apex, blade_axes, rigid_displacement
+from sensors.structure.assembly import StructuralModel
+from sensors.structure.rotor_nacelle import apex, blade_axes, rigid_displacement
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

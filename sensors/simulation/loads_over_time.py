@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from sensors.loads import Load, Sea, SeaState, Wind, random_loads, rotor_load, wave_load, wind_load
 from sensors.simulation.schedule import Course
 from sensors.simulation.settings import SimulationError, SimulationSettings
-from sensors.turbine.assembly import StructuralModel
-from sensors.turbine.description import TurbineDescription
-from sensors.turbine.foundation import FoundationSprings, positive_definite
+from sensors.structure.assembly import StructuralModel
+from sensors.structure.description import TurbineDescription
+from sensors.structure.foundation import FoundationSprings, positive_definite
 
 FloatArray = NDArray[np.float64]
 

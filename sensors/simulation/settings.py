@@ -4,13 +4,13 @@ import math
 from dataclasses import dataclass, field
 
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.dynamics.structure_modes import ModalDamping
 from sensors.errors import InputError
 from sensors.loads import BroadbandLoad, Rotor, Sea, WaveBandLoad, Wind
 from sensors.simulation.acquisition_units import UnitSettings
 from sensors.simulation.faults import Fault
 from sensors.simulation.instruments import Instruments
 from sensors.simulation.schedule import FoundationCourse, Stage, Tide
-from sensors.turbine.structure_modes import ModalDamping
 
 LOWEST_INTEGRATION_RATE = 120.0  # [Hz]: loads and response hold the band to 60 Hz
 

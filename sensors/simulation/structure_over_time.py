@@ -6,21 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.acquisition.layout import SensorLayout
-from sensors.loads import Rotor, Wind, aerodynamic_damping, rotor_damping, thrust_slope
-from sensors.loads.operating_states import FINE_PITCH
-from sensors.simulation.schedule import Course
-from sensors.turbine.assembly import StructuralModel, assemble
-from sensors.turbine.damped_response import DampedResponse
-from sensors.turbine.damped_system import DampedSystem, damped_system
-from sensors.turbine.description import TurbineDescription
-from sensors.turbine.foundation import FoundationSprings
-from sensors.turbine.structure_modes import (
+from sensors.dynamics.damped_modes import DampedSystem, damped_system
+from sensors.dynamics.damped_response import DampedResponse
+from sensors.dynamics.structure_modes import (
     ModalDamping,
     ObservedModes,
     StructureModes,
     observed_modes,
     structure_modes,
 )
+from sensors.loads import Rotor, Wind, aerodynamic_damping, rotor_damping, thrust_slope
+from sensors.loads.operating_states import FINE_PITCH
+from sensors.simulation.schedule import Course
+from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.description import TurbineDescription
+from sensors.structure.foundation import FoundationSprings
 
 FloatArray = NDArray[np.float64]
 

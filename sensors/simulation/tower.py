@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
+from sensors.dynamics.damped_modes import DampedSystem
+from sensors.dynamics.damped_response import DampedResponse
+from sensors.dynamics.modal_response import AccelerationResponse
+from sensors.dynamics.structure_modes import StructureModes
 from sensors.loads import RandomStream, generator
 from sensors.simulation.acquisition_units import read_by_units, unit_layouts
 from sensors.simulation.chunks import in_blocks, made_ahead, trimmed
@@ -24,12 +28,8 @@ from sensors.simulation.settings import (
     SimulationSettings,
 )
 from sensors.simulation.structure_over_time import ChangingStructure
-from sensors.turbine.damped_response import DampedResponse
-from sensors.turbine.damped_system import DampedSystem
-from sensors.turbine.description import TurbineDescription, load_turbine
-from sensors.turbine.foundation import FoundationSprings
-from sensors.turbine.response import AccelerationResponse
-from sensors.turbine.structure_modes import StructureModes
+from sensors.structure.description import TurbineDescription, load_turbine
+from sensors.structure.foundation import FoundationSprings
 
 __all__ = [
     "LOWEST_INTEGRATION_RATE",

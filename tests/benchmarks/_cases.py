@@ -19,8 +19,8 @@ from pipeline.updating.prior import Prior
 from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.loads import BroadbandLoad, WaveBandLoad
 from sensors.simulation.tower import SimulatedTower, SimulationSettings
-from sensors.turbine.description import TurbineDescription, load_turbine
-from sensors.turbine.foundation import SpringSign
+from sensors.structure.description import TurbineDescription, load_turbine
+from sensors.structure.foundation import SpringSign
 
 FloatArray = NDArray[np.float64]
 Window = ModalEstimate | WindowRejected

@@ -15,8 +15,8 @@ from pipeline.modal_shapes import complex_normalised, renormalised_factor
 from pipeline.updating.forward_model import ForwardModel
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout, biaxial_layout
-from sensors.turbine.description import load_turbine
-from sensors.turbine.modal import ModalModel
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
 
 FloatArray = NDArray[np.float64]
 

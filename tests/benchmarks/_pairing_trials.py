@@ -12,7 +12,7 @@ from pipeline.messages import Mode
 from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.pairing import PairingSearch, PairingSettings, PairingTargets
 from pipeline.updating.prior import Prior, modal_where_supported
-from sensors.turbine.modal import ModalModel
+from sensors.dynamics.modal_model import ModalModel
 from tests.benchmarks._drawn import (
     DURATION,
     SHAPE_STD,

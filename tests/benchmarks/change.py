@@ -64,8 +64,8 @@ from pipeline.updating.likelihood import LikelihoodSettings
 from pipeline.updating.prior import Prior
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import biaxial_layout
-from sensors.turbine.description import load_turbine
-from sensors.turbine.modal import ModalModel
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
 
 FloatArray = NDArray[np.float64]
 

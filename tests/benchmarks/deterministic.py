@@ -23,9 +23,9 @@ from pipeline.updating.deterministic import (
 )
 from pipeline.updating.prior import Prior
 from sensors.acquisition.layout import biaxial_layout
-from sensors.turbine.description import load_turbine
-from sensors.turbine.foundation import SPRING_SIGNS
-from sensors.turbine.modal import ModalModel
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
+from sensors.structure.foundation import SPRING_SIGNS
 
 FloatArray = NDArray[np.float64]
 

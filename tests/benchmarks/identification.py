@@ -36,9 +36,9 @@ from pipeline.oma.uncertainty import (
     state_deviations,
 )
 from sensors.acquisition.layout import biaxial_layout
+from sensors.dynamics.modal_model import FullModes, full_modes
 from sensors.simulation.tower import SimulatedTower, SimulationSettings
-from sensors.turbine.description import load_turbine
-from sensors.turbine.modal import FullModes, full_modes
+from sensors.structure.description import load_turbine
 
 FloatArray = NDArray[np.float64]
 

@@ -53,7 +53,7 @@ from pipeline.updating.likelihood import LikelihoodSettings
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.updater import FoundationUpdater
-from sensors.turbine.modal import ModalModel
+from sensors.dynamics.modal_model import ModalModel
 from tests.benchmarks._cases import (
     LAYOUT,
     LOADS,

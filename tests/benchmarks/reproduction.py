@@ -22,7 +22,7 @@ from pipeline.reproduction.study import (
     n_peaks,
     run_study,
 )
-from sensors.turbine.foundation import SPRING_SIGNS
+from sensors.structure.foundation import SPRING_SIGNS
 
 FloatArray = NDArray[np.float64]
 

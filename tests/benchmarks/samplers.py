@@ -39,8 +39,8 @@ from pipeline.updating.samplers import SamplingSettings, sampler_of
 from pipeline.updating.sampling import CountedDensity, PosteriorDraws, Target
 from pipeline.updating.tmcmc import PublishedSettings, TemperingSettings
 from sensors.acquisition.layout import biaxial_layout
-from sensors.turbine.description import load_turbine
-from sensors.turbine.modal import ModalModel
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
 
 FloatArray = NDArray[np.float64]
 

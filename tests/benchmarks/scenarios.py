@@ -30,8 +30,8 @@ from pipeline.modal_shapes import complex_normalised, modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.scenario import Scenario, load_scenario
 from pipeline.sources import simulated_tower
+from sensors.dynamics.modal_model import ModalModel
 from sensors.simulation.tower import SensedModes
-from sensors.turbine.modal import ModalModel
 from tests.benchmarks._sessions import print_sessions
 
 FloatArray = NDArray[np.float64]

@@ -20,9 +20,9 @@ from scipy.signal import lsim
 
 from pipeline.scenario import Scenario, load_scenario
 from sensors.acquisition.layout import biaxial_layout
+from sensors.dynamics.damped_modes import DampedSystem
 from sensors.simulation.tower import SimulatedTower
-from sensors.turbine.damped_system import DampedSystem
-from sensors.turbine.description import load_turbine
+from sensors.structure.description import load_turbine
 
 FloatArray = NDArray[np.float64]
 T = TypeVar("T")

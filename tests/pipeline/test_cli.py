@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 
 from pipeline.cli import main
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
-from sensors.turbine.description import shipped_text
+from sensors.structure.description import shipped_text
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import pytest
 from pipeline.scenario import ScenarioError, farm_members, load_scenario, scenario_from_text
 from pipeline.sources import simulated, simulated_tower
 from sensors.acquisition.blocks import AccelerationBlock
-from sensors.turbine.foundation import positive_definite
+from sensors.structure.foundation import positive_definite
 
 
 def test_every_turbine_has_a_foundation_seed_and_name_of_its_own() -> None:

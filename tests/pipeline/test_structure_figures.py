@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.report.structure import draw_structure
 from pipeline.structure_figures import structure_figures
-from sensors.turbine.description import load_turbine, parse_turbine
+from sensors.structure.description import load_turbine, parse_turbine
 
 POLE = """
 name = "pole"

@@ -27,8 +27,8 @@ from sensors.loads import (
     wave_profile,
     white_kernel,
 )
-from sensors.turbine.assembly import PLANE, StructuralModel, assemble
-from sensors.turbine.description import load_turbine
+from sensors.structure.assembly import PLANE, StructuralModel, assemble
+from sensors.structure.description import load_turbine
 
 RATE = 120.0  # [Hz]
 

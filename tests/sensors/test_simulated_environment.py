@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from sensors.acquisition.layout import biaxial_layout
+from sensors.dynamics.damped_response import DampedResponse
 from sensors.loads import BroadbandLoad, Sea, WaveBandLoad, Wind
 from sensors.simulation.schedule import Stage
 from sensors.simulation.tower import SimulatedTower, SimulationSettings, resonance_grid
-from sensors.turbine.damped_response import DampedResponse
-from sensors.turbine.description import load_turbine
+from sensors.structure.description import load_turbine
 
 LAYOUT = biaxial_layout("two", turbine="t", unit="u", elevations=(80.0, 145.0))
 LINEAR_SEA = Sea(surface="mean", drag_coefficient=0.0, direction=25.0, spreading=10.0)

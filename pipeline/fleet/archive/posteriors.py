@@ -31,8 +31,8 @@ from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
-from sensors.turbine.description import TurbineDescription
-from sensors.turbine.modal import ModalModel
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import TurbineDescription
 
 ANCHORS_APART = 36  # windows at most: six hours of ten minutes
 STRETCH = 6  # windows of one call at most

@@ -28,7 +28,7 @@ from pipeline.messages import (
 from pipeline.messages import Warning as Doubt
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import biaxial_layout
-from sensors.turbine.description import load_turbine
+from sensors.structure.description import load_turbine
 
 START_NS = 1_767_225_600 * NANOSECONDS  # 2026-01-01 00:00 UTC
 SAMPLING_RATE = 40.0  # [Hz]

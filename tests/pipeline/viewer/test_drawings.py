@@ -29,7 +29,7 @@ from pipeline.viewer.spectrum import (
 from pipeline.viewer.stabilisation import stabilisation_picture
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import Accelerometer, SensorLayout
-from sensors.turbine.foundation import SPRING_SIGNS, SpringSign, spring_matrix
+from sensors.structure.foundation import SPRING_SIGNS, SpringSign, spring_matrix
 from tests.pipeline.viewer.session import (
     DESCRIPTION,
     LAYOUT,

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from pipeline.modal_shapes import modal_assurance_criterion
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout, biaxial_layout
+from sensors.dynamics.modal_model import ModalModel, full_modes
+from sensors.dynamics.modal_response import AccelerationResponse
+from sensors.dynamics.structure_modes import ModalDamping, observed_modes, structure_modes
 from sensors.loads import BroadbandLoad, WaveBandLoad, tower_pattern
 from sensors.simulation.chunks import in_blocks, trimmed
 from sensors.simulation.instruments import Instruments
@@ -19,12 +22,9 @@ from sensors.simulation.tower import (
     SimulationSettings,
     resonance_grid,
 )
-from sensors.turbine.assembly import assemble
-from sensors.turbine.description import load_turbine
-from sensors.turbine.foundation import TurbineError
-from sensors.turbine.modal import ModalModel, full_modes
-from sensors.turbine.response import AccelerationResponse
-from sensors.turbine.structure_modes import ModalDamping, observed_modes, structure_modes
+from sensors.structure.assembly import assemble
+from sensors.structure.description import load_turbine
+from sensors.structure.foundation import TurbineError
 
 TURBINE = load_turbine("iea15mw_monopile")
 SHORT = SimulationSettings(duration=20.0, transient=5.0)

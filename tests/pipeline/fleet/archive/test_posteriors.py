@@ -21,7 +21,7 @@ from pipeline.messages import FoundationEvent, FoundationPosterior, Message, Mod
 from pipeline.nodes.operation import OperationSettings
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.turbine.description import load_turbine
+from sensors.structure.description import load_turbine
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 from tests.pipeline.updating.test_checkpoint import SETTINGS
 
