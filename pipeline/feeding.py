@@ -21,10 +21,10 @@ from pipeline.sources import Source
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-from sensors.feeds.columns import sensor_layout
-from sensors.feeds.feed import FeedError
+from sensors.feeds.assembly.channel_map import sensor_layout
 from sensors.feeds.live import LiveFeed
-from sensors.feeds.opening import layout_file_of, open_feed
+from sensors.feeds.open_feed import layout_file_of, open_feed
+from sensors.feeds.protocol import FeedError
 from sensors.files.layout_file import LayoutFile, load_layout
 
 logger = logging.getLogger(__name__)

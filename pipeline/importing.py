@@ -15,7 +15,7 @@ from pipeline.scenario import Scenario, load_scenario, scenario_from_text, scena
 from pipeline.sources import COMPACT
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-from sensors.files.blocks import (
+from sensors.files.block_builder import (
     BlockCutter,
     MeasurementFile,
     in_order_of_time,

@@ -52,8 +52,8 @@ def feed(
 ) -> None:
     """Publish a live instrument (MQTT, SeedLink, UDP, SCADA) until it is stopped."""
     from pipeline.feeding import channels_of, publish_feed
-    from sensors.feeds.columns import sensor_layout
-    from sensors.feeds.opening import open_feed
+    from sensors.feeds.assembly.channel_map import sensor_layout
+    from sensors.feeds.open_feed import open_feed
 
     if seconds is not None and not seconds > 0:
         raise InputError(f"--for {seconds:g} is no time; a positive number of seconds is needed")

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.scada import ScadaSample
-from sensors.feeds.assembler import Assembler
-from sensors.feeds.feed import Arrival, ChannelSamples, Feed, FeedCounts, Inbox
+from sensors.feeds.assembly.assembler import Assembler
+from sensors.feeds.protocol import Arrival, ChannelSamples, Feed, FeedCounts, Inbox
 
 TICK = 0.1  # how often somebody may look at the clock, when nothing comes [s]
 

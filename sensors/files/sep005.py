@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.files.clock import ABSOLUTE
 from sensors.files.table import (
     EVERYTHING,
     ChannelTable,
@@ -22,7 +21,8 @@ from sensors.files.table import (
     Wanted,
     in_standard_unit,
 )
-from sensors.files.titles import distinct
+from sensors.files.text.column_titles import distinct
+from sensors.files.text.time_column import ABSOLUTE
 
 FloatArray = NDArray[np.float64]
 

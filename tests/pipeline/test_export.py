@@ -16,8 +16,8 @@ from pipeline.messages import FoundationTruth, ParameterSummary
 from pipeline.offline import recorded_channels
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
-from sensors.files.csv import read_csv
 from sensors.files.table import ChannelTable
+from sensors.files.text.csv import read_csv
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, rejection
 from tests.pipeline.report.example_session import estimate, event, posterior, recorded
 

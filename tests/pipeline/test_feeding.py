@@ -20,11 +20,11 @@ from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint,
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
-from sensors.feeds.assembler import Assembler
-from sensors.feeds.columns import sensor_layout
-from sensors.feeds.feed import ChannelSamples
+from sensors.feeds.assembly.assembler import Assembler
+from sensors.feeds.assembly.channel_map import sensor_layout
 from sensors.feeds.live import LiveFeed
-from sensors.feeds.opening import layout_file_of, open_feed
+from sensors.feeds.open_feed import layout_file_of, open_feed
+from sensors.feeds.protocol import ChannelSamples
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.scripted import ScriptedFeed
 from tests.sensors.feeds.test_udp import frame

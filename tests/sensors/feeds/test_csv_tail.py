@@ -7,9 +7,9 @@ import pytest
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
-from sensors.feeds.feed import FeedError
 from sensors.feeds.live import LiveFeed
-from sensors.feeds.opening import open_feed
+from sensors.feeds.open_feed import open_feed
+from sensors.feeds.protocol import FeedError
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.scripted import measured_until
 
