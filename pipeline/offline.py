@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Warning, WindowRejected  # noqa: A004
 from pipeline.oma.identification import Identification, identify
-from pipeline.oma.quantities import guessed_quantities
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.measured_quantities import guessed_quantities
 from pipeline.oma.tracking import ModeTracker
-from pipeline.oma.units import UnitJoiner
-from pipeline.oma.windowing import BlockOrder, MissingSamples
+from pipeline.oma.windows.unit_alignment import UnitJoiner
+from pipeline.oma.windows.windowing import BlockOrder, MissingSamples
 from pipeline.recording.reader import read_messages
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout

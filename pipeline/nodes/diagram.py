@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.messages import ModalEstimate, StabilisationDiagram
-from pipeline.oma.stabilization import PoleCloud
+from pipeline.oma.ssi.stabilization import PoleCloud
 
 
 def stabilisation_diagram(

@@ -20,8 +20,8 @@ from pipeline.nodes.coat import Coat
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.operation import OperationLog, rejected_estimate
 from pipeline.nodes.roster import MOST_TURBINES, MOST_UNITS, Roster, told_of_gone
-from pipeline.oma.block_watch import BlockWatch
-from pipeline.oma.channel_watch import ChannelWatch
+from pipeline.oma.data_quality.block_monitor import BlockWatch
+from pipeline.oma.data_quality.channel_swap import ChannelWatch
 from pipeline.oma.settings import OmaSettings
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout

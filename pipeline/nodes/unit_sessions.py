@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.window_answers import WindowAnswers
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.units import UnitJoiner
-from pipeline.oma.windowing import BlockOrder, MissingSamples
+from pipeline.oma.windows.unit_alignment import UnitJoiner
+from pipeline.oma.windows.windowing import BlockOrder, MissingSamples
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 

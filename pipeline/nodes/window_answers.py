@@ -12,13 +12,13 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.diagram import stabilisation_diagram
+from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.references import settings_for_channels
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
-from pipeline.oma.unit_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
-from pipeline.oma.windowing import MissingSamples, Window, WindowCutter
+from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import SensorLayout
 

@@ -7,14 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import Mode, Warning  # noqa: A004  # the field's word
-from pipeline.oma.band_identification import (
-    BandIdentification,
-    band_covariances,
-    modes_of_covariances,
-)
-from pipeline.oma.bands import plan_bands
-from pipeline.oma.close_pairs import UNRESOLVED, twin_pairs, with_close_pairs
-from pipeline.oma.input_checks import (
+from pipeline.oma.band_merging import merged
+from pipeline.oma.closely_spaced_modes import UNRESOLVED, twin_pairs, with_close_pairs
+from pipeline.oma.data_quality.input_checks import (
     HARMONIC_DAMPING,
     Finding,
     check_samples,
@@ -23,13 +18,18 @@ from pipeline.oma.input_checks import (
     is_harmonic,
     mended,
 )
-from pipeline.oma.merging import merged
-from pipeline.oma.preprocessing import decimated, without_offset
-from pipeline.oma.quantities import integrations_of
 from pipeline.oma.references import references_among
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.stabilization import PoleCloud
-from pipeline.oma.twins import Twins
+from pipeline.oma.ssi.band_identification import (
+    BandIdentification,
+    band_covariances,
+    modes_of_covariances,
+)
+from pipeline.oma.ssi.bands import plan_bands
+from pipeline.oma.ssi.coincident_modes import Twins
+from pipeline.oma.ssi.measured_quantities import integrations_of
+from pipeline.oma.ssi.preprocessing import decimated, without_offset
+from pipeline.oma.ssi.stabilization import PoleCloud
 from sensors.files.table import Quantity
 
 FloatArray = NDArray[np.float64]

@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 
 from pipeline.messages import Mode
 from pipeline.modal_shapes import modal_assurance_criterion
-from pipeline.oma.band_identification import modes_of_covariances
-from pipeline.oma.bands import Band
-from pipeline.oma.covariance import lag_covariances
 from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi_cov import signal_subspace, system_modes
-from pipeline.oma.streaming import CovarianceRing
-from pipeline.oma.uncertainty import (
+from pipeline.oma.ssi.band_identification import modes_of_covariances
+from pipeline.oma.ssi.bands import Band
+from pipeline.oma.ssi.covariance import lag_covariances
+from pipeline.oma.ssi.ssi_cov import signal_subspace, system_modes
+from pipeline.oma.ssi.uncertainty import (
     frequency_damping_deviations,
     order_deviations,
     pole_deviations,
@@ -35,6 +34,7 @@ from pipeline.oma.uncertainty import (
     shape_deviations,
     state_deviations,
 )
+from pipeline.oma.streaming import CovarianceRing
 from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.modal_model import FullModes, full_modes
 from sensors.simulation.tower import SimulatedTower, SimulationSettings

@@ -16,7 +16,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.operation import rejected_estimate
-from pipeline.oma.channel_watch import ChannelWatch
+from pipeline.oma.data_quality.channel_swap import ChannelWatch
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
 from sensors.acquisition.blocks import NANOSECONDS
 

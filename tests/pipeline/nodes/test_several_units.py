@@ -145,7 +145,7 @@ def test_a_missing_unit_leaves_a_window_with_fewer_channels(blocks, tower) -> No
 def test_a_long_gap_of_a_unit_is_not_laid_out_and_changes_nothing(blocks, monkeypatch) -> None:
     lost = ("upper", range(100, 140))
     whole = estimates(answers(blocks, two_units(), lost=lost))
-    monkeypatch.setattr("pipeline.oma.units.LONGEST_HELD", 100)  # 800 are missing
+    monkeypatch.setattr("pipeline.oma.windows.unit_alignment.LONGEST_HELD", 100)  # 800 are missing
     apart = estimates(answers(blocks, two_units(), lost=lost))
     for ours, theirs in zip(apart, whole, strict=True):
         assert ours.channels == theirs.channels

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.covariance import LagCovariances, block_hankel, lag_covariances
-from pipeline.oma.ssi_cov import (
+from pipeline.oma.ssi.covariance import LagCovariances, block_hankel, lag_covariances
+from pipeline.oma.ssi.ssi_cov import (
     RESIDUAL,
     HankelOperator,
     leading_singular_triplets,

@@ -6,7 +6,7 @@ clock      T                                           T + 26 s
 
 from dataclasses import replace
 
-from pipeline.oma.windowing import MissingSamples, WindowCutter
+from pipeline.oma.windows.windowing import MissingSamples, WindowCutter
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import SAMPLING_RATE, START_NS, block
 

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.oma.units import BELOW_GRID, MOST_SESSIONS, RATES_APART, UnitJoiner
-from pipeline.oma.windowing import MissingSamples
+from pipeline.oma.windows.unit_alignment import BELOW_GRID, MOST_SESSIONS, RATES_APART, UnitJoiner
+from pipeline.oma.windows.windowing import MissingSamples
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
 

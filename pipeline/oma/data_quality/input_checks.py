@@ -15,7 +15,7 @@ from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
 from pipeline.messages import Warning  # noqa: A004  # the field's word
-from pipeline.oma.preprocessing import without_drift
+from pipeline.oma.ssi.preprocessing import without_drift
 
 FloatArray = NDArray[np.float64]
 Action = Literal["warn", "mend", "reject"]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from pipeline.oma.block_watch import BlockWatch
+from pipeline.oma.data_quality.block_monitor import BlockWatch
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import START_NS, block
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.covariance import block_covariances, block_hankel, lag_covariances
+from pipeline.oma.ssi.covariance import block_covariances, block_hankel, lag_covariances
 
 
 def samples(n: int = 500, n_channels: int = 3, seed: int = 4) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.oma.channel_watch import ChannelWatch
+from pipeline.oma.data_quality.channel_swap import ChannelWatch
 from tests.pipeline.example_estimates import estimate, mode
 
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.oma.bands import Band
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi_cov import SystemModes
+from pipeline.oma.ssi.bands import Band
+from pipeline.oma.ssi.ssi_cov import SystemModes
 
 ALIKE = 0.005  # twins' frequencies differ by less: by chance, or hardly, relative
 PLACE = 0.003  # and stand in every order where they stand in the others, relative

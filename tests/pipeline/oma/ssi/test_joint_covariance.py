@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.oma.band_identification import mode_from_factor
 from pipeline.oma.identification import identify
-from pipeline.oma.joint_covariance import joint_covariance
-from pipeline.oma.uncertainty import (
+from pipeline.oma.ssi.band_identification import mode_from_factor
+from pipeline.oma.ssi.uncertainty import (
     frequency_damping_deviations,
+    joint_covariance,
     order_deviations,
     pole_deviations,
     projected_deviations,
     state_deviations,
 )
 from tests.pipeline.oma.conftest import KnownStructure
-from tests.pipeline.oma.test_uncertainty import (  # noqa: F401  # a fixture
+from tests.pipeline.oma.ssi.test_uncertainty import (  # noqa: F401  # a fixture
     DT,
     covariances,
     identified,

@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Mode
+from pipeline.oma.data_quality.input_checks import (
+    Finding,
+    check_samples,
+    check_timestamps,
+    is_harmonic,
+)
 from pipeline.oma.identification import hardly_damped, identify
-from pipeline.oma.input_checks import Finding, check_samples, check_timestamps, is_harmonic
 from tests.pipeline.oma.conftest import KnownStructure
 
 RATE = 20.0  # [Hz]

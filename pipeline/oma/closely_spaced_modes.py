@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from pipeline.messages import Mode
-from pipeline.oma.twins import Twins
+from pipeline.oma.ssi.coincident_modes import Twins
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.modal_shapes import modal_assurance_criterion
-from pipeline.oma.bands import Band
-from pipeline.oma.mode_shapes import modal_phase_collinearity
-from pipeline.oma.quantities import to_acceleration
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi_cov import SystemModes
+from pipeline.oma.ssi.bands import Band
+from pipeline.oma.ssi.measured_quantities import to_acceleration
+from pipeline.oma.ssi.mode_shapes import modal_phase_collinearity
+from pipeline.oma.ssi.ssi_cov import SystemModes
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complexfloating]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, linalg
 
-from pipeline.oma.covariance import block_hankel
+from pipeline.oma.ssi.covariance import block_hankel
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complexfloating]

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from pipeline.oma.bands import plan_bands
 from pipeline.oma.identification import identify
-from pipeline.oma.preprocessing import (
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.bands import plan_bands
+from pipeline.oma.ssi.preprocessing import (
     HIGH_PASS_BAND,
     HIGH_STOP_BAND,
     decimated,
     high_pass_taps,
     n_decimated,
 )
-from pipeline.oma.settings import OmaSettings
 from tests.pipeline.oma.conftest import KnownStructure
 
 RATE = 40.0

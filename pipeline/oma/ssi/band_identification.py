@@ -7,14 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import Mode  # the field's word
-from pipeline.oma.bands import Band
-from pipeline.oma.covariance import ALL, LagCovariances, References, lag_covariances
-from pipeline.oma.mode_shapes import normalised_with_deviations
-from pipeline.oma.preprocessing import above
-from pipeline.oma.quantities import to_acceleration
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
-from pipeline.oma.stabilization import (
+from pipeline.oma.ssi.bands import Band
+from pipeline.oma.ssi.coincident_modes import Twins, twins_in
+from pipeline.oma.ssi.covariance import ALL, LagCovariances, References, lag_covariances
+from pipeline.oma.ssi.measured_quantities import to_acceleration
+from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
+from pipeline.oma.ssi.preprocessing import above
+from pipeline.oma.ssi.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
+from pipeline.oma.ssi.stabilization import (
     PoleCloud,
     PoleCluster,
     clusters,
@@ -22,8 +23,7 @@ from pipeline.oma.stabilization import (
     recurring,
     with_phases,
 )
-from pipeline.oma.twins import Twins, twins_in
-from pipeline.oma.uncertainty import (
+from pipeline.oma.ssi.uncertainty import (
     OrderDeviations,
     frequency_damping_deviations,
     order_deviations,

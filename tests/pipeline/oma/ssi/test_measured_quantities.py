@@ -8,7 +8,11 @@ import pytest
 from pipeline.modal_shapes import modal_assurance_criterion
 from pipeline.offline import identify_file
 from pipeline.oma.identification import identify
-from pipeline.oma.quantities import guessed_quantities, integrations_of, to_acceleration
+from pipeline.oma.ssi.measured_quantities import (
+    guessed_quantities,
+    integrations_of,
+    to_acceleration,
+)
 from sensors.files.table import Quantity
 from tests.benchmarks.records import oscillator
 

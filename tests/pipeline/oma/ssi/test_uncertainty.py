@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.covariance import LagCovariances, lag_covariances
-from pipeline.oma.mode_shapes import normalised_with_deviations
-from pipeline.oma.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
-from pipeline.oma.uncertainty import (
+from pipeline.oma.ssi.covariance import LagCovariances, lag_covariances
+from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
+from pipeline.oma.ssi.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
+from pipeline.oma.ssi.uncertainty import (
     frequency_damping_deviations,
     order_deviations,
     pole_deviations,

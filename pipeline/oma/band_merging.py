@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from pipeline.messages import Mode  # the field's word
 from pipeline.modal_shapes import modal_assurance_criterion
-from pipeline.oma.bands import Band
-from pipeline.oma.stabilization import unexplained_spread
+from pipeline.oma.ssi.bands import Band
+from pipeline.oma.ssi.stabilization import unexplained_spread
 
 FloatArray = NDArray[np.float64]
 

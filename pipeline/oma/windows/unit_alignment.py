@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.oma.windowing import MissingSamples
+from pipeline.oma.windows.windowing import MissingSamples
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import SensorLayout, joined_layout
 from sensors.acquisition.resampling import HALF_LENGTH, interpolated
