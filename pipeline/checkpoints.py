@@ -3,7 +3,7 @@
     checkpoints/updating-iea15mw.checkpoint    one small file a turbine, new after each window
         pilewatch-node 2 1717200600000000000 iea15mw\\n  layout's version, last window's end [ns]
         41803 FoundationPosterior\\n…                    the latest answers, as they were sent
-        18212 state\\n…                                  `pipeline.updating.checkpoint`
+        18212 state\\n…                                  `pipeline.updating.serialisation`
 
 A file is written beside the old one, forced to disk and put in its place in one step, so that
 whatever happens there is a whole one. It is written after the answers have gone out: a kill in
@@ -34,7 +34,7 @@ from pipeline.nodes.updating import FoundationUpdaterNode
 from pipeline.streams import stream_of
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
-from pipeline.updating.checkpoint import CheckpointError
+from pipeline.updating.serialisation import CheckpointError
 from pipeline.updating.updater import FoundationUpdater
 
 logger = logging.getLogger(__name__)

@@ -19,20 +19,24 @@ from pipeline.reproduction.density import PublishedDensity
 from pipeline.reproduction.paper import LABELS, SAMPLES
 from pipeline.scenario import Scenario, load_scenario, with_overrides
 from pipeline.sources import simulated_tower
-from pipeline.updating.deterministic import (
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.evidence.observations import sightings
+from pipeline.updating.likelihood.deterministic import (
     Descent,
     ModalObjective,
     deterministic_update,
     identified_by_label,
 )
-from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.laplace import laplace_peak
-from pipeline.updating.likelihood import LikelihoodSettings, ModalLikelihood, observations
-from pipeline.updating.pairing import Pairing
+from pipeline.updating.likelihood.laplace import laplace_peak
+from pipeline.updating.likelihood.likelihood import (
+    LikelihoodSettings,
+    ModalLikelihood,
+    observations,
+)
+from pipeline.updating.likelihood.pairing import Pairing
 from pipeline.updating.prior import Prior, UpdatingError
-from pipeline.updating.sampling import PosteriorDraws
-from pipeline.updating.sightings import sightings
-from pipeline.updating.tmcmc import (
+from pipeline.updating.samplers.interface import PosteriorDraws
+from pipeline.updating.samplers.tmcmc import (
     MendedTmcmc,
     PublishedSettings,
     PublishedTmcmc,

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 
 from pipeline.messages import ModalEstimate
 from pipeline.updating.change.detector import ChangeState
-from pipeline.updating.events import TrackSensitivity
-from pipeline.updating.evidence import ModalEvidence
+from pipeline.updating.change.event_message import TrackSensitivity
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.evidence.observations import Sighting, diagonal
 from pipeline.updating.forward_model import FloatArray
-from pipeline.updating.sightings import Sighting, diagonal
 
 RECENT_WINDOWS = 36  # that are kept one by one: six hours of ten minutes
 

@@ -11,36 +11,36 @@ from pipeline.messages import (
     ModalEstimate,
     WindowRejected,
 )
+from pipeline.updating.acceptance import refusal
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
-from pipeline.updating.change.sums import with_tracks_only
-from pipeline.updating.change.walk import deviation
-from pipeline.updating.checkpoint import (
-    CheckpointOwner,
-    decoded_checkpoint,
-    encoded_checkpoint,
-)
-from pipeline.updating.density import StiffnessDensity
-from pipeline.updating.events import (
+from pipeline.updating.change.event_message import (
     TrackSensitivity,
     event_of,
     sensitivities_of,
     watched_window,
 )
-from pipeline.updating.evidence import ModalEvidence
+from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
+from pipeline.updating.change.random_walk import deviation
+from pipeline.updating.change.sufficient_statistics import with_tracks_only
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.evidence.observations import EstimateRefused
+from pipeline.updating.evidence.observations import sightings as sightings_of
 from pipeline.updating.forward_model import FloatArray, ForwardModel
-from pipeline.updating.guards import refusal
-from pipeline.updating.half_way import measured_half_way, stiffness_slopes
-from pipeline.updating.matching import Match, Matcher, partners_in_water
+from pipeline.updating.likelihood.posterior_density import StiffnessDensity
+from pipeline.updating.model_matching import Match, Matcher, partners_in_water
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.posterior_message import posterior_message
 from pipeline.updating.prior import Prior, modal_where_supported
-from pipeline.updating.samplers import sampler_of
-from pipeline.updating.sampling import PosteriorDraws
+from pipeline.updating.samplers.interface import PosteriorDraws
+from pipeline.updating.samplers.registry import sampler_of
+from pipeline.updating.serialisation import (
+    CheckpointOwner,
+    decoded_checkpoint,
+    encoded_checkpoint,
+)
 from pipeline.updating.settings import UpdatingSettings
-from pipeline.updating.sightings import EstimateRefused
-from pipeline.updating.sightings import sightings as sightings_of
 from pipeline.updating.state import UpdatingState
-from pipeline.updating.uncertain import (
+from pipeline.updating.structural_uncertainty import (
     WidePrior,
     figure_summaries,
     require_figures,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.fleet.farm.farm import Farm, pooled_farm
 from pipeline.messages import FoundationPosterior
-from pipeline.updating.likelihood import LikelihoodSettings
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import load_turbine
 from sensors.structure.foundation import SpringSign

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import Mode
-from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.pairing import PairingSearch, PairingSettings, PairingTargets
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.likelihood.pairing import PairingSearch, PairingSettings, PairingTargets
 from pipeline.updating.prior import Prior, modal_where_supported
 from sensors.dynamics.modal_model import ModalModel
 from tests.benchmarks._drawn import (

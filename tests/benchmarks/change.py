@@ -49,18 +49,18 @@ from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.reader import read_messages
 from pipeline.updating.change.detector import Change, ChangeDetector, ChangeState, Verdict
-from pipeline.updating.change.foundation import StiffnessStep
+from pipeline.updating.change.event_message import TrackSensitivity, sensitivities_of
+from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
+from pipeline.updating.change.random_walk import deviation
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.sums import (
+from pipeline.updating.change.stiffness_change import StiffnessStep
+from pipeline.updating.change.sufficient_statistics import (
     UNCUT_MOMENTS,
     SeenFrequency,
     WatchedWindow,
     reduced_moments,
 )
-from pipeline.updating.change.walk import deviation
-from pipeline.updating.events import TrackSensitivity, sensitivities_of
-from pipeline.updating.half_way import measured_half_way, stiffness_slopes
-from pipeline.updating.likelihood import LikelihoodSettings
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.prior import Prior
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import biaxial_layout

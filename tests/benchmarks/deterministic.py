@@ -14,7 +14,7 @@ import argparse
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.updating.deterministic import (
+from pipeline.updating.likelihood.deterministic import (
     DescentSettings,
     IdentifiedModes,
     ModalObjective,

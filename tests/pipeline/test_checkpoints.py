@@ -12,9 +12,9 @@ from pipeline.messages import FoundationPosterior
 from pipeline.nodes.account import NodeAccount
 from pipeline.nodes.updating_in_context import UpdatingInContext
 from pipeline.transport.codec import encode
-from pipeline.updating.checkpoint import CheckpointError
+from pipeline.updating.serialisation import CheckpointError
 from tests.pipeline.updating.small_tower import LAYOUT
-from tests.pipeline.updating.test_checkpoint import estimate_of, updater_of
+from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
 
 TURBINE = estimate_of(0).turbine
 

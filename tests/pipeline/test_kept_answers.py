@@ -19,7 +19,7 @@ from pipeline.kept_answers import KeptIdentification
 from pipeline.messages import Message, ModalEstimate
 from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.resumption import ResumedIdentification
-from pipeline.updating.checkpoint import CheckpointError
+from pipeline.updating.serialisation import CheckpointError
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, cut
 from tests.pipeline.oma.conftest import structure
 from tests.pipeline.test_resumption import SETTINGS, answers_of, assert_same_windows, blocks

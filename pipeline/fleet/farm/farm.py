@@ -19,9 +19,8 @@ from pipeline.fleet.farm.pooling import PooledDraws, pooled
 from pipeline.fleet.farm.settings import FarmError, GibbsSettings, PopulationPrior
 from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.updating.forward_model import FloatArray
-from pipeline.updating.population import StiffnessPopulation
+from pipeline.updating.population import SpringCoordinates, StiffnessPopulation
 from pipeline.updating.prior import PARAMETER_NAMES
-from pipeline.updating.spring_coordinates import SpringCoordinates
 
 OUTLYING = 0.8  # probability from which a turbine is said to be unlike the others
 MOST_DRAWS = 1000  # of a turbine's springs, that are kept

@@ -33,8 +33,8 @@ import numpy as np
 from pipeline.fleet.farm.evidence import StackedEvidence
 from pipeline.fleet.farm.gibbs import Gibbs, State
 from pipeline.fleet.farm.settings import GibbsSettings, PopulationPrior
-from pipeline.updating.convergence import effective_sample_size, split_rhat
 from pipeline.updating.forward_model import FloatArray
+from pipeline.updating.samplers.convergence import effective_sample_size, split_rhat
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from pipeline.notices.causes import Cause, CauseFinder
 from pipeline.notices.settings import BookSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, status
-from tests.pipeline.updating.test_checkpoint import estimate_of, updater_of
+from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
 
 SECOND = NANOSECONDS
 EVENT = FoundationEvent(

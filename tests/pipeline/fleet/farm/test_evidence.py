@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.fleet.farm.evidence import StackedEvidence, TurbineEvidence, evidence_of
-from pipeline.updating.spring_coordinates import SpringCoordinates
+from pipeline.updating.population import SpringCoordinates
 
 NOMINAL = np.array([0.098e11, 8.238e11, 0.678e11])
 COORDINATES = SpringCoordinates(NOMINAL)
