@@ -23,8 +23,8 @@ from pipeline.recording.writer import Metadata
 from pipeline.resumption import ResumedIdentification, recorded_past
 from pipeline.scenario import Scenario
 from pipeline.turbines import Turbines
-from pipeline.viewer.outputs import ViewerOutput
-from pipeline.viewer.sink import Viewer
+from pipeline.viewer.outputs.outputs import ViewerOutput
+from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.layout import LayoutError, SensorLayout
 from sensors.structure.bare_mast import bare_mast
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.json_values import Json, known
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 
 
 @dataclass(frozen=True, slots=True, eq=False)

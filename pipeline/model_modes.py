@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.combined_modes import CombinedMode
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.scenario import DEFAULT_SCENARIO, Scenario, load_scenario
 from sensors.dynamics.modal_model import ModalModel, ModalParameters
 from sensors.errors import InputError

@@ -35,7 +35,7 @@ from pipeline.nodes.coat import Coat
 from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER
-from pipeline.recording.recent import latest_messages
+from pipeline.recording.latest_messages import latest_messages
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from pipeline.recorded_streams import recordings_in
-from pipeline.recording.parts import next_part, part_of, results_of
+from pipeline.recording.rotation import next_part, part_of, results_of
 from pipeline.recording.writer import ACTIVE_SUFFIX
 
 SESSION = "session.mcap"  # the first part of what `pilewatch run` records

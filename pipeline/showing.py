@@ -9,8 +9,8 @@ from pathlib import Path
 from pipeline.messages import Message
 from pipeline.recording.reader import read_messages
 from pipeline.sources import replayed
-from pipeline.viewer.outputs import RrdFile, ViewerError, ViewerOutput
-from pipeline.viewer.sink import Viewer
+from pipeline.viewer.outputs.outputs import RrdFile, ViewerError, ViewerOutput
+from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from sensors.structure.bare_mast import bare_mast

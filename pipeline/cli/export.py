@@ -30,7 +30,7 @@ def export(
 
     `pilewatch identify` reads the samples' CSV again.
     """
-    from pipeline.export.exporting import export as exported
+    from pipeline.export.export import export as exported
     from pipeline.export.imu import export_imu
 
     if csv + parquet + imu != 1:

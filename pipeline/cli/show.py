@@ -42,7 +42,7 @@ def show(
 def _draw(recording: Path, out: Path | None, view: str | None) -> None:
     from pipeline.recording.info import recording_info
     from pipeline.showing import draw_recording, pictures_of
-    from pipeline.viewer.outputs import RrdFile
+    from pipeline.viewer.outputs.outputs import RrdFile
 
     duration = recording_info(recording).duration
     with viewing(view) as shown:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from pipeline.cli.console import people
 
 if TYPE_CHECKING:
-    from pipeline.viewer.outputs import ViewerOutput
+    from pipeline.viewer.outputs.outputs import ViewerOutput
 
 VIEW_HELP = (
     "spawn: a viewer's window; web: a page for a browser on this machine; "
@@ -40,8 +40,8 @@ def viewing(asked: str | None, *pictures: Path) -> Iterator[View]:
 
     Raises ViewerError for a word that is none, and where no page can be served.
     """
-    from pipeline.viewer.outputs import WebPage, parse_view
-    from pipeline.viewer.viewer_process import served_page
+    from pipeline.viewer.outputs.outputs import WebPage, parse_view
+    from pipeline.viewer.outputs.viewer_process import served_page
 
     view = None if asked is None else parse_view(asked)
     if not isinstance(view, WebPage):

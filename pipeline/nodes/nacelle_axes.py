@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.modal_shapes import normalised_to, renormalised_factor
+from pipeline.modal_assurance import normalised_to, renormalised_factor
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 

@@ -13,8 +13,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from pipeline.files import written_whole
 from pipeline.notices.channels import Channel, DeliveryFailed
+from pipeline.recording.atomic_write import written_whole
 
 logger = logging.getLogger(__name__)
 

@@ -11,7 +11,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pipeline.files import written_whole
 from pipeline.messages import Message
 from pipeline.messages import Warning as Doubt
 from pipeline.notices.book import NoticeBook, Telling, decoded_notices, encoded_notices
@@ -19,6 +18,7 @@ from pipeline.notices.causes import CauseFinder
 from pipeline.notices.channels import Channel
 from pipeline.notices.delivery import Delivery, Outbox
 from pipeline.notices.settings import BookSettings
+from pipeline.recording.atomic_write import written_whole
 from pipeline.streams import STREAMS
 from sensors.errors import InputError
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import Mode  # the field's word
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.stabilization import unexplained_spread
 

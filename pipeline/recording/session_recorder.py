@@ -13,9 +13,11 @@ from pathlib import Path
 
 from pipeline.messages import FoundationTruth, Message, NodeStatus
 from pipeline.messages import Warning as Doubt
+from pipeline.recording.deduplication import Repetition, latest_payloads
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import counted_in_summary
-from pipeline.recording.parts import (
+from pipeline.recording.reader import recorded_messages
+from pipeline.recording.rotation import (
     close_leftovers,
     closed_in_place,
     next_part,
@@ -23,8 +25,6 @@ from pipeline.recording.parts import (
     parts_of,
     thin,
 )
-from pipeline.recording.reader import recorded_messages
-from pipeline.recording.repetition import Repetition, latest_payloads
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
 from pipeline.streams import key_of, stream_of

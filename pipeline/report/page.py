@@ -35,7 +35,7 @@ from pipeline.report.tables import (
 )
 from pipeline.report.wording import counted, instant, percent, span
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
-from pipeline.viewer import colours
+from pipeline.viewer.pictures import colours
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 

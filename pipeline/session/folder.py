@@ -6,10 +6,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from pipeline.checkpoints import FOLDER as CHECKPOINTS
-from pipeline.files import written_whole
 from pipeline.json_values import Json
 from pipeline.kept_answers import FOLDER as TRACKS
-from pipeline.recording.parts import close_leftovers
+from pipeline.recording.atomic_write import written_whole
+from pipeline.recording.rotation import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.session_files import SESSION
 from pipeline.sources import Source

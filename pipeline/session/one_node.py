@@ -7,7 +7,7 @@ from pipeline import runner
 from pipeline.app import build
 from pipeline.kept_answers import FOLDER as TRACKS
 from pipeline.nodes.shard import ShardedNode, parsed_shard
-from pipeline.recording.recent import files_of
+from pipeline.recording.latest_messages import files_of
 from pipeline.session.folder import (
     PICTURES,
     RECORDING,

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pipeline.notices.settings import NoticesSettings
 from pipeline.transport.zenoh_bus import ZenohSettings
-from pipeline.viewer.outputs import ViewerOutput
+from pipeline.viewer.outputs.outputs import ViewerOutput
 
 Way = Literal["threads", "processes", "lock-step"]
 

@@ -10,7 +10,7 @@ from pipeline.session.options import SessionOptions
 from pipeline.sources import Source
 from pipeline.supervisor import SupervisedProcess
 from pipeline.transport.zenoh_bus import ZenohSettings
-from pipeline.viewer.outputs import ConnectedViewer
+from pipeline.viewer.outputs.outputs import ConnectedViewer
 from sensors.errors import InputError
 
 SHARED = ("identification", "updating")  # nodes whose turbines several processes can share

@@ -20,7 +20,7 @@ from pipeline.notices.channels import channels_of
 from pipeline.notices.desk import FOLDER as NOTICES
 from pipeline.notices.desk import KEY as NOTICES_KEY
 from pipeline.notices.desk import NoticesDesk, desk_of
-from pipeline.recording.parts import raw_files
+from pipeline.recording.rotation import raw_files
 from pipeline.replay_control import KEY as REPLAY_KEY
 from pipeline.replay_control import ReplayControl
 from pipeline.session.folder import (
@@ -41,7 +41,7 @@ from pipeline.status import StatusDesk
 from pipeline.summary import SessionSummary
 from pipeline.transport.bus import Bus
 from pipeline.transport.zenoh_bus import ZenohBus
-from pipeline.viewer.outputs import RrdFile, ViewerOutput, require_rerun
+from pipeline.viewer.outputs.outputs import RrdFile, ViewerOutput, require_rerun
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 

@@ -7,7 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-from pipeline.viewer.entities import TIMELINE
+from pipeline.viewer.drawing.entities import TIMELINE
 from sensors.acquisition.layout import SensorLayout
 
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages
+from pipeline.recording.rotation import parts_of
 from pipeline.session.options import SessionOptions
 from pipeline.session.running import run_session
 from pipeline.sources import replayed

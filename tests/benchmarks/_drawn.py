@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.modal_shapes import complex_normalised, renormalised_factor
+from pipeline.modal_assurance import complex_normalised, renormalised_factor
 from pipeline.updating.forward_model import ForwardModel
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout, biaxial_layout

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import FoundationPosterior, WindowRejected
-from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import decoded, recorded_messages
+from pipeline.recording.rotation import parts_of
 from pipeline.scenario import scenario_from_text
 from pipeline.session.options import SessionOptions
 from pipeline.session.running import run_session

@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.messages import FoundationPosterior, StreamGap, WindowRejected
-from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.rotation import parts_of
 from pipeline.recording.writer import Recorder
 from pipeline.scenario import Scenario
 from pipeline.session.folder import SUMMARY

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import Mode
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import modes_of_covariances

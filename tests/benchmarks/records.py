@@ -28,7 +28,7 @@ from scipy.linalg import eigh
 from scipy.signal import decimate, lfilter
 
 from pipeline.messages import Mode
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.offline import FileIdentification, identify_file
 
 FloatArray = NDArray[np.float64]

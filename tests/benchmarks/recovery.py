@@ -48,7 +48,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, ModePair, WindowRejected
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.updating.settings import UpdatingSettings

@@ -26,7 +26,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.signal import butter, sosfiltfilt
 
 from pipeline.messages import Mode
-from pipeline.modal_shapes import complex_normalised, modal_assurance_criterion
+from pipeline.modal_assurance import complex_normalised, modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.scenario import Scenario, load_scenario
 from pipeline.sources import simulated_tower

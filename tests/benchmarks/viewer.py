@@ -31,8 +31,8 @@ from pipeline.nodes.node import Node
 from pipeline.playback import Playback
 from pipeline.runner import run_lock_step
 from pipeline.sources import Source, replayed
-from pipeline.viewer.outputs import RrdFile
-from pipeline.viewer.sink import Viewer
+from pipeline.viewer.outputs.outputs import RrdFile
+from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 RECORDING = Path("recordings/parked.mcap")

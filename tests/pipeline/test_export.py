@@ -10,7 +10,7 @@ import pytest
 from pyarrow import csv, parquet
 
 from pipeline.export import table_file
-from pipeline.export.exporting import Exported, export
+from pipeline.export.export import Exported, export
 from pipeline.export.samples import sample_times
 from pipeline.messages import FoundationTruth, ParameterSummary
 from pipeline.offline import recorded_channels

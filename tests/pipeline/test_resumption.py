@@ -21,7 +21,7 @@ from pipeline.messages import (
 )
 from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
-from pipeline.recording.recent import files_of, latest_messages
+from pipeline.recording.latest_messages import files_of, latest_messages
 from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.resumption import ResumedIdentification, recorded_past
 from sensors.acquisition.blocks import AccelerationBlock

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.export.exporting import export
+from pipeline.export.export import export
 from pipeline.export.samples import sample_times
 from pipeline.importing import open_measurement, record_measurement
 from pipeline.recording.reader import read_messages

@@ -17,7 +17,7 @@ from pipeline.session.processes import node_command
 from pipeline.session.running import run_session
 from pipeline.sources import Source, open_source, replayed, simulated
 from pipeline.transport.zenoh_bus import peer_of
-from pipeline.viewer.outputs import ConnectedViewer
+from pipeline.viewer.outputs.outputs import ConnectedViewer
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 

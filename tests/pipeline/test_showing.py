@@ -8,8 +8,8 @@ import pytest
 from pipeline.cli.show import show
 from pipeline.recording.writer import Recorder
 from pipeline.showing import draw_recording, open_pictures, pictures_of
-from pipeline.viewer.outputs import RrdFile, ViewerError
-from pipeline.viewer.sink import Viewer
+from pipeline.viewer.outputs.outputs import RrdFile, ViewerError
+from pipeline.viewer.viewer_node import Viewer
 from sensors.errors import InputError
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import DESCRIPTION, Episode, session

@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.files import written_whole
 from pipeline.fleet.archive.identification import identified_frames
 from pipeline.fleet.archive.posteriors import PosteriorPass
 from pipeline.fleet.archive.store import (
@@ -36,6 +35,7 @@ from pipeline.messages import (
     ModalEstimate,
     WindowRejected,
 )
+from pipeline.recording.atomic_write import written_whole
 from sensors.errors import InputError
 
 FINISHED = ".finished"  # folder of what is kept from run to run, within the results

@@ -15,8 +15,8 @@ from collections.abc import Iterable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 
-from pipeline.files import written_whole
 from pipeline.messages import Message
+from pipeline.recording.atomic_write import written_whole
 from pipeline.streams import STREAMS
 from pipeline.transport.codec import decode, encode
 

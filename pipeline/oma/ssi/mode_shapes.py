@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.modal_shapes import complex_normalised
+from pipeline.modal_assurance import complex_normalised
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complexfloating]

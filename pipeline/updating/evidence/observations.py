@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.modal_shapes import normalised_to, renormalised_factor
+from pipeline.modal_assurance import normalised_to, renormalised_factor
 from pipeline.updating.forward_model import FloatArray
 
 SMALLEST_UNIT_COMPONENT = 0.05  # of a largest component of 1: below, a shape cannot be rescaled

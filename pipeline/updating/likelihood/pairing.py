@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.updating.evidence.mode_evidence import ModeEvidence
 from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
 from pipeline.updating.prior import Prior, UpdatingError, modal_where_supported

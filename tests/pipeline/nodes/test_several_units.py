@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamGap, WindowRejected
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.runner import with_end

@@ -12,8 +12,8 @@ import pytest
 from pipeline.messages import WindowRejected
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import counted_in_summary
-from pipeline.recording.parts import next_part, parts_of, raw_files, thin
 from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.rotation import next_part, parts_of, raw_files, thin
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from sensors.acquisition.blocks import AccelerationBlock

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.modal_shapes import complex_normalised, renormalised_factor
+from pipeline.modal_assurance import complex_normalised, renormalised_factor
 from sensors.acquisition.layout import SensorLayout, biaxial_layout
 
 FloatArray = NDArray[np.float64]

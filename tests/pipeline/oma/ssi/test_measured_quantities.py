@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.offline import identify_file
 from pipeline.oma.identification import identify
 from pipeline.oma.ssi.measured_quantities import (

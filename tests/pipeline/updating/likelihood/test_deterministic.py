@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.updating.likelihood.deterministic import (
     DescentSettings,
     IdentifiedModes,
