@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.notices.settings import load_notices
-from pipeline.status import ENDPOINT_FILE, KEY, StatusDesk
+from pipeline.monitoring.alarms.settings import load_notices
+from pipeline.monitoring.status import ENDPOINT_FILE, KEY, StatusDesk
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 
 README = Path(__file__).parents[1] / "README.md"

@@ -32,7 +32,7 @@ from pipeline.cli.session import node, run
 from pipeline.cli.show import show
 from pipeline.cli.status import status
 from pipeline.cli.update import update
-from pipeline.errors import NodeFailed
+from pipeline.runtime.errors import NodeFailed
 from sensors.errors import InputError
 
 app = typer.Typer(

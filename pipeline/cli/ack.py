@@ -47,8 +47,8 @@ def ack(
 
 def _answered(whom: Any, ids: list[int], name: str, out: Path) -> dict[str, Any]:
     """By the session that runs; by its file where none does."""
-    from pipeline.notices.desk import BOOK, FOLDER, KEY, acknowledged_in_file
-    from pipeline.status import ENDPOINT_FILE, endpoint_of
+    from pipeline.monitoring.alarms.alarm_node import BOOK, FOLDER, KEY, acknowledged_in_file
+    from pipeline.monitoring.status import ENDPOINT_FILE, endpoint_of
     from pipeline.transport.errors import TransportError
     from pipeline.transport.zenoh_bus import asked
 

@@ -22,8 +22,8 @@ def describe(
     as_json: JsonOption = False,
 ) -> None:
     """Check the description of a structure; print its key figures and first modes."""
+    from pipeline.offline.describe_structure import structure_figures
     from pipeline.report.structure import draw_structure
-    from pipeline.structure_figures import structure_figures
     from pipeline.tables.modes import structure_tables
     from sensors.structure.description import load_turbine, turbine_text
 

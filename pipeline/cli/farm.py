@@ -70,7 +70,7 @@ def farm(
 
 def _whom(connect: str | None, zenoh_config: Path | None, out: Path) -> Any:
     """How the sessions that run are reached."""
-    from pipeline.status import endpoint_of
+    from pipeline.monitoring.status import endpoint_of
 
     if zenoh_config is not None:
         return zenoh_settings("peer", None, None, zenoh_config)
@@ -109,7 +109,7 @@ def _tell(
 ) -> "Farm":
     from pipeline.fleet.farm.farm import pooled_farm
     from pipeline.fleet.farm.results import farm_json, write_parquet
-    from pipeline.runner import one_blas_thread
+    from pipeline.runtime.runner import one_blas_thread
 
     with one_blas_thread():
         found = pooled_farm(posteriors)

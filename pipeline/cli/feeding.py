@@ -51,7 +51,7 @@ def feed(
     zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Publish a live instrument (MQTT, SeedLink, UDP, SCADA) until it is stopped."""
-    from pipeline.feeding import channels_of, publish_feed
+    from pipeline.sources.feed_publisher import channels_of, publish_feed
     from sensors.feeds.assembly.channel_map import sensor_layout
     from sensors.feeds.open_feed import open_feed
 

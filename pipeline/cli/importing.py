@@ -36,8 +36,8 @@ def import_files(
     scenario: ScenarioOption = None,
 ) -> None:
     """Make a recording of files of measurements. Without a scenario, running it tracks modes."""
-    from pipeline.importing import open_measurement, record_measurement
     from pipeline.scenario import load_scenario
+    from pipeline.sources.import_files import open_measurement, record_measurement
     from sensors.files.formats import channels_in
     from sensors.files.layout_file import layout_template, load_layout
 

@@ -10,7 +10,7 @@ from pipeline.cli.console import JsonOption, ScenarioOption, escaped, output, pe
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
-    from pipeline.offline import FileIdentification
+    from pipeline.offline.identify_file import FileIdentification
 
 
 def identify(
@@ -48,9 +48,9 @@ def identify(
     as_json: JsonOption = False,
 ) -> None:
     """Find the modes of the structure in a file; needs no turbine."""
-    from pipeline.combined_modes import combined_modes
-    from pipeline.offline import identify_file
+    from pipeline.offline.identify_file import identify_file
     from pipeline.oma.settings import OmaSettings
+    from pipeline.state.run_modes import combined_modes
     from pipeline.tables.modes import identified_modes_table
     from sensors.files.layout_file import load_layout
 
@@ -114,7 +114,7 @@ def modes(
     as_json: JsonOption = False,
 ) -> None:
     """Print the model's modes: Table 1's eleven first, then the others that sensors can see."""
-    from pipeline.model_modes import model_modes
+    from pipeline.offline.model_modes import model_modes
     from pipeline.tables.modes import model_modes_table
 
     with people.status("solving the model"):

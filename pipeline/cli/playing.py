@@ -32,8 +32,8 @@ def publish(
     zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Publish a source to sessions that listen (`pilewatch run --source live`), nothing else."""
-    from pipeline.publishing import publish_source
-    from pipeline.sources import open_source
+    from pipeline.sources.publisher import publish_source
+    from pipeline.sources.sources import open_source
 
     settings = zenoh_settings(mode, listen, connect, zenoh_config)
     factor = speed_of(speed)
@@ -59,8 +59,8 @@ def control(
     as_json: JsonOption = False,
 ) -> None:
     """Pause, go on, seek or change the speed of a replay that runs."""
-    from pipeline.replay_control import ACTIONS, KEY
-    from pipeline.status import endpoint_of
+    from pipeline.monitoring.status import endpoint_of
+    from pipeline.sources.replay_control import ACTIONS, KEY
     from pipeline.transport.zenoh_bus import asked
 
     if action not in ACTIONS:

@@ -25,7 +25,7 @@ def simulate(
 ) -> None:
     """Simulate a scenario's turbine and record what its sensors say."""
     from pipeline.scenario import load_scenario, shipped_scenarios, with_overrides
-    from pipeline.sources import record_simulation, simulated
+    from pipeline.sources.sources import record_simulation, simulated
     from pipeline.tables.recordings import scenario_description, scenario_settings, scenarios_table
 
     if show_list:

@@ -95,11 +95,11 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Turn accelerations into a posterior of the foundation's stiffness."""
-    from pipeline.feeding import feed_source
-    from pipeline.notices.settings import load_notices
-    from pipeline.playback import Playback
-    from pipeline.session.running import run_session
-    from pipeline.sources import open_source
+    from pipeline.monitoring.alarms.settings import load_notices
+    from pipeline.run.run import run_session
+    from pipeline.sources.feed_publisher import feed_source
+    from pipeline.sources.playback import Playback
+    from pipeline.sources.sources import open_source
     from sensors.feeds.address import is_feed
 
     if processes and lock_step:
@@ -152,7 +152,7 @@ def _imported(
     source: str | None, out: Path, layout: Path | None, scenario: str | None
 ) -> str | None:
     """The source, a file of measurements turned into the replay of its import in `out`."""
-    from pipeline.importing import imported_source
+    from pipeline.sources.import_files import imported_source
 
     if source is None or not Path(source).is_file():
         if layout is not None:
@@ -173,7 +173,7 @@ def _session_options(
     shards: int = 1,
     elsewhere: tuple[str, ...] = (),
 ) -> Any:
-    from pipeline.session.options import SessionOptions
+    from pipeline.run.options import SessionOptions
 
     return SessionOptions(
         out=out,
@@ -238,9 +238,9 @@ def node(
     ] = False,
 ) -> None:
     """Run one node of the graph by itself until it is told to stop (Ctrl-C or SIGTERM)."""
-    from pipeline.session.one_node import run_node
-    from pipeline.sources import open_source
-    from pipeline.supervisor import stopped_with_parent
+    from pipeline.run.run import run_node
+    from pipeline.runtime.supervisor import stopped_with_parent
+    from pipeline.sources.sources import open_source
 
     options = _session_options(
         out=out,

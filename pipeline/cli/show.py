@@ -24,7 +24,7 @@ def show(
     ] = None,
 ) -> None:
     """Draw a recorded session for the Rerun viewer, or open pictures that exist."""
-    from pipeline.showing import PICTURES, open_pictures
+    from pipeline.offline.draw_recording import PICTURES, open_pictures
 
     if file.suffix != PICTURES:
         _draw(file, out, view)
@@ -40,8 +40,8 @@ def show(
 
 
 def _draw(recording: Path, out: Path | None, view: str | None) -> None:
+    from pipeline.offline.draw_recording import draw_recording, pictures_of
     from pipeline.recording.info import recording_info
-    from pipeline.showing import draw_recording, pictures_of
     from pipeline.viewer.outputs.outputs import RrdFile
 
     duration = recording_info(recording).duration
@@ -56,7 +56,7 @@ def _draw(recording: Path, out: Path | None, view: str | None) -> None:
 
 
 def _serve(pictures: Path) -> None:
-    from pipeline.showing import require_pictures
+    from pipeline.offline.draw_recording import require_pictures
 
     require_pictures(pictures)
     with viewing("web", pictures) as shown, stopped_by_signals() as stopping:

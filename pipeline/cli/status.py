@@ -19,7 +19,7 @@ def status(
     as_json: JsonOption = False,
 ) -> None:
     """Ask a running session for its nodes, streams, gaps and last posteriors."""
-    from pipeline.status import KEY, endpoint_of
+    from pipeline.monitoring.status import KEY, endpoint_of
     from pipeline.tables.running import status_tables
     from pipeline.transport.zenoh_bus import asked
     from sensors.errors import InputError

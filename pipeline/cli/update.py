@@ -25,7 +25,7 @@ def update(
     as_json: JsonOption = False,
 ) -> None:
     """Update the foundation's stiffness from a recording, and say how every mode fits."""
-    from pipeline.offline_updating import holds_estimates, recorded_source, updated_from
+    from pipeline.offline.update_recording import holds_estimates, recorded_source, updated_from
 
     started = time.monotonic()
     source = recorded_source(file, scenario=scenario, sampler=sampler)

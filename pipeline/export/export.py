@@ -9,10 +9,10 @@ from pathlib import Path
 from pipeline.export.results import RESULT_TABLES, ResultTable, tables_of
 from pipeline.export.samples import samples_schema, samples_table
 from pipeline.export.table_file import Format, TableFile
-from pipeline.playback import SensorMessage, each_block_once
-from pipeline.recorded_streams import sensor_messages
 from pipeline.recording.reader import read_messages
-from pipeline.session_files import session_files
+from pipeline.sources.playback import SensorMessage, each_block_once
+from pipeline.sources.recorded_stream import sensor_messages
+from pipeline.sources.session_files import session_files
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import ReplayedTower

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pipeline.export.export import Exported, recorded_samples
 from pipeline.export.ros_messages import DEFINITION, TYPE, imu_messages
 from pipeline.export.samples import sample_times
-from pipeline.session_files import session_files
+from pipeline.sources.session_files import session_files
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError

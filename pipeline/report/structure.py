@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from pipeline.offline.describe_structure import N_MODES, StructureFigures
 from pipeline.report.canvas import DOTS_PER_INCH, new_figure
-from pipeline.structure_figures import N_MODES, StructureFigures
 from sensors.errors import InputError
 from sensors.structure.description import TurbineDescription
 

@@ -18,7 +18,7 @@ from pipeline.oma.identification import identify
 from pipeline.reproduction.density import PublishedDensity
 from pipeline.reproduction.paper import LABELS, SAMPLES
 from pipeline.scenario import Scenario, load_scenario, with_overrides
-from pipeline.sources import simulated_tower
+from pipeline.sources.sources import simulated_tower
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import sightings
 from pipeline.updating.likelihood.deterministic import (

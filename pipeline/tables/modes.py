@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from pipeline.combined_modes import CombinedMode
-from pipeline.model_modes import ModelModes, NearestMode
-from pipeline.structure_figures import StructureFigures
+from pipeline.offline.describe_structure import StructureFigures
+from pipeline.offline.model_modes import ModelModes, NearestMode
+from pipeline.state.run_modes import CombinedMode
 from pipeline.tables.cells import counted, table_of
 
 

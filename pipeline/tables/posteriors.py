@@ -6,8 +6,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline.fleet.farm.farm import Farm
-from pipeline.json_values import Json
 from pipeline.messages import FoundationPosterior, ParameterSummary
+from pipeline.state.json_values import Json
 from pipeline.tables.cells import counted, table_of, told
 
 

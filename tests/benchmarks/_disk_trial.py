@@ -14,9 +14,9 @@ from pathlib import Path
 
 from pipeline.recording.reader import read_messages
 from pipeline.recording.rotation import parts_of
-from pipeline.session.options import SessionOptions
-from pipeline.session.running import run_session
-from pipeline.sources import replayed
+from pipeline.run.options import SessionOptions
+from pipeline.run.run import run_session
+from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock
 
 KILOBYTE = 1000

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from pipeline.messages import FoundationPosterior, WindowRejected
 from pipeline.recording.reader import decoded, recorded_messages
 from pipeline.recording.rotation import parts_of
+from pipeline.run.options import SessionOptions
+from pipeline.run.run import run_session
 from pipeline.scenario import scenario_from_text
-from pipeline.session.options import SessionOptions
-from pipeline.session.running import run_session
-from pipeline.sources import record_simulation, replayed, simulated
+from pipeline.sources.sources import record_simulation, replayed, simulated
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 FloatArray = NDArray[np.float64]

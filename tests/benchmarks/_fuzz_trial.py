@@ -30,8 +30,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from pipeline.messages import Message, ModalEstimate, Mode
-from pipeline.session.folder import SUMMARY
-from pipeline.status import KEY
+from pipeline.monitoring.status import KEY
+from pipeline.run.folder import SUMMARY
 from pipeline.streams import STREAMS, Stream, key_of
 from pipeline.transport.codec import encode
 from pipeline.transport.errors import CodecError

@@ -29,7 +29,7 @@ from scipy.signal import decimate, lfilter
 
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.offline import FileIdentification, identify_file
+from pipeline.offline.identify_file import FileIdentification, identify_file
 
 FloatArray = NDArray[np.float64]
 

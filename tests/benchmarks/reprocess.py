@@ -29,7 +29,7 @@ from pipeline.fleet.archive.cluster import local_workers
 from pipeline.fleet.archive.reprocessing import ArchiveReport, Report, reprocessed
 from pipeline.fleet.archive.work import ThisProcess, Workers
 from pipeline.scenario import scenario_from_text
-from pipeline.sources import record_simulation, simulated
+from pipeline.sources.sources import record_simulation, simulated
 from tests.pipeline.fleet.archive.archives import cut_into_files
 
 SCENARIO = """

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pipeline.messages import ModalEstimate
-from pipeline.offline import identify_file
+from pipeline.offline.identify_file import identify_file
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.likelihood.laplace import Peak, laplace_peak
 from pipeline.updating.likelihood.likelihood import (

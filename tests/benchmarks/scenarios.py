@@ -29,7 +29,7 @@ from pipeline.messages import Mode
 from pipeline.modal_assurance import complex_normalised, modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.scenario import Scenario, load_scenario
-from pipeline.sources import simulated_tower
+from pipeline.sources.sources import simulated_tower
 from sensors.dynamics.modal_model import ModalModel
 from sensors.simulation.tower import SensedModes
 from tests.benchmarks._sessions import print_sessions

@@ -13,7 +13,7 @@ from pipeline.export import table_file
 from pipeline.export.export import Exported, export
 from pipeline.export.samples import sample_times
 from pipeline.messages import FoundationTruth, ParameterSummary
-from pipeline.offline import recorded_channels
+from pipeline.offline.identify_file import recorded_channels
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 from sensors.files.table import ChannelTable

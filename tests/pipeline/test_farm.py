@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.scenario import ScenarioError, farm_members, load_scenario, scenario_from_text
-from pipeline.sources import simulated, simulated_tower
+from pipeline.sources.sources import simulated, simulated_tower
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.structure.foundation import positive_definite
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from pipeline.flow import Credit, is_drained
 from pipeline.messages import FoundationPosterior, ModalEstimate, NodeStatus
+from pipeline.runtime.flow_control import Credit, is_drained
 from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import status
 

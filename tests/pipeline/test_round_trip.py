@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from pipeline.export.export import export
 from pipeline.export.samples import sample_times
-from pipeline.importing import open_measurement, record_measurement
 from pipeline.recording.reader import read_messages
+from pipeline.sources.import_files import open_measurement, record_measurement
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import Accelerometer, SensorLayout
 from sensors.files.layout_file import load_layout

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.run.options import SessionOptions
+from pipeline.run.run import run_session
 from pipeline.scenario import load_scenario
-from pipeline.session.options import SessionOptions
-from pipeline.session.running import run_session
-from pipeline.sources import open_source, simulated
+from pipeline.sources.sources import open_source, simulated
 from sensors.errors import InputError
 
 

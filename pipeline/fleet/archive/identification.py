@@ -20,7 +20,7 @@ from pipeline.messages import (
 from pipeline.nodes.identification_in_context import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.reader import read_messages
-from pipeline.runner import one_blas_thread, with_end
+from pipeline.runtime.runner import one_blas_thread, with_end
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample

@@ -24,7 +24,7 @@ from pipeline.fleet.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
 from pipeline.nodes.nacelle_axes import in_nacelle_axes
 from pipeline.nodes.operation import OperationSettings, refusal_by_operation
-from pipeline.runner import one_blas_thread
+from pipeline.runtime.runner import one_blas_thread
 from pipeline.transport.codec import decode, encode
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.settings import UpdatingSettings

@@ -9,8 +9,8 @@ import pyarrow.parquet as pq
 from pipeline.fleet.farm.farm import Farm, Interval, PooledTurbine
 from pipeline.fleet.farm.settings import FarmError
 from pipeline.messages import ParameterSummary, PooledPosterior
+from pipeline.state.posterior_json import stiffness_summary
 from pipeline.updating.prior import PARAMETER_NAMES
-from pipeline.updating.summary import stiffness_summary
 
 Json = dict[str, Any]
 

@@ -22,8 +22,8 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.messages import NodeStatus, WindowRejected
 from pipeline.nodes.shard import Shard, ShardedNode
-from pipeline.runner import NodeThread
-from pipeline.session.meeting import bus_options, meeting_point
+from pipeline.run.endpoints import bus_options, meeting_point
+from pipeline.runtime.runner import NodeThread
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint
 from pipeline.transport.zenoh_settings import configuration

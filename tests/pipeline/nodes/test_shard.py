@@ -7,9 +7,9 @@ import pytest
 from pipeline.app import Outputs, build
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.shard import Shard, ShardedNode, ShardError, of_kind, parsed_shard
-from pipeline.runner import run_lock_step
+from pipeline.runtime.runner import run_lock_step
 from pipeline.scenario import scenario_from_text
-from pipeline.sources import simulated
+from pipeline.sources.sources import simulated
 from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_estimates import estimate, mode
 from tests.pipeline.example_messages import block, rejection, status

@@ -18,8 +18,8 @@ from pipeline.fleet.archive.turbines import archived_turbines
 from pipeline.fleet.archive.work import ThisProcess
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.identification_in_context import IdentificationInContext
-from pipeline.runner import with_end
-from pipeline.sources import replayed
+from pipeline.runtime.runner import with_end
+from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.fleet.archive.archives import Renamed, rewritten
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.offline import identify_file
+from pipeline.offline.identify_file import identify_file
 from pipeline.oma.identification import identify
 from pipeline.oma.ssi.measured_quantities import (
     guessed_quantities,

@@ -11,8 +11,8 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
-from pipeline import runner
 from pipeline.messages import Message, NodeStatus
+from pipeline.runtime import runner
 from pipeline.transport.codec import encode
 from pipeline.viewer.outputs import viewer_process
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError, WebPage
