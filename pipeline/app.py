@@ -13,9 +13,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.nodes.identification_in_context import IdentificationInContext
+from pipeline.nodes.identification import IdentificationInContext
 from pipeline.nodes.node import Node
-from pipeline.nodes.updating_in_context import UpdatingInContext
+from pipeline.nodes.updating import UpdatingInContext
 from pipeline.oma.references import references_among
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Metadata

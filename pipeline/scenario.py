@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipeline.nodes.operation import OperationSettings
+from pipeline.nodes.operating_state import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
 from pipeline.updating.population import StiffnessPopulation, load_population

@@ -19,7 +19,7 @@ from pipeline.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from pipeline.fleet.farm.farm import Farm
+    from pipeline.farm.farm import Farm
     from pipeline.messages import FoundationPosterior
 
 ROUGH = 1.1  # R-hat of a pooling beyond which its intervals are called rough
@@ -61,7 +61,7 @@ def farm(
     if files and (connect or zenoh_config or follow):
         raise InputError("FILES are recordings; --connect, --zenoh-config and --follow need none")
     if files:
-        from pipeline.fleet.farm.sources import recorded_posteriors
+        from pipeline.farm.sources import recorded_posteriors
 
         _tell(recorded_posteriors(files), prior, parquet, as_json)
         return
@@ -81,9 +81,9 @@ def _whom(connect: str | None, zenoh_config: Path | None, out: Path) -> Any:
 def _of_running_sessions(
     settings: Any, follow: bool, prior: Path | None, parquet: Path | None, as_json: bool
 ) -> None:
-    from pipeline.fleet.farm.results import pooled_posterior
-    from pipeline.fleet.farm.settings import FarmError
-    from pipeline.fleet.farm.sources import RunningFarm
+    from pipeline.farm.results import pooled_posterior
+    from pipeline.farm.settings import FarmError
+    from pipeline.farm.sources import RunningFarm
     from pipeline.transport.zenoh_bus import ZenohBus
 
     with closing(ZenohBus(settings)) as bus, closing(RunningFarm(bus)) as running:
@@ -107,8 +107,8 @@ def _tell(
     parquet: Path | None,
     as_json: bool,
 ) -> "Farm":
-    from pipeline.fleet.farm.farm import pooled_farm
-    from pipeline.fleet.farm.results import farm_json, write_parquet
+    from pipeline.farm.farm import pooled_farm
+    from pipeline.farm.results import farm_json, write_parquet
     from pipeline.runtime.runner import one_blas_thread
 
     with one_blas_thread():

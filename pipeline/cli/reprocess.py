@@ -19,8 +19,8 @@ from pipeline.cli.console import ScenarioOption, escaped, output, people
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
-    from pipeline.fleet.archive.reprocessing import ArchiveReport
-    from pipeline.fleet.archive.work import Workers
+    from pipeline.archive.reprocessing import ArchiveReport
+    from pipeline.archive.work import Workers
 
 PHASES = {"reading": "files read", "identifying": "files identified", "updating": "windows updated"}
 
@@ -53,8 +53,8 @@ def reprocess(
     scenario: ScenarioOption = None,
 ) -> None:
     """Identify and update years of recordings in parallel; what is finished is not done again."""
-    from pipeline.fleet.archive.reprocessing import reprocessed
-    from pipeline.fleet.archive.survey import archive_files
+    from pipeline.archive.reprocessing import reprocessed
+    from pipeline.archive.survey import archive_files
 
     files = archive_files(archive)
     try:
@@ -73,8 +73,8 @@ def reprocess(
 def _workers(
     cluster: str | None, count: int | None, serial: bool
 ) -> AbstractContextManager["Workers"]:
-    from pipeline.fleet.archive.cluster import cluster_workers, local_workers, usable_cores
-    from pipeline.fleet.archive.work import ThisProcess
+    from pipeline.archive.cluster import cluster_workers, local_workers, usable_cores
+    from pipeline.archive.work import ThisProcess
 
     if sum((cluster is not None, count is not None, serial)) > 1:
         raise InputError("--cluster, --workers and --serial exclude each other")

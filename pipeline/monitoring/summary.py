@@ -21,7 +21,7 @@ from pipeline.messages import (
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
-from pipeline.nodes.shard import of_kind
+from pipeline.nodes.by_turbine import of_kind
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import empty_summary, posterior_summary
 from pipeline.state.run_modes import CombinedMode, combined_modes

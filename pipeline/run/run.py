@@ -18,8 +18,8 @@ from pipeline.monitoring.metrics import MetricsDesk, served
 from pipeline.monitoring.status import KEY as STATUS_KEY
 from pipeline.monitoring.status import StatusDesk
 from pipeline.monitoring.summary import SessionSummary
+from pipeline.nodes.by_turbine import ShardedNode, parsed_shard
 from pipeline.nodes.node import Node
-from pipeline.nodes.shard import ShardedNode, parsed_shard
 from pipeline.recording.latest_messages import files_of
 from pipeline.recording.rotation import raw_files
 from pipeline.run.endpoints import meeting_point, open_hub

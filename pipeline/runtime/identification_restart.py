@@ -31,8 +31,7 @@ from pipeline.messages import (
     Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
-from pipeline.nodes.coat import Coat
-from pipeline.nodes.identification_in_context import IdentificationInContext
+from pipeline.nodes.identification import Coat, IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER
 from pipeline.recording.latest_messages import latest_messages

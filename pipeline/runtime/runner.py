@@ -23,8 +23,8 @@ from typing import Protocol
 from threadpoolctl import threadpool_limits
 
 from pipeline.messages import Message, NodeStatus, StreamEnd
-from pipeline.nodes.account import NodeAccount, message_counts
 from pipeline.nodes.node import Node
+from pipeline.nodes.statistics import NodeAccount, message_counts
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.flow_control import Credit, Quiet, is_drained
 from pipeline.transport.bus import Bus, Inbox

@@ -5,8 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from pipeline.nodes.node import Node
-from pipeline.nodes.updating import FoundationUpdaterNode
-from pipeline.nodes.updating_in_context import UpdatingInContext
+from pipeline.nodes.updating import FoundationUpdaterNode, UpdatingInContext
 from pipeline.runtime.snapshots import CheckpointedUpdating, CheckpointFolder
 from pipeline.scenario import Scenario, farm_members
 from pipeline.updating.updater import FoundationUpdater

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pipeline.messages import Message, MessageCount, NodeStatus
 from pipeline.messages import Warning as Doubt
-from pipeline.nodes.account import message_counts
+from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.runner import STATUS_PERIOD, Report, open_session, with_end
 from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
 from pipeline.sources.sources import Source

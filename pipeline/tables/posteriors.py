@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.fleet.farm.farm import Farm
+from pipeline.farm.farm import Farm
 from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.state.json_values import Json
 from pipeline.tables.cells import counted, table_of, told

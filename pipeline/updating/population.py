@@ -3,7 +3,7 @@
     p(x) = mean over draws s of  (1 − ε_s) N(x; μ_s, Σ_s) + ε_s N(x; μ_s, Σ_s + w² I)
 
 in `SpringCoordinates`, each draw (μ, Σ, ε) one from the posterior of the farm that
-`pipeline.fleet.farm` samples: how sure the farm is of its mean and spread, and that a new turbine
+`pipeline.farm` samples: how sure the farm is of its mean and spread, and that a new turbine
 may be unlike the others, are in it. It is kept as a small JSON file.
 """
 

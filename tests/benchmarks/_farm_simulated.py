@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.app import Outputs, build
-from pipeline.fleet.farm.farm import Farm, pooled_farm
-from pipeline.fleet.farm.settings import FarmError
+from pipeline.farm.farm import Farm, pooled_farm
+from pipeline.farm.settings import FarmError
 from pipeline.messages import FoundationPosterior, FoundationTruth, Message, ModalEstimate
 from pipeline.nodes.node import Node
 from pipeline.recording.reader import decoded, read_messages, recorded_messages

@@ -6,10 +6,11 @@ from dataclasses import replace
 import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
-from pipeline.nodes import identification_in_context, updating_in_context
-from pipeline.nodes.identification_in_context import IdentificationInContext
-from pipeline.nodes.roster import Roster
-from pipeline.nodes.updating_in_context import UpdatingInContext
+from pipeline.nodes import identification as identification_in_context
+from pipeline.nodes import updating as updating_in_context
+from pipeline.nodes.by_turbine import Roster
+from pipeline.nodes.identification import IdentificationInContext
+from pipeline.nodes.updating import UpdatingInContext
 from pipeline.oma.settings import OmaSettings
 from sensors.acquisition.scada import ScadaSample
 from tests.pipeline.example_messages import LAYOUT, block, rejection

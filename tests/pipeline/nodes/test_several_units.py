@@ -12,7 +12,7 @@ import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamGap, WindowRejected
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.nodes.identification_in_context import IdentificationInContext
+from pipeline.nodes.identification import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.runtime.runner import with_end
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from pipeline.messages import Message, ModalEstimate, Warning, WindowRejected  # noqa: A004
-from pipeline.nodes.operation import CHANGING, OperationSettings
-from pipeline.nodes.updating_in_context import UpdatingInContext
+from pipeline.nodes.operating_state import CHANGING, OperationSettings
+from pipeline.nodes.updating import UpdatingInContext
 from tests.pipeline.example_estimates import estimate
 from tests.pipeline.example_messages import LAYOUT
 

@@ -19,7 +19,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.identification_in_context import IdentificationInContext
+from pipeline.nodes.identification import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.latest_messages import files_of, latest_messages
 from pipeline.recording.writer import Recorder, RecorderSettings

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Message, ModalEstimate
-from pipeline.nodes.identification_in_context import IdentificationInContext
+from pipeline.nodes.identification import IdentificationInContext
 from pipeline.runtime import identification_restart as kept_answers
 from pipeline.runtime.identification_restart import KeptIdentification, ResumedIdentification
 from pipeline.runtime.snapshots import CheckpointFolder

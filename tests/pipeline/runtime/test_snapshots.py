@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pipeline.messages import FoundationPosterior
-from pipeline.nodes.account import NodeAccount
-from pipeline.nodes.updating_in_context import UpdatingInContext
+from pipeline.nodes.statistics import NodeAccount
+from pipeline.nodes.updating import UpdatingInContext
 from pipeline.runtime.snapshots import (
     LATEST,
     CheckpointedUpdating,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate
-from pipeline.nodes.identification_in_context import IdentificationInContext
+from pipeline.nodes.identification import IdentificationInContext
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.runtime.runner import with_end

@@ -26,8 +26,8 @@ from pipeline.sources.sources import replayed
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
+from tests.pipeline.archive.archives import Change, rewritten
 from tests.pipeline.example_messages import START_NS, rejection
-from tests.pipeline.fleet.archive.archives import Change, rewritten
 from tests.pipeline.monitoring.alarms.outside import web_server
 from tests.pipeline.monitoring.alarms.test_alarm_rules import EVENT
 
