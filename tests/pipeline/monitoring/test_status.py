@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.cli.tables.running import status_tables
 from pipeline.messages import StreamGap, Warning  # noqa: A004  # the field's word
 from pipeline.monitoring.status import KEY, StatusDesk, endpoint_of
-from pipeline.tables.running import status_tables
 from pipeline.transport.errors import TransportError
 from pipeline.transport.zenoh_bus import ZenohBus, asked, free_endpoint, hub
 from sensors.errors import InputError

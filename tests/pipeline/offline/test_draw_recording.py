@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.cli.show import show
+from pipeline.cli.report import show
 from pipeline.offline.draw_recording import draw_recording, open_pictures, pictures_of
 from pipeline.recording.writer import Recorder
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerError

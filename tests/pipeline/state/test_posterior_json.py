@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.cli.tables.posteriors import posterior_table
 from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
 from pipeline.state.posterior_json import empty_summary, posterior_summary, truth_covered
-from pipeline.tables.posteriors import posterior_table
 
 POSTERIOR = FoundationPosterior(
     turbine="small",

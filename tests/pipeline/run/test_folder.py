@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.cli.session import of_a_farm
+from pipeline.cli.run import of_a_farm
 from pipeline.run import folder
 from pipeline.run.folder import prepare_folder
 from pipeline.run.options import SessionOptions

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
+from pipeline.cli.tables.cells import counted, table_of
 from pipeline.offline.describe_structure import StructureFigures
 from pipeline.offline.model_modes import ModelModes, NearestMode
 from pipeline.state.run_modes import CombinedMode
-from pipeline.tables.cells import counted, table_of
 
 
 def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table:

@@ -48,10 +48,10 @@ def identify(
     as_json: JsonOption = False,
 ) -> None:
     """Find the modes of the structure in a file; needs no turbine."""
+    from pipeline.cli.tables.modes import identified_modes_table
     from pipeline.offline.identify_file import identify_file
     from pipeline.oma.settings import OmaSettings
     from pipeline.state.run_modes import combined_modes
-    from pipeline.tables.modes import identified_modes_table
     from sensors.files.layout_file import load_layout
 
     if plot is not None and not plot.parent.is_dir():  # before the work, not after it
@@ -114,8 +114,8 @@ def modes(
     as_json: JsonOption = False,
 ) -> None:
     """Print the model's modes: Table 1's eleven first, then the others that sensors can see."""
+    from pipeline.cli.tables.modes import model_modes_table
     from pipeline.offline.model_modes import model_modes
-    from pipeline.tables.modes import model_modes_table
 
     with people.status("solving the model"):
         found = model_modes(theta=theta, sign=sign, turbine=turbine, scenario=scenario)
@@ -123,3 +123,36 @@ def modes(
         output.print_json(json.dumps({"modes": found.as_json()}))
     else:
         output.print(model_modes_table(found))
+
+
+def describe(
+    turbine: Annotated[
+        str, typer.Argument(help="A shipped turbine or a TOML description of your own.")
+    ] = "iea15mw_monopile",
+    template: Annotated[
+        bool, typer.Option("--template", help="Print it as TOML, to start one's own from.")
+    ] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the structure and its first modes as a PNG.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Check the description of a structure; print its key figures and first modes."""
+    from pipeline.cli.tables.modes import structure_tables
+    from pipeline.offline.describe_structure import structure_figures
+    from pipeline.report.structure import draw_structure
+    from sensors.structure.description import load_turbine, turbine_text
+
+    if template:
+        typer.echo(turbine_text(turbine), nl=False)
+        return
+    with people.status("solving the model"):
+        figures = structure_figures(load_turbine(turbine))
+    if plot is not None:
+        draw_structure(figures, plot)
+        people.print(f"Drawn: {plot}", soft_wrap=True)
+    if as_json:
+        output.print_json(json.dumps(figures.as_json()))
+    else:
+        for table in structure_tables(figures):
+            output.print(table)

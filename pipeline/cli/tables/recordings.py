@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from rich.markup import escape
 from rich.table import Table
 
+from pipeline.cli.tables.cells import table_of
 from pipeline.recording.info import RecordingInfo
 from pipeline.scenario import Scenario
-from pipeline.tables.cells import table_of
 
 
 def recording_tables(info: RecordingInfo) -> list[Table]:

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from rich.markup import escape
 from rich.table import Table
 
+from pipeline.cli.tables.cells import counted, table_of, told
 from pipeline.farm.farm import Farm
 from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.state.json_values import Json
-from pipeline.tables.cells import counted, table_of, told
 
 
 def posterior_table(posterior: Json) -> Table:

@@ -4,8 +4,12 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.cli.tables.recordings import (
+    duration_in_words,
+    scenario_description,
+    scenario_settings,
+)
 from pipeline.scenario import load_scenario, shipped_scenarios
-from pipeline.tables.recordings import duration_in_words, scenario_description, scenario_settings
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())

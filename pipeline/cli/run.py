@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.cli.console import (
+    VIEW_HELP,
     ConnectOption,
     JsonOption,
     ListenOption,
@@ -20,10 +21,10 @@ from pipeline.cli.console import (
     progress,
     speed_of,
     stopped_by_signals,
+    viewing,
     zenoh_settings,
 )
 from pipeline.cli.results import print_results
-from pipeline.cli.viewing import VIEW_HELP, viewing
 from sensors.errors import InputError
 
 

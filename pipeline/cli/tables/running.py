@@ -7,8 +7,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.tables.cells import table_of
-from pipeline.tables.posteriors import posterior_table, posteriors_table
+from pipeline.cli.tables.cells import table_of
+from pipeline.cli.tables.posteriors import posterior_table, posteriors_table
 
 
 def status_tables(status: Mapping[str, Any]) -> list[Table]:
