@@ -24,7 +24,7 @@ from pipeline.archive.store import (
     messages_in,
 )
 from pipeline.archive.survey import FileSurvey, surveyed, without_copies
-from pipeline.archive.tables import ArchiveTables, Ledger
+from pipeline.archive.tables import ArchiveTables, ReprocessingRecord
 from pipeline.archive.tracking import ArchiveTracking
 from pipeline.archive.turbines import TurbineArchive, archived_turbines
 from pipeline.archive.work import Call, Failed, Workers
@@ -155,7 +155,7 @@ class _Reprocessing:
 
     def _write_histories(self, turbines: Sequence[TurbineArchive], tables: ArchiveTables) -> None:
         """Tracking, sums and posteriors of every turbine; everything in order into the tables."""
-        ledger = Ledger(self._counted(tables))
+        ledger = ReprocessingRecord(self._counted(tables))
         total = sum(turbine.n_windows for turbine in turbines)
         calls = self._history_calls(turbines, ledger, total)
         for outcome in self._workers.outcomes(calls):
@@ -168,7 +168,7 @@ class _Reprocessing:
             self._say("updating", ledger.windows, total)
 
     def _history_calls(
-        self, turbines: Sequence[TurbineArchive], ledger: Ledger, total: int
+        self, turbines: Sequence[TurbineArchive], ledger: ReprocessingRecord, total: int
     ) -> Iterator[Call]:
         """What is still to be done; everything known already goes to the ledger."""
         for turbine in turbines:

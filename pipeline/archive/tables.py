@@ -20,7 +20,7 @@ class _Slot:
     messages: tuple[Message, ...] | None  # None: still to come
 
 
-class Ledger:
+class ReprocessingRecord:
     """Gives on messages in the order of their places, each as soon as all before it are there.
 
     take   what is done with a message

@@ -12,11 +12,11 @@ from pipeline.messages import (
     FoundationTruth,
     Message,
     ModalEstimate,
-    Warning,  # noqa: A004  # the field's word
+    QualityWarning,
     WindowRejected,
 )
 from pipeline.nodes.operating_state import rejected_estimate
-from pipeline.oma.data_quality.channel_swap import ChannelWatch
+from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
 from sensors.acquisition.blocks import NANOSECONDS
 
@@ -34,7 +34,7 @@ class ArchiveTracking:
         self._channels = tuple(channels)
         self._hop_ns = round(hop * NANOSECONDS)
         self._tracker = ModeTracker()
-        self._watch = ChannelWatch()
+        self._watch = ChannelSwapMonitor()
         self._next_window = 0
         self._expected_ns: int | None = None  # start of the next window, were there no gap
         self._truths: set[FoundationTruth] = set()
@@ -62,7 +62,7 @@ class ArchiveTracking:
             text = f"no layout of the archive has a channel {unknown[0]}"
             return rejected_estimate(estimate, "unknown-channel", text)
         modes = self._tracker.named(estimate.modes, on=self._places(estimate.channels))
-        events = tuple(Warning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
+        events = tuple(QualityWarning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
         swapped = self._watch.swap_in(estimate)
         if swapped is not None:
             return rejected_estimate(estimate, "swapped-channels", swapped)

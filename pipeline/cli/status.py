@@ -65,14 +65,14 @@ def metrics(
     out: Annotated[Path, typer.Option(help="Folder of the session that runs here.")] = Path("out"),
 ) -> None:
     """Serve rates, gaps, lag, modes, stiffness and change probability to Prometheus."""
-    from pipeline.monitoring.metrics import MetricsDesk, listened, served
+    from pipeline.monitoring.metrics import MetricsNode, listened, served
     from pipeline.monitoring.status import endpoint_of
     from pipeline.runtime.runner import open_session
     from pipeline.transport.zenoh_bus import ZenohBus
 
     where = connect or ([] if zenoh_config else [endpoint_of(out)])
     settings = zenoh_settings(mode, None, where, zenoh_config)
-    desk = MetricsDesk()
+    desk = MetricsNode()
     with (
         stopped_by_signals() as stopping,
         served(desk, port, address) as served_port,

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.messages import FoundationPosterior
-from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.population import SpringCoordinates
 from pipeline.updating.samplers.student_t import fitted_mixture
+from sensors.arrays import FloatArray
 
 NEARLY_GAUSSIAN = 1e6  # degrees of freedom at which Student's t is a Gaussian to six digits
 MOST_COMPONENTS = 4

@@ -18,9 +18,9 @@ from pipeline.farm.members import LeftOut, members_of, nominal_of
 from pipeline.farm.pooling import PooledDraws, pooled
 from pipeline.farm.settings import FarmError, GibbsSettings, PopulationPrior
 from pipeline.messages import FoundationPosterior, ParameterSummary
-from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.population import SpringCoordinates, StiffnessPopulation
 from pipeline.updating.prior import PARAMETER_NAMES
+from sensors.arrays import FloatArray
 
 OUTLYING = 0.8  # probability from which a turbine is said to be unlike the others
 MOST_DRAWS = 1000  # of a turbine's springs, that are kept

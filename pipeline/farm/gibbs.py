@@ -16,8 +16,8 @@ from scipy.special import logsumexp
 
 from pipeline.farm.evidence import StackedEvidence
 from pipeline.farm.settings import PopulationPrior
-from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.population import log_gaussian
+from sensors.arrays import FloatArray
 
 STEPS = (0.2, 0.4, 0.8)  # of the walk, in ln Σ
 STRETCH = 1.5  # of one standard deviation, in its logarithm

@@ -9,8 +9,8 @@ import numpy as np
 
 from pipeline.farm.evidence import FEWEST_DRAWS
 from pipeline.messages import FoundationPosterior
-from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.prior import PARAMETER_NAMES
+from sensors.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,8 +33,8 @@ import numpy as np
 from pipeline.farm.evidence import StackedEvidence
 from pipeline.farm.gibbs import Gibbs, State
 from pipeline.farm.settings import GibbsSettings, PopulationPrior
-from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.samplers.convergence import effective_sample_size, split_rhat
+from sensors.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -40,7 +40,7 @@ Families = Iterable["Metric"]
 Sample = tuple[tuple[str, ...], float]  # values of the labels, the figure
 
 
-class MetricsDesk:
+class MetricsNode:
     """A sink that gives the figures at any moment. Any thread may ask.
 
     clock   → [ns since 1970-01-01 UTC]
@@ -285,7 +285,7 @@ def _filled(family: Any, values: Iterable[Sample]) -> "Metric":
     return family
 
 
-def listened(desk: MetricsDesk, bus: Bus, stopping: threading.Event) -> None:
+def listened(desk: MetricsNode, bus: Bus, stopping: threading.Event) -> None:
     """Give the desk every message until `stopping` is set. Nothing is published: who may only read
     may do this."""
     inbox = Inbox()
@@ -298,7 +298,7 @@ def listened(desk: MetricsDesk, bus: Bus, stopping: threading.Event) -> None:
 
 
 @contextmanager
-def served(desk: MetricsDesk, port: int, address: str = LOOPBACK) -> Iterator[int]:
+def served(desk: MetricsNode, port: int, address: str = LOOPBACK) -> Iterator[int]:
     """The desk's figures over HTTP under /metrics; gives the port, which 0 leaves to the system.
 
     Raises InputError where the port is taken or the extra `metrics` is missing.

@@ -24,7 +24,7 @@ ENDPOINT_FILE = "endpoint"  # in a session's folder while it runs
 GAPS_TOLD = 20
 
 
-class StatusDesk:
+class StatusNode:
     """A sink that can say at any moment how the session does. Any thread may ask.
 
     source   what the session listens to, for people

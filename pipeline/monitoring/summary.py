@@ -17,8 +17,8 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     NodeStatus,
+    QualityWarning,
     StreamGap,
-    Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
 from pipeline.nodes.by_turbine import of_kind
@@ -154,7 +154,7 @@ class SessionSummary:
         return combined_modes(self.estimates, self.posterior)
 
     @property
-    def doubts(self) -> list[Warning]:
+    def doubts(self) -> list[QualityWarning]:
         """Every doubt once, in order of appearance: the last posterior's, the windows', the
         nodes'. Not the summary's own `warnings`, which it would say in its status and hear again.
         """

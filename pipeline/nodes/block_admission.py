@@ -28,7 +28,7 @@ class Admission:
     anew: bool = False  # they begin a session of their own, whatever their names
 
 
-class BlockGate:
+class BlockAdmission:
     """Watches the blocks of one unit."""
 
     def __init__(self) -> None:

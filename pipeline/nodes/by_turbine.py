@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from pipeline.messages import (
     Message,
     NodeStatus,
-    Warning,  # noqa: A004  # the field's word
+    QualityWarning,
 )
-from pipeline.messages import Warning as Doubt
 from pipeline.nodes.node import Node
 from sensors.errors import InputError
 
@@ -82,7 +81,7 @@ class ShardedNode:
         return ()
 
     @property
-    def warnings(self) -> tuple[Doubt, ...]:
+    def warnings(self) -> tuple[QualityWarning, ...]:
         """The node's own."""
         return getattr(self._node, "warnings", ())
 
@@ -110,7 +109,7 @@ MOST_TURBINES = 300  # of a session; an updater of each holds 3 MB
 MOST_UNITS = 16  # of a turbine
 
 
-class Roster:
+class LimitedMembers:
     """Names of those that were heard.
 
     When one more comes, who has said least goes; of these, who has been silent longest. So a flood
@@ -136,9 +135,9 @@ class Roster:
         return leaving
 
 
-def told_of_gone(gone: int, limits: str) -> tuple[Warning, ...]:
+def told_of_gone(gone: int, limits: str) -> tuple[QualityWarning, ...]:
     """What a node says that had to let somebody go; nothing where nobody had to."""
     if not gone:
         return ()
     text = f"more than {limits}: {gone} times who had said least was let go"
-    return (Warning("too-many-turbines", text),)
+    return (QualityWarning("too-many-turbines", text),)

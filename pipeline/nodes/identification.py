@@ -7,16 +7,16 @@ from typing import Generic, Protocol, TypeVar
 from pipeline.messages import (
     Message,
     ModalEstimate,
+    QualityWarning,
     StreamEnd,
-    Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
-from pipeline.nodes.block_admission import BlockGate, window_complaint
-from pipeline.nodes.by_turbine import MOST_TURBINES, MOST_UNITS, Roster, told_of_gone
+from pipeline.nodes.block_admission import BlockAdmission, window_complaint
+from pipeline.nodes.by_turbine import MOST_TURBINES, MOST_UNITS, LimitedMembers, told_of_gone
 from pipeline.nodes.operating_state import OperationLog, rejected_estimate
 from pipeline.nodes.unit_streams import JoinedSession, UnitSession
-from pipeline.oma.data_quality.block_monitor import BlockWatch
-from pipeline.oma.data_quality.channel_swap import ChannelWatch
+from pipeline.oma.data_quality.block_monitor import BlockMonitor
+from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -42,7 +42,7 @@ class IdentificationNode:
         self._settings = settings or OmaSettings()
         self._layouts: dict[str, SensorLayout] = {}
         self._sessions: dict[str, Session] = {}  # by turbine
-        self._gates: dict[tuple[str, str], BlockGate] = {}  # by turbine and unit
+        self._gates: dict[tuple[str, str], BlockAdmission] = {}  # by turbine and unit
         self._ends: dict[tuple[str, str, str], StreamEnd] = {}  # announced, blocks still missing
         self._late_of_ended = self._duplicate_of_ended = 0  # blocks of sessions that are over
         self._unfit_of_forgotten = 0  # blocks of units that were let go
@@ -105,7 +105,7 @@ class IdentificationNode:
             del self._ends[oldest]
 
     def _admitted(self, block: AccelerationBlock) -> Iterator[Message]:
-        gate = self._gates.setdefault((block.turbine, block.unit), BlockGate())
+        gate = self._gates.setdefault((block.turbine, block.unit), BlockAdmission())
         too_much = window_complaint(block, self._settings.window_duration)
         if too_much:
             gate.refuse(too_much)
@@ -244,11 +244,11 @@ class IdentificationInContext(Coat[IdentificationNode]):
         self._settings = settings or OmaSettings()
         super().__init__(IdentificationNode(self._settings))
         self._log = OperationLog()
-        self._blocks: dict[str, dict[str, BlockWatch]] = {}  # by turbine and unit
+        self._blocks: dict[str, dict[str, BlockMonitor]] = {}  # by turbine and unit
         self._layouts: dict[tuple[str, str], SensorLayout] = {}  # by turbine and unit
-        self._channels: dict[str, ChannelWatch] = {}
-        self._turbines = Roster(MOST_TURBINES)
-        self._units: dict[str, Roster] = {}  # by turbine
+        self._channels: dict[str, ChannelSwapMonitor] = {}
+        self._turbines = LimitedMembers(MOST_TURBINES)
+        self._units: dict[str, LimitedMembers] = {}  # by turbine
         self._units_gone = 0  # that were let go because their turbine had too many
 
     def handle(self, message: Message) -> Iterator[Message]:
@@ -258,7 +258,7 @@ class IdentificationInContext(Coat[IdentificationNode]):
             return
         if isinstance(message, AccelerationBlock):
             units = self._blocks.setdefault(message.turbine, {})
-            units.setdefault(message.unit, BlockWatch(self._settings.lateness)).note(message)
+            units.setdefault(message.unit, BlockMonitor(self._settings.lateness)).note(message)
         if isinstance(message, SensorLayout):
             self._layouts[message.turbine, message.unit] = message
         yield from self._answers(self._inner.handle(message))
@@ -279,7 +279,7 @@ class IdentificationInContext(Coat[IdentificationNode]):
             for key in [key for key in self._layouts if key[0] == leaving]:
                 del self._layouts[key]
         if isinstance(message, (AccelerationBlock, SensorLayout, StreamEnd)):
-            units = self._units.setdefault(message.turbine, Roster(MOST_UNITS))
+            units = self._units.setdefault(message.turbine, LimitedMembers(MOST_UNITS))
             silent = units.heard(message.unit)
             if silent is not None:
                 self._units_gone += 1
@@ -291,7 +291,7 @@ class IdentificationInContext(Coat[IdentificationNode]):
         """Take up what an identification that has ended answered, so that modes keep their names
         and channels are compared with the last good window's."""
         if isinstance(answer, ModalEstimate):
-            self._channels.setdefault(answer.turbine, ChannelWatch()).swap_in(answer)
+            self._channels.setdefault(answer.turbine, ChannelSwapMonitor()).swap_in(answer)
         self._inner.recall(answer)
 
     def _in_context(self, estimate: ModalEstimate) -> ModalEstimate | WindowRejected:
@@ -300,7 +300,7 @@ class IdentificationInContext(Coat[IdentificationNode]):
         if still is not None:
             return rejected_estimate(estimate, "constant", still)
         if self._compared:
-            watch = self._channels.setdefault(estimate.turbine, ChannelWatch())
+            watch = self._channels.setdefault(estimate.turbine, ChannelSwapMonitor())
             swapped = watch.swap_in(estimate)
             if swapped is not None:
                 return rejected_estimate(estimate, "swapped-channels", swapped)
@@ -322,7 +322,7 @@ class IdentificationInContext(Coat[IdentificationNode]):
                         return f"{known_as} stands still from {since:.0f} s on"
         return None
 
-    def _link_and_clock_doubts(self, estimate: ModalEstimate) -> tuple[Warning, ...]:
+    def _link_and_clock_doubts(self, estimate: ModalEstimate) -> tuple[QualityWarning, ...]:
         """What link and clock of every unit did wrong; of several units, each by its name."""
         units = self._blocks[estimate.turbine]
         return tuple(
@@ -332,12 +332,12 @@ class IdentificationInContext(Coat[IdentificationNode]):
         )
 
     @property
-    def warnings(self) -> tuple[Warning, ...]:
+    def warnings(self) -> tuple[QualityWarning, ...]:
         """What the node says in its status beside its counts."""
         said = []
         if self._inner.unfit:
             said.append(
-                Warning(
+                QualityWarning(
                     "unfit-blocks",
                     f"{self._inner.unfit} blocks of another rate, shape or time than their "
                     f"session's were dropped; the last of {self._inner.complaint}",

@@ -4,8 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from pipeline.messages import Message, MessageCount, NodeStatus
-from pipeline.messages import Warning as Doubt
+from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.node import Node
 from sensors.acquisition.blocks import AccelerationBlock
 
@@ -76,9 +75,11 @@ class NodeAccount:
         malformed   messages that were dropped before they reached it
         refusal     of the last of them: where it came and what was wrong
         """
-        doubts: tuple[Doubt, ...] = getattr(self.node, "warnings", ())
+        doubts: tuple[QualityWarning, ...] = getattr(self.node, "warnings", ())
         if malformed:
-            doubts += (Doubt("malformed", f"messages were dropped, the last one {refusal}"),)
+            doubts += (
+                QualityWarning("malformed", f"messages were dropped, the last one {refusal}"),
+            )
         return NodeStatus(
             turbine=self._turbine,
             node=self.node.name,

@@ -1,13 +1,13 @@
 """What must be remembered of a running session: of one acquisition unit, or of several joined.
 
-one unit      blocks ─► BlockOrder ─────────────────────────► WindowAnswers
-several       blocks ─► BlockOrder of each ─► UnitJoiner ───► WindowAnswers
+one unit      blocks ─► BlockOrder ─────────────────────────► WindowIdentification
+several       blocks ─► BlockOrder of each ─► UnitJoiner ───► WindowIdentification
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 
 from pipeline.messages import Message, ModalEstimate, WindowRejected
-from pipeline.nodes.window_identification import WindowAnswers
+from pipeline.nodes.window_identification import WindowIdentification
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.windowing import BlockOrder, MissingSamples
@@ -26,7 +26,7 @@ class UnitSession:
     ):
         self._unit, self._name = first.unit, first.session
         self._order = BlockOrder(settings.lateness)
-        self._windows = WindowAnswers(first.turbine, first.unit, settings, layouts)
+        self._windows = WindowIdentification(first.turbine, first.unit, settings, layouts)
         self._newest_ns = 0
 
     @property
@@ -55,7 +55,7 @@ class UnitSession:
         yield from self._windows.finish()
 
     def recall(self, answer: ModalEstimate | WindowRejected) -> None:
-        """See `WindowAnswers.recall`."""
+        """See `WindowIdentification.recall`."""
         self._windows.recall(answer)
 
     def _answers(self, pieces: Iterable[AccelerationBlock | MissingSamples]) -> Iterator[Message]:
@@ -86,7 +86,7 @@ class JoinedSession:
         self._late = self._duplicate = 0  # blocks of sessions of units that are over
         self.newest: dict[str, tuple[str, int]] = {}
         joined = self._joiner.layout
-        self._windows = WindowAnswers(
+        self._windows = WindowIdentification(
             joined.turbine,
             joined.unit,
             settings,
@@ -129,7 +129,7 @@ class JoinedSession:
         yield from self._windows.finish()
 
     def recall(self, answer: ModalEstimate | WindowRejected) -> None:
-        """See `WindowAnswers.recall`."""
+        """See `WindowIdentification.recall`."""
         self._windows.recall(answer)
 
     def _close_order(self, following: AccelerationBlock) -> Iterator[Message]:

@@ -7,10 +7,10 @@ from pipeline.messages import (
     FoundationPosterior,
     Message,
     ModalEstimate,
-    Warning,  # noqa: A004  # the field's word
+    QualityWarning,
     WindowRejected,
 )
-from pipeline.nodes.by_turbine import MOST_TURBINES, Roster, told_of_gone
+from pipeline.nodes.by_turbine import MOST_TURBINES, LimitedMembers, told_of_gone
 from pipeline.nodes.nacelle_axes import in_nacelle_axes
 from pipeline.nodes.node import Node
 from pipeline.nodes.operating_state import OperationSettings, refusal_by_operation
@@ -79,7 +79,7 @@ class UpdatingInContext:
         self._special = dict(special or {})
         self._spare: Node | None = make()  # made before the first window waits for it
         self._updaters: dict[str, Node] = {}
-        self._turbines = Roster(MOST_TURBINES)
+        self._turbines = LimitedMembers(MOST_TURBINES)
 
     def handle(self, message: Message) -> Iterable[Message]:
         if not isinstance(message, ModalEstimate):
@@ -101,7 +101,7 @@ class UpdatingInContext:
         return spare or self._make()
 
     @property
-    def warnings(self) -> tuple[Warning, ...]:
+    def warnings(self) -> tuple[QualityWarning, ...]:
         """What the updaters say in the node's status."""
         updaters = self._updaters.values()
         told = tuple(doubt for each in updaters for doubt in getattr(each, "warnings", ()))

@@ -1,4 +1,4 @@
-"""WindowAnswers: cuts ordered pieces into windows; each is identified, or refused with a reason."""
+"""Cut ordered blocks into windows; identify each or reject it with a reason."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -7,9 +7,9 @@ import numpy as np
 from pipeline.messages import (
     Message,
     ModalEstimate,
+    QualityWarning,
     StabilisationDiagram,
     StreamGap,
-    Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
@@ -50,7 +50,7 @@ def stabilisation_diagram(
 Columns = dict[str, list[int]]  # which channels are a unit's, of several
 
 
-class WindowAnswers:
+class WindowIdentification:
     """Cuts ordered pieces into windows and answers each.
 
     columns   which channels are a unit's, where several are joined
@@ -147,7 +147,7 @@ class WindowAnswers:
         if result.rejection is not None:
             return self._rejected(window, result.rejection)
         doubts = tuple(
-            Warning("missing-unit", _missing_text({unit: span}, f"unit {unit}"))
+            QualityWarning("missing-unit", _missing_text({unit: span}, f"unit {unit}"))
             for unit, span in missing.items()
         )
         clocks = self._clock_doubts(window, result, missing)
@@ -156,7 +156,7 @@ class WindowAnswers:
             return self._rejected(window, unusable)
         places = ChannelPlaces(tuple(present), window.samples.shape[1]) if missing else None
         modes = self._tracker.named(result.modes, on=places)
-        events = tuple(Warning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
+        events = tuple(QualityWarning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
         return ModalEstimate(
             turbine=self._turbine,
             window=window.index,
@@ -209,7 +209,7 @@ class WindowAnswers:
 
     def _clock_doubts(
         self, window: Window, result: Identification, missing: dict[str, float]
-    ) -> tuple[Warning, ...]:
+    ) -> tuple[QualityWarning, ...]:
         """What the modes' phases say of the units' clocks, each against the first one's."""
         if missing or len(self._columns) < 2:
             return ()
@@ -221,29 +221,29 @@ class WindowAnswers:
                 doubts.append(_clock_doubt(unit, reference, offset))
         return tuple(doubts)
 
-    def _refusal(self, window: Window, missing: dict[str, float]) -> Warning | None:
+    def _refusal(self, window: Window, missing: dict[str, float]) -> QualityWarning | None:
         """Why a window cannot be identified at all, before its samples are looked at."""
         if window.gaps:
             gap = max(window.gaps, key=lambda g: g.n_samples)
             others = f" ({len(window.gaps)} gaps in all)" if len(window.gaps) > 1 else ""
-            return Warning(
+            return QualityWarning(
                 "gap",
                 f"gap of {gap.n_samples / window.sampling_rate:.3g} s in unit {self._unit} at "
                 f"{gap.first_sample / window.sampling_rate:.3f} s{others}",
             )
         if not window.complete:
-            return Warning(
+            return QualityWarning(
                 "short",
                 f"the session of unit {self._unit} ended {window.duration:.3g} s into a window of "
                 f"{self._settings.window_duration:g} s",
             )
         if window.status & BlockStatus.SENSOR_FAULT:
-            return Warning("sensor-fault", f"unit {self._unit} reports a faulty channel")
+            return QualityWarning("sensor-fault", f"unit {self._unit} reports a faulty channel")
         if len(missing) == len(self._columns) > 0:
-            return Warning("gap", _missing_text(missing, "every unit"))
+            return QualityWarning("gap", _missing_text(missing, "every unit"))
         return None
 
-    def _rejected(self, window: Window, why: Warning) -> WindowRejected:
+    def _rejected(self, window: Window, why: QualityWarning) -> WindowRejected:
         self._tracker.missed()
         return WindowRejected(
             turbine=self._turbine,
@@ -260,25 +260,29 @@ def _missing_text(missing: dict[str, float], who: str) -> str:
     return f"{who} is missing for {longest:.3g} s of the window; its channels are left out"
 
 
-def _clock_doubt(unit: str, reference: str, offset: UnitOffset) -> Warning:
+def _clock_doubt(unit: str, reference: str, offset: UnitOffset) -> QualityWarning:
     apart = (
         f"the stamps of unit {unit} are {1e3 * offset.seconds:+.2f} ± {1e3 * offset.std:.2f} ms "
         f"off those of unit {reference} by the phase of the modes"
     )
     if offset.exceeds(UNUSABLE):
-        return Warning(
+        return QualityWarning(
             "unsynchronised-units", f"{apart}; more than {1e3 * UNUSABLE:g} ms spoils the shapes"
         )
-    return Warning("unit-offset", f"{apart}; the shapes suffer above {1e3 * NOTABLE:g} ms")
+    return QualityWarning("unit-offset", f"{apart}; the shapes suffer above {1e3 * NOTABLE:g} ms")
 
 
-def _status_warnings(status: BlockStatus) -> tuple[Warning, ...]:
+def _status_warnings(status: BlockStatus) -> tuple[QualityWarning, ...]:
     """What the unit itself said of the window's blocks."""
     warnings = []
     if status & BlockStatus.CLIPPED:
-        warnings.append(Warning("clipped", "the unit reports samples at its converter's limit"))
+        warnings.append(
+            QualityWarning("clipped", "the unit reports samples at its converter's limit")
+        )
     if status & BlockStatus.CLOCK_UNSYNCHRONISED:
         warnings.append(
-            Warning("unsynchronised-clock", "the unit reports that it has lost its time reference")
+            QualityWarning(
+                "unsynchronised-clock", "the unit reports that it has lost its time reference"
+            )
         )
     return tuple(warnings)

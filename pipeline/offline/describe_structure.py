@@ -5,13 +5,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
 from sensors.dynamics.full_model_modes import FullModes, full_modes
 from sensors.structure.description import Direction, TurbineDescription
-
-FloatArray = NDArray[np.float64]
 
 N_MODES = 6
 POINTS = 60  # of the tower, at which its shapes are known

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.messages import ModalEstimate, Warning, WindowRejected  # noqa: A004
+from pipeline.messages import ModalEstimate, QualityWarning, WindowRejected
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.measured_quantities import guessed_quantities
@@ -50,10 +50,10 @@ class FileIdentification:
     first_identified: IdentifiedWindow | None  # None where every window was rejected
 
     @property
-    def warnings(self) -> tuple[Warning, ...]:
+    def warnings(self) -> tuple[QualityWarning, ...]:
         """Every doubt once: of the windows, then of those rejected."""
         doubts = [doubt for estimate in self.estimates for doubt in estimate.warnings]
-        doubts += [Warning(each.code, each.reason) for each in self.rejected]
+        doubts += [QualityWarning(each.code, each.reason) for each in self.rejected]
         return tuple(dict.fromkeys(doubts))
 
     def windows_json(self) -> dict[str, Any]:
@@ -188,7 +188,9 @@ def _table(blocks: list[AccelerationBlock], layouts: dict[str, SensorLayout]) ->
     return ChannelTable(names, units, samples, np.concatenate(times), start_ns)
 
 
-def _guess(table: ChannelTable, quantities: tuple[Quantity, ...] | None) -> tuple[Warning, ...]:
+def _guess(
+    table: ChannelTable, quantities: tuple[Quantity, ...] | None
+) -> tuple[QualityWarning, ...]:
     """A warning where the file does not say what its channels measure, and their phases do."""
     if quantities is None or table.quantities is not None:
         return ()
@@ -200,7 +202,7 @@ def _guess(table: ChannelTable, quantities: tuple[Quantity, ...] | None) -> tupl
         "quarter of a period: taken for velocities beside accelerations (or displacements beside "
         "velocities); units in the header would tell"
     )
-    return (Warning("quantities-guessed", text),)
+    return (QualityWarning("quantities-guessed", text),)
 
 
 def _windows(

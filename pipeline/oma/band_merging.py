@@ -4,15 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.messages import Mode  # the field's word
+from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.stabilization import unexplained_spread
-
-FloatArray = NDArray[np.float64]
-
+from sensors.arrays import FloatArray
 
 MUCH_SHARPER = 2.0  # for each slower rate, a band's frequency std must be so many times smaller
 

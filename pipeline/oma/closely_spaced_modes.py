@@ -15,14 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
 from pipeline.messages import Mode
-from pipeline.oma.ssi.coincident_modes import Twins
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from pipeline.oma.ssi.coincident_modes import CoincidentModes
+from sensors.arrays import FloatArray, IntArray
 
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
 HALF_WIDTH = 2.0  # of the narrow band, in lines 1/T
@@ -118,7 +115,7 @@ def with_close_pairs(
 
 
 def twin_pairs(
-    twins: Sequence[Twins],
+    twins: Sequence[CoincidentModes],
     samples: FloatArray,
     sampling_rate: float,
     integrations: IntArray | None = None,

@@ -44,9 +44,7 @@ from pipeline.oma.ssi.covariance import (
 )
 from pipeline.oma.ssi.preprocessing import decimated, n_decimated
 from pipeline.oma.ssi.ssi_cov import SignalSubspace
-
-FloatArray = NDArray[np.float64]
-
+from sensors.arrays import FloatArray
 
 PIECE = 10.0  # that is filtered at once [s]: filters are longer than a block of one second
 

@@ -11,8 +11,7 @@ import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from pipeline.messages import FoundationTruth, Message, NodeStatus
-from pipeline.messages import Warning as Doubt
+from pipeline.messages import FoundationTruth, Message, NodeStatus, QualityWarning
 from pipeline.recording.deduplication import Repetition, latest_payloads
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import counted_in_summary
@@ -88,7 +87,7 @@ class SessionRecorder:
         settings: RecordingSettings | None = None,
         free: Callable[[Path], int] = free_bytes,
     ) -> None:
-        self.warnings: tuple[Doubt, ...] = ()
+        self.warnings: tuple[QualityWarning, ...] = ()
         self.lost = 0  # acceleration blocks that were received and could not be recorded
         self.duplicate = 0  # acceleration blocks that had been recorded before
         self._path = path
@@ -195,7 +194,7 @@ class SessionRecorder:
         assert self._recorder is not None
         recorder, self._recorder = self._recorder, None
         text = f"recording to {recorder.path} has stopped: {reason}"
-        self.warnings = (Doubt("recording-stopped", text),)
+        self.warnings = (QualityWarning("recording-stopped", text),)
         logger.error(text)
         if not self._closed_by_itself(recorder):
             recorder.abandon()

@@ -37,16 +37,15 @@ from pipeline.updating.likelihood.pairing import Pairing
 from pipeline.updating.prior import Prior, UpdatingError
 from pipeline.updating.samplers.interface import PosteriorDraws
 from pipeline.updating.samplers.tmcmc import (
-    MendedTmcmc,
+    CorrectedTmcmc,
     PublishedSettings,
     PublishedTmcmc,
     TemperingSettings,
 )
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.foundation import SpringSign
-
-FloatArray = NDArray[np.float64]
 
 SCENARIO = "paper"
 # As the publication has it: no systematic floors, Gaussian errors.
@@ -219,7 +218,7 @@ def _posteriors(
     density = PublishedDensity(likelihood, forward, prior)
     target = density.target(laplace_peak(likelihood, forward, prior, np.ones(3)))
     published = PublishedTmcmc(PublishedSettings(samples=samples))
-    mended = MendedTmcmc(TemperingSettings(samples=min(samples, KEPT_DRAWS)))
+    mended = CorrectedTmcmc(TemperingSettings(samples=min(samples, KEPT_DRAWS)))
     return (
         _posterior(published(target, np.random.default_rng([seed, 1])), density),
         _posterior(mended(target, np.random.default_rng([seed, 2])), density),

@@ -6,13 +6,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.monitoring.status import ENDPOINT_FILE, StatusDesk
+from pipeline.monitoring.status import ENDPOINT_FILE, StatusNode
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, peer_of
 from pipeline.transport.zenoh_settings import ANY_LOCAL_PORT
 
 
 @dataclass(frozen=True, slots=True)
-class MeetingPoint:
+class ZenohEndpoints:
     """How the parts of one session find each other."""
 
     hub: ZenohSettings  # of the one that the source speaks through and that answers for all
@@ -20,7 +20,7 @@ class MeetingPoint:
     endpoint: str  # where the session can be asked from this machine; "" where it listens nowhere
 
 
-def meeting_point(settings: ZenohSettings) -> MeetingPoint:
+def meeting_point(settings: ZenohSettings) -> ZenohEndpoints:
     """peer: the hub listens and the nodes find it and each other; router: the nodes are clients of
     the hub, which routes between them and everybody else; client: all are clients of one router.
 
@@ -28,25 +28,25 @@ def meeting_point(settings: ZenohSettings) -> MeetingPoint:
     """
     match settings.role:
         case "client":
-            return MeetingPoint(settings, settings, next(iter(settings.endpoints), ""))
+            return ZenohEndpoints(settings, settings, next(iter(settings.endpoints), ""))
         case "router":
             local = free_endpoint()
             nodes = ZenohSettings(mode="client", connect=(local,))
-            return MeetingPoint(replace(settings, local=local), nodes, local)
+            return ZenohEndpoints(replace(settings, local=local), nodes, local)
         case _ if settings.config_file is not None:
             local = free_endpoint()
             nodes = replace(
                 settings, listen=(ANY_LOCAL_PORT,), connect=(*settings.endpoints, local)
             )
-            return MeetingPoint(replace(settings, local=local), nodes, local)
+            return ZenohEndpoints(replace(settings, local=local), nodes, local)
         case _:
             endpoint = settings.listen[0] if settings.listen else free_endpoint()
             hub = replace(settings, listen=settings.listen or (endpoint,))
-            return MeetingPoint(hub, peer_of(endpoint), endpoint)
+            return ZenohEndpoints(hub, peer_of(endpoint), endpoint)
 
 
 @contextmanager
-def open_hub(meeting: MeetingPoint, desk: StatusDesk, key: str, out: Path) -> Iterator[ZenohBus]:
+def open_hub(meeting: ZenohEndpoints, desk: StatusNode, key: str, out: Path) -> Iterator[ZenohBus]:
     """The session that all others connect to; it answers for all, and its folder says where."""
     place = out / ENDPOINT_FILE
     bus = ZenohBus(meeting.hub)

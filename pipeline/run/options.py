@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from pipeline.monitoring.alarms.settings import NoticesSettings
+from pipeline.monitoring.alarms.settings import AlarmSettings
 from pipeline.transport.zenoh_bus import ZenohSettings
 from pipeline.viewer.outputs.outputs import ViewerOutput
 
@@ -25,4 +25,4 @@ class SessionOptions:
     shards: int = 1  # processes that share the turbines, of each node that can be shared
     elsewhere: tuple[str, ...] = ()  # nodes of a live session that run on other machines
     metrics: int | None = None  # port on this machine where Prometheus may ask
-    notices: NoticesSettings | None = None  # whom to tell of what; None: nobody
+    notices: AlarmSettings | None = None  # whom to tell of what; None: nobody

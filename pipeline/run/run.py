@@ -12,11 +12,11 @@ from pipeline.app import Outputs, Plan, build
 from pipeline.messages import Message
 from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
 from pipeline.monitoring.alarms.alarm_node import KEY as NOTICES_KEY
-from pipeline.monitoring.alarms.alarm_node import NoticesDesk, desk_of
+from pipeline.monitoring.alarms.alarm_node import AlarmNode, desk_of
 from pipeline.monitoring.alarms.channels import channels_of
-from pipeline.monitoring.metrics import MetricsDesk, served
+from pipeline.monitoring.metrics import MetricsNode, served
 from pipeline.monitoring.status import KEY as STATUS_KEY
-from pipeline.monitoring.status import StatusDesk
+from pipeline.monitoring.status import StatusNode
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.nodes.by_turbine import ShardedNode, parsed_shard
 from pipeline.nodes.node import Node
@@ -98,7 +98,7 @@ def run_session(
     try:
         with ExitStack() as stack:
             if options.metrics is not None:
-                figures_desk = MetricsDesk()
+                figures_desk = MetricsNode()
                 stack.enter_context(served(figures_desk, options.metrics))
                 desks.append(figures_desk)
             if options.notices is not None:
@@ -159,7 +159,7 @@ def _run(
         return ZenohBus(meeting.nodes)
 
     follows = options.speed == float("inf") and not source.is_live
-    desk = StatusDesk(source.text)
+    desk = StatusNode(source.text)
     control = ReplayControl(source, options.speed, stopping)
     # The hub first: a port that is taken is told before a node has begun a file.
     with open_hub(meeting, desk, f"{STATUS_KEY}/{turbine}", options.out) as bus:
@@ -172,7 +172,7 @@ def _run(
                 workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
         workers += [runner.NodeThread(each, open_bus, turbine) for each in (*desks, desk)]
         for told in desks:
-            if isinstance(told, NoticesDesk):
+            if isinstance(told, AlarmNode):
                 bus.answer(f"{NOTICES_KEY}/{turbine}", told.answer)
         if not source.is_live:
             bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)

@@ -26,9 +26,9 @@ from pipeline.messages import (
     FoundationPosterior,
     Message,
     ModalEstimate,
+    QualityWarning,
     StabilisationDiagram,
     StreamGap,
-    Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
 from pipeline.nodes.identification import Coat, IdentificationInContext
@@ -143,7 +143,7 @@ class ResumedIdentification(Coat[IdentificationInContext]):
             self._inner.recall(answer)
 
     @property
-    def warnings(self) -> tuple[Warning, ...]:
+    def warnings(self) -> tuple[QualityWarning, ...]:
         """See `IdentificationInContext.warnings`."""
         return self._inner.warnings
 
@@ -221,7 +221,7 @@ class KeptIdentification(Coat[ResumedIdentification]):
         super().__init__(node)
         self._folder = CheckpointFolder(folder, "identification")
         self._kept: dict[str, tuple[WindowAnswer, ...]] = {}  # by turbine, windows in order
-        self._doubts: tuple[Warning, ...] = ()
+        self._doubts: tuple[QualityWarning, ...] = ()
 
     def handle(self, message: Message) -> Iterator[Message]:
         if isinstance(message, AccelerationBlock) and message.turbine not in self._kept:
@@ -255,12 +255,12 @@ class KeptIdentification(Coat[ResumedIdentification]):
             text = f"{path} could not be written ({reason}): modes lose their names by a restart"
             if not self._doubts:
                 logger.error(text)
-            self._doubts = (Warning("checkpoint-not-written", text),)
+            self._doubts = (QualityWarning("checkpoint-not-written", text),)
         else:
             self._doubts = ()
 
     @property
-    def warnings(self) -> tuple[Warning, ...]:
+    def warnings(self) -> tuple[QualityWarning, ...]:
         """The node's own, and that the disk is full."""
         return (*self._inner.warnings, *self._doubts)
 

@@ -27,9 +27,9 @@ from pipeline.messages import (
     FoundationPosterior,
     Message,
     ModalEstimate,
+    QualityWarning,
     WindowRejected,
 )
-from pipeline.messages import Warning as Doubt
 from pipeline.nodes.updating import FoundationUpdaterNode
 from pipeline.streams import stream_of
 from pipeline.transport.codec import decode, encode
@@ -209,7 +209,7 @@ class CheckpointedUpdating:
     inputs: tuple[type, ...] = (ModalEstimate,)
 
     def __init__(self, updater: FoundationUpdater, folder: CheckpointFolder, turbine: str) -> None:
-        self.warnings: tuple[Doubt, ...] = ()
+        self.warnings: tuple[QualityWarning, ...] = ()
         self._updater = updater
         self._folder = folder
         self._turbine = turbine
@@ -254,7 +254,7 @@ class CheckpointedUpdating:
         except OSError as error:
             path, reason = self._folder.file_of(self._turbine), error.strerror or error
             text = f"{path} could not be written ({reason}): a restart goes on from the one before"
-            self.warnings = (Doubt("checkpoint-not-written", text),)
+            self.warnings = (QualityWarning("checkpoint-not-written", text),)
             logger.error(text)
         else:
             self.warnings = ()

@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.messages import Message, MessageCount, NodeStatus
-from pipeline.messages import Warning as Doubt
+from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.runner import STATUS_PERIOD, Report, open_session, with_end
 from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
@@ -187,28 +186,32 @@ class FeedAccount:
             warnings=tuple(self._doubts(state)),
         )
 
-    def _doubts(self, state: str) -> Iterator[Doubt]:
+    def _doubts(self, state: str) -> Iterator[QualityWarning]:
         counts, name = self._live.counts, self._live.name
         never = state == "stopped" and not counts.connections and bool(counts.trouble)
         if (not counts.connected and state == "running") or never:
-            yield Doubt("link-down", f"{name}: {counts.trouble or 'not connected yet'}")
+            yield QualityWarning("link-down", f"{name}: {counts.trouble or 'not connected yet'}")
         if self._quiet:
-            yield Doubt("quiet", self._silence)
+            yield QualityWarning("quiet", self._silence)
         elif state == "stopped" and counts.connections and not counts.received:
-            yield Doubt("quiet", f"{name}: nothing came; {NOTHING_CAME}")
+            yield QualityWarning("quiet", f"{name}: nothing came; {NOTHING_CAME}")
         if counts.retained:
-            yield Doubt(
+            yield QualityWarning(
                 "retained",
                 f"{name}: {counts.retained} measurements that the broker had kept were left out",
             )
         if counts.unknown:
             channels = ", ".join(sorted(counts.unknown))
-            yield Doubt("unknown-channels", f"{name} sends what no layout lists: {channels}")
+            yield QualityWarning(
+                "unknown-channels", f"{name} sends what no layout lists: {channels}"
+            )
         if counts.malformed + counts.forged:
-            yield Doubt("malformed", f"{name}: messages were dropped, the last: {counts.refusal}")
+            yield QualityWarning(
+                "malformed", f"{name}: messages were dropped, the last: {counts.refusal}"
+            )
         missing = self._live.missing_blocks
         if missing:
-            yield Doubt("gap", f"{name}: {missing} blocks are missing in its gaps")
+            yield QualityWarning("gap", f"{name}: {missing} blocks are missing in its gaps")
 
     def _name_unknown(self) -> None:
         """Tell a person of channels that are left out, each once."""

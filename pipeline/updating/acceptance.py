@@ -28,9 +28,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.messages import Warning as Doubt
-from pipeline.updating.forward_model import FloatArray
+from pipeline.messages import QualityWarning
 from pipeline.updating.prior import UpdatingError
+from sensors.arrays import FloatArray
 
 LARGEST_MISFIT = 3.0  # that one mode counts for [standard deviations]
 N_STIFFNESSES = 3
@@ -38,7 +38,7 @@ UNCONVERGED = ("chain-short", "not-converged")  # codes of doubts
 
 
 @dataclass(frozen=True, slots=True)
-class GuardSettings:
+class AcceptanceSettings:
     """Thresholds beyond which the structure is probably not the modelled one."""
 
     reduced_chi_square: float = 3.0  # of the frequencies at σ = 0 [-]
@@ -80,7 +80,9 @@ def reduced_chi_square(misfits: FloatArray) -> float:
     return float(counted.sum() / max(len(misfits) - N_STIFFNESSES, 1))
 
 
-def refusal(paired_share: float, pairing_cost: float, settings: GuardSettings) -> Doubt | None:
+def refusal(
+    paired_share: float, pairing_cost: float, settings: AcceptanceSettings
+) -> QualityWarning | None:
     """Why these modes are not this structure's; None where a posterior is worth computing.
 
     Where most identified modes find no partner, the few pairs there are have been found by chance,
@@ -88,13 +90,13 @@ def refusal(paired_share: float, pairing_cost: float, settings: GuardSettings) -
     """
     share_needed, cost_allowed = settings.refused_share, settings.refused_cost
     if paired_share < share_needed:
-        return Doubt(
+        return QualityWarning(
             "few-pairs",
             f"only {paired_share:.0%} of the identified modes are modes of the model (at least "
             f"{share_needed:.0%} needed): no posterior",
         )
     if pairing_cost > cost_allowed:
-        return Doubt(
+        return QualityWarning(
             "pairing-cost",
             f"identified and model modes hardly resemble each other (mean cost {pairing_cost:.1f}, "
             f"at most {cost_allowed:g} allowed): no posterior",
@@ -102,17 +104,17 @@ def refusal(paired_share: float, pairing_cost: float, settings: GuardSettings) -
     return None
 
 
-def unconverged(doubts: Sequence[Doubt]) -> bool:
+def unconverged(doubts: Sequence[QualityWarning]) -> bool:
     """Whether a sampler says of itself that its quantiles are rough."""
     return any(doubt.code in UNCONVERGED for doubt in doubts)
 
 
-def contradictions(fit: Fit, settings: GuardSettings) -> tuple[Doubt, ...]:
+def contradictions(fit: Fit, settings: AcceptanceSettings) -> tuple[QualityWarning, ...]:
     """Why the data contradict the model; empty for a posterior that may be trusted."""
     doubts = []
     if fit.reduced_chi_square > settings.reduced_chi_square:
         doubts.append(
-            Doubt(
+            QualityWarning(
                 "misfit",
                 f"the identified frequencies lie further from the model's than their standard "
                 f"deviations allow (reduced chi-square {fit.reduced_chi_square:.1f}, at most "
@@ -121,7 +123,7 @@ def contradictions(fit: Fit, settings: GuardSettings) -> tuple[Doubt, ...]:
         )
     if fit.paired_share < settings.paired_share:
         doubts.append(
-            Doubt(
+            QualityWarning(
                 "few-pairs",
                 f"only {fit.paired_share:.0%} of the identified modes are modes of the model "
                 f"(at least {settings.paired_share:.0%} expected)",
@@ -129,7 +131,7 @@ def contradictions(fit: Fit, settings: GuardSettings) -> tuple[Doubt, ...]:
         )
     if fit.pairing_cost > settings.pairing_cost:
         doubts.append(
-            Doubt(
+            QualityWarning(
                 "pairing-cost",
                 f"identified and model modes resemble each other badly (mean cost "
                 f"{fit.pairing_cost:.1f}, at most {settings.pairing_cost:g} expected)",

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.messages import ModePair, ParameterSummary
-from pipeline.messages import Warning as Doubt
-from pipeline.updating.acceptance import GuardSettings
-from pipeline.updating.forward_model import FloatArray
+from pipeline.messages import ModePair, ParameterSummary, QualityWarning
+from pipeline.updating.acceptance import AcceptanceSettings
+from sensors.arrays import FloatArray
 
 
 def contraction(width: float, extent: float) -> float:
@@ -54,10 +53,12 @@ def predictive_misfits(
     return np.asarray(errors.mean(axis=0) / np.sqrt(spread))
 
 
-def misfit_doubts(pairs: Sequence[ModePair], settings: GuardSettings) -> tuple[Doubt, ...]:
+def misfit_doubts(
+    pairs: Sequence[ModePair], settings: AcceptanceSettings
+) -> tuple[QualityWarning, ...]:
     """One sentence for each mode that the posterior cannot explain."""
     return tuple(
-        Doubt(
+        QualityWarning(
             "mode-misfit",
             f"mode {each.identified or '?'} at {each.frequency:.4g} Hz, taken for the model's "
             f"{each.model}, lies {each.frequency / each.model_frequency - 1:+.2%} off, "
@@ -69,11 +70,11 @@ def misfit_doubts(pairs: Sequence[ModePair], settings: GuardSettings) -> tuple[D
 
 
 def unidentified_doubts(
-    parameters: Sequence[ParameterSummary], settings: GuardSettings
-) -> tuple[Doubt, ...]:
+    parameters: Sequence[ParameterSummary], settings: AcceptanceSettings
+) -> tuple[QualityWarning, ...]:
     """One sentence for each stiffness about which the sensors say next to nothing."""
     return tuple(
-        Doubt(
+        QualityWarning(
             "not-identified",
             f"{each.name} is not identified by these sensors: its interval is "
             f"{1 - each.contraction:.0%} of the prior's",

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
-from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.prior import UpdatingError
+from sensors.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

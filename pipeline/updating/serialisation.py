@@ -24,7 +24,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
 KIND = b"pilewatch-updating"

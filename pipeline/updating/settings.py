@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from pipeline.updating.acceptance import GuardSettings
+from pipeline.updating.acceptance import AcceptanceSettings
 from pipeline.updating.change.settings import ChangeSettings
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.likelihood.pairing import PairingSettings
@@ -21,7 +21,7 @@ class UpdatingSettings:
     likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     sampler: SamplerSettings = field(default_factory=SamplerSettings)  # emcee's
-    guards: GuardSettings = field(default_factory=GuardSettings)
+    guards: AcceptanceSettings = field(default_factory=AcceptanceSettings)
     change: ChangeSettings = field(default_factory=ChangeSettings)
     uncertain: UncertainSettings = field(default_factory=UncertainSettings)
     population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none

@@ -24,11 +24,12 @@ from scipy.stats import halfnorm, norm
 
 from pipeline.messages import ParameterSummary
 from pipeline.updating.diagnostics import contraction
-from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
+from pipeline.updating.forward_model import ForwardModel, ModesOfStiffness
 from pipeline.updating.likelihood.laplace import Peak, bounded_inverse
 from pipeline.updating.likelihood.pairing import DIFFERENCE
 from pipeline.updating.model_matching import Match
 from pipeline.updating.prior import Prior, PriorSettings, UpdatingError
+from sensors.arrays import FloatArray
 
 SCOUR = "scour_depth"
 WITHIN = 5.0  # standard deviations of a figure's prior that are looked at [-]
@@ -67,7 +68,7 @@ class UncertainSettings:
         return np.array([getattr(self, name) for name in self.names])
 
 
-class WidePrior(Prior):
+class StructuralPrior(Prior):
     """The springs' uniform prior with the figures' normal ones.
 
     Coordinates are (k11, k22, k12) / nominal, then each figure's departure from its description:
@@ -114,7 +115,7 @@ class WidePrior(Prior):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WideModes:
+class StructuralModes:
     """Modes of n points; `ModesOfStiffness`."""
 
     frequencies: FloatArray  # (n, m) [Hz]
@@ -122,7 +123,7 @@ class WideModes:
     admissible: NDArray[np.bool_]  # (n,)
 
 
-class WideForward:
+class StructuralForward:
     """The modes of a structure whose figures may be off: what a likelihood and a reader ask of a
     ForwardModel. Shapes come with their largest component 1."""
 
@@ -148,7 +149,7 @@ class WideForward:
         off = theta[:, self._linear]
         largest = np.argmax(np.abs(modes.shapes), axis=2)[..., None]
         shapes = modes.shapes / np.take_along_axis(modes.shapes, largest, axis=2)
-        return WideModes(
+        return StructuralModes(
             frequencies=modes.frequencies * np.exp(off @ self._slopes),
             shapes=shapes + np.tensordot(off, self._turns, axes=1),
             admissible=modes.admissible,
@@ -157,15 +158,15 @@ class WideForward:
 
 def require_figures(forward: ForwardModel, names: Sequence[str]) -> None:
     """Raises InputError where the structure has no such figure, or nothing is known of its pile."""
-    WideForward(forward, names).modal(np.append(forward.nominal, np.zeros(len(names)))[None])
+    StructuralForward(forward, names).modal(np.append(forward.nominal, np.zeros(len(names)))[None])
 
 
-def widened(match: Match, prior: WidePrior) -> Match:
+def widened(match: Match, prior: StructuralPrior) -> Match:
     """The match with the figures among its coordinates, and its peak there.
 
     One Gauss-Newton step from the springs' peak, the figures' prior added to the curvature.
     """
-    forward = WideForward(match.forward, prior.names)
+    forward = StructuralForward(match.forward, prior.names)
     start = np.concatenate([match.peak.ratios, np.zeros(len(prior.names))])
     steps = DIFFERENCE * np.vstack([np.zeros(len(start)), np.eye(len(start))])
     whitened = match.likelihood.whitened(forward.modal(prior.stiffness(start + steps)))
@@ -182,11 +183,11 @@ def widened(match: Match, prior: WidePrior) -> Match:
             moved[place] = max(moved[place], SCOUR_START * prior.stds[place - 3])
         inside = moved if prior.supports(moved) else start
         peak = Peak(inside, bounded_inverse(hessian))
-    wide = WideForward(match.all_modes, prior.names)
+    wide = StructuralForward(match.all_modes, prior.names)
     return replace(match, forward=forward, all_modes=wide, peak=peak)  # type: ignore[arg-type]
 
 
-def figure_summaries(draws: FloatArray, prior: WidePrior) -> tuple[ParameterSummary, ...]:
+def figure_summaries(draws: FloatArray, prior: StructuralPrior) -> tuple[ParameterSummary, ...]:
     """What is known of each figure, from (n, q) draws of its departure: relative ones as the factor
     to the described value, scour in metres."""
     found = []

@@ -25,7 +25,7 @@ from pipeline.updating.change.sufficient_statistics import with_tracks_only
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused
 from pipeline.updating.evidence.observations import sightings as sightings_of
-from pipeline.updating.forward_model import FloatArray, ForwardModel
+from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.posterior_density import StiffnessDensity
 from pipeline.updating.model_matching import Match, Matcher, partners_in_water
 from pipeline.updating.population import StiffnessPopulation
@@ -41,12 +41,13 @@ from pipeline.updating.serialisation import (
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.structural_uncertainty import (
-    WidePrior,
+    StructuralPrior,
     figure_summaries,
     require_figures,
     widened,
 )
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 
 LONG_RIDGE = 0.1  # std / median of a spring that the modes do not tell from the others [-]
 POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for
@@ -82,9 +83,11 @@ class FoundationUpdater:
         self._layout = layout
         self._seed = seed
         self._prior = Prior(forward.nominal, self.settings.prior)
-        self._wide_prior: WidePrior | None = None  # where figures of the structure are uncertain
+        self._wide_prior: StructuralPrior | None = (
+            None  # where figures of the structure are uncertain
+        )
         if self.settings.uncertain.names:
-            self._wide_prior = WidePrior(
+            self._wide_prior = StructuralPrior(
                 forward.nominal, self.settings.prior, self.settings.uncertain
             )
             require_figures(forward, self._wide_prior.names)

@@ -1,8 +1,6 @@
-"""ModeScreen: the modes of one turbine, identified over model: tracks, shapes that swing, MAC."""
+"""ModeView: the modes of one turbine, identified over model: tracks, shapes that swing, MAC."""
 
-import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
 from pipeline.viewer.drawing import plots_2d as plane_views
@@ -19,14 +17,13 @@ from pipeline.viewer.pictures.scene import (
 from pipeline.viewer.update_rates import Pace
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 MAX_MODES = 12  # plots of single modes, where the description names no reference modes
 CAPTION_DEPTH = 8.0  # of the words below a shape, under the mudline [m]
 
 
-class ModeScreen:
+class ModeView:
     """Draws each posterior's modes beside what its window showed; lets the shapes swing on.
 
     labels   model modes that have a track and a shape; () until the first posterior says them

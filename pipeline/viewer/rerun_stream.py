@@ -30,7 +30,7 @@ from pipeline.viewer.outputs.connection import (
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerOutput
 from pipeline.viewer.panel import TurbinePanel
 from pipeline.viewer.pictures.farm_overview import farm_markdown, lamp_board
-from pipeline.viewer.turbine_view import TurbineScreen
+from pipeline.viewer.turbine_view import TurbineView
 from pipeline.viewer.update_rates import TO_FILE, TO_VIEWER
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -41,7 +41,7 @@ PATIENCE_WITH_FILE = 60.0  # for the last of the session to be written [s]
 PATIENCE_WITH_VIEWER = 5.0  # to be taken by a viewer [s]
 
 
-class Show:
+class RerunStream:
     """Draws messages on one output; lays the views out anew when a turbine or unit appears.
 
     The first layout goes out with the first block, later ones when nothing has changed for
@@ -62,7 +62,7 @@ class Show:
         self._pace = TO_FILE if to_file else TO_VIEWER
         self._patience = PATIENCE_WITH_FILE if to_file else PATIENCE_WITH_VIEWER
         self._recording = open_recording(output, recording_id=session)
-        self._screens: dict[str, TurbineScreen] = {}
+        self._screens: dict[str, TurbineView] = {}
         self._panels: dict[str, TurbinePanel] = {}  # as the views are, or will be, laid out
         self._unsettled_ns: int | None = None  # since when the views are not laid out like that
         self._now_ns = 0  # latest sensor time seen
@@ -137,9 +137,9 @@ class Show:
         self._panels = {turbine: screen.panel for turbine, screen in self._screens.items()}
         self._lay_out()
 
-    def _screen_of(self, turbine: str) -> TurbineScreen:
+    def _screen_of(self, turbine: str) -> TurbineView:
         if turbine not in self._screens:
-            self._screens[turbine] = TurbineScreen(
+            self._screens[turbine] = TurbineView(
                 self._recording, turbine, self._description, pace=self._pace
             )
             if len(self._screens) > 1:

@@ -1,4 +1,4 @@
-"""SignalScreen: what the accelerometers of one turbine measure, their health and their spectra."""
+"""SignalView: what the accelerometers of one turbine measure, their health and their spectra."""
 
 import time
 from dataclasses import dataclass, field
@@ -42,7 +42,7 @@ class _Unit:
     faulty: frozenset[str] | None = None  # channels; None before the first block
 
 
-class SignalScreen:
+class SignalView:
     """Draws accelerations at display rate, gathered into chunks as the pace says."""
 
     def __init__(

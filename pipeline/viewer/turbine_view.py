@@ -1,4 +1,4 @@
-"""TurbineScreen: everything shown of one turbine, message by message.
+"""TurbineView: everything shown of one turbine, message by message.
 
 What a message changes on the screen is here; how signals, modes and nodes are drawn is told in
 signal_screen, mode_screen and node_screen.
@@ -22,7 +22,7 @@ from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
 from pipeline.viewer.drawing.entities import FARM, at, turbine_path
 from pipeline.viewer.known_layouts import KnownLayouts
-from pipeline.viewer.mode_view import ModeScreen
+from pipeline.viewer.mode_view import ModeView
 from pipeline.viewer.panel import TurbinePanel
 from pipeline.viewer.pictures.pile import pile_picture
 from pipeline.viewer.pictures.scene import outline
@@ -35,14 +35,14 @@ from pipeline.viewer.pictures.status_text import (
     gap_text,
     posterior_text,
 )
-from pipeline.viewer.signal_view import Fault, SignalScreen
+from pipeline.viewer.signal_view import Fault, SignalView
 from pipeline.viewer.update_rates import Pace
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.structure.description import TurbineDescription
 
 
-class NodeScreen:
+class NodeView:
     """Draws a row of a node at most every `period` [s], with the worst since the last one."""
 
     def __init__(self, recording: rr.RecordingStream, root: str, *, period: float) -> None:
@@ -71,7 +71,7 @@ class NodeScreen:
         return True
 
 
-class TurbineScreen:
+class TurbineView:
     """Draws one turbine's messages. Remembers estimates until their posterior, and the truth."""
 
     def __init__(
@@ -94,11 +94,11 @@ class TurbineScreen:
             labels = tuple(mode.name for mode in description.reference_modes)
         root = self._root
         self._layouts = KnownLayouts()
-        self._signals = SignalScreen(recording, root, self._layouts, pace=pace)
+        self._signals = SignalView(recording, root, self._layouts, pace=pace)
         tower_views.log_tower(recording, root, self._outline)
         foundation_views.log_foundation_styles(recording, root)
-        self._modes = ModeScreen(recording, root, self._outline, labels=labels, pace=pace)
-        self._nodes = NodeScreen(recording, root, period=pace.nodes)
+        self._modes = ModeView(recording, root, self._outline, labels=labels, pace=pace)
+        self._nodes = NodeView(recording, root, period=pace.nodes)
         self._status = SessionStatus(turbine, title=description.title)
         self._estimates: dict[int, ModalEstimate] = {}  # by window, those without a posterior yet
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
@@ -129,9 +129,9 @@ class TurbineScreen:
             self._sized,
         )
 
-    def continued_on(self, recording: rr.RecordingStream) -> "TurbineScreen":
+    def continued_on(self, recording: rr.RecordingStream) -> "TurbineView":
         """The same turbine on another recording, with what stands drawn there first."""
-        screen = TurbineScreen(
+        screen = TurbineView(
             *(recording, self._turbine, self._description),
             pace=self._pace,
             labels=self._modes.labels,

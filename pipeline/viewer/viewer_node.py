@@ -13,7 +13,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.viewer.outputs.drawing_thread import DirectStage, ThreadedStage
+from pipeline.viewer.outputs.drawing_thread import DirectDrawing, DrawingThread
 from pipeline.viewer.outputs.outputs import (
     ConnectedViewer,
     RrdFile,
@@ -21,7 +21,7 @@ from pipeline.viewer.outputs.outputs import (
     ViewerOutput,
     require_rerun,
 )
-from pipeline.viewer.outputs.reconnecting_viewer import LateShow
+from pipeline.viewer.outputs.reconnecting_viewer import ReconnectingViewer
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.structure.description import TurbineDescription
@@ -68,13 +68,13 @@ class Viewer:
     ) -> None:
         require_rerun(tuple(outputs))
         from pipeline.viewer.rerun_stream import (
-            Show,  # here, so that all but pictures runs without rerun
+            RerunStream,  # here, so that all but pictures runs without rerun
         )
 
-        self._stages: tuple[DirectStage | ThreadedStage, ...] = tuple(
-            DirectStage(Show(output, description, session=session), strict=strict)
+        self._stages: tuple[DirectDrawing | DrawingThread, ...] = tuple(
+            DirectDrawing(RerunStream(output, description, session=session), strict=strict)
             if unhurried or isinstance(output, RrdFile)
-            else ThreadedStage(_late_show(output, description, session=session))
+            else DrawingThread(_late_show(output, description, session=session))
             for output in outputs
         )
 
@@ -93,11 +93,11 @@ class Viewer:
 
 def _late_show(
     output: SpawnedViewer | ConnectedViewer, description: TurbineDescription, *, session: str
-) -> LateShow:
+) -> ReconnectingViewer:
     """A show on a viewer that may go; one to be started is started here, once."""
     from pipeline.viewer.outputs.viewer_process import spawn_viewer
-    from pipeline.viewer.rerun_stream import Show
+    from pipeline.viewer.rerun_stream import RerunStream
 
     if isinstance(output, SpawnedViewer):
         output = ConnectedViewer(spawn_viewer(output.port))
-    return LateShow(output.url, lambda: Show(output, description, session=session))
+    return ReconnectingViewer(output.url, lambda: RerunStream(output, description, session=session))

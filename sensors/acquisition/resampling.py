@@ -1,9 +1,8 @@
 """Band-limited interpolation: a sampled signal at other instants than it was sampled at."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 HALF_LENGTH = 32  # of the kernel, either side [samples of the narrower band]
 KAISER = 8.0  # shape of its window: 80 dB beyond the transition

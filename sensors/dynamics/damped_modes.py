@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sensors.arrays import ComplexArray, FloatArray
 from sensors.dynamics.structure_modes import ObservedModes, StructureModes
 from sensors.structure.assembly import StructuralModel
 from sensors.structure.foundation import TurbineError
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

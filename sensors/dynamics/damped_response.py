@@ -4,14 +4,11 @@ Exact for forces that run straight from sample to sample, like `response`.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from sensors.arrays import ComplexArray, FloatArray
 from sensors.dynamics.damped_modes import DampedSystem
 from sensors.structure.ac_coupling import ChannelCoupling
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class DampedResponse:

@@ -9,17 +9,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from sensors.dynamics.full_model_modes import solved_modes
 from sensors.dynamics.reference_modes import ReferenceModes
 from sensors.structure.assembly import assemble
 from sensors.structure.description import RotorNacelle, TurbineDescription
 from sensors.structure.foundation import TurbineError
 from sensors.structure.sensor_readings import Observation
-
-FloatArray = NDArray[np.float64]
 
 STEP = 0.005  # of a factor, for the differences [-]
 

@@ -9,18 +9,17 @@ solved, only more slowly where nothing separates.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, eigh
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from sensors.structure.assembly import PLANE, StructuralModel, assemble
 from sensors.structure.description import Direction, TurbineDescription
 from sensors.structure.foundation import TurbineError
 from sensors.structure.sensor_readings import Observation
-
-FloatArray = NDArray[np.float64]
 
 _COUPLED = 1e-11  # relative size of a matrix entry below which two coordinates do not couple [-]
 

@@ -20,6 +20,7 @@ from scipy.linalg import eigh
 from scipy.optimize import linear_sum_assignment
 
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray, IndexArray
 from sensors.dynamics.description_variants import responses
 from sensors.dynamics.full_model_modes import FullModes, decoupled_groups, full_modes, solved_modes
 from sensors.dynamics.mudline_condensation import (
@@ -37,8 +38,6 @@ from sensors.structure.winkler_springs import PileInSoil
 
 __all__ = ["FullModes", "ModalModel", "ModalParameters", "followed_by_overlap", "full_modes"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 _CHUNK = 64  # foundations solved together: what fits in a processor's cache
 _BASIS_MARGIN = 1.5  # a basis holds the modes to this multiple of the highest followed one [-]
@@ -60,8 +59,8 @@ class _ReducedGroup:
     """One decoupled group in a small basis, and what is wanted from its modes."""
 
     solver: MudlineCondensation | SpringEigenproblem
-    outputs: IntArray  # (n_followed,): places of the followed modes among the labels
-    channels: IntArray  # (n_read,): channels of the layout that see the group
+    outputs: IndexArray  # (n_followed,): places of the followed modes among the labels
+    channels: IndexArray  # (n_read,): channels of the layout that see the group
     observation: Observation  # of these channels, in the solver's coordinates
     overlap: FloatArray  # φ_refᵀ M, (n_followed, n_coordinates)
 
@@ -77,7 +76,7 @@ class _ReducedGroup:
         return squares, self.observation.shapes(coordinates, squares)
 
 
-def followed_by_overlap(overlap: FloatArray) -> IntArray:
+def followed_by_overlap(overlap: FloatArray) -> IndexArray:
     """Which mode continues each reference mode.
 
     overlap   squared mass-weighted products (φ_refᵀ M φ)² in [0, 1], (n, n_reference, n_modes)

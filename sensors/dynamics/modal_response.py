@@ -14,15 +14,10 @@ Where dampers couple the modes (air, a turning rotor) or the structure changes w
 tide), `damped_response` does the same with the complex modes of the damped system.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from sensors.arrays import ComplexArray, FloatArray
 from sensors.dynamics.oscillators import ModalOscillators
 from sensors.dynamics.structure_modes import ObservedModes
 from sensors.structure.ac_coupling import ChannelCoupling
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class AccelerationResponse:

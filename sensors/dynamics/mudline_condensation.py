@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, null_space
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from sensors.arrays import FloatArray, IndexArray
 
 # Grid in each half of an interval between two poles: distances to the nearer pole in units of the
 # interval. At first geometric, because a mode that hardly moves the mudline hugs its pole; a
@@ -47,9 +46,9 @@ class SpringModes:
 class _Grid:
     """Places λ = p_near + offset, lowest first, at which G is tabulated."""
 
-    near: IntArray  # (n_grid,): index of the nearer pole
+    near: IndexArray  # (n_grid,): index of the nearer pole
     offset: FloatArray  # λ − p_near, never 0 [rad²/s²]
-    poles_below: IntArray  # (n_grid,)
+    poles_below: IndexArray  # (n_grid,)
     g: FloatArray  # (3, n_grid): entries 11, 22, 12 of G without S
 
 
@@ -62,7 +61,7 @@ class _Roots:
     """
 
     springs: FloatArray
-    near: IntArray
+    near: IndexArray
     offset: FloatArray
     lower: FloatArray  # enclosure of the offset
     upper: FloatArray
@@ -73,7 +72,7 @@ class _Roots:
         """Modes so near a pole that they do not move the mudline: they stay there."""
         return (self.lower < 0) & (self.upper > 0)
 
-    def take(self, which: IntArray) -> "_Roots":
+    def take(self, which: IndexArray) -> "_Roots":
         """Some of the roots, as a copy."""
         return _Roots(
             springs=self.springs[:, which],
@@ -156,7 +155,7 @@ class MudlineCondensation:
         return _Grid(near=near, offset=offset, poles_below=below, g=g)
 
     def _condensed(
-        self, springs: FloatArray, near: IntArray, offset: FloatArray
+        self, springs: FloatArray, near: IndexArray, offset: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """G and dG/dλ as entries 11, 22, 12, (3, N), and 1 / (p_j − λ), (N, n_poles)."""
         inverse = self._differences.take(near, axis=0)

@@ -2,12 +2,10 @@
 error: the matrix exponential as a recursion."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from sensors.arrays import ComplexArray, FloatArray
 
 
 class ModalOscillators:

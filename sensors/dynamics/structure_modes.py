@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from sensors.structure.assembly import StructuralModel
 from sensors.structure.foundation import TurbineError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,16 +1,14 @@
 """How modes follow the water: it moves along with the wetted tube as added mass."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from sensors.dynamics.reference_modes import ReferenceModes
 from sensors.structure.assembly import StructuralModel, assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.sensor_readings import Observation
-
-FloatArray = NDArray[np.float64]
 
 
 def modes_in_water(

@@ -8,7 +8,7 @@ V = TypeVar("V")
 MOST_NAMES = 1000  # topics, senders, channels of one feed that are known at a time
 
 
-class Recent(Generic[V]):
+class LruCache(Generic[V]):
     """Values by name, of the names used last.
 
     Whoever invents names makes the longest unused ones forgotten; memory does not grow, and a name

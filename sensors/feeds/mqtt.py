@@ -19,7 +19,7 @@ from importlib import import_module
 from typing import Any, Protocol
 
 from sensors.feeds.address import FeedAddress
-from sensors.feeds.lru import Recent
+from sensors.feeds.lru import LruCache
 from sensors.feeds.payloads.cpsens import CpSensReader, is_cpsens
 from sensors.feeds.payloads.frame import MAGIC
 from sensors.feeds.payloads.frame_reader import FrameReader
@@ -226,7 +226,7 @@ class ScadaMessages:
 
     def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:
         self._reader, self._counts = reader, counts
-        self._times: Recent[RisingTimes] = Recent()  # by topic
+        self._times: LruCache[RisingTimes] = LruCache()  # by topic
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
         self._counts.received += 1

@@ -5,14 +5,10 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sensors.acquisition.blocks import BlockStatus
 from sensors.acquisition.scada import ScadaSample
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 INBOX_ARRIVALS = 10_000  # that wait to be taken out; then a feed is held up, or drops (UDP)
 NAMED_UNKNOWN = 20  # channels that no layout lists: so many are remembered by name

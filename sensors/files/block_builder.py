@@ -13,15 +13,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray, IntArray
 from sensors.files.formats import file_pieces
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 BLOCK = 1.0  # [s]
 RATE_TOLERANCE = 1e-3  # between two files, or a rate that is stated and the stamps', relative

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 
 def trimmed(pieces: Iterator[FloatArray], *, first: int, count: int) -> Iterator[FloatArray]:

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve, firwin, kaiserord
 
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE, SensorLayout
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 PASS_BAND = 0.45  # end of the pass band over the output rate, as in delta-sigma converters [-]
 STOP_BAND = 0.5  # begin of the stop band over the output rate: nothing folds back [-]

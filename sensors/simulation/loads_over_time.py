@@ -1,22 +1,19 @@
 """What acts on a simulated tower, how it changes with time, and on which springs it stands."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.loads import Load, Sea, SeaState, Wind, random_loads, rotor_load, wave_load, wind_load
-from sensors.simulation.schedule import Course
+from sensors.simulation.schedule import Schedule
 from sensors.simulation.settings import SimulationError, SimulationSettings
 from sensors.structure.assembly import StructuralModel
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, positive_definite
 
-FloatArray = NDArray[np.float64]
 
-
-def course_of(settings: SimulationSettings, description: TurbineDescription) -> Course:
+def course_of(settings: SimulationSettings, description: TurbineDescription) -> Schedule:
     """What of a simulation depends on time alone."""
     water, sea, wind = description.water, settings.sea, settings.wind
-    return Course(
+    return Schedule(
         stages=settings.stages,
         foundation=settings.foundation,
         tide=settings.tide,
@@ -28,7 +25,7 @@ def course_of(settings: SimulationSettings, description: TurbineDescription) -> 
 
 
 def loads_on(
-    model: StructuralModel, settings: SimulationSettings, course: Course, rate: float
+    model: StructuralModel, settings: SimulationSettings, course: Schedule, rate: float
 ) -> tuple[Load, ...]:
     """Every load of a simulation as series at the integration's rate [Hz].
 

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
-from sensors.simulation.schedule import Course
+from sensors.simulation.schedule import Schedule
 
 
 def scada_samples(
-    course: Course, *, turbine: str, start_ns: int, period: float, duration: float
+    course: Schedule, *, turbine: str, start_ns: int, period: float, duration: float
 ) -> Iterator[ScadaSample]:
     """What the controller of a simulated turbine reports, from the first sample on.
 

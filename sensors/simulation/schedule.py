@@ -7,21 +7,20 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
 from sensors.loads.operating_states import OperatingState, SteadyState, steady_state
 
-FloatArray = NDArray[np.float64]
 DAY = 86_400.0  # [s]
 
 
-class CourseError(InputError):
+class ScheduleError(InputError):
     """A course that cannot be; the message names what and its value."""
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class ScheduleStep:
     """What holds from a moment on. Figures run straight to the next stage that gives them; the
     operating state holds until the next one. What a stage leaves out goes on."""
 
@@ -36,7 +35,7 @@ class Stage:
         for name in ("wind_speed", "peak_period"):
             value = getattr(self, name)
             if value is not None and not value > 0:
-                raise CourseError(
+                raise ScheduleError(
                     f"stage at {self.at:g} s: {name} is {value:g}; it must be positive"
                 )
 
@@ -50,14 +49,14 @@ class StiffnessEvent:
 
     def __post_init__(self) -> None:
         if not min(self.factors) > 0:
-            raise CourseError(
+            raise ScheduleError(
                 f"stiffness event at {self.at:g} s: factors are "
                 f"{', '.join(f'{factor:g}' for factor in self.factors)}; they must be positive"
             )
 
 
 @dataclass(frozen=True, slots=True)
-class FoundationCourse:
+class FoundationSchedule:
     """How the foundation's stiffness changes."""
 
     drift_per_day: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of k11, k22, k12, relative
@@ -67,9 +66,9 @@ class FoundationCourse:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.softening < 0.5:
-            raise CourseError(f"foundation softening is {self.softening:g}; it is 0 to 0.5")
+            raise ScheduleError(f"foundation softening is {self.softening:g}; it is 0 to 0.5")
         if not self.softening_displacement > 0:
-            raise CourseError(
+            raise ScheduleError(
                 f"foundation softening_displacement is {self.softening_displacement:g} m; "
                 "it must be positive"
             )
@@ -99,7 +98,7 @@ class Tide:
 
     def __post_init__(self) -> None:
         if not self.period > 0:
-            raise CourseError(f"tide period is {self.period:g} s; it must be positive")
+            raise ScheduleError(f"tide period is {self.period:g} s; it must be positive")
 
     def phase(self, time: float) -> float:
         """−1 at low water, 1 at high water; 0 and rising at the first sample."""
@@ -107,11 +106,11 @@ class Tide:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class Schedule:
     """Everything of a simulation that depends on time alone."""
 
-    stages: tuple[Stage, ...] = ()
-    foundation: FoundationCourse = field(default_factory=FoundationCourse)
+    stages: tuple[ScheduleStep, ...] = ()
+    foundation: FoundationSchedule = field(default_factory=FoundationSchedule)
     tide: Tide = field(default_factory=Tide)
     mean_level: float = 0.0  # of the water [m]
     wind_speed: float = 2.0  # where no stage gives one [m/s]
@@ -122,7 +121,7 @@ class Course:
         times = [stage.at for stage in self.stages]
         for before, after in pairwise(times):
             if not after > before:
-                raise CourseError(
+                raise ScheduleError(
                     f"stage at {after:g} s comes after the one at {before:g} s; "
                     "stages are in order of time"
                 )

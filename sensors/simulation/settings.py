@@ -10,7 +10,7 @@ from sensors.loads import BroadbandLoad, Rotor, Sea, WaveBandLoad, Wind
 from sensors.simulation.acquisition_units import UnitSettings
 from sensors.simulation.faults import Fault
 from sensors.simulation.instruments import Instruments
-from sensors.simulation.schedule import FoundationCourse, Stage, Tide
+from sensors.simulation.schedule import FoundationSchedule, ScheduleStep, Tide
 
 LOWEST_INTEGRATION_RATE = 120.0  # [Hz]: loads and response hold the band to 60 Hz
 
@@ -36,8 +36,8 @@ class SimulationSettings:
     wind: Wind | None = None
     sea: Sea | None = None
     rotor: Rotor = field(default_factory=Rotor)  # where a stage makes it turn
-    stages: tuple[Stage, ...] = ()  # of weather and operation
-    foundation: FoundationCourse = field(default_factory=FoundationCourse)
+    stages: tuple[ScheduleStep, ...] = ()  # of weather and operation
+    foundation: FoundationSchedule = field(default_factory=FoundationSchedule)
     tide: Tide = field(default_factory=Tide)
     structure: str = ""  # a description that differs from the updater's; empty: the same
     transient: float = 600.0  # simulated from rest and dropped before the first sample [s]

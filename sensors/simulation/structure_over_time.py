@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from sensors.dynamics.damped_modes import DampedSystem, damped_system
 from sensors.dynamics.damped_response import DampedResponse
 from sensors.dynamics.structure_modes import (
@@ -17,12 +17,10 @@ from sensors.dynamics.structure_modes import (
 )
 from sensors.loads import Rotor, Wind, aerodynamic_damping, rotor_damping, thrust_slope
 from sensors.loads.operating_states import FINE_PITCH
-from sensors.simulation.schedule import Course
+from sensors.simulation.schedule import Schedule
 from sensors.structure.assembly import StructuralModel, assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings
-
-FloatArray = NDArray[np.float64]
 
 # The structure is solved anew when one of these has changed by as much.
 STIFFNESS_STEP = 2e-4  # of a spring, relative: 1e-5 of a frequency at most
@@ -64,7 +62,7 @@ class ChangingStructure:
         layout: SensorLayout,
         *,
         springs: FoundationSprings,
-        course: Course,
+        course: Schedule,
         damping: ModalDamping,
         wind: Wind | None,
         rotor: Rotor,

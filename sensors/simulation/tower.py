@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
+from sensors.arrays import FloatArray
 from sensors.dynamics.damped_modes import DampedSystem
 from sensors.dynamics.damped_response import DampedResponse
 from sensors.dynamics.modal_response import AccelerationResponse
@@ -40,7 +41,6 @@ __all__ = [
     "resonance_grid",
 ]
 
-FloatArray = NDArray[np.float64]
 
 SPECTRUM_CHUNK = 256  # frequencies at a time, to stay in the processor's cache
 CHUNK_DURATION = 60.0  # [s] integrated at a time; fixed, so that the blocks do not change it

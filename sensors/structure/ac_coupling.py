@@ -1,11 +1,9 @@
 """AC-coupled accelerometers: each channel's high-pass, as a filter that carries its memory."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from sensors.arrays import ComplexArray, FloatArray
 
 
 class ChannelCoupling:

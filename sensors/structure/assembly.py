@@ -13,8 +13,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sensors.arrays import FloatArray, IndexArray
 from sensors.structure import beam
 from sensors.structure.description import Direction, Tube, TurbineDescription, Water
 from sensors.structure.foundation import TurbineError, spring_matrix
@@ -31,8 +32,6 @@ from sensors.structure.rotor_nacelle import (
     twisted_blade_bending,
 )
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 Interpolation = Callable[[float, float], FloatArray]  # (ξ, element length [m]) → (4,)
 
 PLANE: dict[Direction, slice] = {"FA": slice(0, 2), "SS": slice(2, 4)}  # (u, ψ) of a tower node
@@ -54,21 +53,21 @@ class StructuralModel:
     stiffness: FloatArray  # elastic + gravity + springs of θ
     blade_mass: FloatArray  # the blades' part of `mass`
     elevations: FloatArray  # of the tower's nodes, from the mudline up, (n_nodes,) [m]
-    tower_dofs: IntArray  # (n_nodes, 6) in the order (u_x, ψ_x, u_y, ψ_y, u_z, θ_z); −1: fixed
-    blade_dofs: IntArray  # (n_blades, n_blade_nodes − 1, 4): flap v, v', edge v, v'; no root
-    blade_inner_dofs: IntArray  # (n_blades, n): clamped-clamped amplitudes, flap first, then edge
+    tower_dofs: IndexArray  # (n_nodes, 6) in the order (u_x, ψ_x, u_y, ψ_y, u_z, θ_z); −1: fixed
+    blade_dofs: IndexArray  # (n_blades, n_blade_nodes − 1, 4): flap v, v', edge v, v'; no root
+    blade_inner_dofs: IndexArray  # (n_blades, n): clamped-clamped amplitudes, flap first, then edge
 
     @property
     def n_dofs(self) -> int:
         return len(self.mass)
 
     @property
-    def spring_dofs(self) -> IntArray:
+    def spring_dofs(self) -> IndexArray:
         """(2, 2): (u, ψ) of the mudline, fore-aft then side-side."""
         return self.tower_dofs[0, :4].reshape(2, 2)
 
     @property
-    def blade_coordinates(self) -> IntArray:
+    def blade_coordinates(self) -> IndexArray:
         """(n_blades, n): every coordinate of each blade, in the same order for all."""
         n_blades = len(self.blade_dofs)
         return np.concatenate(
@@ -196,7 +195,11 @@ class _System:
     stiffness: FloatArray
 
     def add(
-        self, dofs: IntArray, *, mass: FloatArray | None = None, stiffness: FloatArray | None = None
+        self,
+        dofs: IndexArray,
+        *,
+        mass: FloatArray | None = None,
+        stiffness: FloatArray | None = None,
     ) -> None:
         """Add an element on these degrees of freedom; fixed ones drop out."""
         free = dofs != FIXED
@@ -207,7 +210,7 @@ class _System:
             self.stiffness[where] += stiffness[kept]
 
 
-def _number_dofs(turbine: TurbineDescription) -> tuple[IntArray, IntArray, IntArray, int]:
+def _number_dofs(turbine: TurbineDescription) -> tuple[IndexArray, IndexArray, IndexArray, int]:
     """Tower nodes from the mudline up, then blade after blade; the mudline's heave and twist
     are fixed."""
     n_nodes = len(turbine.tubes) + 1
@@ -223,7 +226,7 @@ def _number_dofs(turbine: TurbineDescription) -> tuple[IntArray, IntArray, IntAr
     return tower, nodes, dofs[:, 4 * n_elements :], first + dofs.size
 
 
-def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IntArray) -> None:
+def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IndexArray) -> None:
     compression = _compression(turbine)
     for i, tube in enumerate(turbine.tubes):
         bending = beam.bending_stiffness(tube.bending_rigidity, tube.length)
@@ -285,7 +288,7 @@ def _blade_masses(turbine: TurbineDescription) -> float:
 
 
 def _add_springs(
-    system: _System, turbine: TurbineDescription, theta: FloatArray, tower_dofs: IntArray
+    system: _System, turbine: TurbineDescription, theta: FloatArray, tower_dofs: IndexArray
 ) -> None:
     springs = spring_matrix(theta, turbine.foundation.sign)
     for plane in PLANE.values():
@@ -311,9 +314,9 @@ def _top_hanging_stiffness(turbine: TurbineDescription) -> FloatArray:
 def _add_blades(
     system: _System,
     turbine: TurbineDescription,
-    tower_dofs: IntArray,
-    blade_dofs: IntArray,
-    blade_inner_dofs: IntArray,
+    tower_dofs: IndexArray,
+    blade_dofs: IndexArray,
+    blade_inner_dofs: IndexArray,
 ) -> None:
     blades = turbine.blades
     if blades is None:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 # β L of the clamped-clamped uniform beam: roots of cos(βL) cosh(βL) = 1 [-]
 CLAMPED_CLAMPED_ROOTS = (4.730040744862704, 7.853204624095838, 10.995607838001671)

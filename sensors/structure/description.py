@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sensors.arrays import FloatArray
 from sensors.settings import settings_from_table
 from sensors.structure.foundation import FoundationSprings, SpringSign, TurbineError
 
-FloatArray = NDArray[np.float64]
 Direction = Literal["FA", "SS"]
 Vector = tuple[float, float, float]
 

@@ -19,9 +19,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
-FloatArray = NDArray[np.float64]
 SpringSign = Literal["published", "embedded-pile"]
 SPRING_SIGNS: tuple[SpringSign, ...] = get_args(SpringSign)
 SPRING_NAMES = ("k11", "k22", "k12")

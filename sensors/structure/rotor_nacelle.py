@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sensors.arrays import FloatArray
 from sensors.structure.beam import craig_bampton_element
 from sensors.structure.description import Blades, RigidBody, RotorNacelle
 
-FloatArray = NDArray[np.float64]
 BladeDirection = Literal["flap", "edge"]
 
 # rows: rotation vector (θ_x, θ_y, θ_z); columns: (u_x, ψ_x, u_y, ψ_y, u_z, θ_z)

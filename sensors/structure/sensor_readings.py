@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.acquisition.layout import LayoutError, SensorLayout
+from sensors.arrays import FloatArray, IndexArray
 from sensors.structure.assembly import StructuralModel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +50,7 @@ class Observation:
             self.displacement @ basis, self.gravity_slope @ basis, self.corner_frequencies
         )
 
-    def of_channels(self, channels: IntArray) -> "Observation":
+    def of_channels(self, channels: IndexArray) -> "Observation":
         """The same for some of the channels."""
         return Observation(
             self.displacement[channels],

@@ -13,14 +13,13 @@ to depth); Hetényi (1946), Beams on Elastic Foundation.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from sensors.arrays import FloatArray
 from sensors.structure.beam import bending_stiffness, hermite
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import TurbineError
-
-FloatArray = NDArray[np.float64]
 
 ELEMENTS = 90  # of the pile
 DEEPEST = 0.6  # scour that the model is asked for, share of the embedded length [-]

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.identification import IdentificationNode
@@ -17,12 +16,12 @@ from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import Recorder
 from pipeline.updating.prior import Prior
 from sensors.acquisition.layout import SensorLayout, biaxial_layout
+from sensors.arrays import FloatArray
 from sensors.loads import BroadbandLoad, WaveBandLoad
 from sensors.simulation.tower import SimulatedTower, SimulationSettings
 from sensors.structure.description import TurbineDescription, load_turbine
 from sensors.structure.foundation import SpringSign
 
-FloatArray = NDArray[np.float64]
 Window = ModalEstimate | WindowRejected
 
 LOWEST, HIGHEST = 0.8, 1.25  # true stiffness / nominal [-]

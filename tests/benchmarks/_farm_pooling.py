@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pipeline.farm.farm import Farm, pooled_farm
 from pipeline.messages import FoundationPosterior
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
+from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import load_turbine
 from sensors.structure.foundation import SpringSign
@@ -21,7 +22,6 @@ from tests.benchmarks._drawn import LAYOUT, PAPERS_MODES
 from tests.benchmarks.calibration import CASES, Posteriors, evidence_of_stream
 from tests.pipeline.farm.farms import posterior_of
 
-FloatArray = NDArray[np.float64]
 SPRINGS = ("k11", "k22", "k12")
 
 

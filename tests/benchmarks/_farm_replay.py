@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import FoundationPosterior, WindowRejected
 from pipeline.recording.reader import decoded, recorded_messages
@@ -22,8 +21,8 @@ from pipeline.run.run import run_session
 from pipeline.scenario import scenario_from_text
 from pipeline.sources.sources import record_simulation, replayed, simulated
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 WINDOW = 600.0  # [s]
 OUTLIER = 7  # number of the turbine with 15 % less k22
 SCENARIO = """

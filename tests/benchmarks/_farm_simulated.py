@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.app import Outputs, build
 from pipeline.farm.farm import Farm, pooled_farm
@@ -27,9 +26,9 @@ from pipeline.sources.sources import replayed
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from tests.benchmarks._drawn import PAPERS_MODES
 
-FloatArray = NDArray[np.float64]
 WINDOW = 600.0  # [s]
 STEPS = ("decode blocks", "collect samples", "identify", "update", "encode and record")
 

@@ -45,10 +45,10 @@ from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.interface import PosteriorDraws
 from pipeline.updating.samplers.registry import SamplingSettings, sampler_of
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from tests.benchmarks._drawn import DURATION, LAYOUT, TrueModes, drawn_window, turbine_model
 from tests.benchmarks._pairing_trials import pairing_part
 
-FloatArray = NDArray[np.float64]
 Tails = Literal["gaussian", "student-t"]
 
 LOWEST, HIGHEST = 0.8, 1.25  # true stiffness / nominal in `streams` [-]

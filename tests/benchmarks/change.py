@@ -42,7 +42,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
@@ -64,10 +63,9 @@ from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.prior import Prior
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import load_turbine
-
-FloatArray = NDArray[np.float64]
 
 WINDOW = 600.0  # [s]
 TIDE = 12.42 * 3600.0  # [s]

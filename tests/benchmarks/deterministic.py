@@ -12,7 +12,6 @@ one of three draws of noise.
 import argparse
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.updating.likelihood.deterministic import (
     DescentSettings,
@@ -23,11 +22,10 @@ from pipeline.updating.likelihood.deterministic import (
 )
 from pipeline.updating.prior import Prior
 from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import load_turbine
 from sensors.structure.foundation import SPRING_SIGNS
-
-FloatArray = NDArray[np.float64]
 
 ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # [m]; the publication does not state them
 IDENTIFIED = (  # [Hz], [foundation-updating] Table 1, modes 1 to 11

@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
@@ -36,11 +35,10 @@ from pipeline.oma.ssi.uncertainty import (
 )
 from pipeline.oma.streaming import CovarianceRing
 from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import FullModes, full_modes
 from sensors.simulation.tower import SimulatedTower, SimulationSettings
 from sensors.structure.description import load_turbine
-
-FloatArray = NDArray[np.float64]
 
 LAYOUT = biaxial_layout(
     "benchmark", turbine="iea15mw", unit="tower", elevations=(41.0, 80.0, 106.0, 145.0)

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
@@ -25,8 +24,7 @@ from pipeline.recording.salvage import salvage
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Recorder, RecorderSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 ADC_STEP = 2.0**-14  # [m/s²]
 START_NS = 1_700_000_000 * NANOSECONDS

@@ -53,6 +53,7 @@ from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.updater import FoundationUpdater
+from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
 from tests.benchmarks._cases import (
     LAYOUT,
@@ -60,7 +61,6 @@ from tests.benchmarks._cases import (
     SAME_STRUCTURES,
     STRUCTURES,
     Case,
-    FloatArray,
     Window,
     described,
     kept,

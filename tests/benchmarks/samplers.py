@@ -22,7 +22,6 @@ from pathlib import Path
 
 import emcee
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pipeline.messages import ModalEstimate
@@ -43,10 +42,9 @@ from pipeline.updating.samplers.interface import CountedDensity, PosteriorDraws,
 from pipeline.updating.samplers.registry import SamplingSettings, sampler_of
 from pipeline.updating.samplers.tmcmc import PublishedSettings, TemperingSettings
 from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import load_turbine
-
-FloatArray = NDArray[np.float64]
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "parked.mcap"
 ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # [m], of the recording's layout

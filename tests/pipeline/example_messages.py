@@ -116,7 +116,7 @@ conditions = st.floats(-1e9, 1e9) | st.just(float("nan"))
 counts = st.integers(0, 2**62 - 1)
 times = st.integers(0, 2**62 - 1)
 spans = st.tuples(times, times).map(sorted)
-warnings = st.lists(st.builds(contract.Warning, texts, texts), max_size=2).map(tuple)
+warnings = st.lists(st.builds(contract.QualityWarning, texts, texts), max_size=2).map(tuple)
 
 
 def float_arrays(*shape: int, dtype: type = np.float64) -> st.SearchStrategy[Any]:

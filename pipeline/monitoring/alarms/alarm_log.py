@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal
 
-from pipeline.monitoring.alarms.alarm_rules import Cause
-from pipeline.monitoring.alarms.settings import BookSettings
+from pipeline.monitoring.alarms.alarm_rules import AlarmCondition
+from pipeline.monitoring.alarms.settings import AlarmLogSettings
 from sensors.acquisition.blocks import NANOSECONDS
 
 Occasion = Literal["raised", "reminder", "ended"]
@@ -23,7 +23,7 @@ CLOSED_KEPT = 200  # notices that are over and still listed
 
 
 @dataclass(frozen=True, slots=True)
-class Notice:
+class Alarm:
     """One thing that is or was wrong."""
 
     id: int  # counted from 1; what `pilewatch ack` takes
@@ -43,11 +43,11 @@ class Notice:
 
 
 @dataclass(frozen=True, slots=True)
-class Telling:
+class AlarmMessage:
     """What goes out."""
 
     occasion: Occasion
-    notice: Notice
+    notice: Alarm
 
     def as_json(self) -> dict[str, Any]:
         """As webhooks and brokers get it; names are stable. `text` can stand alone, as chats show
@@ -67,24 +67,24 @@ class Telling:
         }
 
 
-class NoticeBook:
+class AlarmLog:
     """Every notice that is open, and the latest that were.
 
     notices   of an earlier run
     """
 
-    def __init__(self, settings: BookSettings, notices: Sequence[Notice] = ()) -> None:
+    def __init__(self, settings: AlarmLogSettings, notices: Sequence[Alarm] = ()) -> None:
         self._settings = settings
         self._open = {each.key: each for each in notices if not each.closed}
         self._closed = [each for each in notices if each.closed][-CLOSED_KEPT:]
         self._next_id = max((each.id for each in notices), default=0) + 1
 
     @property
-    def notices(self) -> tuple[Notice, ...]:
+    def notices(self) -> tuple[Alarm, ...]:
         """All of them by their number."""
         return tuple(sorted([*self._closed, *self._open.values()], key=lambda each: each.id))
 
-    def note(self, cause: Cause, now_ns: int) -> Iterator[Telling]:
+    def note(self, cause: AlarmCondition, now_ns: int) -> Iterator[AlarmMessage]:
         """Take a cause; give what is to be told of it at once."""
         known = self._open.get(cause.key)
         if cause.over:
@@ -94,7 +94,7 @@ class NoticeBook:
         if known is not None:
             yield from self._again(known, cause, now_ns)
             return
-        notice = Notice(
+        notice = Alarm(
             id=self._next_id,
             key=cause.key,
             kind=cause.kind,
@@ -107,9 +107,9 @@ class NoticeBook:
         )
         self._next_id += 1
         self._open[cause.key] = notice
-        yield Telling("raised", notice)
+        yield AlarmMessage("raised", notice)
 
-    def _again(self, known: Notice, cause: Cause, now_ns: int) -> Iterator[Telling]:
+    def _again(self, known: Alarm, cause: AlarmCondition, now_ns: int) -> Iterator[AlarmMessage]:
         """A cause that is in the book; a new occurrence of one without an end is told."""
         anew = not known.lasting and _seconds(now_ns - known.last_ns) >= self._settings.settle
         self._open[cause.key] = notice = replace(
@@ -121,20 +121,20 @@ class NoticeBook:
             count=known.count + (cause.counted or known.over_ns > 0),
         )
         if anew:
-            yield Telling("raised", notice)
+            yield AlarmMessage("raised", notice)
 
-    def due(self, now_ns: int) -> Iterator[Telling]:
+    def due(self, now_ns: int) -> Iterator[AlarmMessage]:
         """What time alone makes worth telling: ends and reminders."""
         for notice in list(self._open.values()):
             if notice.over_ns:
                 if _seconds(now_ns - notice.over_ns) >= self._settings.settle:
                     self._close(notice)
-                    yield Telling("ended", notice)
+                    yield AlarmMessage("ended", notice)
             elif self._reminder_is_due(notice, now_ns):
                 told = self._open[notice.key] = replace(notice, told_ns=now_ns)
-                yield Telling("reminder", told)
+                yield AlarmMessage("reminder", told)
 
-    def _reminder_is_due(self, notice: Notice, now_ns: int) -> bool:
+    def _reminder_is_due(self, notice: Alarm, now_ns: int) -> bool:
         if not self._settings.reminder or notice.acknowledged_ns:
             return False
         return _seconds(now_ns - notice.told_ns) >= self._settings.reminder
@@ -150,7 +150,7 @@ class NoticeBook:
                     self._close(seen)
         return tuple(number for number in ids if number not in open_ids)
 
-    def _close(self, notice: Notice) -> None:
+    def _close(self, notice: Alarm) -> None:
         del self._open[notice.key]
         self._closed = [*self._closed, replace(notice, closed=True)][-CLOSED_KEPT:]
 
@@ -159,17 +159,17 @@ def _seconds(nanoseconds: int) -> float:
     return nanoseconds / NANOSECONDS
 
 
-def encoded_notices(notices: Sequence[Notice]) -> bytes:
+def encoded_notices(notices: Sequence[Alarm]) -> bytes:
     """As the file of a book."""
     return json.dumps([asdict(each) for each in notices], ensure_ascii=False, indent=1).encode()
 
 
-def decoded_notices(content: bytes) -> tuple[Notice, ...]:
+def decoded_notices(content: bytes) -> tuple[Alarm, ...]:
     """Of a book's file. Raises ValueError where it is none."""
-    known = {field.name for field in fields(Notice)}
+    known = {field.name for field in fields(Alarm)}
     try:
         return tuple(
-            Notice(**{k: v for k, v in each.items() if k in known}) for each in json.loads(content)
+            Alarm(**{k: v for k, v in each.items() if k in known}) for each in json.loads(content)
         )
     except (AttributeError, TypeError) as error:
         raise ValueError(f"no book of notices: {error}") from error

@@ -1,4 +1,4 @@
-"""NoticesDesk: the sink that tells, and the file that remembers what was told."""
+"""AlarmNode: the sink that tells, and the file that remembers what was told."""
 
 import json
 import logging
@@ -11,18 +11,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pipeline.messages import Message
-from pipeline.messages import Warning as Doubt
+from pipeline.messages import Message, QualityWarning
 from pipeline.monitoring.alarms.alarm_log import (
-    NoticeBook,
-    Telling,
+    AlarmLog,
+    AlarmMessage,
     decoded_notices,
     encoded_notices,
 )
-from pipeline.monitoring.alarms.alarm_rules import CauseFinder
+from pipeline.monitoring.alarms.alarm_rules import AlarmRules
 from pipeline.monitoring.alarms.channels import Channel
 from pipeline.monitoring.alarms.outbox import Delivery, Outbox
-from pipeline.monitoring.alarms.settings import BookSettings
+from pipeline.monitoring.alarms.settings import AlarmLogSettings
 from pipeline.recording.atomic_write import written_whole
 from pipeline.streams import STREAMS
 from sensors.errors import InputError
@@ -35,7 +34,7 @@ PATIENCE = 5.0  # at the end, for what is on its way [s]
 CHECKED_EVERY = 1_000_000_000  # the book for ends and reminders [ns]
 
 
-class NoticesDesk:
+class AlarmNode:
     """Takes every message of a session, tells what is wrong, answers who acknowledges.
 
     folder     of the book and of what waits to go out
@@ -49,7 +48,7 @@ class NoticesDesk:
     def __init__(
         self,
         folder: Path,
-        settings: BookSettings,
+        settings: AlarmLogSettings,
         channels: Sequence[Channel],
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
@@ -57,8 +56,8 @@ class NoticesDesk:
         self._path = folder / BOOK
         self._place = {"host": socket.gethostname(), "session": str(folder.resolve().parent)}
         self._clock = clock
-        self._causes = CauseFinder(settings)
-        self._book = NoticeBook(settings, notices_in(self._path))
+        self._causes = AlarmRules(settings)
+        self._book = AlarmLog(settings, notices_in(self._path))
         self._saved = self._book.notices
         self._asked = threading.Lock()
         self._checked_ns = 0
@@ -91,16 +90,18 @@ class NoticesDesk:
             delivery.stop(PATIENCE)
 
     @property
-    def warnings(self) -> tuple[Doubt, ...]:
+    def warnings(self) -> tuple[QualityWarning, ...]:
         """For the node's status: which channels are away, and what was too much."""
         doubts = [
-            Doubt("notices-waiting", f"{each.name}: {each.problem}")
+            QualityWarning("notices-waiting", f"{each.name}: {each.problem}")
             for each in self._deliveries
             if each.problem
         ]
         dropped = sum(outbox.dropped for outbox in self._outboxes)
         if dropped:
-            doubts.append(Doubt("notices-dropped", f"{dropped} notices were too many to keep"))
+            doubts.append(
+                QualityWarning("notices-dropped", f"{dropped} notices were too many to keep")
+            )
         return tuple(doubts)
 
     def answer(self, asked: bytes = b"") -> bytes:
@@ -118,7 +119,7 @@ class NoticesDesk:
             self._save()
             return json.dumps(listed(self._book, unknown), ensure_ascii=False).encode()
 
-    def _tell(self, tellings: Sequence[Telling]) -> None:
+    def _tell(self, tellings: Sequence[AlarmMessage]) -> None:
         for telling in tellings:
             for outbox, delivery in zip(self._outboxes, self._deliveries, strict=True):
                 try:
@@ -145,17 +146,17 @@ def notices_in(path: Path) -> tuple[Any, ...]:
         raise InputError(f"{path} is no book of notices: {error}; move it away") from error
 
 
-def listed(book: NoticeBook, unknown: Sequence[int] = ()) -> dict[str, Any]:
+def listed(book: AlarmLog, unknown: Sequence[int] = ()) -> dict[str, Any]:
     """A book as it is answered; names are stable."""
     return {"notices": [asdict(each) for each in book.notices], "unknown": list(unknown)}
 
 
 @contextmanager
 def desk_of(
-    folder: Path, settings: BookSettings, channels: Sequence[Channel]
-) -> Iterator[NoticesDesk]:
+    folder: Path, settings: AlarmLogSettings, channels: Sequence[Channel]
+) -> Iterator[AlarmNode]:
     """A desk that is closed whatever happens."""
-    desk = NoticesDesk(folder, settings, channels)
+    desk = AlarmNode(folder, settings, channels)
     try:
         yield desk
     finally:
@@ -169,7 +170,7 @@ def acknowledged_in_file(path: Path, ids: Sequence[int], by: str) -> dict[str, A
     """
     if not path.exists():
         raise InputError(f"there is no {path}: no session in that folder has told of anything")
-    book = NoticeBook(BookSettings(), notices_in(path))
+    book = AlarmLog(AlarmLogSettings(), notices_in(path))
     unknown = book.acknowledge(ids, by, time.time_ns())
     written_whole(path, encoded_notices(book.notices))
     return listed(book, unknown)

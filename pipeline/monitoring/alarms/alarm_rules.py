@@ -14,7 +14,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.monitoring.alarms.settings import BookSettings
+from pipeline.monitoring.alarms.settings import AlarmLogSettings
 from pipeline.state.health import Health
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
@@ -39,7 +39,7 @@ LOOKED_EVERY = 1.0  # at what is silent [s]
 
 
 @dataclass(frozen=True, slots=True)
-class Cause:
+class AlarmCondition:
     """Something that is wrong, or no longer is."""
 
     key: str  # the same cause has the same key
@@ -51,13 +51,13 @@ class Cause:
     counted: bool = True  # False: a state that is said again and again while it lasts
 
 
-class CauseFinder:
+class AlarmRules:
     """Reads the messages of a session as they come.
 
     `now_ns` is always of the same clock [ns]: when a message came.
     """
 
-    def __init__(self, settings: BookSettings) -> None:
+    def __init__(self, settings: AlarmLogSettings) -> None:
         self._settings = settings
         self._health = Health()
         self._looked_ns = 0
@@ -65,10 +65,10 @@ class CauseFinder:
         self._channels: dict[str, set[str]] = {}  # by turbine: names of its channels
         self._links: dict[tuple[str, str], str] = {}  # turbine, unit: why its feed is silent
 
-    def causes(self, message: Message, now_ns: int) -> Iterator[Cause]:
+    def causes(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
         """What one message says."""
         self._health.observe(message, now_ns)
-        found: Iterable[Cause] = ()
+        found: Iterable[AlarmCondition] = ()
         match message:
             case SensorLayout():
                 names = (channel.name for channel in message.channels)
@@ -89,17 +89,17 @@ class CauseFinder:
             if cause.kind in self._settings.kinds:
                 yield cause
 
-    def _gap(self, gap: StreamGap) -> Iterator[Cause]:
+    def _gap(self, gap: StreamGap) -> Iterator[AlarmCondition]:
         seconds = (gap.end_ns - gap.start_ns) / NANOSECONDS
         if seconds < self._settings.shortest_gap:
             return
         begin = _moment(gap.start_ns)
         text = f"{_spoken(seconds)} of measurements of unit {gap.unit} are missing, from {begin} on"
         key = f"{gap.turbine}/gap/{gap.unit}"
-        yield Cause(key, "gap", gap.turbine, text)
-        yield Cause(key, "gap", gap.turbine, "", over=True)  # samples have resumed
+        yield AlarmCondition(key, "gap", gap.turbine, text)
+        yield AlarmCondition(key, "gap", gap.turbine, "", over=True)  # samples have resumed
 
-    def _sensor(self, estimate: ModalEstimate) -> Iterator[Cause]:
+    def _sensor(self, estimate: ModalEstimate) -> Iterator[AlarmCondition]:
         """Doubts about instruments in a window; those that it does not share are over."""
         turbine = estimate.turbine
         doubts = {
@@ -108,21 +108,23 @@ class CauseFinder:
             if each.code in SENSOR
         }
         for key, text in doubts.items():
-            yield Cause(key, "sensor", turbine, f"{text} ({_window_from(estimate.start_ns)})")
+            yield AlarmCondition(
+                key, "sensor", turbine, f"{text} ({_window_from(estimate.start_ns)})"
+            )
         for key in sorted(self._sensor_doubts.get(turbine, set()) - doubts.keys()):
-            yield Cause(key, "sensor", turbine, "", over=True)
+            yield AlarmCondition(key, "sensor", turbine, "", over=True)
         self._sensor_doubts[turbine] = set(doubts)
 
-    def _rejected(self, window: WindowRejected) -> Iterator[Cause]:
+    def _rejected(self, window: WindowRejected) -> Iterator[AlarmCondition]:
         """A window that says nothing of instruments does not say that they are well."""
         turbine, begin = window.turbine, _window_from(window.start_ns)
         if window.code in SENSOR:
             key = self._sensor_key(turbine, window.code, window.reason)
-            yield Cause(key, "sensor", turbine, f"{window.reason} ({begin}, not used)")
+            yield AlarmCondition(key, "sensor", turbine, f"{window.reason} ({begin}, not used)")
             self._sensor_doubts.setdefault(turbine, set()).add(key)
         elif window.code in REFUSED:
             text = f"no posterior of the {begin}: {window.reason}"
-            yield Cause(f"{turbine}/refused", "refused", turbine, text)
+            yield AlarmCondition(f"{turbine}/refused", "refused", turbine, text)
 
     def _sensor_key(self, turbine: str, code: str, text: str) -> str:
         """Of one fault of certain channels: another one that fails meanwhile is another cause."""
@@ -130,7 +132,7 @@ class CauseFinder:
         named = sorted({name for name in _NAME.findall(text) if name in channels})
         return "/".join([turbine, "sensor", code, *named])
 
-    def _silences(self, now_ns: int) -> Iterator[Cause]:
+    def _silences(self, now_ns: int) -> Iterator[AlarmCondition]:
         """Units and nodes from which nothing has come for too long, and those that are back."""
         if now_ns - self._looked_ns < LOOKED_EVERY * NANOSECONDS:
             return
@@ -149,7 +151,7 @@ class CauseFinder:
             text = f"node {status.node} has not been heard of for {_spoken(node.silence)}"
             yield _state(f"{status.turbine}/node/{status.node}", "node", status.turbine, text, lost)
 
-    def _status(self, status: NodeStatus) -> Iterator[Cause]:
+    def _status(self, status: NodeStatus) -> Iterator[AlarmCondition]:
         unit = status.node.removeprefix("feed-")
         if unit != status.node:
             link = "; ".join(doubt.text for doubt in status.warnings if doubt.code in LINK)
@@ -180,18 +182,18 @@ def _spoken(seconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
-def _state(key: str, kind: str, turbine: str, text: str, wrong: bool) -> Cause:
-    return Cause(key, kind, turbine, text if wrong else "", over=not wrong, counted=False)
+def _state(key: str, kind: str, turbine: str, text: str, wrong: bool) -> AlarmCondition:
+    return AlarmCondition(key, kind, turbine, text if wrong else "", over=not wrong, counted=False)
 
 
-def _change(event: FoundationEvent) -> Iterator[Cause]:
+def _change(event: FoundationEvent) -> Iterator[AlarmCondition]:
     key = f"{event.turbine}/change/{event.kind}"
-    yield Cause(key, "change", event.turbine, event.text, lasting=False)
+    yield AlarmCondition(key, "change", event.turbine, event.text, lasting=False)
 
 
-def _posterior(posterior: FoundationPosterior) -> Iterator[Cause]:
+def _posterior(posterior: FoundationPosterior) -> Iterator[AlarmCondition]:
     turbine = posterior.turbine
     why = "; ".join(doubt.text for doubt in posterior.warnings)
     text = f"the posterior is not to be trusted: {why or 'the data contradict the model'}"
     yield _state(f"{turbine}/untrusted", "untrusted", turbine, text, not posterior.trusted)
-    yield Cause(f"{turbine}/refused", "refused", turbine, "", over=True)
+    yield AlarmCondition(f"{turbine}/refused", "refused", turbine, "", over=True)

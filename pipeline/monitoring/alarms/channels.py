@@ -13,10 +13,10 @@ from email.utils import formatdate, make_msgid
 from typing import Any, Protocol
 
 from pipeline.monitoring.alarms.settings import (
+    AlarmError,
+    AlarmSettings,
     MailSettings,
     MqttSettings,
-    NoticesError,
-    NoticesSettings,
     WebhookSettings,
     secret,
 )
@@ -126,7 +126,7 @@ class Mqtt:
         try:
             import paho.mqtt.publish  # noqa: F401
         except ImportError:
-            raise NoticesError(
+            raise AlarmError(
                 "[[mqtt]] needs the extra `mqtt`: pip install 'pilewatch[mqtt]'"
             ) from None
         self.name = name
@@ -159,8 +159,8 @@ class Mqtt:
             client.loop_stop()
 
 
-def channels_of(settings: NoticesSettings) -> tuple[Channel, ...]:
-    """Every channel that the file names. Raises NoticesError where an extra is missing."""
+def channels_of(settings: AlarmSettings) -> tuple[Channel, ...]:
+    """Every channel that the file names. Raises AlarmError where an extra is missing."""
     return (
         *(Webhook(f"webhook-{i}", each) for i, each in enumerate(settings.webhook, start=1)),
         *(Mqtt(f"mqtt-{i}", each) for i, each in enumerate(settings.mqtt, start=1)),

@@ -31,12 +31,12 @@ from sensors.settings import settings_from_table
 KINDS = ("change", "gap", "silence", "sensor", "untrusted", "refused", "node", "recorder")
 
 
-class NoticesError(InputError):
+class AlarmError(InputError):
     """A notices file that cannot be right; the message names file, section and key."""
 
 
 @dataclass(frozen=True, slots=True)
-class BookSettings:
+class AlarmLogSettings:
     """Section [notices]: what is worth a notice, and how often it is told."""
 
     kinds: tuple[str, ...] = KINDS
@@ -47,10 +47,10 @@ class BookSettings:
     def __post_init__(self) -> None:
         for kind in self.kinds:
             if kind not in KINDS:
-                raise NoticesError(f"kinds has {kind!r}; there are {', '.join(KINDS)}")
+                raise AlarmError(f"kinds has {kind!r}; there are {', '.join(KINDS)}")
         for name in ("reminder", "settle", "shortest_gap"):
             if not getattr(self, name) >= 0:
-                raise NoticesError(f"{name} is {getattr(self, name)}; it must not be negative")
+                raise AlarmError(f"{name} is {getattr(self, name)}; it must not be negative")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class WebhookSettings:
 
     def __post_init__(self) -> None:
         if urlsplit(self.url).scheme not in ("http", "https") or not urlsplit(self.url).netloc:
-            raise NoticesError(f"url is {self.url!r}; it is like https://example.org/hook")
+            raise AlarmError(f"url is {self.url!r}; it is like https://example.org/hook")
         _require_set(self.token_environment, "token_environment")
 
 
@@ -83,7 +83,7 @@ class MqttSettings:
         _require_port(self.port)
         _require_set(self.password_environment, "password_environment")
         if not self.topic or any(letter in self.topic for letter in "#+"):
-            raise NoticesError(f"topic is {self.topic!r}; one to publish on has no # and no +")
+            raise AlarmError(f"topic is {self.topic!r}; one to publish on has no # and no +")
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,19 +103,19 @@ class MailSettings:
         _require_port(self.port)
         _require_set(self.password_environment, "password_environment")
         if not self.recipients:
-            raise NoticesError("recipients is empty; at least one address is needed")
+            raise AlarmError("recipients is empty; at least one address is needed")
         for address in (self.sender, *self.recipients):
             if "@" not in address or any(letter in address for letter in "\r\n"):
-                raise NoticesError(f"{address!r} is no e-mail address")
+                raise AlarmError(f"{address!r} is no e-mail address")
         if self.user and not self.starttls and self.host not in ("localhost", "127.0.0.1"):
-            raise NoticesError("user without starttls: a password would travel readable")
+            raise AlarmError("user without starttls: a password would travel readable")
 
 
 @dataclass(frozen=True, slots=True)
-class NoticesSettings:
+class AlarmSettings:
     """The whole file."""
 
-    notices: BookSettings = field(default_factory=BookSettings)
+    notices: AlarmLogSettings = field(default_factory=AlarmLogSettings)
     webhook: tuple[WebhookSettings, ...] = ()
     mqtt: tuple[MqttSettings, ...] = ()
     mail: tuple[MailSettings, ...] = ()
@@ -128,40 +128,40 @@ _CHANNELS: dict[str, type] = {
 }
 
 
-def load_notices(path: Path) -> NoticesSettings:
-    """The file's settings. Raises NoticesError: it cannot be read, an unknown key, a wrong value,
+def load_notices(path: Path) -> AlarmSettings:
+    """The file's settings. Raises AlarmError: it cannot be read, an unknown key, a wrong value,
     a variable of the environment that is not set."""
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
-        raise NoticesError(f"--notices {path} cannot be read: {reason}") from error
+        raise AlarmError(f"--notices {path} cannot be read: {reason}") from error
     except tomllib.TOMLDecodeError as error:
-        raise NoticesError(f"{path}: not valid TOML: {error}") from error
+        raise AlarmError(f"{path}: not valid TOML: {error}") from error
     return notices_settings(table, str(path))
 
 
-def notices_settings(table: Mapping[str, Any], origin: str) -> NoticesSettings:
-    """The settings that a table describes; `origin` names it in errors. Raises NoticesError."""
+def notices_settings(table: Mapping[str, Any], origin: str) -> AlarmSettings:
+    """The settings that a table describes; `origin` names it in errors. Raises AlarmError."""
     unknown = [key for key in table if key not in ("notices", *_CHANNELS)]
     if unknown:
         known = ", ".join(("[notices]", *(f"[[{name}]]" for name in _CHANNELS)))
-        raise NoticesError(f"{origin}: unknown section {unknown[0]!r}; it takes {known}")
+        raise AlarmError(f"{origin}: unknown section {unknown[0]!r}; it takes {known}")
     book = settings_from_table(
-        BookSettings, table.get("notices", {}), f"{origin} [notices]", NoticesError
+        AlarmLogSettings, table.get("notices", {}), f"{origin} [notices]", AlarmError
     )
     channels: dict[str, tuple[Any, ...]] = {}
     for name, settings in _CHANNELS.items():
         given = table.get(name, [])
         if not isinstance(given, list):
-            raise NoticesError(f"{origin}: write [[{name}]] in two brackets: there may be several")
+            raise AlarmError(f"{origin}: write [[{name}]] in two brackets: there may be several")
         channels[name] = tuple(
-            settings_from_table(settings, each, f"{origin} [[{name}]] {number}", NoticesError)
+            settings_from_table(settings, each, f"{origin} [[{name}]] {number}", AlarmError)
             for number, each in enumerate(given, start=1)
         )
     if not any(channels.values()):
-        raise NoticesError(f"{origin} names nobody to tell: add [[webhook]], [[mqtt]] or [[mail]]")
-    return NoticesSettings(notices=book, **channels)
+        raise AlarmError(f"{origin} names nobody to tell: add [[webhook]], [[mqtt]] or [[mail]]")
+    return AlarmSettings(notices=book, **channels)
 
 
 def secret(variable: str) -> str:
@@ -171,9 +171,9 @@ def secret(variable: str) -> str:
 
 def _require_set(variable: str, key: str) -> None:
     if variable and variable not in os.environ:
-        raise NoticesError(f"{key} names {variable}, which is not set in the environment")
+        raise AlarmError(f"{key} names {variable}, which is not set in the environment")
 
 
 def _require_port(port: int) -> None:
     if not 0 < port < 65_536:
-        raise NoticesError(f"port is {port}; it is 1 to 65535")
+        raise AlarmError(f"port is {port}; it is 1 to 65535")

@@ -4,7 +4,7 @@ from collections import Counter, deque
 
 import numpy as np
 
-from pipeline.messages import Warning  # noqa: A004  # the field's word
+from pipeline.messages import QualityWarning
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 REMEMBERED = 600  # blocks by which a repeated one is recognised
@@ -16,7 +16,7 @@ REMEMBERED_STAMPS = 100_000  # blocks: a day of them without an estimate that as
 FEWEST_SAMPLES = 10  # of a block that can tell
 
 
-class BlockWatch:
+class BlockMonitor:
     """Counts repeated, late and out-of-order blocks of a turbine and follows its clock.
 
     lateness   how long an out-of-order block is waited for [s]
@@ -79,7 +79,7 @@ class BlockWatch:
         off = (block.start_ns - self._origin.start_ns) / NANOSECONDS - due
         self._stamps.append((block.start_ns, due, off))
 
-    def warnings_until(self, end_ns: int) -> tuple[Warning, ...]:
+    def warnings_until(self, end_ns: int) -> tuple[QualityWarning, ...]:
         """What went wrong since the last time this was asked, stamps up to a moment [ns]."""
         texts = {
             "repeated": "blocks came twice and were used once",
@@ -87,14 +87,14 @@ class BlockWatch:
             "late": "blocks came too late to be waited for",
         }
         counted = [
-            Warning(code, f"{self._counts[code]} {text}")
+            QualityWarning(code, f"{self._counts[code]} {text}")
             for code, text in texts.items()
             if self._counts[code]
         ]
         self._counts.clear()
         return (*counted, *self._clock_warnings(end_ns))
 
-    def _clock_warnings(self, end_ns: int) -> list[Warning]:
+    def _clock_warnings(self, end_ns: int) -> list[QualityWarning]:
         stamps = []
         while self._stamps and self._stamps[0][0] < end_ns:
             stamps.append(self._stamps.popleft())
@@ -109,11 +109,11 @@ class BlockWatch:
                 f"the unit's time stamps run {1e6 * slope:+.0f} ppm against its sampling rate; "
                 "frequencies follow the sampling rate"
             )
-            warnings.append(Warning("clock-drift", text))
+            warnings.append(QualityWarning("clock-drift", text))
         if scatter > CLOCK_JITTER:
             text = (
                 f"the unit's time stamps scatter by {1e3 * scatter:.2g} ms; samples are taken as "
                 "even"
             )
-            warnings.append(Warning("clock-jitter", text))
+            warnings.append(QualityWarning("clock-jitter", text))
         return warnings

@@ -3,12 +3,10 @@
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
 from pipeline.modal_assurance import modal_assurance_criterion
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 SAME_MODE = 0.01  # relative distance of frequencies of one mode in two windows [-]
 CLEAR_SHAPE = 0.05  # largest std of a component that can show a swap [-]
@@ -17,7 +15,7 @@ CHANGED = 0.05  # of a MAC by the exchange of two channels [-]
 BAD, GOOD = 0.9, 0.95  # mean MAC of those modes below which a swap is sought, and with it [-]
 
 
-class ChannelWatch:
+class ChannelSwapMonitor:
     """Remembers the shapes of a turbine's last good window."""
 
     def __init__(self) -> None:

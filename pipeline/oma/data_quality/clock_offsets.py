@@ -18,13 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 
 from pipeline.messages import Mode
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from sensors.arrays import ComplexArray, FloatArray
 
 NOTABLE = 0.5e-3  # offset that is worth a warning [s]
 UNUSABLE = 5e-3  # offset beyond which shapes over both units are wrong [s]

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
-from pipeline.messages import Warning  # noqa: A004  # the field's word
+from pipeline.messages import QualityWarning
 from pipeline.oma.ssi.preprocessing import without_drift
+from sensors.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Action = Literal["warn", "mend", "reject"]
 
 FEWEST_SAMPLES = 100  # below, nothing can be identified
@@ -50,8 +50,8 @@ class Finding:
     action: Action
 
     @property
-    def warning(self) -> Warning:
-        return Warning(self.code, self.text)
+    def warning(self) -> QualityWarning:
+        return QualityWarning(self.code, self.text)
 
 
 def check_samples(

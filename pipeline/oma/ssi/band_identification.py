@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.messages import Mode  # the field's word
+from pipeline.messages import Mode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.bands import Band
-from pipeline.oma.ssi.coincident_modes import Twins, twins_in
+from pipeline.oma.ssi.coincident_modes import CoincidentModes, twins_in
 from pipeline.oma.ssi.covariance import ALL, LagCovariances, References, lag_covariances
 from pipeline.oma.ssi.measured_quantities import to_acceleration
 from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
@@ -32,10 +31,7 @@ from pipeline.oma.ssi.uncertainty import (
     shape_deviations,
     state_deviations,
 )
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating]
-IntArray = NDArray[np.int64]
+from sensors.arrays import ComplexArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +42,7 @@ class BandIdentification:
     modes: tuple[Mode, ...]
     poles: PoleCloud  # that came back over the orders: the band's stabilisation diagram
     subspace: SignalSubspace  # for the next window to begin with
-    twins: tuple[Twins, ...] = ()  # where two modes are too alike to be told apart
+    twins: tuple[CoincidentModes, ...] = ()  # where two modes are too alike to be told apart
 
 
 def band_covariances(

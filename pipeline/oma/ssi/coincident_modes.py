@@ -24,7 +24,7 @@ LARGEST_DAMPING = 0.05  # [-]
 
 
 @dataclass(frozen=True, slots=True)
-class Twins:
+class CoincidentModes:
     """Two modes of one frequency, as the orders see them."""
 
     frequency: float  # mean of the two [Hz]
@@ -35,7 +35,7 @@ class Twins:
 
 def twins_in(
     systems: Sequence[SystemModes], band: Band, settings: OmaSettings
-) -> tuple[Twins, ...]:
+) -> tuple[CoincidentModes, ...]:
     """Where two poles stand side by side in most orders, mixed in every shape.
 
     systems   of all orders of the band, with the phases of accelerations
@@ -43,14 +43,14 @@ def twins_in(
     by_order = [_pairs(system, band) for system in systems]
     places = np.concatenate(by_order) if by_order else np.empty((0, 2))
     needed = settings.minimum_presence * len(systems)
-    found: list[Twins] = []
+    found: list[CoincidentModes] = []
     for place in np.sort(places[:, 0]).tolist():
         orders = sum(bool(_near(place, each[:, 0], PLACE).any()) for each in by_order)
         if orders < needed or any(_near(place, each.frequency, 2 * PLACE) for each in found):
             continue
         near = places[_near(place, places[:, 0], 2 * PLACE)]
         frequency, damping = np.median(near, axis=0).tolist()
-        found.append(Twins(frequency, damping, *near.std(axis=0).tolist()))
+        found.append(CoincidentModes(frequency, damping, *near.std(axis=0).tolist()))
     return tuple(found)
 
 

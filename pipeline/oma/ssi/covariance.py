@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
+
 References = slice | NDArray[np.intp]  # the channels that y_t runs over, by index
 ALL = slice(None)
 

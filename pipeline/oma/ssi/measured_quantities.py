@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import csd
 
+from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FEWEST_SAMPLES = 1000  # fewer say nothing about phases
 MOST_SAMPLES = 100_000  # more say nothing new

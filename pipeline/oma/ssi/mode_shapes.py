@@ -3,12 +3,9 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.modal_assurance import complex_normalised
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating]
+from sensors.arrays import ComplexArray, FloatArray
 
 
 def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:

@@ -3,10 +3,9 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 STOP_BAND_ATTENUATION = 70.0  # [dB]: aliases stay below the noise of a good accelerometer
 PASS_BAND = 0.44  # of the decimated rate: flat to here,

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from scipy import fft, linalg
 
 from pipeline.oma.ssi.covariance import block_hankel
+from sensors.arrays import ComplexArray, FloatArray
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating]
 Triplets = tuple[FloatArray, FloatArray, FloatArray]  # U, s, V of U diag(s) Vᵀ, largest s first
 
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.settings import OmaSettings
@@ -16,11 +15,7 @@ from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.measured_quantities import to_acceleration
 from pipeline.oma.ssi.mode_shapes import modal_phase_collinearity
 from pipeline.oma.ssi.ssi_cov import SystemModes
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complexfloating]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from sensors.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 LEAST_TOLERANCE = 0.002  # two poles this close in frequency (relative) may be one mode, whatever
 LARGEST_TOLERANCE = 0.02  # their std says; further apart than this they never are

@@ -30,10 +30,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import Mode
 from pipeline.oma.ssi.ssi_cov import SignalSubspace, SystemModes
-
-FloatArray = NDArray[np.float64]
-RealArray = NDArray[np.floating]
-ComplexArray = NDArray[np.complexfloating]
+from sensors.arrays import ComplexArray, FloatArray, RealArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +142,7 @@ def order_deviations(projected: ProjectedDeviations, modes: SystemModes) -> Orde
         modes=modes,
         gram=gram,
         shift=projected.shift[:n, :n],
-        dual=np.linalg.inv(modes.all_right.T @ gram),
+        dual=np.linalg.inv(modes.all_right.T @ gram).astype(np.complex128, copy=False),
         projected=projected,
     )
 

@@ -18,8 +18,7 @@ from pipeline.oma.windows.windowing import MissingSamples
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import SensorLayout, joined_layout
 from sensors.acquisition.resampling import HALF_LENGTH, interpolated
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 FITTED_STAMPS = 120  # blocks whose stamps a unit's clock is fitted to: the newest
 FEWEST_STAMPS = 10  # below them the nominal rate is taken

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 TOLD_WINDOWS = 100  # that lie in one gap and are still rejected one by one
 

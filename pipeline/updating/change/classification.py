@@ -25,7 +25,7 @@ from pipeline.updating.change.modal_drift import LARGEST, SHIFTS, log_drift
 from pipeline.updating.change.settings import ChangeSettings
 from pipeline.updating.change.stiffness_change import ITERATIONS, STIFFNESS_SHIFTS
 from pipeline.updating.change.sufficient_statistics import Steps
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 Kind = Literal["foundation", "modal-drift", "undecided"]
 

@@ -23,7 +23,7 @@ from pipeline.updating.change.sufficient_statistics import (
     with_tracks_of,
     with_window,
 )
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

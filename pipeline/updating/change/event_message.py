@@ -15,9 +15,9 @@ from pipeline.updating.change.sufficient_statistics import (
     WatchedWindow,
 )
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.arrays import FloatArray
 
 QUANTILE = 1.6449  # of the standard normal distribution at 95 %
 

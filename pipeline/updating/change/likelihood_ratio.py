@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 
 def log_step(g: FloatArray, h: FloatArray, variances: FloatArray) -> FloatArray:

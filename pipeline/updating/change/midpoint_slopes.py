@@ -17,9 +17,10 @@ import numpy as np
 
 from pipeline.updating.change.detector import Change, ChangeDetector, ChangeState
 from pipeline.updating.change.event_message import TrackSensitivity, sensitivities_of
-from pipeline.updating.forward_model import FloatArray, ForwardModel
+from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.pairing import DIFFERENCE
 from pipeline.updating.prior import Prior
+from sensors.arrays import FloatArray
 
 ROUNDS = 4  # of measuring a change anew; each makes the error some ten times smaller
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.updating.change.likelihood_ratio import log_mean, log_step
 from pipeline.updating.change.sufficient_statistics import Steps
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 SHIFTS = np.array([0.001, 0.004, 0.016])  # τ of ln f [-]
 FAMILY = 0.25  # p of a family of modes [-]

@@ -34,7 +34,7 @@ from pipeline.updating.change.sufficient_statistics import (
     WatchedWindow,
     reduced_moments,
 )
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 STEPS = np.repeat([0.0, 0.0005, 0.002, 0.008], 2)  # q, a window of weight 1 [-]
 RIDES = np.tile([False, True], 4)

@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.updating.change.likelihood_ratio import log_mean
 from pipeline.updating.change.sufficient_statistics import Steps
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 STIFFNESS_SHIFTS = np.array([0.01, 0.05, 0.2])  # τ of the ratios k / nominal [-]
 UPPER = np.triu_indices(3)  # (0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)

@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 SLOPE_STD = 0.01  # prior of ∂ ln f / ∂ level, beyond what the model says of it [1/m]
 WIND_STD = 0.00005  # prior of ∂ ln f / ∂ wind speed, as storms move simulated towers [s/m]

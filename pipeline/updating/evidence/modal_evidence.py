@@ -25,8 +25,8 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.messages import ModalEstimate
 from pipeline.updating.evidence.mode_evidence import ModeEvidence, PartnerInWater
-from pipeline.updating.evidence.observations import Sighting, sightings
-from pipeline.updating.forward_model import FloatArray
+from pipeline.updating.evidence.observations import ModeObservation, sightings
+from sensors.arrays import FloatArray
 
 FOLLOWING_FREQUENCY_STD = 0.003  # relative scatter of one mode's f between windows [-]
 WIDEST_FREQUENCY_STD = 0.01  # however uncertain both are [-]
@@ -39,7 +39,7 @@ ESTABLISHED = 3  # windows from which a mode can be missed
 
 
 def jumped_from(
-    modes: Sequence[ModeEvidence], seen: Sequence[Sighting], followed: Sequence[int]
+    modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation], followed: Sequence[int]
 ) -> list[int]:
     """For each sighting that continues no mode, the one of which it may be the continuation after
     a jump of frequency, or −1.
@@ -74,7 +74,7 @@ def jumped_from(
     return found
 
 
-def followed_by(modes: Sequence[ModeEvidence], seen: Sequence[Sighting]) -> list[int]:
+def followed_by(modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation]) -> list[int]:
     """For each sighting the mode it continues, or −1 where it opens a new one.
 
     Assignment on (Δ ln f / s)² + ((1 − MAC) / .15)², beyond 9 a new mode; s is .3 % and both
@@ -97,7 +97,7 @@ def followed_by(modes: Sequence[ModeEvidence], seen: Sequence[Sighting]) -> list
     return followed
 
 
-def _nearest_squares(seen: Sequence[Sighting], modes: Sequence[ModeEvidence]) -> FloatArray:
+def _nearest_squares(seen: Sequence[ModeObservation], modes: Sequence[ModeEvidence]) -> FloatArray:
     """(n_seen, n_modes) squared distances of ln f."""
     logs = np.log([sighting.frequency for sighting in seen])
     means = np.log([mode.frequency for mode in modes])
@@ -105,7 +105,9 @@ def _nearest_squares(seen: Sequence[Sighting], modes: Sequence[ModeEvidence]) ->
     return np.minimum((logs[:, None] - means) ** 2, (logs[:, None] - last) ** 2)
 
 
-def _following_variance(seen: Sequence[Sighting], modes: Sequence[ModeEvidence]) -> FloatArray:
+def _following_variance(
+    seen: Sequence[ModeObservation], modes: Sequence[ModeEvidence]
+) -> FloatArray:
     """(n_seen, n_modes) variance of ln f between two windows of one mode."""
     own = [np.linalg.norm(sighting.factor[0]) / sighting.frequency for sighting in seen]
     known = [mode.frequency_std / mode.frequency for mode in modes]
@@ -113,7 +115,7 @@ def _following_variance(seen: Sequence[Sighting], modes: Sequence[ModeEvidence])
     return np.minimum(variance, WIDEST_FREQUENCY_STD**2)
 
 
-def _macs(seen: Sequence[Sighting], modes: Sequence[ModeEvidence]) -> FloatArray:
+def _macs(seen: Sequence[ModeObservation], modes: Sequence[ModeEvidence]) -> FloatArray:
     """(n_seen, n_modes) MAC on the channels both have; 1 where there are none."""
     shapes = np.array([sighting.shape for sighting in seen])[:, None]
     known = np.array([mode.shape for mode in modes])[None]
@@ -154,7 +156,7 @@ class ModalEvidence:
         )
 
     def with_sightings(
-        self, seen: Sequence[Sighting], weight: float, duration: float, *, rise: float = 0.0
+        self, seen: Sequence[ModeObservation], weight: float, duration: float, *, rise: float = 0.0
     ) -> "ModalEvidence":
         """The same from the sightings of a window of that weight and duration [s]."""
         window = self.n_windows + 1

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.updating.evidence.observations import Sighting
-from pipeline.updating.forward_model import FloatArray
+from pipeline.updating.evidence.observations import ModeObservation
+from sensors.arrays import FloatArray
 
 PATIENCE = 144  # windows without a mode for each window with it, after which it is forgotten
 LONGEST_PATIENCE = 4320  # windows, a month of ten minutes each
@@ -64,7 +64,7 @@ class ModeEvidence:
     close_pair: bool = False
 
     @classmethod
-    def empty(cls, sighting: Sighting, track: int = 0) -> "ModeEvidence":
+    def empty(cls, sighting: ModeObservation, track: int = 0) -> "ModeEvidence":
         """No information yet; identity and unit component of the first sighting."""
         n_rows = len(sighting.values)
         return cls(
@@ -81,7 +81,7 @@ class ModeEvidence:
 
     def with_sighting(
         self,
-        sighting: Sighting,
+        sighting: ModeObservation,
         *,
         window: int,
         weight: float,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
 from pipeline.modal_assurance import normalised_to, renormalised_factor
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 SMALLEST_UNIT_COMPONENT = 0.05  # of a largest component of 1: below, a shape cannot be rescaled
 
@@ -26,7 +26,7 @@ class EstimateRefused(Exception):  # noqa: N818  # a verdict on the estimate, no
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+class ModeObservation:
     """One mode as one window saw it, on all channels of the layout.
 
     Rows are f [Hz], then φ [-] of every channel; those of absent channels, and all of φ for a
@@ -54,7 +54,7 @@ class Sighting:
         """Channel with the shape's largest component; 0 for a close pair."""
         return int(np.argmax(np.abs(np.nan_to_num(self.shape))))
 
-    def normalised_to(self, component: int) -> "Sighting":
+    def normalised_to(self, component: int) -> "ModeObservation":
         """The same with another unit component; frequency only where that channel is absent or
         moves too little to be divided by."""
         scale = self.shape[component]
@@ -68,7 +68,7 @@ class Sighting:
         return replace(self, values=values, factor=factor)
 
 
-def sightings(estimate: ModalEstimate, channels: Sequence[str]) -> list[Sighting]:
+def sightings(estimate: ModalEstimate, channels: Sequence[str]) -> list[ModeObservation]:
     """Every mode of an estimate on the layout's channels, the members of a close pair as one.
 
     Raises EstimateRefused for no mode at all, for a channel the layout doesn't have, and for a
@@ -90,7 +90,7 @@ def sightings(estimate: ModalEstimate, channels: Sequence[str]) -> list[Sighting
     return [_sighting(group, rows, 1 + len(channels)) for group in groups.values()]
 
 
-def diagonal(sighting: Sighting) -> Sighting:
+def diagonal(sighting: ModeObservation) -> ModeObservation:
     """The same with the variances alone of its covariance."""
     return replace(sighting, factor=np.linalg.norm(sighting.factor, axis=1)[:, None])
 
@@ -109,7 +109,7 @@ def _check(mode: Mode) -> None:
     )
 
 
-def _sighting(group: list[Mode], rows: NDArray[np.intp], n_rows: int) -> Sighting:
+def _sighting(group: list[Mode], rows: NDArray[np.intp], n_rows: int) -> ModeObservation:
     mode = group[0]
     if len(group) > 1:
         return _pair_sighting(group, n_rows)
@@ -117,10 +117,10 @@ def _sighting(group: list[Mode], rows: NDArray[np.intp], n_rows: int) -> Sightin
     factor = np.zeros((n_rows, mode.covariance_factor.shape[1]))
     values[0], factor[0] = mode.frequency, mode.covariance_factor[0]
     values[rows], factor[rows] = mode.shape, mode.covariance_factor[2:]
-    return Sighting(mode.name, values, factor, mode.n_block_columns)
+    return ModeObservation(mode.name, values, factor, mode.n_block_columns)
 
 
-def _pair_sighting(group: list[Mode], n_rows: int) -> Sighting:
+def _pair_sighting(group: list[Mode], n_rows: int) -> ModeObservation:
     """The mean frequency of a close pair: what can be said of two modes nearer than their own
     standard deviation. Block columns are common to both, the others are each mode's own."""
     n_blocks = group[0].n_block_columns
@@ -132,4 +132,4 @@ def _pair_sighting(group: list[Mode], n_rows: int) -> Sighting:
     factor = np.zeros((n_rows, len(row)))
     factor[0] = row
     name = "+".join(mode.name for mode in group if mode.name)
-    return Sighting(name, values, factor, n_blocks, close_pair=True)
+    return ModeObservation(name, values, factor, n_blocks, close_pair=True)

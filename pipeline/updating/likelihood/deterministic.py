@@ -17,9 +17,10 @@ from scipy.optimize import OptimizeResult, linear_sum_assignment, minimize
 
 from pipeline.messages import ModalEstimate
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.updating.forward_model import FloatArray, ForwardModel
+from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.pairing import PairingTargets, assigned, pairing_costs
 from pipeline.updating.prior import Prior, UpdatingError
+from sensors.arrays import FloatArray
 
 PairingRule = Literal["label", "mac"]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.stats import invgamma
 
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 TAIL_NODES = 5  # of the distribution of λ
 CHUNK = 256  # rows at once: (rows, σ, λ) must stay within the processor's cache

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.updating.forward_model import FloatArray, ForwardModel
+from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.likelihood import ModalLikelihood
 from pipeline.updating.likelihood.pairing import DIFFERENCE, STEP_LENGTHS
 from pipeline.updating.prior import Prior
+from sensors.arrays import FloatArray
 
 WIDEST = 1.0  # standard deviation of a ratio beyond which a Gaussian says nothing [-]
 

@@ -24,7 +24,7 @@ from scipy.linalg import block_diag
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.mode_evidence import ModeEvidence
-from pipeline.updating.forward_model import FloatArray, ModesOfStiffness
+from pipeline.updating.forward_model import ModesOfStiffness
 from pipeline.updating.likelihood.error_distributions import (
     ErrorModel,
     GaussianErrors,
@@ -32,6 +32,7 @@ from pipeline.updating.likelihood.error_distributions import (
 )
 from pipeline.updating.likelihood.pairing import Pairing
 from pipeline.updating.prior import UpdatingError
+from sensors.arrays import FloatArray
 
 SMALLEST_SIGMA_STEP = 2e-4  # where σ's grid turns from even to geometric steps [-]
 

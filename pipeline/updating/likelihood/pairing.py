@@ -14,8 +14,9 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.updating.evidence.mode_evidence import ModeEvidence
-from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
+from pipeline.updating.forward_model import ForwardModel, ModesOfStiffness
 from pipeline.updating.prior import Prior, UpdatingError, modal_where_supported
+from sensors.arrays import FloatArray
 
 STEP_LENGTHS = np.array([1.0, 0.5, 0.2, 0.05])  # of a Gauss-Newton step, tried in one batch [-]
 SURELY_WITHIN_REACH = 0.94  # share of the model's highest frequency at nominal stiffness [-]

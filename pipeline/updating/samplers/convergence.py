@@ -9,7 +9,7 @@ Source: Vehtari et al. (2021), Bayesian Analysis 16, 667.
 import numpy as np
 from arviz_stats.base.array import array_stats
 
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 FEWEST_STEPS = 8  # two halves of four, below which ArviZ has no answer
 

@@ -6,7 +6,6 @@ from typing import Any
 import emcee
 import numpy as np
 
-from pipeline.updating.forward_model import FloatArray
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.samplers.convergence import (
     autocorrelation_time,
@@ -14,6 +13,7 @@ from pipeline.updating.samplers.convergence import (
     split_rhat,
 )
 from pipeline.updating.samplers.interface import LogDensity
+from sensors.arrays import FloatArray
 
 DEGREES_OF_FREEDOM = 5.0  # of the proposal: tails heavy enough to fetch a walker that lags behind
 

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from pipeline.messages import Warning as Doubt
-from pipeline.updating.forward_model import FloatArray
+from pipeline.messages import QualityWarning
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.samplers.interface import (
     CountedDensity,
@@ -29,6 +28,7 @@ from pipeline.updating.samplers.student_t import (
     mixed,
     weighted_moments,
 )
+from sensors.arrays import FloatArray
 
 logger = logging.getLogger(__name__)
 
@@ -333,7 +333,7 @@ class ImportanceSampler:
         efficiency: float,
         generator: np.random.Generator,
     ) -> PosteriorDraws:
-        doubt = Doubt(
+        doubt = QualityWarning(
             "importance-efficiency",
             f"importance sampling kept {efficiency:.1%} of its draws (at least "
             f"{self.settings.least_efficiency:.0%} wanted); Markov chains took over",

@@ -10,10 +10,10 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.messages import Warning as Doubt
-from pipeline.updating.forward_model import FloatArray
+from pipeline.messages import QualityWarning
 from pipeline.updating.likelihood.laplace import Peak
 from pipeline.updating.prior import Prior
+from sensors.arrays import FloatArray
 
 CHUNK = 2048  # points evaluated at once: the model's arrays stay within the processor's cache
 VOLUME_NODES = 1000  # a side, of the midpoint rule for the prior's volume
@@ -51,7 +51,7 @@ class PosteriorDraws:
     efficiency: float = float("nan")  # Kish ESS / draws of an importance sampler [-]
     log_evidence: float = float("nan")  # log p(d), the likelihood's dropped constant left out
     log_evidence_std: float = float("nan")
-    doubts: tuple[Doubt, ...] = ()
+    doubts: tuple[QualityWarning, ...] = ()
 
 
 class PosteriorSampler(Protocol):

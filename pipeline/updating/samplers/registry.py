@@ -5,8 +5,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from pipeline.messages import Warning as Doubt
-from pipeline.updating.forward_model import FloatArray
+from pipeline.messages import QualityWarning
 from pipeline.updating.likelihood.laplace import Peak
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.samplers.emcee_sampler import Chains, SamplerSettings, walked
@@ -19,11 +18,12 @@ from pipeline.updating.samplers.interface import (
 )
 from pipeline.updating.samplers.student_t import StudentMixture
 from pipeline.updating.samplers.tmcmc import (
-    MendedTmcmc,
+    CorrectedTmcmc,
     PublishedSettings,
     PublishedTmcmc,
     TemperingSettings,
 )
+from sensors.arrays import FloatArray
 
 SamplerName = Literal["importance", "emcee", "tmcmc", "tmcmc-published"]
 
@@ -53,7 +53,7 @@ def sampler_of(settings: SamplingSettings, chains: SamplerSettings) -> Posterior
     if settings.method == "importance":
         return ImportanceSampler(settings.importance, chains=ensemble)
     if settings.method == "tmcmc":
-        return MendedTmcmc(settings.tempering)
+        return CorrectedTmcmc(settings.tempering)
     if settings.method == "tmcmc-published":
         return PublishedTmcmc(settings.published)
     return ensemble
@@ -119,11 +119,11 @@ def _among(peak: Peak, ensemble: FloatArray) -> bool:
     return bool(offset @ np.linalg.pinv(np.cov(ensemble.T)) @ offset < WARM_DISTANCE**2)
 
 
-def _doubts(chains: Chains) -> tuple[Doubt, ...]:
+def _doubts(chains: Chains) -> tuple[QualityWarning, ...]:
     doubts = []
     if not chains.long_enough:
         doubts.append(
-            Doubt(
+            QualityWarning(
                 "chain-short",
                 f"the chain of {len(chains.points)} steps is "
                 f"{len(chains.points) / chains.autocorrelation_time:.0f} autocorrelation times "
@@ -132,7 +132,7 @@ def _doubts(chains: Chains) -> tuple[Doubt, ...]:
         )
     if not chains.rhat <= LARGEST_RHAT:
         doubts.append(
-            Doubt(
+            QualityWarning(
                 "not-converged",
                 f"the chains disagree (split R-hat {chains.rhat:.3f}, at most {LARGEST_RHAT:g} "
                 "expected)",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 DEGREES_OF_FREEDOM = 5.0  # ν: heavier tails than a posterior of σ integrated out has
 EM_STEPS = 60

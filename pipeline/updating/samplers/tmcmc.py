@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from pipeline.messages import Warning as Doubt
-from pipeline.updating.forward_model import FloatArray
+from pipeline.messages import QualityWarning
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.samplers.importance import (
     ENSEMBLE,
@@ -28,6 +27,7 @@ from pipeline.updating.samplers.importance import (
 )
 from pipeline.updating.samplers.interface import CountedDensity, PosteriorDraws, Target
 from pipeline.updating.samplers.student_t import fitted_mixture, kish_size, weighted_moments
+from sensors.arrays import FloatArray
 
 MOST_STAGES = 200
 GOOD_ACCEPTANCE = 0.3  # of a random walk in a few dimensions [-]
@@ -238,7 +238,7 @@ class PublishedTmcmc:
         )
 
 
-_PUBLISHED_BIAS = Doubt(
+_PUBLISHED_BIAS = QualityWarning(
     "tmcmc-published",
     "TMCMC as published makes one Metropolis step a sample and stage: on informative data its "
     "posterior is too wide and its evidence is off; --sampler tmcmc is the mended one",
@@ -251,11 +251,11 @@ def _distinct(points: FloatArray) -> float:
     return kish_size(np.unique(points, axis=0, return_counts=True)[1].astype(float))
 
 
-def _unfinished(population: Population) -> tuple[Doubt, ...]:
+def _unfinished(population: Population) -> tuple[QualityWarning, ...]:
     if population.exponent >= 1:
         return ()
     text = f"tempering stopped after {population.stages} stages at β = {population.exponent:.3g}"
-    return (Doubt("tempering-unfinished", text),)
+    return (QualityWarning("tempering-unfinished", text),)
 
 
 def tempered_population(
@@ -294,7 +294,7 @@ def _correlation(before: FloatArray, after: FloatArray) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class MendedTmcmc:
+class CorrectedTmcmc:
     """TMCMC that ends in importance sampling, whose weights take out what bias is left.
 
     The population of the last stage is fitted by a Student-t mixture; pilot rounds refine it; the
@@ -320,11 +320,11 @@ class MendedTmcmc:
         draws = posterior_draws(drawn, target, density, settings.samples, "tmcmc", generator)
         return replace(draws, doubts=(*self._doubts(draws), *_unfinished(population)))
 
-    def _doubts(self, draws: PosteriorDraws) -> tuple[Doubt, ...]:
+    def _doubts(self, draws: PosteriorDraws) -> tuple[QualityWarning, ...]:
         if draws.efficiency >= self.settings.least_efficiency:
             return ()
         return (
-            Doubt(
+            QualityWarning(
                 "importance-efficiency",
                 f"the final importance sampling kept {draws.efficiency:.1%} of its draws (at least "
                 f"{self.settings.least_efficiency:.0%} wanted); its quantiles are rough",

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.colours import Colour
 from pipeline.viewer.pictures.corner import Text
-from pipeline.viewer.pictures.status_text import Lamp
+from pipeline.viewer.pictures.status_text import StatusIndicator
 
 TIMELINE = "time"
 FARM = "/all-turbines"
@@ -138,7 +138,7 @@ def log_lights(
     recording: rr.RecordingStream,
     path: str,
     places: Sequence[tuple[float, float]],
-    lamps: Sequence[Lamp],
+    lamps: Sequence[StatusIndicator],
 ) -> None:
     """A lamp at each place of a picture; place and word say it as well as the colour."""
     shades = {"good": colours.TRUTH, "doubt": colours.MODEL, "bad": colours.TROUBLE}

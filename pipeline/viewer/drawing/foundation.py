@@ -2,7 +2,6 @@
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from pipeline.messages import FoundationEvent, FoundationPosterior, FoundationTruth, NodeStatus
 from pipeline.viewer.drawing.entities import (
@@ -19,8 +18,6 @@ from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.corner import CornerPlot, corner_plot
 from pipeline.viewer.pictures.pile import PilePicture
 from pipeline.viewer.pictures.status_text import STIFFNESSES
-
-FloatArray = NDArray[np.float64]
 
 PERCENT = 100.0
 

@@ -5,18 +5,16 @@ from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from pipeline.viewer.drawing.entities import FARM, log_lights, strips, words
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.corner import Text
-from pipeline.viewer.pictures.farm_overview import LampBoard
+from pipeline.viewer.pictures.farm_overview import StatusIndicators
 from pipeline.viewer.pictures.mac_matrix import MacMatrix
 from pipeline.viewer.pictures.spectrum import SpectrumPicture
 from pipeline.viewer.pictures.stabilisation import StabilisationPicture
-from pipeline.viewer.pictures.status_text import Lamp
-
-FloatArray = NDArray[np.float64]
+from pipeline.viewer.pictures.status_text import StatusIndicator
+from sensors.arrays import FloatArray
 
 
 def log_spectrum(recording: rr.RecordingStream, root: str, picture: SpectrumPicture) -> None:
@@ -64,7 +62,7 @@ def log_mac_matrix(recording: rr.RecordingStream, root: str, matrix: MacMatrix) 
     recording.log(f"{root}/mac/text", words(matrix.texts))
 
 
-def log_lamps(recording: rr.RecordingStream, root: str, lamps: Sequence[Lamp]) -> None:
+def log_lamps(recording: rr.RecordingStream, root: str, lamps: Sequence[StatusIndicator]) -> None:
     """A lamp above the other, its words beside it."""
     rows = [float(row) for row in range(len(lamps))]
     log_lights(recording, f"{root}/lamps/lights", [(0.0, row) for row in rows], lamps)
@@ -72,7 +70,7 @@ def log_lamps(recording: rr.RecordingStream, root: str, lamps: Sequence[Lamp]) -
     recording.log(f"{root}/lamps/text", words(texts))
 
 
-def log_farm(recording: rr.RecordingStream, board: LampBoard, markdown: str) -> None:
+def log_farm(recording: rr.RecordingStream, board: StatusIndicators, markdown: str) -> None:
     """The lamps of all turbines, and their table."""
     log_lights(recording, f"{FARM}/lamps/lights", board.lights, board.lamps)
     recording.log(f"{FARM}/lamps/text", words(board.texts))

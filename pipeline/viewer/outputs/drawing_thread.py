@@ -34,7 +34,7 @@ class Drawing(Protocol):
         """Let nobody wait for what the output has not taken."""
 
 
-class DirectStage:
+class DirectDrawing:
     """Draws in the caller's thread.
 
     strict   True (tests): an exception goes to the caller. False: it is logged once, with its
@@ -70,7 +70,7 @@ class DirectStage:
             _log.exception("the viewer failed and shows nothing more; the session goes on")
 
 
-class ThreadedStage:
+class DrawingThread:
     """Draws in a thread of its own; `take` never waits.
 
     Messages that find BACKLOG others waiting are left out, which is logged once.
@@ -80,7 +80,7 @@ class ThreadedStage:
         self, drawing: Drawing, *, backlog: int = BACKLOG, patience: float = CLOSING_PATIENCE
     ) -> None:
         self._drawing = drawing
-        self._stage = DirectStage(drawing, strict=False)
+        self._stage = DirectDrawing(drawing, strict=False)
         self._waiting: queue.Queue[Message | None] = queue.Queue(maxsize=backlog)
         self._patience = patience
         self._left_out = 0

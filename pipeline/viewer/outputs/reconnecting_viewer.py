@@ -1,4 +1,4 @@
-"""LateShow: a show on a viewer that may come late, go, and come back.
+"""ReconnectingViewer: a show on a viewer that may come late, go, and come back.
 
 The viewer is looked for every PERIOD. When it comes it gets what is remembered (layouts, truth, the
 results so far) and from then on everything; accelerations begin at that moment, as their past is in
@@ -67,7 +67,7 @@ class ViewerLine:
             return False
 
 
-class SessionPast:
+class RememberedResults:
     """What a late viewer is told first; bounded, however long the session."""
 
     def __init__(self, size: int = REMEMBERED) -> None:
@@ -98,7 +98,7 @@ class SessionPast:
         yield from self._diagrams.values()
 
 
-class LateShow:
+class ReconnectingViewer:
     """Draws on the viewer at `url` whenever there is one.
 
     begin    opens a show there; raises ViewerError where the viewer has just gone
@@ -109,7 +109,7 @@ class LateShow:
         self._url = url
         self._begin = begin
         self._period = period
-        self._past = SessionPast()
+        self._past = RememberedResults()
         self._line: ViewerLine | None = None
         self._show: Drawing | None = None
         self._looked = -float("inf")

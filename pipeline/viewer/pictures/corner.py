@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
+
 Point = tuple[float, float]
 
 PITCH = 1.35  # from one panel's corner to the next one's [panel widths]

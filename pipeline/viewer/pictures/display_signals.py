@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import firwin
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 DISPLAY_RATE = 20.0  # [Hz]; a day of eight channels then takes about 80 MB in a .rrd
 DISPLAY_STEP = 2.0**-13  # [m/s²], 0.12 mm/s²: a power of two leaves zero bits, which compress

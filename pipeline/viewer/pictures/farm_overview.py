@@ -11,8 +11,8 @@ from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.viewer.pictures.corner import Text
 from pipeline.viewer.pictures.status_text import (
     STIFFNESSES,
-    Lamp,
     SessionStatus,
+    StatusIndicator,
     clock_time,
     counted,
 )
@@ -24,15 +24,15 @@ HEADS = ("data", "modes", "foundation")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LampBoard:
+class StatusIndicators:
     """Lamps of all turbines, a row each; picture units, y down."""
 
     lights: tuple[tuple[float, float], ...]
-    lamps: tuple[Lamp, ...]  # one a light
+    lamps: tuple[StatusIndicator, ...]  # one a light
     texts: tuple[Text, ...]
 
 
-def lamp_board(statuses: Sequence[SessionStatus]) -> LampBoard:
+def lamp_board(statuses: Sequence[SessionStatus]) -> StatusIndicators:
     """Three lamps a turbine: its measurements, its modes, its foundation."""
     places = [_place(number) for number in range(len(statuses))]
     columns = range(1 + (len(statuses) - 1) // ROWS)
@@ -45,7 +45,7 @@ def lamp_board(statuses: Sequence[SessionStatus]) -> LampBoard:
         Text((x + 1.0, y - 0.3), status.turbine)
         for (x, y), status in zip(places, statuses, strict=True)
     ]
-    return LampBoard(
+    return StatusIndicators(
         lights=tuple((x + lamp_x, y) for x, y in places for lamp_x in LAMP_X),
         lamps=tuple(lamp for status in statuses for lamp in status.lamps),
         texts=(*heads, *names),

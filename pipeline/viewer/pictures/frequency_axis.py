@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.viewer.pictures.corner import Text
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 WIDTH = 2.6  # of a panel [picture units]
 LOWEST = 0.1  # left end [Hz]

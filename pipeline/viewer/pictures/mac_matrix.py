@@ -13,8 +13,8 @@ from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.viewer.pictures.corner import Text
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 ImageArray = NDArray[np.uint8]
 
 # From 0 to 1, evenly spaced: a part of the cividis map, told apart by colour-blind people too.

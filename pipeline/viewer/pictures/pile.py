@@ -14,15 +14,13 @@ No rerun here.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import FoundationPosterior, FoundationTruth
 from pipeline.viewer.pictures.corner import Text
 from pipeline.viewer.pictures.status_text import STIFFNESSES
+from sensors.arrays import FloatArray
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import SpringSign, spring_matrix
-
-FloatArray = NDArray[np.float64]
 
 LOAD = 1e6  # H [N]
 TALL = 2.0  # the tower and what stands in the water [picture units]

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from sensors.structure.description import Blades, RotorNacelle, Tube, TurbineDescription
-
-FloatArray = NDArray[np.float64]
 
 SECTORS = 24  # flat faces round a tube
 GROUND_RADIUS = 70.0  # of the discs that stand for sea and sea bed [m]

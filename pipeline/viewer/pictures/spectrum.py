@@ -16,8 +16,7 @@ from pipeline.viewer.pictures.corner import Text
 from pipeline.viewer.pictures.frequency_axis import LOWEST, WIDTH, FrequencyAxis, frame, hair
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 HEIGHT, PITCH = 1.0, 1.25  # of a panel, and from one to the next [picture units]
 SEGMENT = 100.0  # of Welch's method [s]: a resolution of 0.01 Hz

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from pipeline.messages import StabilisationDiagram
 from pipeline.viewer.pictures.corner import Text
 from pipeline.viewer.pictures.frequency_axis import LOWEST, WIDTH, FrequencyAxis, frame, hair
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 HEIGHT = 1.3  # of the panel [picture units]
 HEADROOM = 1.2  # of the axes beyond the highest pole [-]

@@ -30,7 +30,7 @@ CUT_SHORT = "short"  # why a window is rejected in which the session ended: noth
 
 
 @dataclass(frozen=True, slots=True)
-class Lamp:
+class StatusIndicator:
     """One light of the three that say how things are, and in words."""
 
     state: Literal["good", "doubt", "bad", "unknown"]
@@ -106,7 +106,7 @@ class SessionStatus:
         return self._n_gaps
 
     @property
-    def lamps(self) -> tuple[Lamp, Lamp, Lamp]:
+    def lamps(self) -> tuple[StatusIndicator, StatusIndicator, StatusIndicator]:
         """Measurements, modes, foundation."""
         return self._measurements_lamp(), self._modes_lamp(), self._foundation_lamp()
 
@@ -124,32 +124,34 @@ class SessionStatus:
         """How the measuring is: windows, gaps, nodes."""
         return "\n\n".join([*self._windows(), *self._node_table()])
 
-    def _measurements_lamp(self) -> Lamp:
+    def _measurements_lamp(self) -> StatusIndicator:
         lost = sum(node.lost for node in self._nodes.values())
         if self._n_gaps or lost:
-            return Lamp("doubt", f"measurements: {counted(self._n_gaps, 'gap')}, {lost} lost")
+            return StatusIndicator(
+                "doubt", f"measurements: {counted(self._n_gaps, 'gap')}, {lost} lost"
+            )
         if self._estimate is None and not self._rejections:
-            return Lamp("unknown", "measurements: no whole window yet")
-        return Lamp("good", "measurements: whole")
+            return StatusIndicator("unknown", "measurements: no whole window yet")
+        return StatusIndicator("good", "measurements: whole")
 
-    def _modes_lamp(self) -> Lamp:
+    def _modes_lamp(self) -> StatusIndicator:
         if self._last_rejected:
-            return Lamp("bad", "modes: the last window was rejected")
+            return StatusIndicator("bad", "modes: the last window was rejected")
         if self._estimate is None:
-            return Lamp("unknown", "modes: none yet")
+            return StatusIndicator("unknown", "modes: none yet")
         found = counted(len(self._estimate.modes), "mode")
         if self._estimate.warnings:
-            return Lamp("doubt", f"{found}, with a doubt")
-        return Lamp("good", f"{found} in the last window")
+            return StatusIndicator("doubt", f"{found}, with a doubt")
+        return StatusIndicator("good", f"{found} in the last window")
 
-    def _foundation_lamp(self) -> Lamp:
+    def _foundation_lamp(self) -> StatusIndicator:
         if self._posterior is None:
-            return Lamp("unknown", "foundation: no posterior yet")
+            return StatusIndicator("unknown", "foundation: no posterior yet")
         if not self._posterior.trusted:
-            return Lamp("bad", "foundation: NOT TRUSTED")
+            return StatusIndicator("bad", "foundation: NOT TRUSTED")
         if self._event is not None:
-            return Lamp("doubt", CHANGED.get(self._event.kind, CHANGED["undecided"]))
-        return Lamp("good", "foundation: known")
+            return StatusIndicator("doubt", CHANGED.get(self._event.kind, CHANGED["undecided"]))
+        return StatusIndicator("good", "foundation: known")
 
     def _verdict(self) -> str:
         posterior = self._posterior

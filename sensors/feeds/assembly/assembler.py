@@ -14,8 +14,14 @@ from collections.abc import Iterator
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.feeds.assembly.block_builder import SessionNames
 from sensors.feeds.assembly.channel_map import Columns
-from sensors.feeds.assembly.clock_estimate import SET_ANEW, STAMPS, RateFinder, RateWatch, are_equal
-from sensors.feeds.assembly.timestamp_alignment import Placing
+from sensors.feeds.assembly.clock_estimate import (
+    SET_ANEW,
+    STAMPS,
+    RateFinder,
+    RateMonitor,
+    are_equal,
+)
+from sensors.feeds.assembly.timestamp_alignment import TimestampAligner
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 from sensors.files.layout_file import LayoutFile
 
@@ -52,10 +58,10 @@ class Assembler:
         self._counts = counts
         self._given, self._rate = sampling_rate, sampling_rate
         self._block, self._wait = block, wait
-        self._finder, self._watch = RateFinder(), RateWatch()
+        self._finder, self._watch = RateFinder(), RateMonitor()
         self._sessions = SessionNames()
         self._early: list[ChannelSamples] = []  # that came before the rate was known
-        self._placing: Placing | None = None
+        self._placing: TimestampAligner | None = None
         self._taken = 0  # pieces at the present rate
         self._missing = 0  # blocks that gaps at earlier rates cost
         self._rates_set = 0  # times that the rate became another one
@@ -161,7 +167,7 @@ class Assembler:
     def _placed(self, piece: ChannelSamples, rate: float) -> Iterator[AccelerationBlock]:
         if self._placing is None:
             size = max(1, round(self._block * rate))
-            self._placing = Placing(
+            self._placing = TimestampAligner(
                 piece,
                 self._columns,
                 self._counts,

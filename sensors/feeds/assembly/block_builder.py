@@ -12,7 +12,7 @@ import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import SensorLayout
-from sensors.feeds.protocol import FloatArray
+from sensors.arrays import FloatArray
 
 
 class SessionNames:

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from sensors.acquisition.layout import Accelerometer, SensorLayout
-from sensors.feeds.protocol import ChannelSamples, FloatArray
+from sensors.arrays import FloatArray
+from sensors.feeds.protocol import ChannelSamples
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from sensors.files.table import in_standard_unit
 

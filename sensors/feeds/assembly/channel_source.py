@@ -38,7 +38,7 @@ class _Owner:
         return keeps
 
 
-class Owners:
+class ChannelSources:
     """The owners of the channels of one unit.
 
     A channel is of the stream that gave it first. Another stream that gives it is of another

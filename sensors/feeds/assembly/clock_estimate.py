@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.feeds.lru import Recent
+from sensors.feeds.lru import LruCache
 from sensors.files.table import rate_of_stamps
 
 # Samples over which the clock follows the stamps: a drift of 100 ppm is followed within a tenth of
@@ -48,7 +48,7 @@ class UnitClock:
         self._index, self._ns = index, expected + round(gain * (time_ns - expected))
 
 
-class RateWatch:
+class RateMonitor:
     """Notices that an instrument's sampling rate was set anew: so many messages in a row tell the
     same other one. A single one that does is nonsense, or of another instrument."""
 
@@ -74,7 +74,7 @@ class RateFinder:
     """The sampling rate of samples that come one by one with their stamps."""
 
     def __init__(self) -> None:
-        self._stamps: Recent[list[int]] = Recent()  # by stream [ns]
+        self._stamps: LruCache[list[int]] = LruCache()  # by stream [ns]
 
     def rate(self, stream: str, time_ns: int) -> float | None:
         """Take note of a stamp; the rate [Hz] when one stream has shown enough of them."""

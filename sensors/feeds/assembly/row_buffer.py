@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus
+from sensors.arrays import FloatArray
 from sensors.feeds.assembly.block_builder import RowCutter
 from sensors.feeds.assembly.clock_estimate import UnitClock
-from sensors.feeds.protocol import FloatArray
 
 
 class WaitingRows:

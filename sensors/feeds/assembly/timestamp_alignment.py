@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.assembly.block_builder import RowCutter, SessionNames
 from sensors.feeds.assembly.channel_map import Columns
-from sensors.feeds.assembly.channel_source import Owners
+from sensors.feeds.assembly.channel_source import ChannelSources
 from sensors.feeds.assembly.clock_estimate import UnitClock
 from sensors.feeds.assembly.row_buffer import WaitingRows
-from sensors.feeds.lru import Recent
+from sensors.feeds.lru import LruCache
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
 AGREEING = 3  # messages in a row whose stamps leap to the same place
@@ -33,7 +33,7 @@ class _Stream:
     held: list[ChannelSamples] = field(default_factory=list)  # whose stamps leap
 
 
-class Placing:
+class TimestampAligner:
     """Puts the messages of one unit where they belong.
 
     first     the first message: index 0 is its first sample
@@ -59,8 +59,8 @@ class Placing:
         self._columns, self._counts = columns, counts
         self._rate, self._wait = rate, round(wait * rate)
         self._cutter = RowCutter(columns.layout, rate, size, sessions)
-        self._streams: Recent[_Stream] = Recent()
-        self._owners = Owners()
+        self._streams: LruCache[_Stream] = LruCache()
+        self._owners = ChannelSources()
         self._begin(first)
 
     @property

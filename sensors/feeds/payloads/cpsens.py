@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS, BlockStatus
-from sensors.feeds.lru import Recent
+from sensors.feeds.lru import LruCache
 from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.json_samples import MessageError, json_of, named_by
 from sensors.feeds.payloads.sequence_numbers import SenderNumbers
@@ -99,8 +99,8 @@ class CpSensReader:
         self._numbers = SenderNumbers(counts)
         self._default = Metadata(sampling_rate) if sampling_rate else None
         self._clock = clock
-        self._metadata: Recent[Metadata] = Recent()  # by channel's topic
-        self._arrival: Recent[tuple[int, int]] = Recent()  # a sample's number, its time [ns]
+        self._metadata: LruCache[Metadata] = LruCache()  # by channel's topic
+        self._arrival: LruCache[tuple[int, int]] = LruCache()  # a sample's number, its time [ns]
 
     def read(self, payload: bytes, topic: str) -> ChannelSamples | None:
         """The samples of a message; None of metadata and of what is counted instead.

@@ -25,8 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.acquisition.blocks import BlockStatus
+from sensors.arrays import FloatArray
 from sensors.feeds.payloads.timestamps import LATEST_NS
-from sensors.feeds.protocol import FloatArray
 
 MAGIC = b"PWB1"
 HEADER = struct.Struct("<4sHHHHIQQQd")

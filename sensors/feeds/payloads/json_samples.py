@@ -19,10 +19,11 @@ from typing import Any
 
 import numpy as np
 
+from sensors.arrays import FloatArray
 from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.sequence_numbers import SenderNumbers
 from sensors.feeds.payloads.timestamps import moment_ns
-from sensors.feeds.protocol import ChannelSamples, FeedCounts, FloatArray
+from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
 LARGEST_MESSAGE = 2**20  # [bytes]
 _TIMES = ("time", "timestamp", "t")

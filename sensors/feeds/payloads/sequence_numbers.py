@@ -2,7 +2,7 @@
 
 from enum import Enum
 
-from sensors.feeds.lru import Recent
+from sensors.feeds.lru import LruCache
 from sensors.feeds.protocol import FeedCounts
 
 WATCHED = 4096  # newest numbers of which it is known one by one whether they came
@@ -19,7 +19,7 @@ class Place(Enum):
     OLD = "old"  # behind what is watched, or of an earlier session
 
 
-class SequenceWatch:
+class SequenceMonitor:
     """Counts what is missing of one sender's numbers.
 
     A sender counts its messages from any number on, one by one; each of its starts is a session of
@@ -88,19 +88,19 @@ class SenderNumbers:
     """The numbers of all senders of one feed.
 
     counts   takes what is lost, late or duplicate
-    rising   see SequenceWatch
+    rising   see SequenceMonitor
     """
 
     def __init__(self, counts: FeedCounts, *, rising: bool = False) -> None:
         self._counts, self._rising = counts, rising
-        self._watches: Recent[SequenceWatch] = Recent()
+        self._watches: LruCache[SequenceMonitor] = LruCache()
 
     def follows(self, sender: str, sequence: int, session: int = 0, *, time_ns: int) -> bool | None:
         """Whether a message is directly behind its sender's last; None: it is not to be taken,
         and counted."""
         watch = self._watches.get(sender)
         if watch is None:
-            watch = SequenceWatch(rising=self._rising)
+            watch = SequenceMonitor(rising=self._rising)
             self._watches.put(sender, watch)
         before = watch.lost
         place = watch.place(sequence, session, time_ns=time_ns)

@@ -15,15 +15,14 @@ from typing import Any, Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
+from sensors.arrays import FloatArray
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, in_standard_unit
 from sensors.files.text.column_titles import distinct, is_number_title, is_time_title, time_unit
 from sensors.files.text.time_column import Clock, ClockError
 
 logger = logging.getLogger(__name__)
 
-FloatArray = NDArray[np.float64]
 ColumnKind = Literal["number", "moment", "date", "time of day", "text", "empty"]
 
 EVEN = 1e-3  # a column that rises by steps so much alike is a clock, relative

@@ -18,9 +18,8 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.arrays import FloatArray
 from sensors.files.text.dates import DateError, DateStyle, kind_of_text
-
-FloatArray = NDArray[np.float64]
 
 DAY = 86400  # [s]
 SECONDS_PER_UNIT = {

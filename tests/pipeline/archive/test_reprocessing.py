@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from pipeline.archive.reprocessing import FINISHED, ArchiveReport, reprocessed
 from pipeline.archive.survey import surveyed
-from pipeline.archive.tables import Ledger
+from pipeline.archive.tables import ReprocessingRecord
 from pipeline.archive.tracking import ArchiveTracking
 from pipeline.archive.turbines import archived_turbines
 from pipeline.archive.work import ThisProcess
@@ -153,7 +153,7 @@ def test_a_window_of_channels_that_no_layout_has_is_refused() -> None:
 def test_results_are_given_on_in_order_whenever_they_come() -> None:
     given: list[int] = []
     windows = [WindowRejected("t", number, 0, 0, "", "") for number in range(4)]
-    ledger = Ledger(lambda message: given.append(message.window))  # type: ignore[union-attr]
+    ledger = ReprocessingRecord(lambda message: given.append(message.window))  # type: ignore[union-attr]
 
     ledger.add(windows[0])
     ledger.wait_for("slow")

@@ -11,7 +11,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from pipeline.messages import StreamGap
-from pipeline.monitoring.metrics import MetricsDesk, listened, served
+from pipeline.monitoring.metrics import MetricsNode, listened, served
 from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
 from pipeline.scenario import NO_STRUCTURE, TurbineSettings
@@ -40,7 +40,7 @@ class Clock:
 def scraped() -> Figures:
     """Over HTTP, after five blocks, a gap of 4 s, a window, its posterior and a node's status."""
     clock = Clock()
-    desk = MetricsDesk(clock)
+    desk = MetricsNode(clock)
     for sequence in range(5):
         clock.now_ns = START_NS + (sequence + 1) * SECOND
         desk.handle(block(sequence))
@@ -54,7 +54,7 @@ def scraped() -> Figures:
     return figures(desk)
 
 
-def figures(desk: MetricsDesk) -> Figures:
+def figures(desk: MetricsNode) -> Figures:
     """(name, values of its labels in alphabetical order of their names) → figure."""
     with served(desk, 0) as port:
         return read(port)
@@ -108,7 +108,7 @@ def test_modes_and_springs_are_the_newest_windows(scraped: Figures) -> None:
 
 
 def test_what_is_not_known_is_not_there() -> None:
-    desk = MetricsDesk(Clock())
+    desk = MetricsNode(Clock())
     desk.handle(block(0))
 
     found = {name for name, *_ in figures(desk)}
@@ -120,16 +120,16 @@ def test_what_is_not_known_is_not_there() -> None:
 
 def test_a_port_that_is_taken_is_one_line() -> None:
     with (
-        served(MetricsDesk(), 0) as port,
+        served(MetricsNode(), 0) as port,
         pytest.raises(InputError, match=f"127.0.0.1:{port}: Address already in use"),
-        served(MetricsDesk(), port),
+        served(MetricsNode(), port),
     ):
         pass
 
 
 def test_a_session_that_runs_elsewhere_can_be_listened_to() -> None:
     endpoint = free_endpoint()
-    desk, stopping = MetricsDesk(), threading.Event()
+    desk, stopping = MetricsNode(), threading.Event()
     reader_settings = ZenohSettings(mode="client", connect=(endpoint,))
     with closing(ZenohBus(hub(endpoint))) as session, closing(ZenohBus(reader_settings)) as reader:
         listening = threading.Thread(target=listened, args=(desk, reader, stopping))

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from pipeline.cli.tables.running import status_tables
-from pipeline.messages import StreamGap, Warning  # noqa: A004  # the field's word
-from pipeline.monitoring.status import KEY, StatusDesk, endpoint_of
+from pipeline.messages import QualityWarning, StreamGap
+from pipeline.monitoring.status import KEY, StatusNode, endpoint_of
 from pipeline.transport.errors import TransportError
 from pipeline.transport.zenoh_bus import ZenohBus, asked, free_endpoint, hub
 from sensors.errors import InputError
@@ -26,10 +26,10 @@ class Clock:
 
 
 @pytest.fixture
-def desk() -> StatusDesk:
+def desk() -> StatusNode:
     """After five blocks a second apart, a gap, a posterior and a node that is two behind."""
     clock = Clock()
-    desk = StatusDesk("live", clock)
+    desk = StatusNode("live", clock)
     for sequence in range(5):
         desk.handle(block(sequence))
         clock.now_ns += SECOND
@@ -41,7 +41,7 @@ def desk() -> StatusDesk:
     return desk
 
 
-def test_the_desk_knows_rates_lags_gaps_and_posteriors(desk: StatusDesk) -> None:
+def test_the_desk_knows_rates_lags_gaps_and_posteriors(desk: StatusNode) -> None:
     answer = desk.as_json()
     (node,) = answer["nodes"]
     assert (node["node"], node["condition"], node["behind_blocks"], node["lost"]) == (
@@ -59,7 +59,7 @@ def test_the_desk_knows_rates_lags_gaps_and_posteriors(desk: StatusDesk) -> None
     assert len(status_tables(json.loads(desk.answer()))) == 4
 
 
-def test_what_seldom_happens_has_a_column_where_it_has_happened(desk: StatusDesk) -> None:
+def test_what_seldom_happens_has_a_column_where_it_has_happened(desk: StatusNode) -> None:
     def columns() -> list[object]:
         return [column.header for column in status_tables(desk.as_json())[0].columns]
 
@@ -68,8 +68,11 @@ def test_what_seldom_happens_has_a_column_where_it_has_happened(desk: StatusDesk
     assert columns()[-3:] == ["received", "lost", "recovered"]
 
 
-def test_what_a_node_doubts_stands_below_the_nodes_in_its_own_words(desk: StatusDesk) -> None:
-    doubts = (Warning("link-down", "udp://:5: [/x] down"), Warning("gap", "3 blocks are missing"))
+def test_what_a_node_doubts_stands_below_the_nodes_in_its_own_words(desk: StatusNode) -> None:
+    doubts = (
+        QualityWarning("link-down", "udp://:5: [/x] down"),
+        QualityWarning("gap", "3 blocks are missing"),
+    )
     desk.handle(replace(status("feed-tower"), warnings=doubts))
     table = status_tables(desk.as_json())[1]
     assert [str(cell) for cell in table.columns[0].cells] == ["feed-tower", "feed-tower"]
@@ -78,7 +81,7 @@ def test_what_a_node_doubts_stands_below_the_nodes_in_its_own_words(desk: Status
 
 @pytest.mark.parametrize("forged", [float("nan"), float("inf"), float("-inf")])
 def test_no_number_that_somebody_sends_keeps_the_desk_from_answering(
-    desk: StatusDesk, forged: float
+    desk: StatusNode, forged: float
 ) -> None:
     desk.handle(replace(status("forger"), busy_s=forged))
     nodes = {each["node"]: each for each in json.loads(desk.answer())["nodes"]}
@@ -87,7 +90,7 @@ def test_no_number_that_somebody_sends_keeps_the_desk_from_answering(
     assert len(status_tables(json.loads(desk.answer()))) == 4
 
 
-def test_of_several_turbines_the_posteriors_are_one_table(desk: StatusDesk) -> None:
+def test_of_several_turbines_the_posteriors_are_one_table(desk: StatusNode) -> None:
     (known,) = desk._posteriors.values()
     desk.handle(replace(known, turbine="t2", trusted=False, change_probability=0.25))
     springs = tuple(replace(each, median=float("nan")) for each in known.parameters)
@@ -100,7 +103,7 @@ def test_of_several_turbines_the_posteriors_are_one_table(desk: StatusDesk) -> N
     assert cells[2][2].startswith("unknown ± ")
 
 
-def test_a_posterior_of_no_number_is_unknown(desk: StatusDesk) -> None:
+def test_a_posterior_of_no_number_is_unknown(desk: StatusNode) -> None:
     (known,) = desk._posteriors.values()
     springs = tuple(replace(each, p05=float("nan")) for each in known.parameters)
     desk.handle(replace(known, parameters=springs, ess=float("nan"), trusted=False))
@@ -109,7 +112,7 @@ def test_a_posterior_of_no_number_is_unknown(desk: StatusDesk) -> None:
     assert "unknown effective draws" in str(table.caption)
 
 
-def test_whoever_connects_can_ask(desk: StatusDesk) -> None:
+def test_whoever_connects_can_ask(desk: StatusNode) -> None:
     endpoint = free_endpoint()
     bus = ZenohBus(hub(endpoint))
     try:

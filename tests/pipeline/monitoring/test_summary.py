@@ -8,8 +8,8 @@ import pytest
 from pipeline.messages import (
     FoundationEvent,
     FoundationTruth,
+    QualityWarning,
     StreamGap,
-    Warning,  # noqa: A004  # the field's word
     WindowRejected,
 )
 from pipeline.monitoring.summary import SessionSummary
@@ -96,7 +96,7 @@ def test_a_farms_blocks_are_all_counted_and_the_time_is_of_the_own_turbine(monke
 
 
 def test_every_doubt_is_told_once() -> None:
-    doubt = Warning("clipped", "channel a is clipped")
+    doubt = QualityWarning("clipped", "channel a is clipped")
     summary = SessionSummary("replay:x", "t1")
     for window in range(3):
         summary.handle(estimate(window, mode("m1", 1.0, 0.1), warnings=(doubt,)))
@@ -110,7 +110,7 @@ def test_what_each_node_dropped_is_told_once_however_many_statuses_came() -> Non
     account = NodeAccount(summary, "t1", clock=lambda: START_NS)
     for dropped in range(1, 10):  # a second each; the summary hears its own statuses too
         for node in ("recorder", "updating"):
-            told = Warning("malformed", f"the last one that {node} dropped: {dropped}")
+            told = QualityWarning("malformed", f"the last one that {node} dropped: {dropped}")
             list(account.handle(replace(status(node), warnings=(told,))))
         list(account.handle(account.status("running", malformed=dropped, refusal=f"{dropped}")))
     warnings = summary.as_json(wall=1.0)["warnings"]

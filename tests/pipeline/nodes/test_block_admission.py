@@ -12,7 +12,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.block_admission import STUBBORN, BlockGate, fits
+from pipeline.nodes.block_admission import STUBBORN, BlockAdmission, fits
 from pipeline.nodes.identification import IdentificationInContext, IdentificationNode
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, START, cut
@@ -82,7 +82,7 @@ def test_more_samples_than_anybody_misses_between_two_blocks_do_not_fit(blocks) 
 
 
 def test_the_gate_holds_no_more_than_it_needs_to_decide(blocks) -> None:
-    gate = BlockGate()
+    gate = BlockAdmission()
     gate.admit(blocks[0])
     later = [replace(b, start_ns=b.start_ns + 2 * DAY * NANOSECONDS) for b in blocks]
     admitted = [gate.admit(block) for block in later[: STUBBORN + 1]]

@@ -2,15 +2,21 @@
 
 import pytest
 
-from pipeline.messages import Warning as Doubt
-from pipeline.updating.acceptance import Fit, GuardSettings, contradictions, refusal, unconverged
+from pipeline.messages import QualityWarning
+from pipeline.updating.acceptance import (
+    AcceptanceSettings,
+    Fit,
+    contradictions,
+    refusal,
+    unconverged,
+)
 from pipeline.updating.prior import UpdatingError
 
 RIGHT = Fit(reduced_chi_square=1.1, paired_share=0.91, pairing_cost=1.4)
 
 
 def test_a_right_structure_raises_no_doubt():
-    assert contradictions(RIGHT, GuardSettings()) == ()
+    assert contradictions(RIGHT, AcceptanceSettings()) == ()
 
 
 @pytest.mark.parametrize(
@@ -22,36 +28,38 @@ def test_a_right_structure_raises_no_doubt():
     ],
 )
 def test_each_figure_alone_is_enough_to_doubt(fit, code):
-    (doubt,) = contradictions(fit, GuardSettings())
+    (doubt,) = contradictions(fit, AcceptanceSettings())
     assert doubt.code == code
     assert "expected" in doubt.text
 
 
 def test_a_threshold_of_zero_is_refused():
     with pytest.raises(UpdatingError, match="pairing_cost is 0"):
-        GuardSettings(pairing_cost=0)
+        AcceptanceSettings(pairing_cost=0)
 
 
 def test_a_refusing_share_above_the_doubting_one_is_refused():
     with pytest.raises(UpdatingError, match=r"refused_share is 0\.9"):
-        GuardSettings(refused_share=0.9)
+        AcceptanceSettings(refused_share=0.9)
 
 
 @pytest.mark.parametrize(
     ("share", "cost", "code"), [(0.2, 3.0, "few-pairs"), (0.6, 7.2, "pairing-cost")]
 )
 def test_modes_that_are_hardly_the_models_give_no_posterior_at_all(share, cost, code):
-    refused = refusal(share, cost, GuardSettings())
+    refused = refusal(share, cost, AcceptanceSettings())
     assert refused is not None
     assert refused.code == code
     assert "no posterior" in refused.text
 
 
 def test_a_doubtful_pairing_still_gives_a_posterior():
-    assert refusal(0.6, 3.9, GuardSettings()) is None
+    assert refusal(0.6, 3.9, AcceptanceSettings()) is None
 
 
 def test_chains_that_are_short_or_disagree_are_not_to_be_trusted():
-    assert unconverged([Doubt("chain-short", "")])
-    assert unconverged([Doubt("importance-efficiency", ""), Doubt("not-converged", "")])
-    assert not unconverged([Doubt("importance-efficiency", "")])
+    assert unconverged([QualityWarning("chain-short", "")])
+    assert unconverged(
+        [QualityWarning("importance-efficiency", ""), QualityWarning("not-converged", "")]
+    )
+    assert not unconverged([QualityWarning("importance-efficiency", "")])

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.messages import FoundationPosterior
 from pipeline.updating.prior import PriorSettings, UpdatingError
-from pipeline.updating.structural_uncertainty import UncertainSettings, WidePrior
+from pipeline.updating.structural_uncertainty import StructuralPrior, UncertainSettings
 from pipeline.updating.updater import FoundationUpdater
 from tests.pipeline.updating.small_tower import LAYOUT, NOMINAL, SmallTower, drawn_estimate
 from tests.pipeline.updating.test_updater import QUICK
@@ -100,7 +100,7 @@ def test_scour_that_nothing_tells_apart_from_soft_springs_is_told_as_not_known()
 def test_the_priors_draws_have_the_density_that_it_says():
     """Importance of the figures' draws under the stated density against its own standard normal."""
     uncertain = UncertainSettings(rna_mass=0.02, scour_depth=2.0)
-    prior = WidePrior(NOMINAL, PriorSettings(), uncertain)
+    prior = StructuralPrior(NOMINAL, PriorSettings(), uncertain)
     draws = prior.draws(4000, np.random.default_rng(1))
     assert prior.supports(draws).mean() > 0.999
     assert draws[:, 3].std() == pytest.approx(0.02, rel=0.05)

@@ -20,12 +20,12 @@ from pipeline.messages import (
     ModePair,
     NodeStatus,
     ParameterSummary,
+    QualityWarning,
     StabilisationDiagram,
     StiffnessChange,
     StreamGap,
     WindowRejected,
 )
-from pipeline.messages import Warning as Doubt
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import biaxial_layout
 from sensors.structure.description import load_turbine
@@ -154,7 +154,7 @@ def modal_estimate(window: int, rng: np.random.Generator) -> ModalEstimate:
         LAYOUT.layout_id,
         LAYOUT.channel_names,
         modes,
-        warnings=(Doubt("close-modes", "0.157 and 0.159 Hz are nearer than 1/600 s"),),
+        warnings=(QualityWarning("close-modes", "0.157 and 0.159 Hz are nearer than 1/600 s"),),
     )
 
 

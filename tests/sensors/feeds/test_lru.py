@@ -1,10 +1,10 @@
 """Names that strangers invent make nobody forget the ones in use."""
 
-from sensors.feeds.lru import Recent
+from sensors.feeds.lru import LruCache
 
 
 def test_the_longest_unused_name_is_forgotten_first() -> None:
-    recent: Recent[int] = Recent(most=3)
+    recent: LruCache[int] = LruCache(most=3)
     for number, name in enumerate("abc"):
         assert recent.put(name, number) is None
     assert recent.get("a") == 0
@@ -15,7 +15,7 @@ def test_the_longest_unused_name_is_forgotten_first() -> None:
 
 
 def test_a_name_in_use_outlives_any_number_of_invented_ones() -> None:
-    recent: Recent[int] = Recent(most=10)
+    recent: LruCache[int] = LruCache(most=10)
     recent.put("unit", 1)
     for number in range(1000):
         recent.put(f"invented {number}", number)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.damped_response import DampedResponse
 from sensors.loads import BroadbandLoad, Sea, WaveBandLoad, Wind
-from sensors.simulation.schedule import Stage
+from sensors.simulation.schedule import ScheduleStep
 from sensors.simulation.tower import SimulatedTower, SimulationSettings, resonance_grid
 from sensors.structure.description import load_turbine
 
@@ -66,7 +66,7 @@ def test_under_a_gentle_wind_the_response_is_within_the_statistical_band_of_theo
 
 
 def test_wind_and_sea_are_the_same_whatever_the_block_size() -> None:
-    stages = (Stage(at=0.0, wind_speed=8.0), Stage(at=60.0, wind_speed=9.0, yaw=20.0))
+    stages = (ScheduleStep(at=0.0, wind_speed=8.0), ScheduleStep(at=60.0, wind_speed=9.0, yaw=20.0))
     settings = {"wind": Wind(), "sea": Sea(), "stages": stages, "duration": 70.0, "transient": 5.0}
     whole, cut = (
         np.concatenate([block.samples for block in simulated(**settings, block_duration=length)])

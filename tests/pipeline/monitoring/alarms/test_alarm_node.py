@@ -9,11 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.monitoring.alarms.alarm_node import BOOK, FOLDER, KEY, NoticesDesk
+from pipeline.monitoring.alarms.alarm_node import BOOK, FOLDER, KEY, AlarmNode
 from pipeline.monitoring.alarms.channels import Webhook
 from pipeline.monitoring.alarms.settings import (
-    BookSettings,
-    NoticesError,
+    AlarmError,
+    AlarmLogSettings,
     WebhookSettings,
     load_notices,
     notices_settings,
@@ -48,9 +48,9 @@ class WithoutTenSeconds(Change):
         return None if 10 <= block.sequence < 20 else block
 
 
-def desk_telling(url: str, folder: Path, clock: Clock) -> NoticesDesk:
+def desk_telling(url: str, folder: Path, clock: Clock) -> AlarmNode:
     webhook = Webhook("webhook-1", WebhookSettings(url))
-    return NoticesDesk(folder, BookSettings(), [webhook], clock)
+    return AlarmNode(folder, AlarmLogSettings(), [webhook], clock)
 
 
 def test_a_change_reaches_the_webhook_once_over_a_restart(tmp_path: Path) -> None:
@@ -167,7 +167,7 @@ def test_a_wrong_file_says_in_one_line_what_would_be_right(
     path = tmp_path / "notices.toml"
     path.write_text(text)
 
-    with pytest.raises(NoticesError, match=says.replace("[", r"\[")) as raised:
+    with pytest.raises(AlarmError, match=says.replace("[", r"\[")) as raised:
         load_notices(path)
     assert "\n" not in str(raised.value)
 
@@ -176,5 +176,5 @@ def test_a_damaged_book_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / BOOK).write_text("[{]")
 
     with pytest.raises(InputError, match="move it away"):
-        NoticesDesk(tmp_path, BookSettings(), [])
+        AlarmNode(tmp_path, AlarmLogSettings(), [])
     assert (tmp_path / BOOK).read_text() == "[{]"

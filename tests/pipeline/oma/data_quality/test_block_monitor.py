@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from pipeline.oma.data_quality.block_monitor import BlockWatch
+from pipeline.oma.data_quality.block_monitor import BlockMonitor
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import START_NS, block
 
 
 def test_a_unit_with_a_good_clock_and_link_gives_no_cause_for_words() -> None:
-    watch = BlockWatch(lateness=5.0)
+    watch = BlockMonitor(lateness=5.0)
     for sequence in range(60):
         watch.note(block(sequence))
     assert watch.warnings_until(START_NS + 60 * NANOSECONDS) == ()
@@ -18,7 +18,7 @@ def test_a_unit_with_a_good_clock_and_link_gives_no_cause_for_words() -> None:
 
 
 def test_what_the_link_did_is_counted_by_name() -> None:
-    watch = BlockWatch(lateness=5.0)
+    watch = BlockMonitor(lateness=5.0)
     for sequence in (0, 1, 1, 3, 2, 4, 20, 5):
         watch.note(block(sequence))
     codes = {warning.code: warning.text for warning in watch.warnings_until(START_NS)}
@@ -32,7 +32,7 @@ def test_what_the_link_did_is_counted_by_name() -> None:
 
 @pytest.mark.parametrize("ppm", [-40.0, 40.0])
 def test_a_clock_that_runs_fast_or_slow_is_told_with_its_rate(ppm: float) -> None:
-    watch = BlockWatch(lateness=5.0)
+    watch = BlockMonitor(lateness=5.0)
     for sequence in range(60):
         sound = block(sequence)
         off = round(ppm * 1e-6 * sequence * NANOSECONDS)
@@ -43,7 +43,7 @@ def test_a_clock_that_runs_fast_or_slow_is_told_with_its_rate(ppm: float) -> Non
 
 
 def test_a_channel_that_dies_within_a_window_is_found_where_it_dies() -> None:
-    watch = BlockWatch(lateness=5.0)
+    watch = BlockMonitor(lateness=5.0)
     for sequence in range(20):
         sound = block(sequence)
         samples = sound.samples.copy()

@@ -6,7 +6,7 @@ import pytest
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.samplers.interface import CountedDensity
 from pipeline.updating.samplers.tmcmc import (
-    MendedTmcmc,
+    CorrectedTmcmc,
     PublishedSettings,
     PublishedTmcmc,
     TemperingSettings,
@@ -23,7 +23,7 @@ from tests.pipeline.updating.known_densities import (
     two_peaks,
 )
 
-MENDED = MendedTmcmc(TemperingSettings(samples=100_000))
+MENDED = CorrectedTmcmc(TemperingSettings(samples=100_000))
 PUBLISHED = PublishedTmcmc(PublishedSettings(samples=5000))
 
 

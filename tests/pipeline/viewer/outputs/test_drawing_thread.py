@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from pipeline.messages import Message
-from pipeline.viewer.outputs.drawing_thread import DirectStage, ThreadedStage
+from pipeline.viewer.outputs.drawing_thread import DirectDrawing, DrawingThread
 from tests.pipeline.viewer.session import node_status
 
 MESSAGE = node_status("running", 0)
@@ -40,7 +40,7 @@ class Drawing:
 
 def test_a_broken_drawing_is_logged_once_and_then_left_alone(caplog: pytest.LogCaptureFixture):
     drawing = Drawing(breaks=True)
-    stage = DirectStage(drawing, strict=False)
+    stage = DirectDrawing(drawing, strict=False)
     with caplog.at_level(logging.ERROR):
         for _ in range(3):
             stage.take(MESSAGE)
@@ -51,12 +51,12 @@ def test_a_broken_drawing_is_logged_once_and_then_left_alone(caplog: pytest.LogC
 
 def test_a_broken_drawing_shows_in_tests():
     with pytest.raises(RuntimeError, match="no picture"):
-        DirectStage(Drawing(breaks=True), strict=True).take(MESSAGE)
+        DirectDrawing(Drawing(breaks=True), strict=True).take(MESSAGE)
 
 
 def test_a_drawing_in_its_own_thread_gets_every_message_in_order():
     drawing = Drawing()
-    stage = ThreadedStage(drawing)
+    stage = DrawingThread(drawing)
     messages = [node_status("running", sequence) for sequence in range(50)]
     for message in messages:
         stage.take(message)
@@ -68,7 +68,7 @@ def test_a_drawing_in_its_own_thread_gets_every_message_in_order():
 def test_a_frozen_viewer_holds_nobody(caplog: pytest.LogCaptureFixture):
     drawing = Drawing()
     drawing.open.clear()
-    stage = ThreadedStage(drawing, backlog=5, patience=0.05)
+    stage = DrawingThread(drawing, backlog=5, patience=0.05)
     with caplog.at_level(logging.WARNING):
         for _ in range(20):
             stage.take(MESSAGE)  # returns though nothing is drawn
@@ -79,7 +79,7 @@ def test_a_frozen_viewer_holds_nobody(caplog: pytest.LogCaptureFixture):
 
 
 def test_a_viewer_that_breaks_in_its_thread_breaks_nothing_else(caplog: pytest.LogCaptureFixture):
-    stage = ThreadedStage(Drawing(breaks=True))
+    stage = DrawingThread(Drawing(breaks=True))
     with caplog.at_level(logging.ERROR):
         stage.take(MESSAGE)
         stage.take(MESSAGE)

@@ -14,7 +14,7 @@ import pytest
 
 from pipeline.messages import FoundationPosterior, FoundationTruth, Message, ModalEstimate
 from pipeline.viewer.outputs.outputs import ViewerError
-from pipeline.viewer.outputs.reconnecting_viewer import LateShow, SessionPast
+from pipeline.viewer.outputs.reconnecting_viewer import ReconnectingViewer, RememberedResults
 from pipeline.viewer.outputs.viewer_process import free_port, proxy_address
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -46,13 +46,13 @@ class Drawn:
         return sum(isinstance(message, kinds) for message in self.messages)
 
 
-class Stage:
+class ScheduleStep:
     """A late show at a free port, and the shows that it began."""
 
     def __init__(self) -> None:
         self.port = free_port(0)
         self.begun: list[Drawn] = []
-        self.show = LateShow(proxy_address(self.port), self._begin, period=0.0)
+        self.show = ReconnectingViewer(proxy_address(self.port), self._begin, period=0.0)
 
     def _begin(self) -> Drawn:
         self.begun.append(Drawn())
@@ -73,20 +73,20 @@ def in_windows(n_windows: int) -> list[list[Message]]:
     return parts[:n_windows]
 
 
-def play(show: LateShow, messages: list[Message]) -> None:
+def play(show: ReconnectingViewer, messages: list[Message]) -> None:
     for message in messages:
         show.take(message)
 
 
 @pytest.fixture
-def stage() -> Iterator[Stage]:
-    stage = Stage()
+def stage() -> Iterator[ScheduleStep]:
+    stage = ScheduleStep()
     yield stage
     stage.show.abandon()
 
 
 def test_a_viewer_that_comes_late_gets_the_results_so_far_and_every_block_from_then_on(
-    stage: Stage, caplog: pytest.LogCaptureFixture
+    stage: ScheduleStep, caplog: pytest.LogCaptureFixture
 ):
     first, second = in_windows(2)
     play(stage.show, first)
@@ -101,7 +101,7 @@ def test_a_viewer_that_comes_late_gets_the_results_so_far_and_every_block_from_t
     assert late.ends == ["finished"]
 
 
-def test_what_is_drawn_first_is_what_the_rest_needs(stage: Stage):
+def test_what_is_drawn_first_is_what_the_rest_needs(stage: ScheduleStep):
     play(stage.show, in_windows(1)[0])
     with closing(stage.viewer()):
         stage.show.finish()
@@ -111,7 +111,7 @@ def test_what_is_drawn_first_is_what_the_rest_needs(stage: Stage):
 
 
 def test_a_viewer_that_is_killed_and_back_at_once_gets_a_show_of_its_own(
-    stage: Stage, caplog: pytest.LogCaptureFixture
+    stage: ScheduleStep, caplog: pytest.LogCaptureFixture
 ):
     first, second, third = in_windows(3)
     viewer = stage.viewer()
@@ -134,7 +134,7 @@ def test_a_viewer_that_never_comes_is_told_of_once_and_holds_nobody(
     caplog: pytest.LogCaptureFixture,
 ):
     with caplog.at_level(logging.WARNING):
-        show = LateShow("rerun+http://127.0.0.1:1/proxy", Drawn, period=0.0)
+        show = ReconnectingViewer("rerun+http://127.0.0.1:1/proxy", Drawn, period=0.0)
         play(show, in_windows(1)[0])
         show.finish()
     (record,) = caplog.records
@@ -152,14 +152,14 @@ def test_a_viewer_that_goes_while_a_show_begins_is_tried_again():
         return calls[-1]
 
     with closing(socket.create_server(("127.0.0.1", 0))) as viewer:
-        show = LateShow(proxy_address(viewer.getsockname()[1]), gone_at_first, period=0.0)
+        show = ReconnectingViewer(proxy_address(viewer.getsockname()[1]), gone_at_first, period=0.0)
         play(show, in_windows(1)[0])
         show.finish()
     assert calls[1].count(FoundationPosterior) == 1
 
 
 def test_the_past_is_bounded_and_holds_no_blocks():
-    past = SessionPast(size=3)
+    past = RememberedResults(size=3)
     for message in session(Episode(n_windows=4, block=60)):
         past.keep(message)
     kept = list(past)

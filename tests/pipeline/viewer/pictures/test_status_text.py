@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.messages import NodeStatus, Warning  # noqa: A004  # the field's word
+from pipeline.messages import NodeStatus, QualityWarning
 from pipeline.viewer.pictures.status_text import (
     SessionStatus,
     counted,
@@ -75,7 +75,8 @@ def test_what_a_node_doubts_stands_below_the_nodes_and_its_words_are_no_markup()
     status = SessionStatus(TURBINE)
     status.take_node(node_status("running", 1))
     doubting = replace(
-        node_status("running", 2), warnings=(Warning("link-down", "udp: ![x](http://y/`z`)"),)
+        node_status("running", 2),
+        warnings=(QualityWarning("link-down", "udp: ![x](http://y/`z`)"),),
     )
     assert status.take_node(doubting)
     assert not status.take_node(replace(doubting, last_sequence=3))

@@ -3,13 +3,13 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.feeds.payloads.sequence_numbers import FARTHEST, WATCHED, Place, SequenceWatch
+from sensors.feeds.payloads.sequence_numbers import FARTHEST, WATCHED, Place, SequenceMonitor
 
 
 @settings(max_examples=50)
 @given(arrived=st.lists(st.integers(0, 200), min_size=1, max_size=200))
 def test_what_is_lost_is_what_lies_between_the_numbers_that_came(arrived: list[int]) -> None:
-    watch = SequenceWatch()
+    watch = SequenceMonitor()
     arrived = [0, *arrived]
     places = [watch.place(number) for number in arrived]
     assert watch.lost == max(arrived) + 1 - len(set(arrived))
@@ -17,7 +17,7 @@ def test_what_is_lost_is_what_lies_between_the_numbers_that_came(arrived: list[i
 
 
 def test_a_message_that_comes_late_is_lost_no_longer() -> None:
-    watch = SequenceWatch()
+    watch = SequenceMonitor()
     assert [watch.place(number) for number in (7, 8, 11, 9)] == [
         Place.AHEAD,
         Place.NEXT,
@@ -28,7 +28,7 @@ def test_a_message_that_comes_late_is_lost_no_longer() -> None:
 
 
 def test_a_long_cut_is_counted_to_the_last_message() -> None:
-    watch = SequenceWatch()
+    watch = SequenceMonitor()
     watch.place(0)
     watch.place(100_001)
     assert watch.lost == 100_000
@@ -37,7 +37,7 @@ def test_a_long_cut_is_counted_to_the_last_message() -> None:
 
 
 def test_a_new_start_of_the_sender_begins_another_count_and_its_stragglers_are_old() -> None:
-    watch = SequenceWatch()
+    watch = SequenceMonitor()
     for number in (5, 6, 8):
         watch.place(number, session=100)
     assert watch.place(0, session=200) is Place.AHEAD
@@ -47,7 +47,7 @@ def test_a_new_start_of_the_sender_begins_another_count_and_its_stragglers_are_o
 
 
 def test_a_sender_that_does_not_number_its_starts_is_known_by_its_time() -> None:
-    watch = SequenceWatch()
+    watch = SequenceMonitor()
     for number in range(10):
         watch.place(number, time_ns=number)
     assert watch.place(3, time_ns=3) is Place.DUPLICATE
@@ -57,7 +57,7 @@ def test_a_sender_that_does_not_number_its_starts_is_known_by_its_time() -> None
 
 
 def test_where_sessions_rise_nothing_that_was_sent_before_is_taken_again() -> None:
-    watch = SequenceWatch(rising=True)
+    watch = SequenceMonitor(rising=True)
     for number in range(10):
         watch.place(number, session=100)
     watch.place(0, session=200)
@@ -67,7 +67,7 @@ def test_where_sessions_rise_nothing_that_was_sent_before_is_taken_again() -> No
 
 
 def test_a_number_beyond_all_reason_counts_nothing() -> None:
-    watch = SequenceWatch()
+    watch = SequenceMonitor()
     watch.place(0)
     assert watch.place(FARTHEST + 1) is Place.OLD
     assert watch.lost == 0
