@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from sensors.layout import Accelerometer, SensorLayout
@@ -43,6 +44,8 @@ class Description:
     """Monopile and tower from the mudline up; one element each."""
     blade: tuple[BladeSection, ...]
     """From root to tip; one element each. Empty: no blades."""
+    blade_bubbles: Literal[1, 2] = 2
+    """Inner shapes of a blade element in each direction: (1 − ξ²)², or ξ (1 − ξ²)² too."""
     lumped_top: tuple[float, float, float] | None = None
     """Instead of nacelle and hub: mass [kg], height of its centre above the tower's top [m],
     moment of inertia about its centre, equal about all axes [kg·m²]."""
@@ -51,8 +54,17 @@ class Description:
 
 
 def averaged() -> Description:
-    """Uniform tubes and blade lengths as [foundation-updating] has them."""
-    return Description(iea.averaged_cans(), iea.averaged_blade())
+    """Uniform tubes and blade lengths as [foundation-updating] has them, and its reduced blade.
+
+    Of each of the six lengths of a blade it keeps two Craig-Bampton modes, one in each direction;
+    here one polynomial in each direction does. That leaves modes above 5 Hz up to .3 % too high.
+    """
+    return Description(iea.averaged_cans(), iea.averaged_blade(cut=1), blade_bubbles=1)
+
+
+def converged() -> Description:
+    """The same tubes and blade lengths with elements enough: frequencies are exact to 1e-5."""
+    return Description(iea.averaged_cans(), iea.averaged_blade(cut=2))
 
 
 def detailed() -> Description:
@@ -112,6 +124,22 @@ class Structure:
         """First degree of freedom of each node of monopile and tower, mudline first."""
         return 6 * np.arange(2 * len(self.description.cans) + 1)
 
+    @cached_property
+    def basis(self) -> csr_array:
+        """(n_dofs, n): all motions that are free; heave and twist are held at the mudline."""
+        size, parts = len(self.mass), self.description.blade
+        basis, held = np.eye(size), [HEAVE, TWIST]
+        for blade in range(N_BLADES if self.description.blade_bubbles == 1 else 0):
+            for index, part in enumerate(parts):
+                local = _blade_transform(self.description, blade, index, size)
+                for start, slope, _, middle_slope, end, end_slope in (local[:6], local[6:]):
+                    # without ξ (1 − ξ²)² the middle's slope is that of the cubic through the ends
+                    middle = int(np.argmax(middle_slope))
+                    rise = (end - start) / (part.outer - part.inner)
+                    basis[middle] = 1.5 * rise - (slope + end_slope) / 4
+                    held.append(middle)
+        return csr_array(basis[:, np.setdiff1d(np.arange(size), held)])
+
     def modes(
         self,
         theta: ArrayLike = NOMINAL,
@@ -130,22 +158,22 @@ class Structure:
         for (v, positive), (slope, turn) in PLANES:
             turned = np.outer([positive, turn], [positive, turn])
             stiffness[np.ix_([v, slope], [v, slope])] += turned * springs
-        free = np.setdiff1d(np.arange(len(stiffness)), [HEAVE, TWIST])
-        where = np.ix_(free, free)
+        basis = self.basis
         # M φ = (1/ω²) K φ: its largest values are the lowest modes, and the most exact ones
         least = (2 * np.pi * highest_frequency) ** -2
         try:
             flexibilities, found = eigh(
-                self.mass[where], stiffness[where], subset_by_value=(least, np.inf), driver="gvx"
+                basis.T @ (basis.T @ self.mass).T,
+                basis.T @ (basis.T @ stiffness).T,
+                subset_by_value=(least, np.inf),
+                driver="gvx",
             )
         except np.linalg.LinAlgError as error:
             raise ValueError(
                 f"unstable under its own weight on the springs {np.asarray(theta)}"
             ) from error
         omega = flexibilities[::-1] ** -0.5
-        vectors = np.zeros((len(stiffness), len(omega)))
-        vectors[free] = found[:, ::-1] * omega
-        return Modes(self, omega / (2 * np.pi), vectors)
+        return Modes(self, omega / (2 * np.pi), basis @ (found[:, ::-1] * omega))
 
     def displacement_row(self, elevation: float, direction: ArrayLike) -> FloatArray:
         """(n_dofs,): displacement of the tower along a direction; the same row places a force."""

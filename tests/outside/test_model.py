@@ -18,6 +18,7 @@ from tests.outside.model import (
     Description,
     SpringSign,
     assemble,
+    converged,
     detailed,
     modes,
     rigid_motion,
@@ -125,7 +126,7 @@ def test_a_uniform_blade_on_an_immovable_hub_is_a_cantilever() -> None:
 
 def test_a_rigid_motion_feels_the_mass_of_every_part() -> None:
     figures = replace(Figures(), transition_piece=2e5, rna_mass=1.1, blade_mass=0.9, density=1.05)
-    structure = assemble(figures)
+    structure = assemble(figures, converged())
     steel = sum(
         1.05
         * can.density
@@ -156,16 +157,15 @@ def test_rotation_about_y_moves_a_point_above_downwind() -> None:
 
 @pytest.mark.parametrize("sign", ["published", "embedded-pile"])
 def test_nominal_figures_give_the_shipped_descriptions_modes(sign: SpringSign) -> None:
-    """To .05 % below 5 Hz; above, the shipped blade's one mode an element costs it up to .25 %."""
-    shipped = full_modes(
-        load_turbine("iea15mw_monopile").with_sign(sign), LAYOUT, NOMINAL, highest_frequency=13.0
-    )
+    # the shipped tubes are linear in twist: one each leaves the tower's twist .19 % too high
+    described = load_turbine("iea15mw_monopile").with_sign(sign).refined(3)
+    shipped = full_modes(described, LAYOUT, NOMINAL, highest_frequency=12.5)
     found = modes(sign=sign)
     count = len(shipped.frequencies)
     difference = np.abs(found.frequencies[:count] / shipped.frequencies - 1)
     assert difference[shipped.frequencies < 1.3].max() < 1e-5
-    assert difference[shipped.frequencies < 5.0].max() < 5e-4
-    assert difference.max() < 2.5e-3
+    assert difference[shipped.frequencies < 8.5].max() < 1e-4
+    assert difference.max() < 1e-3
     readings = found.readings(LAYOUT)[:count]
     products = np.sum(readings * shipped.shapes, axis=1) ** 2
     norms = (readings**2).sum(axis=1) * (shipped.shapes**2).sum(axis=1)
@@ -174,9 +174,18 @@ def test_nominal_figures_give_the_shipped_descriptions_modes(sign: SpringSign) -
 
 def test_more_elements_change_no_frequency() -> None:
     finer = Description(sections.averaged_cans(), sections.averaged_blade(cut=4))
-    coarse = modes().frequencies
+    coarse = modes(description=converged()).frequencies
     fine = modes(description=finer).frequencies[: len(coarse)]
     assert fine[fine < 13.0] == pytest.approx(coarse[fine < 13.0], rel=5e-6)
+
+
+def test_the_papers_reduced_blade_leaves_high_modes_up_to_three_tenths_percent_high() -> None:
+    exact = modes(description=converged()).frequencies
+    exact = exact[exact < 12.5]
+    excess = modes().frequencies[: len(exact)] / exact - 1
+    assert excess.min() > -1e-6
+    assert excess[exact < 2.0].max() < 1e-4
+    assert 2.5e-3 < excess[exact > 5.0].max() < 3.5e-3
 
 
 def test_tapered_cans_and_a_distributed_blade_are_another_structure() -> None:
