@@ -5,7 +5,7 @@ modes and the noise there. Each found mode has a frequency and a shape with an e
 an error that stays over all windows, and a covariance that was estimated from a few time blocks.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,7 +15,9 @@ from pipeline.messages import ModalEstimate, Mode
 from sensors.blocks import NANOSECONDS
 from sensors.layout import SensorLayout, biaxial_layout
 from tests.outside.figures import Figures
+from tests.outside.instruments import Instruments, SensorFault, instruments
 from tests.outside.loads import STRONG, Loads, modal_force_spectrum
+from tests.outside.model import HIGHEST_FREQUENCY as COMPUTED_FREQUENCY
 from tests.outside.model import Description, Modes, SpringSign, assemble
 
 FloatArray = NDArray[np.float64]
@@ -50,10 +52,13 @@ class Truth:
     description: Description | None = None
     """None: uniform tubes and blade lengths."""
 
-    def modes(self, level: float | None = None) -> Modes:
+    def modes(
+        self, level: float | None = None, *, highest_frequency: float = COMPUTED_FREQUENCY
+    ) -> Modes:
         """Its modes; in water of another level above the mean [m]."""
         figures = self.figures if level is None else self.figures.with_level(level)
-        return assemble(figures, self.description).modes(self.theta, self.sign)
+        structure = assemble(figures, self.description)
+        return structure.modes(self.theta, self.sign, highest_frequency)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +95,7 @@ def estimates(
     levels: Sequence[float] | None = None,
     reported_levels: Sequence[float] | None = None,
     layout: SensorLayout = LAYOUT,
+    faults: Iterable[SensorFault] = (),
     loads: Loads = STRONG,
     errors: Errors | None = None,
 ) -> list[ModalEstimate]:
@@ -108,7 +114,9 @@ def estimates(
     reported_levels : sequence of float, optional
         What SCADA reports of it [m]; None: nothing.
     layout : SensorLayout
-        DC accelerometers.
+        DC accelerometers, as stated.
+    faults : iterable of SensorFault
+        What is wrong with them.
     loads : Loads
         They decide which modes are found.
     errors : Errors, optional
@@ -122,21 +130,26 @@ def estimates(
     errors = errors or Errors()
     true_levels = [truth.figures.water_level] * n_windows if levels is None else list(levels)
     reported = [np.nan] * n_windows if reported_levels is None else list(reported_levels)
+    sensors = instruments(layout, faults)
     cache: dict[float, _Visible] = {}
     persistent: dict[int, FloatArray] = {}
     found = []
     for window, (level, report) in enumerate(zip(true_levels, reported, strict=True)):
         if level not in cache:
-            cache[level] = visible_modes(truth.modes(level), layout, loads)
+            cache[level] = visible_modes(truth.modes(level), sensors, loads)
         modes = _found(cache[level], persistent, errors, rng)
         found.append(_estimate(modes, layout, window, float(report)))
     return found
 
 
-def visible_modes(modes: Modes, layout: SensorLayout, loads: Loads = STRONG) -> _Visible:
-    """Take the modes up to `HIGHEST_FREQUENCY` as the layout's sensors see them."""
+def visible_modes(
+    modes: Modes, sensors: SensorLayout | Instruments, loads: Loads = STRONG
+) -> _Visible:
+    """Take the modes up to `HIGHEST_FREQUENCY` as sensors see them."""
+    if isinstance(sensors, SensorLayout):
+        sensors = instruments(sensors)
     numbers = np.flatnonzero(modes.frequencies <= HIGHEST_FREQUENCY)
-    readings = modes.readings(layout)
+    readings = modes.readings(sensors.true) * sensors.gains
     dominance = _dominance(modes.frequencies, readings, modal_force_spectrum(modes, loads))
     largest = np.argmax(np.abs(readings), axis=1)[:, None]
     shapes = readings / np.take_along_axis(readings, largest, axis=1)
