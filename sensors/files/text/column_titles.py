@@ -26,7 +26,7 @@ _NUMBER_TITLES = re.compile(
 _OTHER_UNITS = {
     *("mv", "uv", "ma", "hz", "khz", "°c", "degc", "pa", "hpa", "kpa", "bar", "kn", "nm", "knm"),
     *("%", "counts", "count", "cnt", "digit", "digits", "lsb", "rpm", "kw", "db", "v/v", "mv/v"),
-    *("smp", "-", "1", "raw", "rn", "ts"),
+    *("-", "1", "raw", "rn", "ts"),
 }
 _CAPITALS = {"V", "A", "N", "C", "K", "W"}  # in lower case they are names
 _SQUARE = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\]]*)\]\s*$")

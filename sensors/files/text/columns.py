@@ -26,6 +26,7 @@ logger = logging.getLogger(__name__)
 ColumnKind = Literal["number", "moment", "date", "time of day", "text", "empty"]
 
 EVEN = 1e-3  # a column that rises by steps so much alike is a clock, relative
+RECORD_NUMBER = "rn"  # "unit" of a record counter, whatever its steps: Campbell's TOA5
 FEWEST = 10  # rows from which that can be said
 
 
@@ -125,6 +126,8 @@ def _tells_time(column: Column) -> bool:
 
 def _counts(column: Column) -> bool:
     """Whether a column numbers the samples."""
+    if column.unit.lower() == RECORD_NUMBER:
+        return True
     steps = np.diff(np.asarray(column.first[:FEWEST])) if column.kind == "number" else np.zeros(0)
     counted = bool(len(steps)) and bool((steps == 1).all())
     named = is_number_title(column.name) or not column.titled

@@ -36,6 +36,8 @@ MISSING = frozenset(
         *("#ref!", "#bezug!"),  # of spreadsheets, English and German
     }
 )
+# How a logger formed each value of a column, in a row below the units: Campbell's TOA5.
+STATISTICS = frozenset({"smp", "avg", "max", "min", "std", "tot", "med", "mom", "tmx", "tmn", "wvc"})
 COMMENT = ("#", "%", "//")
 DELIMITERS = (";", "\t", ",", "|", " ")  # " " stands for blanks of any number
 
@@ -238,7 +240,7 @@ class _Beginning:
         units_at = 0
         for i in reversed(range(fit)):
             cells = self._titles_in(rows[i], kinds)
-            if cells is None:
+            if cells is None or _is_statistics_row(cells):
                 continue
             if not units and i and _are_units(cells) and self._titles_in(rows[i - 1], kinds):
                 units, units_at = cells, i + 1
@@ -331,9 +333,17 @@ def _most(kinds: Sequence[ColumnKind]) -> ColumnKind:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
+    if cells[:2] == ["TS", "RN"]:  # Campbell's TOA5: units of the time stamp and the record counter
+        return True
     said = [cell for cell in cells if cell]
     known = sum(is_unit(cell.strip("[]() ")) or cell[0] + cell[-1] in ("[]", "()") for cell in said)
     return 2 * known >= len(said)
+
+
+def _is_statistics_row(cells: Sequence[str]) -> bool:
+    """Whether a row says how each value was formed: sampled, averaged (Campbell's TOA5)."""
+    stated = [cell.strip().lower() for cell in cells if cell.strip()]
+    return bool(stated) and STATISTICS.issuperset(stated)
 
 
 def _tells_something(row: _Row) -> bool:
