@@ -13,13 +13,16 @@ from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from sensors.files.hdf5 import read_hdf5
-from sensors.files.miniseed import read_miniseed
-from sensors.files.npz import read_npy, read_npz
-from sensors.files.parquet import parquet_pieces
+from sensors.files.readers.hdf5 import read_hdf5
+from sensors.files.readers.matlab import read_mat
+from sensors.files.readers.miniseed import read_miniseed
+from sensors.files.readers.npz import read_npy, read_npz
+from sensors.files.readers.openfast import read_outb
+from sensors.files.readers.parquet import parquet_pieces
+from sensors.files.readers.tdms import read_tdms
+from sensors.files.readers.uff import read_uff
 from sensors.files.sep005 import Channel, table_of_channels, titles_of_channels
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, existing, whole
-from sensors.files.tdms import read_tdms
 from sensors.files.text.csv import csv_pieces
 
 GROUP = "pilewatch.files"  # of entry points
@@ -31,6 +34,8 @@ IN_PIECES: dict[str, PieceReader] = {
     "csv": csv_pieces,
     "tsv": csv_pieces,
     "txt": csv_pieces,
+    "dat": csv_pieces,  # Campbell's TOA5, and many others
+    "out": csv_pieces,  # OpenFAST
     "parquet": parquet_pieces,
     "pq": parquet_pieces,
 }
@@ -40,11 +45,14 @@ AS_CHANNELS: dict[str, ChannelReader] = {
     "h5": read_hdf5,
     "hdf5": read_hdf5,
     "hdf": read_hdf5,
-    "mat": read_hdf5,
+    "mat": read_mat,
     "tdms": read_tdms,
     "mseed": read_miniseed,
     "miniseed": read_miniseed,
     "msd": read_miniseed,
+    "outb": read_outb,
+    "uff": read_uff,
+    "unv": read_uff,
 }
 
 

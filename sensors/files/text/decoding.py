@@ -18,7 +18,7 @@ GZIP = b"\x1f\x8b"
 NO_TEXT = {
     b"PK\x03\x04": "an archive or a workbook: unpack it, or save the sheet as CSV",
     b"\xd0\xcf\x11\xe0": "a workbook: save the sheet as CSV",
-    b"MATLAB 5.0": "a MATLAB file of an old version: save it with -v7.3, or as CSV",
+    b"MATLAB 5.0": "MATLAB: name it .mat",
     b"\x89HDF": "HDF5: name it .h5",
     b"TDSm": "TDMS: name it .tdms",
     b"PAR1": "Parquet: name it .parquet",

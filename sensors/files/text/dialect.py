@@ -37,7 +37,9 @@ MISSING = frozenset(
     }
 )
 # How a logger formed each value of a column, in a row below the units: Campbell's TOA5.
-STATISTICS = frozenset({"smp", "avg", "max", "min", "std", "tot", "med", "mom", "tmx", "tmn", "wvc"})
+STATISTICS = frozenset(
+    {"smp", "avg", "max", "min", "std", "tot", "med", "mom", "tmx", "tmn", "wvc"}
+)
 COMMENT = ("#", "%", "//")
 DELIMITERS = (";", "\t", ",", "|", " ")  # " " stands for blanks of any number
 
