@@ -6,6 +6,10 @@
     elevation = 145.0
     direction = [1.0, 0.0, 0.0]
 
+    [time]                     only where the titles do not state the time
+    column = "Messpunkt"
+    unit = "ms"
+
 What it lists is taken, in its order; other channels of the measurement are left out.
 """
 
@@ -27,7 +31,8 @@ from sensors.acquisition.layout import (
     LayoutError,
     SensorLayout,
 )
-from sensors.files.table import ChannelTable, Quantity, Wanted, in_standard_unit
+from sensors.files.table import ChannelTable, Quantity, TimeColumn, Wanted, in_standard_unit
+from sensors.files.text.time_column import known_unit
 from sensors.settings import settings_from_table
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
@@ -70,6 +75,7 @@ class LayoutFile:
     unit: str = "tower"  # so does the acquisition unit
     layout_id: str = "imported"
     origin: str = "layout"  # the file's name, for errors
+    time: TimeColumn | None = None  # where the titles do not state it
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -81,7 +87,7 @@ class LayoutFile:
 
     def wanted(self) -> Wanted:
         """What of a file is read."""
-        return Wanted(frozenset(channel.name for channel in self.channels))
+        return Wanted(frozenset(channel.name for channel in self.channels), time=self.time)
 
     def chosen(self, table: ChannelTable) -> ChannelTable:
         """The channels that the layout lists, in their units.
@@ -169,7 +175,10 @@ def load_layout(path: Path) -> LayoutFile:
     others = {key: each for key, each in table.items() if key != "channels"}
     checked = settings_from_table(_Heading, others, str(path), LayoutError)
     try:
-        return LayoutFile(mapped, checked.turbine, checked.unit, checked.layout_id, str(path))
+        _require_heights(mapped)
+        return LayoutFile(
+            mapped, checked.turbine, checked.unit, checked.layout_id, str(path), checked.time
+        )
     except LayoutError as error:
         raise LayoutError(f"{path}: {error}") from error
 
@@ -181,6 +190,23 @@ class _Heading:
     turbine: str = "turbine"
     unit: str = "tower"
     layout_id: str = "imported"
+    time: TimeColumn | None = None
+
+    def __post_init__(self) -> None:
+        if self.time is not None and self.time.unit and known_unit(self.time.unit) is None:
+            raise LayoutError(
+                f"[time] unit is {self.time.unit!r}; it can be s, ms, us, ns, min, h or d"
+            )
+
+
+def _require_heights(channels: Sequence[MappedChannel]) -> None:
+    """Raise LayoutError for a template that was not filled in: every height is 0."""
+    horizontal = all(channel.direction[2] == 0 for channel in channels)
+    if channels and horizontal and all(channel.elevation == 0 for channel in channels):
+        raise LayoutError(
+            f"elevation is 0 for all {len(channels)} channels; fill in each sensor's height above "
+            "mean water level [m]"
+        )
 
 
 def layout_by_names(
@@ -226,6 +252,12 @@ def layout_template(table: ChannelTable) -> str:
                 "# sensitivity = 1.0                # samples per unit, e.g. 0.1 for 100 mV per g",
             ]
         lines += ['# quantity = "acceleration"        # velocity, displacement, strain']
+    lines += [
+        "",
+        "# [time]                             # only where the file's titles do not state the time",
+        '# column = "t"                       # the column that holds it',
+        '# unit = "s"                         # s, ms, us, ns, min, h, d',
+    ]
     return "\n".join(lines) + "\n"
 
 

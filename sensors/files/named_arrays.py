@@ -60,12 +60,12 @@ class NamedArray:
 
     @property
     def title(self) -> str:
-        """Its own name, without its groups."""
-        return self.name.rpartition("/")[2]
+        """Its own name, without its groups; a slash in a unit's brackets parts none."""
+        return self.name[len(self.group) :].removeprefix("/")
 
     @property
     def group(self) -> str:
-        return self.name.rpartition("/")[0]
+        return self.name.partition("[")[0].rpartition("/")[0]
 
     @property
     def is_time(self) -> bool:

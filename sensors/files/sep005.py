@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
+import pyarrow as pa
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
@@ -18,11 +19,12 @@ from sensors.files.table import (
     ChannelTable,
     FileError,
     Quantity,
+    TimeColumn,
     Wanted,
     in_standard_unit,
 )
 from sensors.files.text.column_titles import distinct
-from sensors.files.text.time_column import ABSOLUTE
+from sensors.files.text.time_column import ABSOLUTE, Clock, ClockError, iso
 
 TOGETHER = 0.05  # channels whose samples lie less apart are sampled together [samples]
 MOST_PADDED = 100  # times the samples that a file has: more is a wrong start, and no gap [-]
@@ -60,6 +62,8 @@ def table_of_channels(
     """
     if not channels:
         raise FileError(f"{path}: there is no channel of numbers in it")
+    if wanted.time is not None and wanted.stamps:
+        channels = _with_time(channels, wanted.time, path)
     names = distinct([str(channel.get("name") or "") for channel in channels])
     chosen = wanted.among(names)
     channels = [channels[i] if wanted.stamps else _counted(channels[i]) for i in chosen]
@@ -92,6 +96,26 @@ def titles_of_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
         samples=np.empty((0, len(channels))),
         times=None,
     )
+
+
+def _with_time(channels: Sequence[Channel], time: TimeColumn, path: Path) -> list[Channel]:
+    """Return the other channels, stamped by the one that is stated to be the time."""
+    names = [str(channel.get("name") or "") for channel in channels]
+    if time.column not in names:
+        raise FileError(
+            f"{path}: no series {time.column!r} to be the time; it has {', '.join(names)}"
+        )
+    place = names.index(time.column)
+    clock = Clock(time.column, time.unit or str(channels[place].get("unit_str") or ""))
+    try:
+        seconds = clock.seconds(pa.array(np.asarray(channels[place]["data"])))
+    except (ClockError, pa.ArrowException) as error:
+        raise FileError(f"{path}: the time {time.column!r} {error}") from error
+    begin = iso(clock.start_ns) if clock.start_ns else channels[place].get("start_timestamp")
+    return [
+        _counted(channel) | Channel(time=seconds, start_timestamp=begin)  # type: ignore[typeddict-item]
+        for channel in (*channels[:place], *channels[place + 1 :])
+    ]
 
 
 def _counted(channel: Channel) -> Channel:

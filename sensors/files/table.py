@@ -79,11 +79,28 @@ class FileError(InputError):
 
 
 @dataclass(frozen=True, slots=True)
+class TimeColumn:
+    """Which column or series of a file is its time, where its title does not state it."""
+
+    column: str
+    """Name as the file has it, without a unit in brackets."""
+
+    unit: str = ""
+    """Unit of its numbers: s, ms, us, ns, min, h, d. Empty: as the title states, else by size."""
+
+
+@dataclass(frozen=True, slots=True)
 class Wanted:
     """What of a file is read."""
 
-    names: frozenset[str] = frozenset()  # of channels; none: all
-    stamps: bool = True  # False: its samples are counted, whatever the time says
+    names: frozenset[str] = frozenset()
+    """Names of the channels that are read; empty: all."""
+
+    stamps: bool = True
+    """False: the samples are counted and time stamps are not read."""
+
+    time: TimeColumn | None = None
+    """The time, where it is stated beside the file."""
 
     def among(self, names: Sequence[str]) -> list[int]:
         """Which of the channels are read; all where one that is wanted is missing."""

@@ -110,7 +110,7 @@ def _times(source: _Bytes, kind: int, steps: int, first: float, second: float) -
     second   offset of stored times; else the interval [s]
     """
     if kind != WITH_TIME:
-        return first + second * np.arange(steps)
+        return np.asarray(first + second * np.arange(steps), dtype=np.float64)
     if first == 0:
         raise ValueError("the scale of its time is zero")
     counts = source.array("<i4", steps).astype(np.float64)

@@ -17,7 +17,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from sensors.arrays import FloatArray
-from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, in_standard_unit
+from sensors.files.table import (
+    EVERYTHING,
+    ChannelTable,
+    FileError,
+    TimeColumn,
+    Wanted,
+    in_standard_unit,
+)
 from sensors.files.text.column_titles import distinct, is_number_title, is_time_title, time_unit
 from sensors.files.text.time_column import Clock, ClockError
 
@@ -66,7 +73,10 @@ def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERY
 
     Raises FileError: no channel; a column that looks like a clock under another name.
     """
-    clock = _clock_columns(columns, path)
+    if wanted.time is not None:
+        columns, clock = _stated_clock(columns, wanted.time, path)
+    else:
+        clock = _clock_columns(columns, path)
     times = [i for i, each in enumerate(columns) if i not in clock and _tells_time(each)]
     numbers = [i for i, each in enumerate(columns) if i not in clock and _counts(each)]
     texts = [i for i, each in enumerate(columns) if i not in clock and each.kind == "text"]
@@ -85,6 +95,23 @@ def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERY
     if times:
         told_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
     return Columns(tuple(columns), channels, clock if wanted.stamps else ())
+
+
+def _stated_clock(
+    columns: Sequence[Column], time: TimeColumn, path: Path
+) -> tuple[list[Column], tuple[int, ...]]:
+    """Return the columns, the stated time in its stated unit, and where that time stands."""
+    names = [each.name for each in columns]
+    if time.column not in names:
+        raise FileError(f"{path}: no column {time.column!r} to be the time; {no_such(names)}")
+    place = names.index(time.column)
+    stated = replace(columns[place], unit=time.unit or columns[place].unit)
+    return [*columns[:place], stated, *columns[place + 1 :]], (place,)
+
+
+def no_such(names: Sequence[str]) -> str:
+    """Return what a file has instead of a name that it lacks."""
+    return f"it has {', '.join(names)}"
 
 
 def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
