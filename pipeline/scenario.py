@@ -5,8 +5,10 @@ name does. The text of the scenario is stored in every recording, so that any re
 run again.
 """
 
+import json
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
@@ -17,16 +19,26 @@ import numpy as np
 from pipeline.nodes.operating_state import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
-from pipeline.updating.population import StiffnessPopulation, load_population
+from pipeline.updating.population import (
+    StiffnessPopulation,
+    load_population,
+    population_from_json,
+)
 from pipeline.updating.settings import UpdatingSettings
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
 from sensors.settings import settings_from_table
 from sensors.simulation.tower import SimulationSettings
-from sensors.structure.description import TurbineDescription, load_turbine
+from sensors.structure.description import (
+    SHIPPED,
+    TurbineDescription,
+    load_turbine,
+    parse_turbine,
+)
 from sensors.structure.foundation import positive_definite
 
 DEFAULT_SCENARIO = "parked"
+MODES_ONLY = "modes-only"  # the shipped scenario of a structure of which no model is given
 NO_STRUCTURE = "none"  # as `[turbine] description`: modes are tracked, nothing is updated
 
 
@@ -144,6 +156,7 @@ class Scenario:
     recording: RecordingSettings = field(default_factory=RecordingSettings)
     text: str = ""  # the file as it was read
     origin: str = DEFAULT_SCENARIO  # shipped name or path, as the person gave it
+    files: tuple[tuple[str, str], ...] = ()  # (path, text) of files it names, from a recording
 
     @property
     def layout(self) -> SensorLayout:
@@ -164,7 +177,10 @@ class Scenario:
         Raises UpdatingError for a file that cannot be read or is none.
         """
         file = self.updating.population
-        return load_population(Path(file)) if file else None
+        if not file:
+            return None
+        stored = dict(self.files).get(file)
+        return load_population(Path(file)) if stored is None else population_from_json(stored, file)
 
     @property
     def has_structure(self) -> bool:
@@ -183,7 +199,9 @@ class Scenario:
                 f'"{NO_STRUCTURE}"), which this needs: a shipped one or a file by '
                 "`pilewatch describe --template`"
             )
-        described = load_turbine(self.turbine.description)
+        name = self.turbine.description
+        stored = dict(self.files).get(name)
+        described = load_turbine(name) if stored is None else parse_turbine(stored, source=name)
         if self.turbine.springs_sign is None:
             return described
         return described.with_sign(self.turbine.springs_sign)
@@ -225,11 +243,18 @@ def scenario_from_text(text: str, origin: str) -> Scenario:
         table: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
-    for key in ("text", "origin"):  # ours, not the file's
+    for key in ("text", "origin", "files"):  # ours, not the file's
         if key in table:
             raise ScenarioError(f"{origin}: unknown key {key!r}")
     table.setdefault("name", Path(origin).stem)
     return settings_from_table(Scenario, table | {"text": text}, origin, ScenarioError)
+
+
+def modes_only(turbine: str) -> Scenario:
+    """Return the scenario of a turbine without a structural model: modes are tracked, no more."""
+    scenario = load_scenario(MODES_ONLY)
+    text = scenario.text.replace(f'id = "{scenario.turbine.id}"', f'id = "{turbine}"')
+    return replace(scenario_from_text(text, f"{MODES_ONLY}.toml"), origin=MODES_ONLY)
 
 
 def with_overrides(
@@ -311,20 +336,68 @@ def with_sampler(scenario: Scenario, method: str) -> Scenario:
 
 
 def scenario_metadata(scenario: Scenario) -> dict[str, str]:
-    """What a recording stores of its scenario: enough to make the same scenario again."""
-    return {
+    """Return what a recording stores of its scenario: enough to make the same scenario again.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The scenario of the run.
+
+    Returns
+    -------
+    dict of str to str
+        Name, seed, duration, the TOML text, and, where the scenario names files of one's own
+        (descriptions, a population), their texts under `files` as JSON.
+    """
+    metadata = {
         "name": scenario.name,
         "seed": str(scenario.seed),
         "duration": repr(scenario.simulation.duration),
         "toml": scenario.text,
     }
+    files = _named_files(scenario)
+    return metadata | ({"files": json.dumps(files, ensure_ascii=False, indent=1)} if files else {})
+
+
+def _named_files(scenario: Scenario) -> dict[str, str]:
+    """Return the texts of the files that a scenario names, those it brings along first."""
+    names = [
+        scenario.turbine.description,
+        *(member.description for member in scenario.farm.members),
+        scenario.simulation.structure,
+        scenario.updating.population,
+    ]
+    found = dict(scenario.files)
+    for name in names:
+        if name and name not in (*SHIPPED, NO_STRUCTURE) and name not in found:
+            with suppress(OSError, UnicodeDecodeError):  # who needs the file reports it
+                found[name] = Path(name).read_text(encoding="utf-8-sig")
+    return found
 
 
 def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario:
-    """The scenario that a recording was made under."""
+    """Return the scenario that a recording was made under, with the files that it names.
+
+    Parameters
+    ----------
+    metadata : mapping of str to str
+        What `scenario_metadata` returned.
+    origin : str
+        Where it is stored, for errors.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ScenarioError
+        If the stored text describes no scenario of this version.
+    """
     stored = scenario_from_text(metadata["toml"], origin)
+    files = json.loads(metadata.get("files", "{}"))
     return with_overrides(
-        replace(stored, name=metadata["name"]),
+        replace(stored, name=metadata["name"], files=tuple(files.items())),
         duration=float(metadata["duration"]),
         seed=int(metadata["seed"]),
     )

@@ -15,8 +15,8 @@ from pathlib import Path
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.runner import STATUS_PERIOD, Report, open_session, with_end
-from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
-from pipeline.sources.sources import Source
+from pipeline.scenario import DEFAULT_SCENARIO, load_scenario, modes_only
+from pipeline.sources.sources import Source, report_modes_only
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -83,7 +83,7 @@ def feed_source(address: str, layout: Path | None, scenario: str | None) -> Sour
     """A live instrument as the source of a session that listens to it itself.
 
     layout     file that says where its channels are; None: they are the scenario's sensors
-    scenario   what is made of them
+    scenario   what is made of them; None: modes are tracked, nothing is updated
 
     Raises FeedError, LayoutError, ScenarioError.
     """
@@ -91,7 +91,9 @@ def feed_source(address: str, layout: Path | None, scenario: str | None) -> Sour
     live = open_feed(address, channels)
     if not live.gives_blocks:
         raise FeedError(f"{address} measures no accelerations; run `pilewatch feed {address}`")
-    chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+    if scenario is None:
+        report_modes_only(address)
+    chosen = modes_only(channels.turbine) if scenario is None else load_scenario(scenario)
     return Source(address, chosen, sensor_layout(channels), truth=None, duration=None, feed=live)
 
 

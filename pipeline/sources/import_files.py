@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, whole_recording
 from pipeline.runtime.runner import with_end
-from pipeline.scenario import Scenario, load_scenario, scenario_from_text, scenario_metadata
+from pipeline.scenario import Scenario, load_scenario, modes_only, scenario_metadata
 from pipeline.sources.sources import COMPACT
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -24,13 +24,6 @@ from sensors.files.block_builder import (
 )
 from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
 from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError
-
-MODES_ONLY = """
-title = "Modes of a structure of which no model is known"
-[turbine]
-id = "{turbine}"
-description = "none"
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,12 +110,6 @@ def _require_one_quantity(table: ChannelTable, path: Path) -> None:
             f"{path} mixes quantities ({said}); a layout file (--layout) that lists channels of "
             "one quantity chooses them"
         )
-
-
-def modes_only(turbine: str) -> Scenario:
-    """The scenario of a structure without a model: modes are tracked, nothing is updated."""
-    text = MODES_ONLY.format(turbine=turbine)
-    return replace(scenario_from_text(text, "modes-only"), name="modes-only")
 
 
 def record_measurement(

@@ -1,6 +1,7 @@
 """What a session listens to: a recording, a simulation, or instruments that publish."""
 
 import heapq
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,9 +17,11 @@ from pipeline.recording.writer import Metadata, RecorderSettings, whole_recordin
 from pipeline.runtime.runner import with_end
 from pipeline.scenario import (
     DEFAULT_SCENARIO,
+    MODES_ONLY,
     Scenario,
     farm_members,
     load_scenario,
+    modes_only,
     scenario_from_metadata,
     scenario_metadata,
     with_sampler,
@@ -41,6 +44,8 @@ from sensors.simulation.tower import SimulatedTower
 
 if TYPE_CHECKING:
     from sensors.feeds.live import LiveFeed
+
+logger = logging.getLogger(__name__)
 
 DEFAULT_RECORDING = Path("recordings/parked.mcap")
 COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing is at risk here
@@ -179,7 +184,7 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
     """The source that `--source` names: replay:FILE, simulate:SCENARIO or live.
 
     text       None: replay the recording that comes with the project
-    scenario   name or path; None: the recording's own, the simulated one, or the default
+    scenario   name or path; None: the recording's own, the simulated one, or modes only
 
     Raises SourceError, ScenarioError, RecordingError.
     """
@@ -189,13 +194,28 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
     if kind == "replay" and name:
         return replayed(Path(name), scenario)
     if kind == "simulate":
+        if name and scenario is not None and scenario != name:
+            raise SourceError(
+                f"--scenario {scenario} and --source {text} name two scenarios; leave one out"
+            )
         return simulated(load_scenario(name or scenario or DEFAULT_SCENARIO))
     if kind == "live" and not name:
-        chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+        if scenario is None:
+            report_modes_only("live")
+        chosen = load_scenario(scenario or MODES_ONLY)
         first = farm_members(chosen)[0]
         return Source("live", chosen, first.layout, truth=None, duration=None)
     raise SourceError(
         f"--source {text!r} is none of replay:FILE, simulate:SCENARIO, live and a file that exists"
+    )
+
+
+def report_modes_only(source: str) -> None:
+    """Report once a run that no structure is known of this source: it is never assumed."""
+    logger.warning(
+        "%s: no scenario and so no structure is given: modes are tracked, no stiffness is updated "
+        "(--scenario NAME or FILE gives one)",
+        source,
     )
 
 
@@ -222,7 +242,8 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
     elif stored:
         chosen = scenario_from_metadata(stored, f"scenario in {path}")
     else:
-        chosen = load_scenario(DEFAULT_SCENARIO)
+        report_modes_only(str(path))
+        chosen = modes_only(info.layouts[0].turbine)
     layout = joined_layout(_units_of(info.layouts, info.layouts[0].turbine))
     return Source(
         text=f"replay:{path}",
