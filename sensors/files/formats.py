@@ -57,21 +57,41 @@ AS_CHANNELS: dict[str, ChannelReader] = {
 
 
 def read_file(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING) -> ChannelTable:
-    """What is wanted of a file as one table. Raises FileError, as its reader does."""
+    """Return what is wanted of a file as one table.
+
+    Returns
+    -------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        As its reader does.
+    """
     return whole(file_pieces(path, reader, wanted), path)
 
 
 def file_pieces(
     path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
 ) -> Iterator[ChannelTable]:
-    """The channels of a file, in pieces where its format allows it.
+    """Yield the channels of a file, in pieces where its format allows it.
 
-    reader   "package.module:function" that gives SEP005 channels; None: the one of its suffix,
-             plugged in or ours; a suffix that nobody knows is read as text
+    Parameters
+    ----------
+    reader : str, optional
+        "package.module:function" that gives SEP005 channels; None: the one of its suffix,
+        plugged in or ours; a unknown suffix is read as text.
+    wanted : Wanted, optional
+        What of it is read.
 
-    wanted   what of it is read
+    Yields
+    ------
+    ChannelTable
 
-    Raises FileError: no such reader; a file that it cannot read.
+    Raises
+    ------
+    FileError
+        No such reader; a file that it cannot read.
     """
     channels = _channels(path, reader)
     if channels is not None:
@@ -82,8 +102,19 @@ def file_pieces(
 
 
 def channels_in(path: Path, reader: str | None = None) -> ChannelTable:
-    """Names and units of all channels of a file, without its samples: even of such as differ in
-    rate. Raises FileError, as its reader does."""
+    """Return names and units of all channels of a file, without its samples.
+
+    Even of such as differ in rate.
+
+    Returns
+    -------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        As its reader does.
+    """
     channels = _channels(path, reader)
     if channels is None:
         first = next(file_pieces(path, reader), None)

@@ -43,14 +43,26 @@ _CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file said its unit
 class MappedChannel:
     """One channel of a measurement."""
 
-    name: str  # as the measurement has it
-    elevation: float  # above mean water level [m]
-    direction: tuple[float, float, float]  # of the positive axis (x, y, z); of any length
+    name: str
+    """Name of the channel as the measurement has it."""
+
+    elevation: float
+    """Elevation above mean water level [m]."""
+
+    direction: tuple[float, float, float]
+    """Direction of the positive axis (x, y, z); of any length."""
+
     quantity: Literal["acceleration", "velocity", "displacement", "strain"] | None = None
-    unit: str | None = None  # of the samples, or of what the sensitivity divides to
-    sensitivity: float | None = None  # of the samples per `unit`: V per g, counts per m/s²
+    unit: str | None = None
+    """Unit of the samples, or of what the sensitivity divides to."""
+
+    sensitivity: float | None = None
+    """Sensitivity of the samples per `unit`: V per g, counts per m/s²."""
+
     coupling: Coupling = "dc"
-    corner_frequency: float = 0.0  # of an AC-coupled axis [Hz]
+    corner_frequency: float = 0.0
+    """Corner frequency of an AC-coupled axis [Hz]."""
+
     serial: str = ""
 
     def __post_init__(self) -> None:
@@ -71,11 +83,18 @@ class LayoutFile:
     """All that is known of how a measurement was mounted."""
 
     channels: tuple[MappedChannel, ...]
-    turbine: str = "turbine"  # becomes part of a Zenoh key
-    unit: str = "tower"  # so does the acquisition unit
+    turbine: str = "turbine"
+    """Name of the turbine, part of a Zenoh key."""
+
+    unit: str = "tower"
+    """Name of the acquisition unit, part of a Zenoh key."""
+
     layout_id: str = "imported"
-    origin: str = "layout"  # the file's name, for errors
-    time: TimeColumn | None = None  # where the titles do not state it
+    origin: str = "layout"
+    """The file's name, for errors."""
+
+    time: TimeColumn | None = None
+    """Where the titles do not state it."""
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -86,14 +105,20 @@ class LayoutFile:
                 raise LayoutError(f"{key} is {name!r}; a name without spaces and / * $ # ?")
 
     def wanted(self) -> Wanted:
-        """What of a file is read."""
+        """Return what of a file is read."""
         return Wanted(frozenset(channel.name for channel in self.channels), time=self.time)
 
     def chosen(self, table: ChannelTable) -> ChannelTable:
-        """The channels that the layout lists, in their units.
+        """Return the channels that the layout lists, in their units.
 
-        Raises LayoutError for a channel that the measurement lacks, and for a unit that it says
-        itself.
+        Returns
+        -------
+        ChannelTable
+
+        Raises
+        ------
+        LayoutError
+            For a channel that the measurement lacks, and for a unit that it says itself.
         """
         columns = [self._column(channel, table) for channel in self.channels]
         pairs = list(zip(self.channels, columns, strict=True))
@@ -108,7 +133,7 @@ class LayoutFile:
         )
 
     def sensor_layout(self, table: ChannelTable) -> SensorLayout:
-        """The layout of a table's channels, which `chosen` gave."""
+        """Return the layout of a table's channels, which `chosen` gave."""
         return SensorLayout(
             self.layout_id,
             turbine=self.turbine,
@@ -154,9 +179,16 @@ class LayoutFile:
 
 
 def load_layout(path: Path) -> LayoutFile:
-    """The layout in a TOML file.
+    """Return the layout in a TOML file.
 
-    Raises LayoutError, one line: no such file, not TOML, an unknown or missing key, a wrong value.
+    Returns
+    -------
+    LayoutFile
+
+    Raises
+    ------
+    LayoutError
+        One line: no such file, not TOML, an unknown or missing key, a wrong value.
     """
     try:
         table = tomllib.loads(path.read_text("utf-8-sig"))
@@ -212,7 +244,10 @@ def _require_heights(channels: Sequence[MappedChannel]) -> None:
 def layout_by_names(
     names: Sequence[str], *, turbine: str = "turbine", unit: str = "tower"
 ) -> LayoutFile | None:
-    """The layout that names like "z145-fa" tell, which our own recordings have; None of others."""
+    """Return the layout that names like "z145-fa" tell, which our own recordings have.
+
+    None of others.
+    """
     found = [_OUR_NAMES.fullmatch(name) for name in names]
     channels = tuple(
         MappedChannel(
@@ -229,7 +264,7 @@ def layout_by_names(
 
 
 def layout_template(table: ChannelTable) -> str:
-    """A layout file of a measurement's channels, to fill in."""
+    """Return a layout file of a measurement's channels, to fill in."""
     lines = [
         "# Where the channels of the measurement were. Axes: x downwind (fore-aft), y to the side",
         "# (side-side), z up from mean water level. Delete the channels that are not to be used.",

@@ -22,9 +22,16 @@ FILL = ("_FillValue", "missing_value")
 
 
 def read_hdf5(path: Path) -> list[Channel]:
-    """The channels of an HDF5 file.
+    """Return the channels of an HDF5 file.
 
-    Raises FileError where it is missing, damaged or holds none, or h5py is not installed.
+    Returns
+    -------
+    list[Channel]
+
+    Raises
+    ------
+    FileError
+        If it is missing, damaged or holds none, or h5py is not installed.
     """
     h5py = needed("h5py", "hdf5", path)
     try:

@@ -31,7 +31,16 @@ class _Bytes:
     def array(self, kind: str, count: int) -> np.ndarray[tuple[int], np.dtype[np.generic]]:
         """Return the next `count` numbers of a little-endian type.
 
-        Raises EOFError where fewer are left, ValueError for a negative count.
+        Returns
+        -------
+        ndarray
+
+        Raises
+        ------
+        EOFError
+            If fewer are left.
+        ValueError
+            For a negative count.
         """
         size = np.dtype(kind).itemsize * count
         if count < 0:
@@ -106,8 +115,12 @@ def _channels(source: _Bytes) -> list[Channel]:
 def _times(source: _Bytes, kind: int, steps: int, first: float, second: float) -> FloatArray:
     """Return the time of each step, (steps,) [s].
 
-    first    scale of stored times; else the time of the first step [s]
-    second   offset of stored times; else the interval [s]
+    Parameters
+    ----------
+    first : float
+        Scale of stored times; else the time of the first step [s].
+    second : float
+        Offset of stored times; else the interval [s].
     """
     if kind != WITH_TIME:
         return np.asarray(first + second * np.arange(steps), dtype=np.float64)

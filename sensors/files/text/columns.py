@@ -42,10 +42,15 @@ class Column:
     """One column of a table, and what its first rows hold."""
 
     name: str
-    unit: str  # "": not said
+    unit: str
+    """Unit; empty: not stated."""
+
     kind: ColumnKind
-    first: Sequence[Any]  # its first values: floats of a number column, texts of others
-    titled: bool = True  # False: it has a number for a name
+    first: Sequence[Any]
+    """Its first values: floats of a number column, texts of others."""
+
+    titled: bool = True
+    """False: it has a number for a name."""
 
     @property
     def title(self) -> str:
@@ -58,9 +63,14 @@ class Columns:
 
     all: tuple[Column, ...]
     channels: tuple[int, ...]
-    clock: tuple[int, ...]  # the time; date and time of day; none
-    rate: float | None = None  # [Hz], where the file says it beside the columns
-    start_ns: int = 0  # of the first sample, likewise; 0: not said
+    clock: tuple[int, ...]
+    """Places of the time: one column, date and time of day, or none."""
+
+    rate: float | None = None
+    """Rate [Hz], where the file says it beside the columns."""
+
+    start_ns: int = 0
+    """Time of the first sample [ns since 1970-01-01 UTC]; 0: not stated."""
 
     @property
     def used(self) -> tuple[int, ...]:
@@ -71,7 +81,14 @@ class Columns:
 def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING) -> Columns:
     """Time, channels, and what is left out: said once a file.
 
-    Raises FileError: no channel; a column that looks like a clock under another name.
+    Returns
+    -------
+    Columns
+
+    Raises
+    ------
+    FileError
+        No channel; a column that looks like a clock under another name.
     """
     if wanted.time is not None:
         columns, clock = _stated_clock(columns, wanted.time, path)
@@ -183,12 +200,22 @@ def told_once(text: str) -> None:
 def tables_of_columns(
     batches: Iterable[pa.RecordBatch], columns: Columns, path: Path
 ) -> Iterator[ChannelTable]:
-    """The batches of a file as pieces; `times` of all count from the file's first sample.
+    """Yield the batches of a file as pieces; `times` of all count from the file's first sample.
 
-    batches   of the columns `columns.used`
+    Parameters
+    ----------
+    batches : Iterable[pa.RecordBatch]
+        Batches of the columns `columns.used`.
 
-    Raises FileError: a column that holds no numbers, a time that is missing, in an unknown unit,
-    or of no known kind.
+    Yields
+    ------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        A column that holds no numbers, a time that is missing, in an unknown unit, or of no
+        known kind.
     """
     place = {number: i for i, number in enumerate(columns.used)}
     chosen = [columns.all[i] for i in columns.channels]
