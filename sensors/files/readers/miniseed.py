@@ -23,10 +23,17 @@ INSTRUMENTS = {"N": "a", "H": "v", "L": "v", "P": "v"}
 
 
 def read_miniseed(path: Path) -> list[Channel]:
-    """The channels of a miniSEED file.
+    """Return the channels of a miniSEED file.
 
-    Raises FileError where it is missing, damaged or holds none, parts of a channel contradict each
-    other, or obspy is not installed.
+    Returns
+    -------
+    list[Channel]
+
+    Raises
+    ------
+    FileError
+        If it is missing, damaged or holds none, parts of a channel contradict each other, or
+        obspy is not installed.
     """
     obspy = needed("obspy", "miniseed", path)
     stream = _read(obspy, existing(path))
