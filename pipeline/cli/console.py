@@ -54,8 +54,13 @@ ConnectOption = Annotated[
 def zenoh_settings(
     mode: str, listen: list[str] | None, connect: list[str] | None, config: Path | None
 ) -> Any:
-    """How the command's session finds the others. Raises InputError for a mode that is none, or
-    one that a file decides."""
+    """How the command's session finds the others.
+
+    Raises
+    ------
+    InputError
+        For a mode that is none, or one that a file decides.
+    """
     from pipeline.transport.zenoh_bus import ZenohSettings
 
     match mode:
@@ -68,7 +73,13 @@ def zenoh_settings(
 
 
 def speed_of(text: str) -> float:
-    """What `--speed` says. Raises InputError for what is no speed."""
+    """What `--speed` says.
+
+    Raises
+    ------
+    InputError
+        For what is no speed.
+    """
     try:
         speed = float("inf") if text == "max" else float(text)
     except ValueError:
@@ -121,8 +132,10 @@ VIEW_HELP = (
 class View:
     """A viewer that can be drawn on."""
 
-    output: "ViewerOutput | None"  # None: nothing is shown
-    page: str = ""  # what a browser opens; "" where no page is served
+    output: "ViewerOutput | None"
+    """None: nothing is shown."""
+    page: str = ""
+    """What a browser opens; "" where no page is served."""
 
     def stay(self, stopping: threading.Event) -> None:
         """Keep a served page up until Ctrl-C: it holds what was drawn, and is gone afterwards."""
@@ -135,9 +148,15 @@ class View:
 def viewing(asked: str | None, *pictures: Path) -> Iterator[View]:
     """The viewer of `--view`; a page is served for as long as the context lasts.
 
-    pictures   .rrd files that the page shows
+    Parameters
+    ----------
+    pictures : Path
+        .rrd files that the page shows.
 
-    Raises ViewerError for a word that is none, and where no page can be served.
+    Raises
+    ------
+    ViewerError
+        For a word that is none, and where no page can be served.
     """
     from pipeline.viewer.outputs.outputs import WebPage, parse_view
     from pipeline.viewer.outputs.viewer_process import served_page

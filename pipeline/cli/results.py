@@ -22,9 +22,14 @@ def print_results(
 ) -> None:
     """Modes, posterior, changes, windows not used, doubts.
 
-    figures   the content of summary.json
-    scenario  of the session; without a structural model there is no posterior to speak of
-    misfits   also how each mode fits; always where the posterior is not to be trusted
+    Parameters
+    ----------
+    figures : Json
+        The content of summary.json.
+    scenario : Scenario
+        Of the session; without a structural model there is no posterior to speak of.
+    misfits : bool, optional
+        Also how each mode fits; always where the posterior is not to be trusted.
     """
     from pipeline.cli.tables.modes import identified_modes_table, nearest_modes_table
     from pipeline.cli.tables.posteriors import misfit_table, posterior_table

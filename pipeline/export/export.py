@@ -38,11 +38,19 @@ def export(
 ) -> tuple[Exported, ...]:
     """Write the samples and the results of a recording; of what there is none, there is no file.
 
-    recording   a file, or a folder with a session's parts
-    folder      made where it is missing
-    report      called with every block of accelerations
+    Parameters
+    ----------
+    recording : Path
+        A file, or a folder with a session's parts.
+    folder : Path
+        Made where it is missing.
+    report : Callable[[AccelerationBlock], None] | None, optional
+        Called with every block of accelerations.
 
-    Raises RecordingError, SourceError, and InputError where a file exists or cannot be written.
+    Raises
+    ------
+    RecordingError, SourceError, InputError
+        If a file exists or cannot be written.
     """
     files = session_files(recording)
     try:
@@ -90,7 +98,10 @@ class _TableFiles:
 def _table_files(folder: Path, form: Format) -> Iterator[_TableFiles]:
     """Files that are whole in the end; where writing fails or is interrupted, there are none.
 
-    Raises InputError where a disk takes no more.
+    Raises
+    ------
+    InputError
+        If a disk takes no more.
     """
     tables = _TableFiles(folder, form)
     try:

@@ -31,7 +31,10 @@ class ImuFile:
     """Messages to `path`, compressed chunk by chunk; finished when the context ends, and
     removed where that is an error before the first message.
 
-    Raises InputError where the file exists or cannot be made.
+    Raises
+    ------
+    InputError
+        If the file exists or cannot be made.
     """
 
     def __init__(self, path: Path) -> None:
@@ -85,9 +88,12 @@ FILE_NAME = "imu.mcap"
 class Imu:
     """The channels of one place that together measure up to three directions."""
 
-    name: str  # "z145"; of the second at the same level "z145-2"
-    columns: tuple[int, ...]  # of the unit's blocks
-    axes: NDArray[np.float64]  # (n_channels, 3) x, y, z of the channels' readings; NaN: unmeasured
+    name: str
+    """"z145"; of the second at the same level "z145-2"."""
+    columns: tuple[int, ...]
+    """Of the unit's blocks."""
+    axes: NDArray[np.float64]
+    """(n_channels, 3) x, y, z of the channels' readings; NaN: unmeasured."""
 
     def accelerations(self, samples: NDArray[np.float32]) -> NDArray[np.float64]:
         """(n_samples, 3) along x, y, z [m/s²], NaN along an axis that is not measured."""
@@ -97,7 +103,10 @@ class Imu:
 def imus_of(layout: SensorLayout) -> tuple[Imu, ...]:
     """Channels of one elevation are one IMU as long as their directions are independent.
 
-    Raises InputError for a channel that is no accelerometer.
+    Raises
+    ------
+    InputError
+        For a channel that is no accelerometer.
     """
     groups: dict[str, list[int]] = {}
     for column, channel in enumerate(layout.channels):
@@ -137,8 +146,10 @@ def export_imu(
 ) -> tuple[Exported, ...]:
     """Write the samples of a recording, or of a session's folder, as `imu.mcap`.
 
-    Raises RecordingError, SourceError, and InputError where the file exists or cannot be written,
-    or where a block's layout is not known.
+    Raises
+    ------
+    RecordingError, SourceError, InputError
+        If the file exists or cannot be written, or where a block's layout is not known.
     """
     files = session_files(recording)
     path = folder / FILE_NAME

@@ -39,7 +39,8 @@ class ResultTable:
     name: str
     message: type
     columns: tuple[tuple[str, pa.DataType], ...]
-    rows: Callable[[Any], Iterator[Row]]  # of one message
+    rows: Callable[[Any], Iterator[Row]]
+    """Of one message."""
 
     @property
     def schema(self) -> pa.Schema:

@@ -47,9 +47,14 @@ def imu_messages(
 ) -> list[bytes]:
     """One message a sample.
 
-    times_ns        (n,) [ns since 1970-01-01 UTC]
-    accelerations   (n, 3) along x, y, z [m/s²]; NaN where an axis is not measured
-    frame           what the axes belong to
+    Parameters
+    ----------
+    times_ns : ndarray of int, shape (n,)
+        [ns since 1970-01-01 UTC].
+    accelerations : ndarray of float, shape (n, 3)
+        Along x, y, z [m/s²]; NaN where an axis is not measured.
+    frame : str
+        What the axes belong to.
     """
     head = _head(frame)
     messages = np.zeros((len(times_ns), len(head) + 8 * N_FIGURES), dtype=np.uint8)

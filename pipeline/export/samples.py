@@ -24,7 +24,10 @@ def samples_schema(
 ) -> pa.Schema:
     """Columns of a unit's samples.
 
-    layout   what the channels are; where it is not known, or of another number, they are numbered
+    Parameters
+    ----------
+    layout : SensorLayout | None
+        What the channels are; where it is not known, or of another number, they are numbered.
     """
     time = pa.field("time [s]", pa.float64()) if form == "csv" else pa.field("time", TIMESTAMP)
     titles = (

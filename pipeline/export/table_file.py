@@ -18,9 +18,15 @@ ROW_GROUP = 16_384  # rows that are held and written together: seven minutes at 
 class TableFile:
     """Rows to `path`, a CSV with a header row or a Parquet file of row groups.
 
-    schema   names and types of the columns; its metadata goes into a Parquet file
+    Parameters
+    ----------
+    schema : pa.Schema
+        Names and types of the columns; its metadata goes into a Parquet file.
 
-    Raises InputError where the file exists or cannot be made.
+    Raises
+    ------
+    InputError
+        If the file exists or cannot be made.
     """
 
     def __init__(self, path: Path, schema: pa.Schema, form: Format) -> None:

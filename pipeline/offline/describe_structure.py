@@ -21,8 +21,10 @@ class StructureFigures:
     """Key figures of a description, to see whether it is the structure that was meant."""
 
     description: TurbineDescription
-    elevations: FloatArray  # where the shapes are known, (n,) [m]
-    modes: FullModes  # at the description's springs; shapes: fore-aft × n, then side-side × n
+    elevations: FloatArray
+    """Where the shapes are known, (n,) [m]."""
+    modes: FullModes
+    """At the description's springs; shapes: fore-aft × n, then side-side × n."""
 
     @property
     def tube_mass(self) -> float:
@@ -105,7 +107,10 @@ class StructureFigures:
 def structure_figures(description: TurbineDescription) -> StructureFigures:
     """Key figures and first modes of a description.
 
-    Raises TurbineError where the springs are not positive definite or the structure would fall.
+    Raises
+    ------
+    TurbineError
+        If the springs are not positive definite or the structure would fall.
     """
     bottom, top = description.mudline, description.tower_top
     elevations = np.linspace(bottom, top, POINTS + 1)[1:]

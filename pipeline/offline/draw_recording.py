@@ -26,10 +26,17 @@ def draw_recording(
 ) -> None:
     """Draw everything that a recording holds, results where there are some.
 
-    recording   MCAP file
-    report      called with every block of accelerations
+    Parameters
+    ----------
+    recording : Path
+        MCAP file.
+    report : Callable[[AccelerationBlock], None] | None, optional
+        Called with every block of accelerations.
 
-    Raises RecordingError, SourceError or ViewerError, one line each.
+    Raises
+    ------
+    RecordingError, SourceError, ViewerError
+        One line each.
     """
     source = replayed(recording)
     known = source.scenario.has_structure
@@ -54,7 +61,10 @@ def _draw(
 def pictures_of(recording: Path, out: Path | None) -> RrdFile:
     """Where the pictures of a recording go: `out`, or beside it under its own name.
 
-    Raises InputError where that file exists: it may be another session's.
+    Raises
+    ------
+    InputError
+        If that file exists: it may be another session's.
     """
     path = out or recording.with_suffix(PICTURES)
     if path.exists():
@@ -65,7 +75,10 @@ def pictures_of(recording: Path, out: Path | None) -> RrdFile:
 def open_pictures(path: Path) -> None:
     """Open a .rrd in the Rerun viewer and wait until its window is closed.
 
-    Raises ViewerError where the viewer cannot be started.
+    Raises
+    ------
+    ViewerError
+        If the viewer cannot be started.
     """
     require_pictures(path)
     command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(path)]

@@ -32,8 +32,10 @@ RATE_TOLERANCE = 0.02  # between the sampling rate given and the time stamps, re
 class IdentifiedWindow:
     """A window with everything that its stabilisation diagram is drawn from."""
 
-    number: int  # counted from 0
-    samples: NDArray[np.float64]  # (n, n_channels)
+    number: int
+    """Counted from 0."""
+    samples: NDArray[np.float64]
+    """(n, n_channels)."""
     identification: Identification
 
 
@@ -43,11 +45,15 @@ class FileIdentification:
 
     estimates: tuple[ModalEstimate, ...]
     rejected: tuple[WindowRejected, ...]
-    sampling_rate: float  # [Hz]
-    duration: float  # [s]
+    sampling_rate: float
+    """[Hz]."""
+    duration: float
+    """[s]."""
     channels: tuple[str, ...]
-    start_ns: int  # first sample [ns since 1970-01-01 UTC]; 0 where the file does not say
-    first_identified: IdentifiedWindow | None  # None where every window was rejected
+    start_ns: int
+    """First sample [ns since 1970-01-01 UTC]; 0 where the file does not say."""
+    first_identified: IdentifiedWindow | None
+    """None where every window was rejected."""
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
@@ -79,11 +85,19 @@ def identify_file(
 ) -> FileIdentification:
     """Modes of the structure that a recording or a file of measurements shows.
 
-    sampling_rate   [Hz]; needed where the file says neither its rate nor when its samples were
-    window          [s]; None: the whole file is one window
-    layout          which channels, in what units; None: all, as the file has them
+    Parameters
+    ----------
+    sampling_rate : float | None, optional
+        [Hz]; needed where the file says neither its rate nor when its samples were.
+    window : float | None, optional
+        [s]; None: the whole file is one window.
+    layout : LayoutFile | None, optional
+        Which channels, in what units; None: all, as the file has them.
 
-    Raises InputError: a file that cannot be read, no sampling rate, a window longer than the file.
+    Raises
+    ------
+    InputError
+        A file that cannot be read, no sampling rate, a window longer than the file.
     """
     table, rate = _read(path, sampling_rate, layout)
     duration = len(table.samples) / rate
@@ -133,7 +147,10 @@ def recorded_channels(path: Path) -> ChannelTable:
     """The samples of a recording's first turbine, in order of time; missing blocks show in `times`.
     Several acquisition units are joined on one clock.
 
-    Raises RecordingError, and FileError where it holds no blocks.
+    Raises
+    ------
+    RecordingError, FileError
+        If it holds no blocks.
     """
     layouts: dict[str, SensorLayout] = {}
     blocks: dict[str, list[AccelerationBlock]] = {}  # of the first turbine, by unit

@@ -22,7 +22,8 @@ class ModelModes:
 
     model: ModalModel
     modes: ModalParameters
-    ratios: NDArray[np.float64]  # (3,) k11, k22, k12 over nominal [-]
+    ratios: NDArray[np.float64]
+    """(3,) k11, k22, k12 over nominal [-]."""
 
     @property
     def published(self) -> dict[str, float]:
@@ -53,12 +54,21 @@ def model_modes(
 ) -> ModelModes:
     """Modes of a turbine at the sensors of a scenario.
 
-    theta      "k11,k22,k12" as ratios to nominal; None: nominal
-    sign       "published" or "embedded-pile"; None: the scenario's
-    turbine    shipped name or path of a description; None: the scenario's
-    scenario   shipped name or path; None: the default one
+    Parameters
+    ----------
+    theta : str | None, optional
+        "k11,k22,k12" as ratios to nominal; None: nominal.
+    sign : str | None, optional
+        "published" or "embedded-pile"; None: the scenario's.
+    turbine : str | None, optional
+        Shipped name or path of a description; None: the scenario's.
+    scenario : str | None, optional
+        Shipped name or path; None: the default one.
 
-    Raises InputError for any of them, and for springs that are not positive definite.
+    Raises
+    ------
+    InputError
+        For any of them, and for springs that are not positive definite.
     """
     chosen = load_scenario(scenario or DEFAULT_SCENARIO)
     description = chosen.structure if turbine is None else load_turbine(turbine)
@@ -86,8 +96,10 @@ class NearestMode:
 
     identified: CombinedMode
     label: str
-    frequency: float  # [Hz]
-    mac: float  # NaN where the sensors are not the model's [-]
+    frequency: float
+    """[Hz]."""
+    mac: float
+    """NaN where the sensors are not the model's [-]."""
 
 
 def nearest_modes(modes: Sequence[CombinedMode], scenario: Scenario) -> list[NearestMode]:

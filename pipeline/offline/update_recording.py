@@ -17,7 +17,9 @@ Report = Callable[[AccelerationBlock], None]
 def recorded_source(path: Path, *, scenario: str | None, sampler: str | None) -> Source:
     """A recording under its own scenario, unless another one or another sampler is named.
 
-    Raises RecordingError, SourceError, ScenarioError, UpdatingError.
+    Raises
+    ------
+    RecordingError, SourceError, ScenarioError, UpdatingError
     """
     return replayed(path, scenario).with_sampler(sampler)
 
@@ -30,8 +32,12 @@ def holds_estimates(path: Path) -> bool:
 def updated_from(source: Source, *, identify: bool, report: Report | None = None) -> SessionSummary:
     """Every window of a recording through the updating.
 
-    identify   True: from the accelerations; False: from the estimates that were recorded
-    report     called with every block of accelerations
+    Parameters
+    ----------
+    identify : bool
+        True: from the accelerations; False: from the estimates that were recorded.
+    report : Report | None, optional
+        Called with every block of accelerations.
     """
     summary = SessionSummary(source=source.text, turbine=source.layout.turbine)
     graph = build(source.scenario, source.layout, Outputs(), source.layouts)

@@ -21,10 +21,17 @@ DOTS_PER_INCH = 200  # of what is drawn as pixels
 def new_figure(size: tuple[float, float], purpose: str) -> Any:
     """An empty matplotlib figure.
 
-    size      width and height [inch]
-    purpose   what it is for, in the error's words, e.g. "diagram.png"
+    Parameters
+    ----------
+    size : tuple[float, float]
+        Width and height [inch].
+    purpose : str
+        What it is for, in the error's words, e.g. "diagram.png".
 
-    Raises InputError where matplotlib is not installed.
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed.
     """
     try:
         from matplotlib.figure import Figure
@@ -39,7 +46,10 @@ def new_figure(size: tuple[float, float], purpose: str) -> Any:
 def page_figure(height: float) -> Iterator["PageFigure"]:
     """A figure for a page, drawn and written within the `with` block.
 
-    height   [inch]
+    Parameters
+    ----------
+    height : float
+        [inch].
     """
     figure = new_figure((WIDTH, height), "a report")
     from matplotlib import rc_context

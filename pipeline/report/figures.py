@@ -189,8 +189,14 @@ def moments(times_ns: Sequence[int] | NDArray[np.int64]) -> Times:
 
 
 def _band(axes: Any, times: Times, bands: FloatArray, colour: colours.Colour) -> None:
-    """bands: (n, 3) middle, low, high. A few windows are points with bars, many are a band that
-    breaks where windows are missing."""
+    """TODO summary.
+
+    Parameters
+    ----------
+    bands : ndarray, shape (n, 3)
+        Middle, low, high. A few windows are points with bars, many are a band that breaks where
+        windows are missing.
+    """
     middle, low, high = bands.T
     if len(times) <= FEW:
         axes.errorbar(

@@ -57,11 +57,20 @@ class TextTable:
     title: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    words: tuple[int, ...] = ()  # columns that hold sentences rather than figures
+    words: tuple[int, ...] = ()
+    """Columns that hold sentences rather than figures."""
 
 
 def document(title: str, body: str, style: str = "") -> str:
-    """The whole page. body: HTML; style: rules beside `STYLE`."""
+    """The whole page.
+
+    Parameters
+    ----------
+    body : str
+        HTML.
+    style : str, optional
+        Rules beside `STYLE`.
+    """
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>{html.escape(title)}</title>"
@@ -91,7 +100,10 @@ def listed(texts: Iterable[str], kind: str = "") -> str:
 def table_of(content: TextTable, links: Sequence[str] = ()) -> str:
     """A table that scrolls by itself where it is wider than the screen.
 
-    links   where the first cell of each row leads, e.g. "#t1"; none: nowhere
+    Parameters
+    ----------
+    links : Sequence[str], optional
+        Where the first cell of each row leads, e.g. "#t1"; none: nowhere.
     """
     head = "".join(
         f'<th scope="col"{_class("words" if column in content.words else "")}>'
@@ -125,7 +137,13 @@ def listing(text: str) -> str:
 
 
 def png(picture: bytes, description: str) -> str:
-    """A PNG inside the page. description: for those who cannot see it."""
+    """A PNG inside the page.
+
+    Parameters
+    ----------
+    description : str
+        For those who cannot see it.
+    """
     encoded = base64.b64encode(picture).decode()
     return f'<img alt="{html.escape(description)}" src="data:image/png;base64,{encoded}">\n'
 
@@ -133,7 +151,10 @@ def png(picture: bytes, description: str) -> str:
 def drawing(svg: str, description: str, *, caption: str = "", name: str) -> str:
     """An SVG inside the page, its inner names made the page's own by `name`.
 
-    svg   a whole SVG file; what comes before its root element is left out
+    Parameters
+    ----------
+    svg : str
+        A whole SVG file; what comes before its root element is left out.
     """
     root = svg[svg.index("<svg") :].strip()
     own = re.sub(r'(\bid="|xlink:href="#|href="#|url\(#)', rf"\g<1>{name}-", root)

@@ -68,7 +68,10 @@ Key = tuple[str, str]  # name, figure
 def write_page(session: RecordedSession, out: Path) -> None:
     """Write the report of a session as one HTML file.
 
-    Raises InputError where matplotlib is missing or the file cannot be written.
+    Raises
+    ------
+    InputError
+        If matplotlib is missing or the file cannot be written.
     """
     text = page(session)
     try:

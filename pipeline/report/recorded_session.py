@@ -36,11 +36,13 @@ NO_FACTOR = np.empty((0, 0))
 class PosteriorAtWindow:
     """The marginals as one window left them."""
 
-    time_ns: int  # end of the window
+    time_ns: int
+    """End of the window."""
     window: int
     parameters: tuple[ParameterSummary, ...]
     trusted: bool
-    change_probability: float  # that the modes have changed since the last event [-]
+    change_probability: float
+    """That the modes have changed since the last event [-]."""
 
     def parameter(self, name: str) -> ParameterSummary:
         """The parameter of that name; KeyError where there is none."""
@@ -56,10 +58,14 @@ class TurbineRecord:
 
     turbine: str
     summary: SessionSummary
-    posteriors: dict[int, PosteriorAtWindow] = field(default_factory=dict)  # by end [ns]
-    truths: dict[int, FoundationTruth] = field(default_factory=dict)  # by when they begin [ns]
-    layouts: dict[str, SensorLayout] = field(default_factory=dict)  # by unit
-    sampling_rate: float = float("nan")  # [Hz]
+    posteriors: dict[int, PosteriorAtWindow] = field(default_factory=dict)
+    """By end [ns]."""
+    truths: dict[int, FoundationTruth] = field(default_factory=dict)
+    """By when they begin [ns]."""
+    layouts: dict[str, SensorLayout] = field(default_factory=dict)
+    """By unit."""
+    sampling_rate: float = float("nan")
+    """[Hz]."""
 
     def take(self, message: Message) -> None:
         """Remember one message of this turbine."""
@@ -125,17 +131,24 @@ class RecordedSession:
 
     name: str
     files: tuple[Path, ...]
-    unread: tuple[Path, ...]  # parts that are still being written
-    metadata: Metadata  # of the last part
-    prior: PriorSettings | None  # of its scenario; None where it is not known
+    unread: tuple[Path, ...]
+    """Parts that are still being written."""
+    metadata: Metadata
+    """Of the last part."""
+    prior: PriorSettings | None
+    """Of its scenario; None where it is not known."""
     turbines: tuple[TurbineRecord, ...]
 
 
 def read_session(path: Path) -> RecordedSession:
     """A recorded session: a file, or a folder with its parts.
 
-    Raises RecordingError where a file cannot be read, and where nothing was made of the
-    measurements yet; SourceError for a folder without recordings.
+    Raises
+    ------
+    RecordingError
+        If a file cannot be read, and where nothing was made of the measurements yet.
+    SourceError
+        For a folder without recordings.
     """
     files = session_files(path)
     turbines: dict[str, TurbineRecord] = {}

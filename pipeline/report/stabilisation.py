@@ -28,10 +28,19 @@ def draw_stabilisation(
     """Write the figure: above, every pole that came back over the orders, with its frequency's
     std as a bar, a line for each mode; below, the singular values of the spectral matrix.
 
-    samples         (n, n_channels) that were identified
-    sampling_rate   [Hz]
-    title           of what was identified, for the heading
-    Raises InputError when matplotlib is not installed or the file cannot be written.
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        That were identified.
+    sampling_rate : float
+        [Hz].
+    title : str, optional
+        Of what was identified, for the heading.
+
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed or the file cannot be written.
     """
     figure = new_figure((11, 8), str(path))
     poles_axes, spectrum_axes = figure.subplots(2, 1, sharex=True)
@@ -104,8 +113,13 @@ def _draw_spectrum(axes: Any, samples: FloatArray, sampling_rate: float) -> None
 def spectral_singular_values(
     samples: FloatArray, sampling_rate: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Frequencies, (n_frequencies,) [Hz], and the singular values of the Welch spectral matrix
-    there, (n_frequencies, n_channels) [unit²/Hz], largest first. samples: (n, n_channels)."""
+    """Frequencies, (n_frequencies,) [Hz], and the singular values of the Welch spectral matrix there, (n_frequencies, n_channels) [unit²/Hz], largest first.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        (n, n_channels).
+    """
     length = max(16, 2 * len(samples) // (LINES_PER_WINDOW + 1))
     y = samples - samples.mean(axis=0)
     frequencies, density = signal.csd(

@@ -16,7 +16,10 @@ def draw_structure(figures: StructureFigures, path: Path) -> None:
     """Write the picture: on the left tubes, rotor, water and mudline to scale; then a panel for
     each of the first modes with the tower's shape, its largest component 1.
 
-    Raises InputError when matplotlib is not installed or the file cannot be written.
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed or the file cannot be written.
     """
     figure = new_figure((13, 7), str(path))
     widths = [2.2] + [1.0] * min(N_MODES, len(figures.first))

@@ -15,13 +15,20 @@ from sensors.arrays import FloatArray
 class FrequencyTrack:
     """One mode over the windows that saw it, in order of time."""
 
-    name: str  # of the track, as identification gave it
-    model: str  # the model mode that it is taken for at the end; "" for none
-    model_frequency: float  # at the last posterior's median [Hz]; NaN for none
-    information: float  # its share of all modes' on the stiffness [-]; 0 for none
-    times_ns: NDArray[np.int64]  # (n,) middle of the windows
-    frequencies: FloatArray  # (n,) [Hz]
-    stds: FloatArray  # (n,) [Hz]
+    name: str
+    """Of the track, as identification gave it."""
+    model: str
+    """The model mode that it is taken for at the end; "" for none."""
+    model_frequency: float
+    """At the last posterior's median [Hz]; NaN for none."""
+    information: float
+    """Its share of all modes' on the stiffness [-]; 0 for none."""
+    times_ns: NDArray[np.int64]
+    """(n,) middle of the windows."""
+    frequencies: FloatArray
+    """(n,) [Hz]."""
+    stds: FloatArray
+    """(n,) [Hz]."""
 
     @property
     def label(self) -> str:

@@ -21,8 +21,15 @@ class PublishedDensity:
     """log p(d | r, σ) under a uniform prior, for any sampler."""
 
     def __init__(self, likelihood: ModalLikelihood, forward: ForwardModel, prior: Prior) -> None:
-        """likelihood: for its errors η, their variances and the reference of σ. forward: the modes
-        that it compares, in its order."""
+        """TODO summary.
+
+        Parameters
+        ----------
+        likelihood : ModalLikelihood
+            For its errors η, their variances and the reference of σ.
+        forward : ForwardModel
+            The modes that it compares, in its order.
+        """
         self._likelihood = likelihood
         self._forward = forward
         self._prior = prior
@@ -49,7 +56,13 @@ class PublishedDensity:
         return np.column_stack([self._prior.draws(n, generator), sigma])
 
     def target(self, peak: Peak) -> Target:
-        """What a sampler is given. peak: of the three ratios."""
+        """What a sampler is given.
+
+        Parameters
+        ----------
+        peak : Peak
+            Of the three ratios.
+        """
         start = self._prior.settings.highest_sigma / 4
         covariance = np.zeros((4, 4))
         covariance[:3, :3], covariance[3, 3] = peak.covariance, start**2

@@ -58,10 +58,14 @@ class ExampleMode:
     """One of the publication's modes in our run."""
 
     label: str
-    model_frequency: float  # at K0 [Hz]
-    frequency: float  # identified; NaN where it was not found [Hz]
-    frequency_std: float  # [Hz]
-    mac: float  # with the model's shape at K0 [-]
+    model_frequency: float
+    """At K0 [Hz]."""
+    frequency: float
+    """Identified; NaN where it was not found [Hz]."""
+    frequency_std: float
+    """[Hz]."""
+    mac: float
+    """With the model's shape at K0 [-]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,9 +73,12 @@ class ExamplePosterior:
     """What a sampler says of the stiffness, as ratios k / nominal, and of σ."""
 
     sampler: str
-    highest: FloatArray  # (4,) the draw of highest density: the MAP estimate [-]
-    draws: FloatArray  # (n, 4) of equal weight [-]
-    evaluations: int  # of the likelihood
+    highest: FloatArray
+    """(4,) the draw of highest density: the MAP estimate [-]."""
+    draws: FloatArray
+    """(n, 4) of equal weight [-]."""
+    evaluations: int
+    """Of the likelihood."""
 
     @property
     def correlations(self) -> FloatArray:
@@ -104,17 +111,27 @@ class Example:
     seed: int
     sign: SpringSign
     modes: tuple[ExampleMode, ...]
-    others: int  # identified modes that are none of the eleven
-    objective_at_truth: float  # J(K0) [-]
+    others: int
+    """Identified modes that are none of the eleven."""
+    objective_at_truth: float
+    """J(K0) [-]."""
     descents: tuple[Descent, ...]
     published: ExamplePosterior
     mended: ExamplePosterior
 
 
 def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Example:
-    """The example for one seed. samples: of TMCMC as published; the mended one needs fewer.
+    """The example for one seed.
 
-    Raises UpdatingError where none of the eleven modes was found.
+    Parameters
+    ----------
+    samples : int, optional
+        Of TMCMC as published; the mended one needs fewer.
+
+    Raises
+    ------
+    UpdatingError
+        If none of the eleven modes was found.
     """
     scenario = with_overrides(load_scenario(SCENARIO), seed=seed)
     scenario = replace(scenario, turbine=replace(scenario.turbine, springs_sign=sign))

@@ -16,7 +16,13 @@ DOTS_PER_INCH = 130
 
 
 def draw_figure3(example: Example, path: Path) -> None:
-    """Write the corner plot as a PNG. Raises InputError where it cannot be drawn or written."""
+    """Write the corner plot as a PNG.
+
+    Raises
+    ------
+    InputError
+        If it cannot be drawn or written.
+    """
     figure = new_figure((9, 9), str(path))
     grid = figure.subplots(4, 4, sharex="col")
     clouds = ((example.published, PUBLISHED), (example.mended, MENDED))

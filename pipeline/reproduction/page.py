@@ -21,7 +21,10 @@ TITLE = "The publication's numerical example, run again"
 def write_report(study: Study, folder: Path) -> tuple[Path, ...]:
     """Write everything into a folder, made where it is missing; gives the files.
 
-    Raises InputError where the folder or a file cannot be written, or matplotlib is missing.
+    Raises
+    ------
+    InputError
+        If the folder or a file cannot be written, or matplotlib is missing.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

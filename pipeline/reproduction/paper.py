@@ -8,19 +8,26 @@ class PublishedMode:
     """A row of Table 1."""
 
     label: str
-    direction: str  # SS or FA
-    model_frequency: float  # at K0 [Hz]
-    identified_frequency: float  # [Hz]
-    mac: float  # between identified and model shape [-]
+    direction: str
+    """SS or FA."""
+    model_frequency: float
+    """At K0 [Hz]."""
+    identified_frequency: float
+    """[Hz]."""
+    mac: float
+    """Between identified and model shape [-]."""
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedDescent:
     """A row of Table 2's deterministic half: errors of the end point [%] and J there."""
 
-    start: float  # γ [-]
-    errors: tuple[float, float, float]  # of k11, k22, k12 [%]
-    objective: float  # J [-]
+    start: float
+    """Γ [-]."""
+    errors: tuple[float, float, float]
+    """Of k11, k22, k12 [%]."""
+    objective: float
+    """J [-]."""
 
 
 TABLE_1 = (

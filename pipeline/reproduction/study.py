@@ -25,8 +25,10 @@ NOTABLE_PEAK = 0.1  # of the highest, below which a bump of a density estimate i
 class Study:
     """All seeds in both signs."""
 
-    examples: tuple[Example, ...]  # by sign, then seed
-    samples: int  # of TMCMC as published
+    examples: tuple[Example, ...]
+    """By sign, then seed."""
+    samples: int
+    """Of TMCMC as published."""
 
     def of(self, sign: SpringSign) -> tuple[Example, ...]:
         """The seeds of one sign, in order."""
@@ -45,9 +47,17 @@ def run_study(
     samples: int = SAMPLES,
     report: Callable[[], None] | None = None,
 ) -> Study:
-    """Run every seed in every sign. report: called when one is done.
+    """Run every seed in every sign.
 
-    Raises UpdatingError where a seed shows none of the publication's modes.
+    Parameters
+    ----------
+    report : Callable[[], None] | None, optional
+        Called when one is done.
+
+    Raises
+    ------
+    UpdatingError
+        If a seed shows none of the publication's modes.
     """
     tasks = list(product(signs, seeds))
     found: dict[tuple[SpringSign, int], Example] = {}

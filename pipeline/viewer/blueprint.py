@@ -27,8 +27,12 @@ def session_blueprint(
 ) -> rrb.Blueprint:
     """Tabs of one turbine; of several, a tab of all and a tab each that holds them.
 
-    playback_speed   session seconds a second of playing [-]
-    tab              which is open at first, one of TABS
+    Parameters
+    ----------
+    playback_speed : float
+        Session seconds a second of playing [-].
+    tab : str, optional
+        Which is open at first, one of TABS.
     """
     each = [turbine_tabs(panel, tab=tab) for panel in panels]
     top = each[0] if len(each) == 1 else rrb.Tabs(farm_tab(panels), *each, active_tab=0)

@@ -26,7 +26,10 @@ CAPTION_DEPTH = 8.0  # of the words below a shape, under the mudline [m]
 class ModeView:
     """Draws each posterior's modes beside what its window showed; lets the shapes swing on.
 
-    labels   model modes that have a track and a shape; () until the first posterior says them
+    Parameters
+    ----------
+    labels : tuple[str, ...]
+        Model modes that have a track and a shape; () until the first posterior says them.
     """
 
     def __init__(

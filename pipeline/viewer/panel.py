@@ -16,10 +16,14 @@ class TurbinePanel:
     """What the layout must know of one turbine."""
 
     turbine: str
-    layouts: tuple[SensorLayout, ...]  # of its acquisition units
-    modes: tuple[str, ...]  # model labels that get a plot of their own, in order
-    mid_height: float  # where the camera looks [m]
-    sized: bool = False  # a change was noticed and by how much is known: that gets a plot
+    layouts: tuple[SensorLayout, ...]
+    """Of its acquisition units."""
+    modes: tuple[str, ...]
+    """Model labels that get a plot of their own, in order."""
+    mid_height: float
+    """Where the camera looks [m]."""
+    sized: bool = False
+    """A change was noticed and by how much is known: that gets a plot."""
 
 
 def whole_session() -> dict[str, Any]:

@@ -48,7 +48,10 @@ class RerunStream:
     `Pace.settling`: a farm's turbines appear one by one, and a layout has a size of its own
     (0.6 MB a turbine).
 
-    Raises ViewerError where the output cannot be had.
+    Raises
+    ------
+    ViewerError
+        If the output cannot be had.
     """
 
     def __init__(

@@ -25,8 +25,10 @@ NONE_FAULTY: frozenset[str] = frozenset()
 class Fault:
     """Channels of a unit that went wrong, or came right again."""
 
-    time_ns: int  # start of the first block that shows it [ns, UTC]
-    text: str  # one line for the event list
+    time_ns: int
+    """Start of the first block that shows it [ns, UTC]."""
+    text: str
+    """One line for the event list."""
 
 
 @dataclass(slots=True)
@@ -34,12 +36,15 @@ class _Unit:
     """What is on its way to the screen from one acquisition unit."""
 
     decimator: DisplayDecimator
-    sampling_rate: float  # [Hz]
+    sampling_rate: float
+    """[Hz]."""
     recent: RecentSamples = field(default_factory=RecentSamples)
     last_sequence: int = -1
-    block_duration: float = 0.0  # [s]
+    block_duration: float = 0.0
+    """[s]."""
     waiting: list[AccelerationBlock] = field(default_factory=list)
-    faulty: frozenset[str] | None = None  # channels; None before the first block
+    faulty: frozenset[str] | None = None
+    """Channels; None before the first block."""
 
 
 class SignalView:

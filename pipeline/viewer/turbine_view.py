@@ -83,7 +83,13 @@ class TurbineView:
         pace: Pace,
         labels: tuple[str, ...] | None = None,
     ) -> None:
-        """labels: of the modes to show, where another screen knew them; else the description's."""
+        """TODO summary.
+
+        Parameters
+        ----------
+        labels : tuple[str, ...] | None, optional
+            Of the modes to show, where another screen knew them; else the description's.
+        """
         self._recording = recording
         self._turbine = turbine
         self._description = description

@@ -7,12 +7,18 @@ from dataclasses import dataclass
 class Pace:
     """How often things are handed over; session time unless said otherwise."""
 
-    signals: float  # accelerations gathered in one chunk [s]
-    swing: float  # one swing of a mode shape, T [s]
-    swing_chunk: float  # frames gathered in one chunk [s]
-    nodes: float  # between two rows of a node whose losses do not grow [s]
-    settling: float  # from a change of the layout to its views: others may follow it [s]
-    rest: float = 0.0  # between two hand-overs, by the machine's clock [s]
+    signals: float
+    """Accelerations gathered in one chunk [s]."""
+    swing: float
+    """One swing of a mode shape, T [s]."""
+    swing_chunk: float
+    """Frames gathered in one chunk [s]."""
+    nodes: float
+    """Between two rows of a node whose losses do not grow [s]."""
+    settling: float
+    """From a change of the layout to its views: others may follow it [s]."""
+    rest: float = 0.0
+    """Between two hand-overs, by the machine's clock [s]."""
 
     @property
     def playback_speed(self) -> float:

@@ -30,17 +30,26 @@ from sensors.structure.description import TurbineDescription
 class Viewer:
     """Shows every message; answers with none, and fails with none.
 
-    outputs       files and viewers; each has a recording stream of its own, so that a viewer that
-                  hangs holds neither a file nor the session. A viewer may come late and come back
-    description   the turbine's geometry and its reference modes
-    session       names the recording in the viewer
-    unhurried     True: a viewer, which must be there, is waited for as a file is, so that nothing
-                  is left out. Only where no measurement can be held up: a recording that is drawn
-                  afterwards
-    strict        True (tests): an exception while drawing to a file goes to the caller; else it
-                  is logged once and that output stays as it is
+    Parameters
+    ----------
+    outputs : Sequence[ViewerOutput]
+        Files and viewers; each has a recording stream of its own, so that a viewer that hangs
+        holds neither a file nor the session. A viewer may come late and come back.
+    description : TurbineDescription
+        The turbine's geometry and its reference modes.
+    session : str
+        Names the recording in the viewer.
+    unhurried : bool, optional
+        True: a viewer, which must be there, is waited for as a file is, so that nothing is left
+        out. Only where no measurement can be held up: a recording that is drawn afterwards.
+    strict : bool, optional
+        True (tests): an exception while drawing to a file goes to the caller; else it is logged
+        once and that output stays as it is.
 
-    Raises ViewerError, one line, where rerun is missing or an output cannot be had.
+    Raises
+    ------
+    ViewerError
+        If rerun is missing or an output cannot be had.
     """
 
     name = "viewer"

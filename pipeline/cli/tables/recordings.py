@@ -61,7 +61,13 @@ def scenarios_table(scenarios: Sequence[Scenario]) -> Table:
 
 
 def duration_in_words(duration: float) -> str:
-    """3 h 20 min of 12000 s. duration: [s]"""
+    """3 h 20 min of 12000 s.
+
+    Parameters
+    ----------
+    duration : float
+        [s].
+    """
     hours, minutes = divmod(round(duration / 60.0), 60)
     words = [f"{hours} h"] * (hours > 0) + [f"{minutes} min"] * (minutes > 0)
     return " ".join(words) or f"{duration:g} s"

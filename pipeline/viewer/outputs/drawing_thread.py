@@ -37,8 +37,11 @@ class Drawing(Protocol):
 class DirectDrawing:
     """Draws in the caller's thread.
 
-    strict   True (tests): an exception goes to the caller. False: it is logged once, with its
-             traceback, and nothing more is drawn; no picture is worth a session's measurements.
+    Parameters
+    ----------
+    strict : bool
+        True (tests): an exception goes to the caller. False: it is logged once, with its
+        traceback, and nothing more is drawn; no picture is worth a session's measurements.
     """
 
     def __init__(self, drawing: Drawing, *, strict: bool) -> None:

@@ -60,8 +60,10 @@ class WebPage:
     Ports that are taken are replaced by free ones.
     """
 
-    port: int = DEFAULT_PORT  # where the session is sent to
-    page_port: int = DEFAULT_PAGE_PORT  # where the browser finds the page
+    port: int = DEFAULT_PORT
+    """Where the session is sent to."""
+    page_port: int = DEFAULT_PAGE_PORT
+    """Where the browser finds the page."""
 
     @property
     def option(self) -> str:
@@ -72,8 +74,10 @@ class WebPage:
 class ShownPage:
     """A page that is served."""
 
-    output: ConnectedViewer  # what a session draws on
-    address: str  # what a browser opens, http://…
+    output: ConnectedViewer
+    """What a session draws on."""
+    address: str
+    """What a browser opens, http://…."""
 
 
 def parse_view(text: str) -> SpawnedViewer | ConnectedViewer | WebPage:

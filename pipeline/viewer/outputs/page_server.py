@@ -41,12 +41,20 @@ def serving_page(
 ) -> Iterator[None]:
     """Serve the page for as long as the context lasts.
 
-    session       where a session is sent to, rerun+http://127.0.0.1:9876/proxy; shown where there
-                  are no pictures
-    assets_port   of Rerun's own web server on this machine
-    pictures      .rrd files to show
+    Parameters
+    ----------
+    session : str
+        Where a session is sent to, rerun+http://127.0.0.1:9876/proxy; shown where there are no
+        pictures.
+    assets_port : int
+        Of Rerun's own web server on this machine.
+    pictures : Sequence[Path], optional
+        .rrd files to show.
 
-    Raises OSError where the port is taken.
+    Raises
+    ------
+    OSError
+        If the port is taken.
     """
     places = {f"/{number}.rrd": path for number, path in enumerate(pictures)}
     shown = tuple(places) or (session,)

@@ -31,7 +31,13 @@ _log = logging.getLogger(__name__)
 
 
 class ViewerLine:
-    """A silent connection, to notice when a viewer goes. Raises OSError where none answers."""
+    """A silent connection, to notice when a viewer goes.
+
+    Raises
+    ------
+    OSError
+        If none answers.
+    """
 
     def __init__(self, url: str) -> None:
         address = urlsplit(url)
@@ -101,8 +107,12 @@ class RememberedResults:
 class ReconnectingViewer:
     """Draws on the viewer at `url` whenever there is one.
 
-    begin    opens a show there; raises ViewerError where the viewer has just gone
-    period   between two looks [s]; 0 looks with every message
+    Parameters
+    ----------
+    begin : Callable[[], Drawing]
+        Opens a show there; raises ViewerError where the viewer has just gone.
+    period : float, optional
+        Between two looks [s]; 0 looks with every message.
     """
 
     def __init__(self, url: str, begin: Callable[[], Drawing], *, period: float = PERIOD) -> None:

@@ -33,8 +33,13 @@ INSTEAD = "a session is written to session.rrd without --view"
 def spawn_viewer(port: int, *, headless: bool = False) -> str:
     """Start a viewer's window that outlives this process; its address.
 
-    `rr.spawn` has no say in the interface and would listen on all of them. Raises ViewerError
-    where the port is taken, by another viewer or another program, and where no window comes up.
+    `rr.spawn` has no say in the interface and would listen on all of them.
+
+    Raises
+    ------
+    ViewerError
+        If the port is taken, by another viewer or another program, and where no window comes
+        up.
     """
     if is_listening(port):
         raise ViewerError(
@@ -51,9 +56,15 @@ def spawn_viewer(port: int, *, headless: bool = False) -> str:
 def served_page(page: WebPage, *pictures: Path) -> Iterator[ShownPage]:
     """A page for browsers, for as long as the context lasts; free ports where the usual are taken.
 
-    pictures   .rrd files that it shows from the beginning
+    Parameters
+    ----------
+    pictures : Path
+        .rrd files that it shows from the beginning.
 
-    Raises ViewerError where rerun is missing or the server does not come up.
+    Raises
+    ------
+    ViewerError
+        If rerun is missing or the server does not come up.
     """
     require_rerun((page,))
     port, page_port, assets_port = free_port(page.port), free_port(page.page_port), free_port(0)

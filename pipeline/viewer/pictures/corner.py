@@ -21,8 +21,10 @@ PEAK = 0.92  # height of a marginal's highest bin [panel heights]
 class Axis:
     """The range of one stiffness, as ratio to nominal, over one panel."""
 
-    low: float  # [-]
-    high: float  # [-]
+    low: float
+    """[-]."""
+    high: float
+    """[-]."""
 
     def position(self, values: FloatArray) -> FloatArray:
         """0 at the low end, 1 at the high end."""
@@ -49,11 +51,16 @@ class Text:
 class CornerPlot:
     """Everything to draw, in picture units."""
 
-    draws: FloatArray  # (n, 2) points of all pair panels
-    frames: tuple[FloatArray, ...]  # outlines of panels and ticks
-    histograms: tuple[FloatArray, ...]  # outlines of the marginals
-    priors: tuple[FloatArray, ...]  # the flat prior's density in them; empty where it is not flat
-    truth: tuple[FloatArray, ...]  # lines at the true ratio; empty where it is not known
+    draws: FloatArray
+    """(n, 2) points of all pair panels."""
+    frames: tuple[FloatArray, ...]
+    """Outlines of panels and ticks."""
+    histograms: tuple[FloatArray, ...]
+    """Outlines of the marginals."""
+    priors: tuple[FloatArray, ...]
+    """The flat prior's density in them; empty where it is not flat."""
+    truth: tuple[FloatArray, ...]
+    """Lines at the true ratio; empty where it is not known."""
     texts: tuple[Text, ...]
 
 
@@ -67,11 +74,17 @@ def corner_plot(
 ) -> CornerPlot:
     """Pairs below the diagonal, marginals on it.
 
-    ratios        (n_draws, n_parameters), stiffness over nominal [-]
-    truth         (n_parameters,) or None [-]
-    contraction   (n_parameters,) 1 − width of the 90 % interval over the prior's, or None [-]: in
-                  words and, of a flat prior, as the line of its density, on the marginal's scale
-    flat_prior    False where the prior is another, e.g. a farm's: then it is told in words only
+    Parameters
+    ----------
+    ratios : ndarray, shape (n_draws, n_parameters)
+        Stiffness over nominal [-].
+    truth : ndarray, shape (n_parameters,) | None, optional
+        Or None [-].
+    contraction : ndarray, shape (n_parameters,) | None, optional
+        1 − width of the 90 % interval over the prior's, or None [-]: in words and, of a flat
+        prior, as the line of its density, on the marginal's scale.
+    flat_prior : bool, optional
+        False where the prior is another, e.g. a farm's: then it is told in words only.
     """
     axes = [_axis(ratios[:, i], None if truth is None else truth[i]) for i in range(len(names))]
     pairs = [(row, column) for row in range(len(names)) for column in range(row)]

@@ -24,8 +24,10 @@ class DisplaySignal:
     A row of NaN stands where samples are missing, so that no line is drawn across a gap.
     """
 
-    times_ns: NDArray[np.int64]  # (n,) sensor clock [ns]
-    samples: FloatArray  # (n, n_channels) [m/s²]
+    times_ns: NDArray[np.int64]
+    """(n,) sensor clock [ns]."""
+    samples: FloatArray
+    """(n, n_channels) [m/s²]."""
 
 
 def joined_runs(blocks: Sequence[AccelerationBlock]) -> Iterator[AccelerationBlock]:

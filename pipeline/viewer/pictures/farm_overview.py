@@ -28,7 +28,8 @@ class StatusIndicators:
     """Lamps of all turbines, a row each; picture units, y down."""
 
     lights: tuple[tuple[float, float], ...]
-    lamps: tuple[StatusIndicator, ...]  # one a light
+    lamps: tuple[StatusIndicator, ...]
+    """One a light."""
     texts: tuple[Text, ...]
 
 

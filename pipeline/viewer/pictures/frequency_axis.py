@@ -17,8 +17,10 @@ LABEL_DISTANCE = 0.13  # between two frequencies written above a panel [picture 
 class FrequencyAxis:
     """From `low` at 0 to `high` at WIDTH."""
 
-    low: float  # [Hz]
-    high: float  # [Hz]
+    low: float
+    """[Hz]."""
+    high: float
+    """[Hz]."""
 
     def position(self, frequency: FloatArray | float) -> FloatArray:
         """Where a frequency [Hz] stands [picture units]."""

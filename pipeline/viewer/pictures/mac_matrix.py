@@ -32,9 +32,12 @@ LABEL_PITCH = 22.0  # between two labels that do not cover each other [pixels]
 class MacMatrix:
     """Everything to draw, in pixels, y down."""
 
-    values: FloatArray  # (n_identified, n_model) [-]
-    image: ImageArray  # (height, width, 3) red, green, blue; a square of pixels a value
-    texts: tuple[Text, ...]  # frequencies at the rows, labels at the columns, as many as fit
+    values: FloatArray
+    """(n_identified, n_model) [-]."""
+    image: ImageArray
+    """(height, width, 3) red, green, blue; a square of pixels a value."""
+    texts: tuple[Text, ...]
+    """Frequencies at the rows, labels at the columns, as many as fit."""
 
 
 def mac_matrix(

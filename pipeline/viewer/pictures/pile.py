@@ -35,19 +35,28 @@ QUANTILES = (0.05, 0.5, 0.95)
 class PilePicture:
     """Everything to draw, in picture units."""
 
-    fixed: tuple[FloatArray, ...]  # ground, unloaded axis, load
-    springs: tuple[FloatArray, ...]  # lateral and rotational
-    nominal: FloatArray  # (2, 2) axis of the tower on the nominal foundation
-    posterior: tuple[FloatArray, ...]  # (2, 2) at 5, 50 and 95 % of displacement and rotation
-    truth: tuple[FloatArray, ...]  # (2, 2); empty where it is not known
+    fixed: tuple[FloatArray, ...]
+    """Ground, unloaded axis, load."""
+    springs: tuple[FloatArray, ...]
+    """Lateral and rotational."""
+    nominal: FloatArray
+    """(2, 2) axis of the tower on the nominal foundation."""
+    posterior: tuple[FloatArray, ...]
+    """(2, 2) at 5, 50 and 95 % of displacement and rotation."""
+    truth: tuple[FloatArray, ...]
+    """(2, 2); empty where it is not known."""
     texts: tuple[Text, ...]
 
 
 def mudline_response(theta: FloatArray, height: float, sign: SpringSign) -> FloatArray:
     """(..., 2) u [m] and ψ [rad] at the mudline under LOAD at the tower's top.
 
-    theta    (..., 3) k11 [N/m], k22 [N·m/rad], k12 [N/rad]
-    height   h, of the top above the mudline [m]
+    Parameters
+    ----------
+    theta : ndarray, shape (..., 3)
+        k11 [N/m], k22 [N·m/rad], k12 [N/rad].
+    height : float
+        H, of the top above the mudline [m].
     """
     load = np.array([[LOAD], [LOAD * height]])  # H [N], H·h [N·m]
     return np.linalg.solve(spring_matrix(theta, sign), load)[..., 0]

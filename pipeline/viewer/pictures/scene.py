@@ -24,21 +24,30 @@ NACELLE_SIZE = (16.0, 8.0, 8.0)  # for the picture only [m]
 class TriangleMesh:
     """A surface of triangles."""
 
-    vertices: FloatArray  # (n, 3) [m]
-    triangles: NDArray[np.uint32]  # (m, 3) indices of vertices
-    normals: FloatArray  # (n, 3) unit vectors, outwards [-]
+    vertices: FloatArray
+    """(n, 3) [m]."""
+    triangles: NDArray[np.uint32]
+    """(m, 3) indices of vertices."""
+    normals: FloatArray
+    """(n, 3) unit vectors, outwards [-]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
     """The turbine at rest."""
 
-    structure: TriangleMesh  # monopile and tower
-    tower_top: float  # [m]
-    mudline: float  # [m]
-    water_level: float | None  # None on land [m]
-    blades: tuple[FloatArray, ...]  # (2, 3) each: root and tip [m]
-    nacelle_centre: FloatArray  # (3,) [m]
+    structure: TriangleMesh
+    """Monopile and tower."""
+    tower_top: float
+    """[m]."""
+    mudline: float
+    """[m]."""
+    water_level: float | None
+    """None on land [m]."""
+    blades: tuple[FloatArray, ...]
+    """(2, 3) each: root and tip [m]."""
+    nacelle_centre: FloatArray
+    """(3,) [m]."""
 
 
 def outline(description: TurbineDescription) -> Outline:
@@ -111,8 +120,10 @@ def blade_lines(blades: Blades, machine: RotorNacelle, top: float) -> tuple[Floa
 class Deflection:
     """A mode shape as horizontal displacements at the sensors, lowest first."""
 
-    elevations: FloatArray  # (n_levels,) [m]
-    displacements: FloatArray  # (n_levels, 3) x, y, z [-]
+    elevations: FloatArray
+    """(n_levels,) [m]."""
+    displacements: FloatArray
+    """(n_levels, 3) x, y, z [-]."""
 
     def line(self, amplitude: float) -> FloatArray:
         """(n_levels, 3) the deflected axis of the tower for a largest component of 1 [m]."""
@@ -130,7 +141,10 @@ class Deflection:
 def deflection(layout: SensorLayout, channels: Sequence[str], shape: FloatArray) -> Deflection:
     """A shape's components put back to where their sensors sit and point.
 
-    shape      φ, (n_channels,) [-], in the order of `channels`, names of the layout's channels
+    Parameters
+    ----------
+    shape : ndarray
+        Φ, (n_channels,) [-], in the order of `channels`, names of the layout's channels.
     """
     by_name = {channel.name: channel for channel in layout.channels}
     used = [by_name[name] for name in channels]
@@ -154,8 +168,10 @@ def scaled_onto(shape: FloatArray, target: FloatArray) -> FloatArray:
 class SwingFrames:
     """Frames of a swinging shape: its size at each instant, 1 at full swing."""
 
-    times_ns: NDArray[np.int64]  # (n,) sensor clock [ns]
-    factors: FloatArray  # (n,) cos(2π (t − t₀) / T) [-]
+    times_ns: NDArray[np.int64]
+    """(n,) sensor clock [ns]."""
+    factors: FloatArray
+    """(n,) cos(2π (t − t₀) / T) [-]."""
 
 
 def swing_frames(
@@ -163,8 +179,12 @@ def swing_frames(
 ) -> SwingFrames:
     """The frames in start_ns <= t < end_ns, counted from t₀ = full_swing_ns.
 
-    period      T, of one swing in session time [s]
-    per_swing   frames in T; 18 has none at a standstill, where the picture would be flat
+    Parameters
+    ----------
+    period : float
+        T, of one swing in session time [s].
+    per_swing : int, optional
+        Frames in T; 18 has none at a standstill, where the picture would be flat.
     """
     step = period * NANOSECONDS / per_swing  # [ns], not a whole number
     first, last = (int((time_ns - full_swing_ns) // step) for time_ns in (start_ns, end_ns))

@@ -30,10 +30,14 @@ AXES = ("fore-aft", "side-side")
 class SpectrumPicture:
     """Everything to draw, in picture units."""
 
-    spectra: tuple[FloatArray, ...]  # (n, 2) a line a channel
-    levels: tuple[int, ...]  # which level of the tower each line belongs to, lowest 0
-    modes: tuple[FloatArray, ...]  # (2, 2) an upright hair at every identified frequency
-    frames: tuple[FloatArray, ...]  # outlines of panels and ticks
+    spectra: tuple[FloatArray, ...]
+    """(n, 2) a line a channel."""
+    levels: tuple[int, ...]
+    """Which level of the tower each line belongs to, lowest 0."""
+    modes: tuple[FloatArray, ...]
+    """(2, 2) an upright hair at every identified frequency."""
+    frames: tuple[FloatArray, ...]
+    """Outlines of panels and ticks."""
     texts: tuple[Text, ...]
 
 
@@ -66,11 +70,16 @@ def spectrum_picture(
 ) -> SpectrumPicture:
     """Power spectral densities of all channels over a logarithmic axis.
 
-    samples         (n, n_channels) [m/s²]
-    sampling_rate   [Hz]
-    frequencies     of the identified modes [Hz]
-
     A missing sample counts as the channel's mean.
+
+    Parameters
+    ----------
+    samples : ndarray of float, shape (n, n_channels)
+        [m/s²].
+    sampling_rate : float
+        [Hz].
+    frequencies : Sequence[float]
+        Of the identified modes [Hz].
     """
     finite = np.where(np.isfinite(samples), samples, np.nan)
     steady = np.nan_to_num(finite - np.nanmean(finite, axis=0))

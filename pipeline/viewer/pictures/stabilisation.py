@@ -24,11 +24,16 @@ ORDER_TICK = 20  # between two model orders written at the axis [-]
 class StabilisationPicture:
     """Everything to draw, in picture units."""
 
-    poles: FloatArray  # (n_poles, 2)
-    bands: NDArray[np.int64]  # (n_poles,) which band each is of, slowest 0
-    stds: FloatArray  # (n_poles, 2, 2) a bar of ± one standard deviation through each pole
-    modes: tuple[FloatArray, ...]  # (2, 2) an upright hair at every mode that was taken
-    frames: tuple[FloatArray, ...]  # outline of the panel
+    poles: FloatArray
+    """(n_poles, 2)."""
+    bands: NDArray[np.int64]
+    """(n_poles,) which band each is of, slowest 0."""
+    stds: FloatArray
+    """(n_poles, 2, 2) a bar of ± one standard deviation through each pole."""
+    modes: tuple[FloatArray, ...]
+    """(2, 2) an upright hair at every mode that was taken."""
+    frames: tuple[FloatArray, ...]
+    """Outline of the panel."""
     texts: tuple[Text, ...]
 
 
@@ -37,7 +42,10 @@ def stabilisation_picture(
 ) -> StabilisationPicture:
     """All poles of a window and the modes that were taken among them.
 
-    frequencies   of the identified modes [Hz]
+    Parameters
+    ----------
+    frequencies : Sequence[float]
+        Of the identified modes [Hz].
     """
     f = diagram.frequencies.astype(float)
     inside = f > LOWEST
