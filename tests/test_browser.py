@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from pipeline.report.html import TextTable, document, paragraph, table_of
+from pipeline.report.html import TextTable, document, paragraph, table_html
 from pipeline.viewer.outputs.outputs import WebPage
 from pipeline.viewer.outputs.viewer_process import free_port, served_page
 from tests import browser
@@ -45,7 +45,7 @@ def test_a_report_fits_any_screen_and_its_wide_table_scrolls_by_itself(
     chromium: Any, tmp_path: Path, screen: Screen
 ):
     head = tuple(f"a long heading {number}" for number in range(20))
-    table = table_of(TextTable("wide", head, (head,)))
+    table = table_html(TextTable("wide", head, (head,)))
     report = tmp_path / "report.html"
     report.write_text(document("title", paragraph("words " * 200) + table), "utf-8")
     with browser.opened(chromium, report.as_uri(), screen) as (page, heard):

@@ -91,7 +91,7 @@ def main() -> None:
 
 
 def _misuse(error: Any) -> str:
-    """A wrong argument or option in one line; "" where the help was shown instead."""
+    """Return a wrong argument or option in one line; "" where the help was shown instead."""
     message = " ".join(error.format_message().split()).removesuffix(".")
     context = getattr(error, "ctx", None)
     command = (

@@ -54,7 +54,7 @@ ConnectOption = Annotated[
 def zenoh_settings(
     mode: str, listen: list[str] | None, connect: list[str] | None, config: Path | None
 ) -> Any:
-    """How the command's session finds the others.
+    """Return how the command's session finds the others.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def zenoh_settings(
 
 
 def speed_of(text: str) -> float:
-    """What `--speed` says.
+    """Return what `--speed` says.
 
     Raises
     ------

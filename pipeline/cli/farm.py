@@ -88,7 +88,7 @@ def farm(
 
 
 def _whom(connect: str | None, zenoh_config: Path | None, out: Path) -> Any:
-    """How the sessions that run are reached."""
+    """Return how the sessions that run are reached."""
     from pipeline.monitoring.status import endpoint_of
 
     if zenoh_config is not None:

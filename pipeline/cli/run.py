@@ -152,7 +152,7 @@ def run(
 def _imported(
     source: str | None, out: Path, layout: Path | None, scenario: str | None
 ) -> str | None:
-    """The source, a file of measurements turned into the replay of its import in `out`."""
+    """Return the source, a file of measurements turned into the replay of its import in `out`."""
     from pipeline.sources.import_files import imported_source
 
     if source is None or not Path(source).is_file():
@@ -189,7 +189,7 @@ def _session_options(
 
 
 def of_a_farm(turbines: Sequence[str], shown: str, out: Path) -> str:
-    """Whose results were printed, and where those of the others are."""
+    """Return whose results were printed, and where those of the others are."""
     return (
         f"These are the results of {shown}, one of {len(turbines)} turbines; all of them: "
         f"pilewatch farm {out}"

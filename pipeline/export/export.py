@@ -73,7 +73,7 @@ class _TableFiles:
         self._units: dict[tuple[str, str, str, int], TableFile] = {}
 
     def of_unit(self, block: AccelerationBlock, layout: SensorLayout | None) -> TableFile:
-        """A unit's samples; where its channels change, they go on in another file."""
+        """Return a unit's samples; where its channels change, they go on in another file."""
         key = (block.turbine, block.unit, block.layout_id, block.samples.shape[1])
         if key not in self._units:
             plain = f"samples-{_as_name(block.turbine)}-{_as_name(block.unit)}"
@@ -85,7 +85,7 @@ class _TableFiles:
         return self._units[key]
 
     def of_results(self, table: ResultTable) -> TableFile:
-        """The file of one kind of result."""
+        """Return the file of one kind of result."""
         if table.name not in self.open:
             self.open[table.name] = TableFile(self._path(table.name), table.schema, self.form)
         return self.open[table.name]

@@ -239,5 +239,5 @@ RESULT_TABLES = (
 
 
 def tables_of(message: Message) -> tuple[ResultTable, ...]:
-    """The tables that a message has rows in."""
+    """Return the tables that a message has rows in."""
     return tuple(table for table in RESULT_TABLES if type(message) is table.message)

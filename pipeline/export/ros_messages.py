@@ -45,7 +45,7 @@ DEFINITION = "".join(
 def imu_messages(
     times_ns: NDArray[np.int64], accelerations: NDArray[np.float64], frame: str
 ) -> list[bytes]:
-    """One message a sample.
+    """Return one message a sample.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def imu_messages(
 
 
 def _head(frame: str) -> bytes:
-    """Everything before the figures, at time 0."""
+    """Return everything before the figures, at time 0."""
     name = frame.encode() + b"\x00"
     body = bytes(8) + len(name).to_bytes(4, "little") + name
     return ENCAPSULATION + body + bytes(-len(body) % ALIGNMENT)

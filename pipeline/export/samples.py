@@ -45,7 +45,7 @@ def samples_schema(
 
 
 def samples_table(block: AccelerationBlock, schema: pa.Schema) -> pa.Table:
-    """The samples of one block."""
+    """Return the samples of one block."""
     times_ns = sample_times(block)
     if schema.field(0).type == TIMESTAMP:
         times = pa.array(times_ns, TIMESTAMP)
@@ -62,5 +62,5 @@ def sample_times(block: AccelerationBlock) -> NDArray[np.int64]:
 
 
 def _plain(name: str) -> str:
-    """A channel's name without what separates columns."""
+    """Return a channel's name without what separates columns."""
     return re.sub(r'[,;\t"\r\n\[\]()]', "_", name)

@@ -64,7 +64,7 @@ class StructureFigures:
         return fore_aft if self.modes.directions[mode] == "FA" else side_side
 
     def rows(self) -> list[tuple[str, str]]:
-        """What a person reads first: names and figures with their units."""
+        """Return what a person reads first: names and figures with their units."""
         described = self.description
         k11, k22, k12 = described.nominal
         rotor = described.blades
@@ -84,7 +84,7 @@ class StructureFigures:
         ]
 
     def as_json(self) -> dict[str, Any]:
-        """The entries of `describe --json`."""
+        """Return the entries of `describe --json`."""
         k11, k22, k12 = map(float, self.description.nominal)
         return {
             "name": self.description.name,

@@ -41,7 +41,7 @@ def draw_recording(
     source = replayed(recording)
     known = source.scenario.has_structure
     structure = source.scenario.structure if known else bare_mast(source.layout)
-    viewer = Viewer(outputs, structure, session=f"{recording.name}", unhurried=True)
+    viewer = Viewer(outputs, structure, session=f"{recording.name}", wait_for_viewer=True)
     try:
         for message in read_messages(recording):
             _draw(viewer, message, report)
@@ -59,7 +59,7 @@ def _draw(
 
 
 def pictures_of(recording: Path, out: Path | None) -> RrdFile:
-    """Where the pictures of a recording go: `out`, or beside it under its own name.
+    """Return where the pictures of a recording go: `out`, or beside it under its own name.
 
     Raises
     ------

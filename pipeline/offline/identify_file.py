@@ -144,7 +144,7 @@ def _read(
 
 
 def recorded_channels(path: Path) -> ChannelTable:
-    """The samples of a recording's first turbine, in order of time; missing blocks show in `times`.
+    """Return the samples of a recording's first turbine, in order of time; missing blocks show in `times`.
     Several acquisition units are joined on one clock.
 
     Raises
@@ -208,7 +208,7 @@ def _table(blocks: list[AccelerationBlock], layouts: dict[str, SensorLayout]) ->
 def _guess(
     table: ChannelTable, quantities: tuple[Quantity, ...] | None
 ) -> tuple[QualityWarning, ...]:
-    """A warning where the file does not say what its channels measure, and their phases do."""
+    """Return a warning where the file does not say what its channels measure, and their phases do."""
     if quantities is None or table.quantities is not None:
         return ()
     slower = [

@@ -31,7 +31,7 @@ class ModelModes:
         return {mode.name: mode.frequency for mode in self.model.description.reference_modes}
 
     def as_json(self) -> list[dict[str, Any]]:
-        """The entries of `modes --json`, Table 1's modes first."""
+        """Return the entries of `modes --json`, Table 1's modes first."""
         return [
             {
                 "name": label,
@@ -103,7 +103,7 @@ class NearestMode:
 
 
 def nearest_modes(modes: Sequence[CombinedMode], scenario: Scenario) -> list[NearestMode]:
-    """How far identified modes lie from those of the scenario's structure, mode by mode: what
+    """Return how far identified modes lie from those of the scenario's structure, mode by mode: what
     there is to say where none are taken for each other, so that there is no posterior."""
     model = ModalModel(scenario.structure, scenario.layout)
     at_nominal = model.modal(model.nominal[None])

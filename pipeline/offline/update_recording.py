@@ -15,7 +15,7 @@ Report = Callable[[AccelerationBlock], None]
 
 
 def recorded_source(path: Path, *, scenario: str | None, sampler: str | None) -> Source:
-    """A recording under its own scenario, unless another one or another sampler is named.
+    """Return a recording under its own scenario, unless another one or another sampler is named.
 
     Raises
     ------
@@ -25,12 +25,12 @@ def recorded_source(path: Path, *, scenario: str | None, sampler: str | None) ->
 
 
 def holds_estimates(path: Path) -> bool:
-    """Whether a recording's windows were identified when it was made."""
+    """Return whether a recording's windows were identified when it was made."""
     return next(iter(read_messages(path, (ModalEstimate,))), None) is not None
 
 
 def updated_from(source: Source, *, identify: bool, report: Report | None = None) -> SessionSummary:
-    """Every window of a recording through the updating.
+    """Return every window of a recording through the updating.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def updated_from(source: Source, *, identify: bool, report: Report | None = None
 
 
 def _estimates(source: Source) -> Iterator[Message]:
-    """What was identified, and the truth where it is known; blocks only for the account of time."""
+    """Return what was identified, and the truth where it is known; blocks only for the account of time."""
     assert source.recording is not None
     if source.truth is not None:
         yield source.truth

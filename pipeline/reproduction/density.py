@@ -56,7 +56,7 @@ class PublishedDensity:
         return np.column_stack([self._prior.draws(n, generator), sigma])
 
     def target(self, peak: Peak) -> Target:
-        """What a sampler is given.
+        """Return what a sampler is given.
 
         Parameters
         ----------

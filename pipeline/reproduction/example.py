@@ -117,11 +117,11 @@ class Example:
     """J(K0) [-]."""
     descents: tuple[Descent, ...]
     published: ExamplePosterior
-    mended: ExamplePosterior
+    corrected: ExamplePosterior
 
 
 def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Example:
-    """The example for one seed.
+    """Return the example for one seed.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Examp
     prior = Prior(model.nominal)
     objective = ModalObjective(identified, model)
     known = [_nearest(estimate.modes, f) for f in identified.frequencies]
-    published, mended = _posteriors(
+    published, corrected = _posteriors(
         replace(estimate, modes=tuple(known)), identified.labels, model, prior, seed, samples
     )
     return Example(
@@ -156,12 +156,12 @@ def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Examp
         objective_at_truth=objective(np.ones(3)),
         descents=deterministic_update(objective, prior),
         published=published,
-        mended=mended,
+        corrected=corrected,
     )
 
 
 def identified_window(scenario: Scenario) -> ModalEstimate:
-    """The scenario's ten minutes, identified blind."""
+    """Return the scenario's ten minutes, identified blind."""
     tower = simulated_tower(scenario)
     samples = np.concatenate(list(tower.samples())).astype(np.float64)
     found = identify(samples, scenario.simulation.sampling_rate, scenario.oma)
@@ -235,10 +235,10 @@ def _posteriors(
     density = PublishedDensity(likelihood, forward, prior)
     target = density.target(laplace_peak(likelihood, forward, prior, np.ones(3)))
     published = PublishedTmcmc(PublishedSettings(samples=samples))
-    mended = CorrectedTmcmc(TemperingSettings(samples=min(samples, KEPT_DRAWS)))
+    corrected = CorrectedTmcmc(TemperingSettings(samples=min(samples, KEPT_DRAWS)))
     return (
         _posterior(published(target, np.random.default_rng([seed, 1])), density),
-        _posterior(mended(target, np.random.default_rng([seed, 2])), density),
+        _posterior(corrected(target, np.random.default_rng([seed, 2])), density),
     )
 
 

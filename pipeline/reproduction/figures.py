@@ -10,7 +10,7 @@ from pipeline.reproduction.example import Example
 from sensors.errors import InputError
 
 NAMES = ("k11 / K0 [-]", "k22 / K0 [-]", "k12 / K0 [-]", "σ [-]")
-PUBLISHED, MENDED, TRUTH = "#cc79a7", "#0072b2", "#009e73"  # Okabe and Ito (2008)
+PUBLISHED, CORRECTED, TRUTH = "#cc79a7", "#0072b2", "#009e73"  # Okabe and Ito (2008)
 SHOWN = 4000  # draws in a cloud
 DOTS_PER_INCH = 130
 
@@ -25,7 +25,7 @@ def draw_figure3(example: Example, path: Path) -> None:
     """
     figure = new_figure((9, 9), str(path))
     grid = figure.subplots(4, 4, sharex="col")
-    clouds = ((example.published, PUBLISHED), (example.mended, MENDED))
+    clouds = ((example.published, PUBLISHED), (example.corrected, CORRECTED))
     for row in range(4):
         for column in range(4):
             axes = grid[row, column]
@@ -82,7 +82,7 @@ def _legend(figure: Any) -> None:
 
     handles = [
         Line2D([], [], color=PUBLISHED, label="TMCMC as published"),
-        Line2D([], [], color=MENDED, label="mended sampler"),
+        Line2D([], [], color=CORRECTED, label="mended sampler"),
         Line2D([], [], color=TRUTH, label="truth"),
         Line2D([], [], color="black", marker="x", linestyle="", label="MAP draw"),
     ]

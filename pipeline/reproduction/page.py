@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.report.html import TextTable, document, heading, listed, paragraph, png, table_of
+from pipeline.report.html import (
+    TextTable,
+    bullet_list,
+    document,
+    heading,
+    paragraph,
+    png,
+    table_html,
+)
 from pipeline.reproduction.example import Example
 from pipeline.reproduction.figures import draw_figure3
 from pipeline.reproduction.findings import findings, over_seeds
@@ -110,7 +118,7 @@ def _or_missing(value: float, form: str) -> str:
 
 
 def markdown(tables: Sequence[TextTable], sentences: Sequence[str], study: Study) -> str:
-    """The whole report as Markdown."""
+    """Return the whole report as Markdown."""
     parts = [f"# {TITLE}", _introduction(study), "## What agrees and what differs"]
     parts += [f"- {sentence}" for sentence in sentences]
     for table in tables:
@@ -123,10 +131,10 @@ def markdown(tables: Sequence[TextTable], sentences: Sequence[str], study: Study
 
 
 def page(tables: Sequence[TextTable], sentences: Sequence[str], study: Study, figure: bytes) -> str:
-    """The whole report as one HTML page that needs nothing else."""
+    """Return the whole report as one HTML page that needs nothing else."""
     parts = [paragraph(_introduction(study)), heading("What agrees and what differs")]
-    parts.append(listed(sentences))
-    parts += [heading(each.title) + table_of(replace(each, title="")) for each in tables]
+    parts.append(bullet_list(sentences))
+    parts += [heading(each.title) + table_html(replace(each, title="")) for each in tables]
     parts += [heading("Figure 3"), png(figure, "Posterior of the springs and σ")]
     return document(TITLE, "".join(parts))
 

@@ -31,7 +31,7 @@ class Study:
     """Of TMCMC as published."""
 
     def of(self, sign: SpringSign) -> tuple[Example, ...]:
-        """The seeds of one sign, in order."""
+        """Return the seeds of one sign, in order."""
         return tuple(example for example in self.examples if example.sign == sign)
 
     @property

@@ -46,7 +46,7 @@ def _print_posteriors(examples: Sequence[Example]) -> None:
     errors = np.abs([map_errors(example) for example in examples])
     _print("|MAP error| median [%]", np.median(errors, axis=0))
     _print("|MAP error| largest [%]", errors.max(axis=0))
-    for name in ("published", "mended"):
+    for name in ("published", "corrected"):
         posteriors = [getattr(example, name) for example in examples]
         _print(
             f"{name}: half width of the 90 % interval, median [%]",
@@ -57,8 +57,10 @@ def _print_posteriors(examples: Sequence[Example]) -> None:
         _print(f"{name}: correlations, median", np.median(correlations, axis=0))
         _print(f"{name}: correlations, least", correlations.min(axis=0))
         print(f"{name}: peaks {sorted(n_peaks(p) for p in posteriors)}")
-    wider = [e.published.stds / e.mended.stds - 1 for e in examples]
-    _print("std of TMCMC as published above the mended, median [%]", PERCENT * np.median(wider, 0))
+    wider = [e.published.stds / e.corrected.stds - 1 for e in examples]
+    _print(
+        "std of TMCMC as published above the corrected, median [%]", PERCENT * np.median(wider, 0)
+    )
 
 
 def _print_descents(examples: Sequence[Example]) -> None:

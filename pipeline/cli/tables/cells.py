@@ -4,7 +4,7 @@ from rich.table import Table
 
 
 def table_of(title: str) -> Table:
-    """An empty table as all of them look."""
+    """Return an empty table as all of them look."""
     return Table(title=title, title_justify="left", caption_justify="left", header_style="bold")
 
 
@@ -14,5 +14,5 @@ def counted(count: int, noun: str) -> str:
 
 
 def told(figure: float | None, form: str) -> str:
-    """A figure in its form, or that it is not known."""
+    """Return a figure in its form, or that it is not known."""
     return "unknown" if figure is None else format(figure, form)

@@ -11,7 +11,7 @@ from pipeline.state.run_modes import CombinedMode
 
 
 def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table:
-    """The identified modes, with the model's beside them where they were paired."""
+    """Return the identified modes, with the model's beside them where they were paired."""
     paired = any(mode.pair is not None for mode in modes)
     table = table_of(f"Identified modes ({counted(windows, 'window')})")
     for title in ("mode", "f [Hz]", "± std", "ζ [%]", "± std", "windows"):
@@ -55,7 +55,7 @@ def nearest_modes_table(nearest: Sequence[NearestMode]) -> Table:
 
 
 def model_modes_table(found: ModelModes) -> Table:
-    """The model's modes beside the frequencies that the publication lists."""
+    """Return the model's modes beside the frequencies that the publication lists."""
     description = found.model.description
     ratios = ", ".join(f"{ratio:g}" for ratio in found.ratios)
     table = table_of(

@@ -47,7 +47,7 @@ def posterior_table(posterior: Json) -> Table:
 
 
 def posteriors_table(posteriors: Sequence[Json]) -> Table:
-    """The springs of many turbines, one a row: median and half the 90 % interval over nominal."""
+    """Return the springs of many turbines, one a row: median and half the 90 % interval over nominal."""
     table = table_of("Foundation posteriors, ÷ nominal")
     for title in ("turbine", "windows", "k11", "k22", "k12", "change", ""):
         table.add_column(title, justify="right", no_wrap=True)
@@ -69,7 +69,7 @@ def _plus_minus(spring: Json) -> str:
 
 
 def farm_table(farm: Farm) -> Table:
-    """Every turbine's springs with the farm's help, and how unlike the others it is."""
+    """Return every turbine's springs with the farm's help, and how unlike the others it is."""
     table = table_of(f"Springs ÷ nominal, {counted(len(farm.turbines), 'turbine')} pooled")
     for title in ("turbine", "windows", "k11", "k22", "k12", "outlier"):
         table.add_column(title, justify="right", no_wrap=True)
@@ -95,7 +95,7 @@ def _half_width(spring: ParameterSummary) -> float:
 
 
 def misfit_table(posterior: FoundationPosterior) -> Table:
-    """How well each paired mode fits the posterior, and how much it tells of the stiffness."""
+    """Return how well each paired mode fits the posterior, and how much it tells of the stiffness."""
     table = table_of("Misfit mode by mode")
     for title in ("mode", "f [Hz]", "model f [Hz]", "apart [%]", "misfit", "MAC", "tells"):
         table.add_column(title, justify="right", no_wrap=True)

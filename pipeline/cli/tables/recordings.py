@@ -47,7 +47,7 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
 
 
 def scenarios_table(scenarios: Sequence[Scenario]) -> Table:
-    """The scenarios that come with pilewatch: name, duration, title."""
+    """Return the scenarios that come with pilewatch: name, duration, title."""
     table = table_of("Scenarios")
     table.add_column("name")
     table.add_column("duration", justify="right")
@@ -74,12 +74,12 @@ def duration_in_words(duration: float) -> str:
 
 
 def scenario_description(scenario: Scenario) -> str:
-    """A scenario in words: its title, then what it simulates and needs, a line a paragraph."""
+    """Return a scenario in words: its title, then what it simulates and needs, a line a paragraph."""
     paragraphs = scenario.description.strip().split("\n\n")
     words = [" ".join(paragraph.split()) for paragraph in paragraphs]
     return "\n\n".join([f"{scenario.name}: {scenario.title}", *words])
 
 
 def scenario_settings(scenario: Scenario) -> str:
-    """What a scenario's file sets, after its description."""
+    """Return what a scenario's file sets, after its description."""
     return scenario.text.rpartition('"""')[2].strip()

@@ -12,7 +12,7 @@ from pipeline.cli.tables.posteriors import posterior_table, posteriors_table
 
 
 def status_tables(status: Mapping[str, Any]) -> list[Table]:
-    """What a running session answered: nodes and what they say, streams, posteriors, gaps."""
+    """Return what a running session answered: nodes and what they say, streams, posteriors, gaps."""
     nodes = table_of(f"nodes of {status['source']}")
     rare = ("recovered", "late", "duplicate", "malformed")  # shown where there are any
     counted = ("received", "lost", *(n for n in rare if any(each[n] for each in status["nodes"])))
@@ -46,7 +46,7 @@ def status_tables(status: Mapping[str, Any]) -> list[Table]:
 
 
 def _said_tables(nodes: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """What nodes doubt, word by word: some words are strangers', and no markup."""
+    """Return what nodes doubt, word by word: some words are strangers', and no markup."""
     said = [(each["node"], Text(text)) for each in nodes for text in each["warnings"]]
     if not said:
         return []

@@ -1,4 +1,4 @@
-"""Accelerations at the rate a screen needs: low-passed, decimated, on a coarse step."""
+"""Accelerations at display rate: low-passed, decimated, on a coarse step."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,20 +21,20 @@ _TAPS_PER_SAMPLE = 8  # length of the low-pass filter in display samples
 class DisplaySignal:
     """Consecutive display samples of all channels of a unit.
 
-    A row of NaN stands where samples are missing, so that no line is drawn across a gap.
+    A row of NaN marks missing samples, so that no line is drawn across a gap.
     """
 
     times_ns: NDArray[np.int64]
-    """(n,) sensor clock [ns]."""
+    """Sensor clock, shape (n,) [ns since 1970-01-01 UTC]."""
     samples: FloatArray
-    """(n, n_channels) [m/s²]."""
+    """Display samples, shape (n, n_channels) [unit of the channels]."""
 
 
 def joined_runs(blocks: Sequence[AccelerationBlock]) -> Iterator[AccelerationBlock]:
-    """The same samples in fewer blocks: those of one unit that follow each other are one.
+    """Join consecutive blocks of one unit into fewer, longer ones.
 
-    A block whose clock is off by more than SAME_CLOCK begins a new one, so that no sample's time
-    is off by more. Why: a block of a second costs the decimator as much as one of a minute.
+    A block whose clock differs by more than SAME_CLOCK starts a new one, which bounds the error of
+    each sample's time. Why: a block of a second costs the decimator as much as one of a minute.
     """
     run: list[AccelerationBlock] = []
     for block in blocks:
@@ -67,8 +67,8 @@ class DisplayDecimator:
     """Anti-aliased decimation of consecutive blocks, each sample at its own time.
 
     A linear-phase low-pass of 8 display samples' length, read at every `factor`-th sample; its
-    delay is taken out of the times. After a gap or a restart it begins anew, which costs the
-    first and the last 0.2 s of each stretch. For display only: identification never sees it.
+    delay is taken out of the times. A gap or a restart resets it, which costs the
+    first and the last 0.2 s of each stretch. For display only: identification does not use it.
     """
 
     def __init__(self, sampling_rate: float, *, display_rate: float = DISPLAY_RATE) -> None:
@@ -80,7 +80,7 @@ class DisplayDecimator:
         self._end_ns = 0
 
     def push(self, block: AccelerationBlock) -> DisplaySignal:
-        """The display samples that this block completes."""
+        """Return the display samples that this block completes."""
         broken = self._tail is not None and self._expected != (block.session, block.first_sample)
         if broken or self._tail is None:
             self._tail = np.empty((0, block.samples.shape[1]), np.float32)
@@ -102,7 +102,7 @@ class DisplayDecimator:
         return DisplaySignal(block.start_ns + offsets, _on_step(samples))
 
     def _filtered(self, samples: NDArray[np.float32]) -> FloatArray:
-        """The filter's output at every `factor`-th position, in the samples' own precision."""
+        """Filter at every `factor`-th position, in the samples' own precision."""
         if len(samples) < self._skip + len(self._taps):
             return np.empty((0, samples.shape[1]))
         windows = sliding_window_view(samples[self._skip :], len(self._taps), axis=0)
@@ -115,9 +115,9 @@ class DisplayDecimator:
 
 
 def low_pass(factor: int) -> FloatArray:
-    """Taps of a linear-phase low-pass (sum 1) for decimation by `factor`; one tap for factor 1.
+    """Return the taps of a linear-phase low-pass (sum 1) for decimation by `factor`.
 
-    Hamming-windowed sinc, 6 dB down at 0.8 of the new Nyquist frequency.
+    Hamming-windowed sinc, 6 dB down at 0.8 of the new Nyquist frequency; one tap for factor 1.
     """
     if factor == 1:
         return np.ones(1)

@@ -117,7 +117,7 @@ def test_modes_lists_table_1_first(pilewatch: Command) -> None:
     assert all(len(mode["shape"]) == 8 for mode in figures)
 
 
-def test_info_tells_what_a_recording_holds(pilewatch: Command, short_recording: Path) -> None:
+def test_info_lists_what_a_recording_holds(pilewatch: Command, short_recording: Path) -> None:
     told = pilewatch("info", str(short_recording))
     assert told.returncode == 0
     for word in ("AccelerationBlock", "240", "none", "truth.k11 = 9800000000.0"):
@@ -141,7 +141,7 @@ def test_help_teaches_every_command(pilewatch: Command) -> None:
         assert pilewatch(command, "--help").returncode == 0
 
 
-def test_run_without_a_recording_says_how_to_make_one(pilewatch: Command) -> None:
+def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) -> None:
     complaint = one_line(pilewatch("run"))
     assert "recordings/parked.mcap" in complaint
     assert "pilewatch simulate parked -o recordings/parked.mcap" in complaint
@@ -296,7 +296,7 @@ def test_a_client_that_knows_no_router_is_one_line(pilewatch: Command) -> None:
     assert "--connect ENDPOINT" in one_line(pilewatch("node", "recorder", "--mode", "client"))
 
 
-def test_a_port_that_is_taken_is_told_before_a_file_is_begun(
+def test_a_port_in_use_is_reported_before_a_file_is_started(
     pilewatch: Command, tmp_path: Path
 ) -> None:
     with socket.socket() as other:
@@ -340,7 +340,7 @@ def test_shares_of_a_farm_need_processes_of_their_own(pilewatch: Command) -> Non
         (("level = 0.0", "level = 500.0"), "level is 500 m; the tower ends at 145 m"),
     ],
 )
-def test_figures_in_other_units_are_told_where_they_stand(
+def test_figures_in_other_units_are_reported_with_their_place(
     pilewatch: Command, change: tuple[str, str], complaint: str
 ) -> None:
     marked = "\ufeff" + pilewatch("describe", "--template").stdout  # as Windows' editors save it

@@ -10,7 +10,7 @@ from pipeline.monitoring.summary import SessionSummary
 from pipeline.scenario import load_scenario
 
 
-def test_of_many_doubts_of_a_kind_some_are_told_and_the_rest_counted(
+def test_of_many_warnings_of_a_kind_some_are_printed_and_the_rest_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     told = io.StringIO()

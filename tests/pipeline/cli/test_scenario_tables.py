@@ -13,7 +13,7 @@ from pipeline.scenario import load_scenario, shipped_scenarios
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
-def test_a_scenarios_settings_are_told_as_its_file_has_them(name: str) -> None:
+def test_a_scenarios_settings_are_printed_as_in_its_file(name: str) -> None:
     """Units in brackets, section names, every line whole."""
     told = CliRunner().invoke(app, ["simulate", "--describe", name]).output
     scenario = load_scenario(name)
@@ -23,7 +23,7 @@ def test_a_scenarios_settings_are_told_as_its_file_has_them(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
-def test_a_scenarios_words_are_not_broken_where_its_file_breaks_them(name: str) -> None:
+def test_a_scenarios_description_is_not_broken_where_its_file_breaks_it(name: str) -> None:
     scenario = load_scenario(name)
     title, *paragraphs = scenario_description(scenario).split("\n\n")
     assert title == f"{name}: {scenario.title}"
@@ -41,5 +41,5 @@ def test_the_list_names_every_scenario_with_its_duration() -> None:
     ("duration", "words"),
     [(600.0, "10 min"), (12000.0, "3 h 20 min"), (43200.0, "12 h"), (8, "8 s")],
 )
-def test_a_duration_is_told_in_hours_and_minutes(duration: float, words: str) -> None:
+def test_a_duration_is_given_in_hours_and_minutes(duration: float, words: str) -> None:
     assert duration_in_words(duration) == words

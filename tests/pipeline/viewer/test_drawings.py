@@ -166,7 +166,7 @@ def test_a_swinging_mode_has_its_peak_at_its_frequency_in_the_spectrum():
 
 
 @pytest.mark.parametrize("seconds", [600.0, 37.5])
-def test_spectra_in_single_precision_are_welchs_wherever_they_are_shown(seconds: float):
+def test_spectra_in_single_precision_equal_welchs_over_the_drawn_decades(seconds: float):
     """The same as SciPy's in double precision, six decades down; a record shorter than a segment
     is one segment."""
     rate, rng = 40.0, np.random.default_rng(8)
@@ -238,9 +238,9 @@ def test_a_mode_is_a_column_of_poles_under_its_hair_and_higher_orders_stand_high
     diagram = stabilisation_diagram(estimate, rng)
     picture = stabilisation_picture(diagram, [mode.frequency for mode in estimate.modes])
     x, y = picture.poles.T
-    for mode, hair in zip(estimate.modes, picture.modes, strict=True):
+    for mode, vertical_line in zip(estimate.modes, picture.modes, strict=True):
         near = np.abs(diagram.frequencies - mode.frequency) < 5 * mode.frequency_std
-        assert x[near] == pytest.approx(hair[0, 0], abs=0.02)
+        assert x[near] == pytest.approx(vertical_line[0, 0], abs=0.02)
     assert (np.diff(y[np.argsort(diagram.orders, kind="stable")]) <= 0).all()
     left, right = np.array(picture.stds)[:, :, 0].T
     assert ((left < x) & (x < right)).all()
@@ -275,5 +275,5 @@ def test_the_truth_leans_within_the_posterior_and_less_than_nominal_where_it_is_
     assert low < true < high < picture.nominal[1, 0]
     assert top == -TALL
     assert len(pile_picture(posterior, DESCRIPTION).truth) == 0
-    words = " ".join(text.text for text in picture.texts)
-    assert all(unit in words for unit in ("N/m", "N·m/rad", "N/rad", "mm", "mrad", "MN"))
+    text_labels = " ".join(text.text for text in picture.texts)
+    assert all(unit in text_labels for unit in ("N/m", "N·m/rad", "N/rad", "mm", "mrad", "MN"))

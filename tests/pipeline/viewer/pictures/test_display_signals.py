@@ -65,7 +65,7 @@ def test_where_the_blocks_are_cut_does_not_matter():
 
 
 @pytest.mark.parametrize("sampling_rate", [40.0, 62.5])
-def test_blocks_joined_to_minutes_show_what_each_of_them_would(sampling_rate: float):
+def test_blocks_joined_to_minutes_give_the_samples_of_single_blocks(sampling_rate: float):
     made = blocks(3.0, sampling_rate=sampling_rate, seconds=12)
     apart, together = shown(made), shown(list(joined_runs(made)))
     assert (apart.times_ns == together.times_ns).all()
@@ -93,15 +93,15 @@ def test_a_clock_that_runs_fast_is_followed_to_a_millisecond():
     assert np.abs(apart.times_ns - together.times_ns).max() <= SAME_CLOCK
 
 
-def test_after_a_missing_block_the_line_is_broken_and_begins_anew():
+def test_after_a_missing_block_the_line_is_broken_and_starts_again():
     made = blocks(0.5, sampling_rate=40.0, seconds=10)
     signal = shown(made[:4] + made[6:])
     (broken,) = np.flatnonzero(np.isnan(signal.samples[:, 0]))
     assert signal.times_ns[broken] == made[3].end_ns
     assert signal.times_ns[broken + 1] > made[6].start_ns
     seconds = (np.delete(signal.times_ns, broken) - START_NS) / NANOSECONDS
-    rest = np.delete(signal.samples[:, 0], broken)
-    assert rest == pytest.approx(np.sin(np.pi * seconds), abs=0.01)
+    min_interval = np.delete(signal.samples[:, 0], broken)
+    assert min_interval == pytest.approx(np.sin(np.pi * seconds), abs=0.01)
 
 
 def test_a_new_session_of_the_unit_is_a_break_too():
