@@ -1,4 +1,4 @@
-"""A recorded session as pictures, long after it ended: what `pilewatch show` does."""
+"""Draw a recorded session: `pilewatch show`."""
 
 import os
 import subprocess
@@ -24,12 +24,12 @@ def draw_recording(
     *,
     report: Callable[[AccelerationBlock], None] | None = None,
 ) -> None:
-    """Draw everything that a recording holds, results where there are some.
+    """Draw everything that a recording holds.
 
     Parameters
     ----------
     recording : Path
-        MCAP file.
+        An MCAP file.
     report : Callable[[AccelerationBlock], None] | None, optional
         Called with every block of accelerations.
 
@@ -59,7 +59,7 @@ def _draw(
 
 
 def pictures_of(recording: Path, out: Path | None) -> RrdFile:
-    """Return where the pictures of a recording go: `out`, or beside it under its own name.
+    """Return whe .rrd file of a recording: `out`, or beside it under its own name.
 
     Raises
     ------
@@ -92,6 +92,6 @@ def open_pictures(path: Path) -> None:
 
 
 def require_pictures(path: Path) -> None:
-    """ViewerError where there is no such file."""
+    """Raise ViewerError where there is no such file."""
     if not path.exists():
         raise ViewerError(f"{path} does not exist")

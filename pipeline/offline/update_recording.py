@@ -1,4 +1,4 @@
-"""The posterior that a recording gives, in one thread: what `pilewatch update` does."""
+"""Compute the posterior of a recording in one thread: `pilewatch update`."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,7 +15,7 @@ Report = Callable[[AccelerationBlock], None]
 
 
 def recorded_source(path: Path, *, scenario: str | None, sampler: str | None) -> Source:
-    """Return a recording under its own scenario, unless another one or another sampler is named.
+    """Return a recording as a source under its own scenario, unless another one is named.
 
     Raises
     ------
@@ -25,12 +25,12 @@ def recorded_source(path: Path, *, scenario: str | None, sampler: str | None) ->
 
 
 def holds_estimates(path: Path) -> bool:
-    """Return whether a recording's windows were identified when it was made."""
+    """Return whether a recording holds modal estimates."""
     return next(iter(read_messages(path, (ModalEstimate,))), None) is not None
 
 
-def updated_from(source: Source, *, identify: bool, report: Report | None = None) -> SessionSummary:
-    """Return every window of a recording through the updating.
+def update_from(source: Source, *, identify: bool, report: Report | None = None) -> SessionSummary:
+    """Return ehe summary after updating with every window of a recording.
 
     Parameters
     ----------
@@ -49,15 +49,15 @@ def updated_from(source: Source, *, identify: bool, report: Report | None = None
             report(block)
 
     if identify:
-        messages, taking = source.messages(), nodes
+        messages, receiving = source.messages(), nodes
     else:
-        messages, taking = _estimates(source), [n for n in nodes if ModalEstimate in n.inputs]
-    run_lock_step(messages, [*taking, summary], turbine=source.layout.turbine, report=count)
+        messages, receiving = _estimates(source), [n for n in nodes if ModalEstimate in n.inputs]
+    run_lock_step(messages, [*receiving, summary], turbine=source.layout.turbine, report=count)
     return summary
 
 
 def _estimates(source: Source) -> Iterator[Message]:
-    """Return what was identified, and the truth where it is known; blocks only for the account of time."""
+    """Yield recorded estimates, truths and, to count the time, blocks."""
     assert source.recording is not None
     if source.truth is not None:
         yield source.truth

@@ -33,7 +33,7 @@ from pipeline.report.tables import (
     springs_table,
     warnings_table,
 )
-from pipeline.report.wording import counted, instant, percent, span
+from pipeline.report.wording import count_noun, instant, percent, span
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
 from pipeline.viewer.pictures import colours
 from sensors.acquisition.blocks import NANOSECONDS
@@ -106,7 +106,7 @@ def _provenance(session: RecordedSession) -> str:
     start_ns, end_ns = min(span_[0] for span_ in spans), max(span_[1] for span_ in spans)
     made = session.metadata.get("pilewatch", {})
     version = f" pilewatch {made['version']}." if "version" in made else ""
-    files = f" in {counted(len(session.files), 'file')}" if len(session.files) > 1 else ""
+    files = f" in {count_noun(len(session.files), 'file')}" if len(session.files) > 1 else ""
     text = f"{session.name}{files}, {instant(start_ns)} to {instant(end_ns)}.{version}"
     parts = [paragraph(text, "quiet")]
     if session.unread:
@@ -184,8 +184,9 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
         ),
     )
     fit = (
-        f"{counted(posterior.n_windows, 'window')}; {posterior.paired_share:.0%} of the identified "
-        f"modes are modes of the model; reduced χ² of their frequencies "
+        f"{count_noun(posterior.n_windows, 'window')}; "
+        f"{posterior.paired_share:.0%} of the identified modes are modes of the model; "
+        f"reduced χ² of their frequencies "
         f"{posterior.reduced_chi_square:.2f}; {posterior.sampler}: {posterior.ess:.0f} effective "
         f"draws, R-hat {posterior.rhat:.3f}. σ: relative discrepancy of the model."
     )
@@ -277,7 +278,7 @@ def _instruments(record: TurbineRecord) -> str:
         return ""
     rate = f" at {record.sampling_rate:g} Hz" if record.sampling_rate > 0 else ""
     names = ", ".join(layout.channel_names)
-    return paragraph(f"{counted(len(layout.channels), 'channel')}{rate}: {names}.", "quiet")
+    return paragraph(f"{count_noun(len(layout.channels), 'channel')}{rate}: {names}.", "quiet")
 
 
 def _settings(session: RecordedSession) -> str:

@@ -12,7 +12,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.report.recorded_session import TurbineRecord
-from pipeline.report.wording import counted, instant, joined, percent, period, span
+from pipeline.report.wording import count_noun, instant, join_with_and, percent, period, span
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 
@@ -103,7 +103,7 @@ def _stiffness_before_and_after(record: TurbineRecord, event: FoundationEvent) -
         for name in PARAMETER_NAMES
         if _intervals_differ(old.parameter(name), new.parameter(name))
     ]
-    return f" Stiffness ÷ nominal changed with it: {joined(moved)}." if moved else ""
+    return f" Stiffness ÷ nominal changed with it: {join_with_and(moved)}." if moved else ""
 
 
 def _intervals_differ(one: ParameterSummary, other: ParameterSummary) -> bool:
@@ -173,11 +173,11 @@ def measurement_sentences(record: TurbineRecord) -> list[str]:
 
 def _measured_duration(record: TurbineRecord) -> str:
     summary, (start_ns, end_ns) = record.summary, record.span_ns
-    windows = counted(len(summary.estimates), "window")
+    windows = count_noun(len(summary.estimates), "window")
     measured = span((end_ns - start_ns) / NANOSECONDS)
     return (
         f"{measured} of measurements from {instant(start_ns)} to {instant(end_ns)} gave "
-        f"{windows} with {counted(len(summary.modes), 'mode')} in all."
+        f"{windows} with {count_noun(len(summary.modes), 'mode')} in all."
     )
 
 
@@ -186,16 +186,16 @@ def _rejected_windows(record: TurbineRecord) -> Iterator[str]:
     not_used = [each for each in record.summary.rejected if each.start_ns in identified]
     failed = [each for each in record.summary.rejected if each.start_ns not in identified]
     if failed:
-        windows = counted(len(failed), "window")
+        windows = count_noun(len(failed), "window")
         yield f"{windows} could not be identified: {_counts_by_code(failed)}."
     if not_used:
-        number = counted(len(not_used), "identified window")
+        number = count_noun(len(not_used), "identified window")
         yield f"{number} did not enter the stiffness: {_counts_by_code(not_used)}."
 
 
 def _counts_by_code(rejected: Sequence[WindowRejected]) -> str:
     counts = Counter(each.code for each in rejected)
-    return joined([f"{count} × {code}" for code, count in counts.most_common()])
+    return join_with_and([f"{count} × {code}" for code, count in counts.most_common()])
 
 
 def _missing_samples(record: TurbineRecord) -> str:
@@ -205,8 +205,8 @@ def _missing_samples(record: TurbineRecord) -> str:
     if not stream["gaps"] and not stream["lost"]:
         return "No sample is missing."
     return (
-        f"{counted(stream['gaps'], 'gap')} in the stream, {span(stream['gap_s'])} in all; "
-        f"{counted(stream['lost'], 'block')} lost."
+        f"{count_noun(stream['gaps'], 'gap')} in the stream, {span(stream['gap_s'])} in all; "
+        f"{count_noun(stream['lost'], 'block')} lost."
     )
 
 

@@ -50,7 +50,7 @@ def span(seconds: float) -> str:
     )
 
 
-def counted(number: int, noun: str) -> str:
+def count_noun(number: int, noun: str) -> str:
     """Return "1 window", "2 windows"."""
     return f"{number} {noun}" + "s" * (number != 1)
 
@@ -62,7 +62,7 @@ def percent(share: float) -> str:
     return f"{value:.{decimals}f} %"
 
 
-def joined(texts: list[str]) -> str:
+def join_with_and(texts: list[str]) -> str:
     """Return "a", "a and b", "a, b and c"."""
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
 

@@ -1,9 +1,9 @@
-"""One seed of the publication's example: ten minutes simulated, identified, updated in three ways.
+"""Run one seed of the publication's example: simulate ten minutes, identify, update in three ways.
 
 paper's sea, wind and 3 % noise ─► SSI-cov ─► the eleven modes by label
     ├─► Eq. 6, Nelder and Mead from γ = 0.25, 1 and 4
     ├─► Eqs. 8 to 10, TMCMC as published, 100 000 samples, Gaussian errors
-    └─► the same posterior by the mended sampler: what TMCMC's bias is seen against
+    └─► the same posterior by the corrected sampler, the reference for TMCMC's bias
 """
 
 from collections.abc import Sequence
@@ -59,74 +59,74 @@ class ExampleMode:
 
     label: str
     model_frequency: float
-    """At K0 [Hz]."""
+    """Frequency of the model at K0 [Hz]."""
     frequency: float
-    """Identified; NaN where it was not found [Hz]."""
+    """Identified frequency [Hz]; NaN where not found."""
     frequency_std: float
-    """[Hz]."""
+    """Standard deviation of the identified frequency [Hz]."""
     mac: float
-    """With the model's shape at K0 [-]."""
+    """MAC with the model's shape at K0 [-]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExamplePosterior:
-    """What a sampler says of the stiffness, as ratios k / nominal, and of σ."""
+    """The posterior of the stiffness, as ratios k / nominal, and of σ by one sampler."""
 
     sampler: str
     highest: FloatArray
-    """(4,) the draw of highest density: the MAP estimate [-]."""
+    """Draw of highest density, the MAP estimate, shape (4,) [-]."""
     draws: FloatArray
-    """(n, 4) of equal weight [-]."""
+    """Draws of equal weight, shape (n, 4) [-]."""
     evaluations: int
-    """Of the likelihood."""
+    """Number of evaluations of the likelihood."""
 
     @property
     def correlations(self) -> FloatArray:
-        """(3,) of k11 with k22, k11 with k12, k22 with k12 [-]"""
+        """Correlations of k11-k22, k11-k12, k22-k12, shape (3,) [-]."""
         matrix = np.asarray(np.corrcoef(self.draws[:, :3].T))
         return matrix[[0, 0, 1], [1, 2, 2]]
 
     @property
     def stds(self) -> FloatArray:
-        """(3,) of the ratios [-]"""
+        """Standard deviations of the ratios, shape (3,) [-]."""
         return self.draws[:, :3].std(axis=0)
 
     @property
     def half_widths(self) -> FloatArray:
-        """(3,) of the 90 % intervals [-]"""
+        """Half widths of the 90 % intervals, shape (3,) [-]."""
         low, high = np.quantile(self.draws[:, :3], [0.05, 0.95], axis=0)
         return (high - low) / 2
 
     @property
     def covers(self) -> NDArray[np.bool_]:
-        """(3,) whether the 90 % interval holds the truth, which is 1."""
+        """Whether each 90 % interval contains the truth, 1; shape (3,)."""
         low, high = np.quantile(self.draws[:, :3], [0.05, 0.95], axis=0)
         return (low <= 1) & (high >= 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
-    """Everything that one seed gave."""
+    """Results of one seed."""
 
     seed: int
     sign: SpringSign
     modes: tuple[ExampleMode, ...]
     others: int
-    """Identified modes that are none of the eleven."""
+    """Number of identified modes beside the eleven."""
     objective_at_truth: float
-    """J(K0) [-]."""
+    """Objective J at the truth K0 [-]."""
     descents: tuple[Descent, ...]
     published: ExamplePosterior
     corrected: ExamplePosterior
 
 
 def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Example:
-    """Return the example for one seed.
+    """Run the example for one seed.
 
     Parameters
     ----------
     samples : int, optional
-        Of TMCMC as published; the mended one needs fewer.
+        Samples of TMCMC as published; the corrected one needs fewer.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Examp
 
 
 def identified_window(scenario: Scenario) -> ModalEstimate:
-    """Return the scenario's ten minutes, identified blind."""
+    """Rdentify the scenario's ten minutes without the model."""
     tower = simulated_tower(scenario)
     samples = np.concatenate(list(tower.samples())).astype(np.float64)
     found = identify(samples, scenario.simulation.sampling_rate, scenario.oma)
@@ -215,7 +215,7 @@ def _posteriors(
     seed: int,
     samples: int,
 ) -> tuple[ExamplePosterior, ExamplePosterior]:
-    """By TMCMC as published, and by the mended one. The modes are compared by label."""
+    """Draw by TMCMC as published and corrected; modes are compared by label."""
     evidence = ModalEvidence(channels=estimate.channels, joint_covariance=False).with_sightings(
         sightings(estimate, estimate.channels), 1.0, estimate.duration
     )

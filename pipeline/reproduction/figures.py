@@ -1,4 +1,4 @@
-"""Figure 3: marginals and pairs of the posterior, by both samplers, with MAP and truth."""
+"""Draw Figure 3: marginals and pairs of the posterior by both samplers, with MAP and truth."""
 
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,7 @@ def _cloud(axes: Any, points: np.ndarray, colour: str) -> None:
 
 
 def _marks(axes: Any, example: Example, row: int, column: int) -> None:
-    """The truth (1) and the MAP draw, where the axis is a stiffness."""
+    """Mark the truth (1) and the MAP draw, where the axis is a stiffness."""
     if column < 3:
         axes.axvline(1.0, color=TRUTH, linewidth=1)
     if row < 3 and row != column:
@@ -82,7 +82,7 @@ def _legend(figure: Any) -> None:
 
     handles = [
         Line2D([], [], color=PUBLISHED, label="TMCMC as published"),
-        Line2D([], [], color=CORRECTED, label="mended sampler"),
+        Line2D([], [], color=CORRECTED, label="corrected sampler"),
         Line2D([], [], color=TRUTH, label="truth"),
         Line2D([], [], color="black", marker="x", linestyle="", label="MAP draw"),
     ]

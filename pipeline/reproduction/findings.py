@@ -1,4 +1,4 @@
-"""What agrees with the publication, what differs and why: sentences computed from the run."""
+"""Sentences on what agrees with the publication, what differs and why, computed from the run."""
 
 from collections.abc import Sequence
 
@@ -76,7 +76,7 @@ def _shapes(example: Example) -> str:
     if not pairs:
         return (
             "The side-side modes 1 and 4, whose MAC is printed as 0.038 and 0.309, were not found "
-            "here, so nothing is said of their shapes."
+            "here, so their shapes are not compared."
         )
     return (
         f"MAC of the side-side modes ({'; '.join(pairs)}). The printed ones are what one gets "
@@ -127,7 +127,7 @@ def _sampler_bias(example: Example) -> str:
     return (
         "TMCMC as published makes one Metropolis step for each sample of a stage. On data as "
         "informative as these its posterior is not the posterior yet: the stds of k11, k22 and k12 "
-        f"come out {', '.join(f'{each:+.0f}' for each in wider)} % against the mended sampler's "
+        f"come out {', '.join(f'{each:+.0f}' for each in wider)} % against the corrected sampler's "
         "(importance sampling at the end, checked against a grid)."
     )
 
@@ -155,7 +155,7 @@ def _sign(study: Study) -> str:
 
 
 def over_seeds(examples: Sequence[Example]) -> list[tuple[str, str]]:
-    """Return what many seeds say together: a subject and its figures."""
+    """Return the figures over many seeds: a subject and its figures."""
     errors = np.abs([map_errors(example) for example in examples])
     covers = np.array([example.corrected.covers for example in examples])
     correlations = np.array([example.corrected.correlations for example in examples])
@@ -168,7 +168,7 @@ def over_seeds(examples: Sequence[Example]) -> list[tuple[str, str]]:
     return [
         ("MAP error of k11 / k22 / k12, median [%]", three(np.median(errors, axis=0))),
         ("worst [%]", three(errors.max(axis=0))),
-        ("90 % intervals that hold the truth", three(covers.sum(axis=0), "{:d}")),
+        ("90 % intervals that contain the truth", three(covers.sum(axis=0), "{:d}")),
         ("correlations, median", three(np.median(correlations, axis=0))),
         ("smallest correlation of any seed", f"{correlations.min():.2f}"),
         ("seeds with a single peak", str(sum(n_peaks(e.corrected) == 1 for e in examples))),

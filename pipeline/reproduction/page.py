@@ -1,4 +1,4 @@
-"""report.md, report.html, table1.csv and table2.csv: our figures beside the publication's."""
+"""Write report.md, report.html, table1.csv and table2.csv: our figures beside the publication's."""
 
 import csv
 from collections.abc import Sequence

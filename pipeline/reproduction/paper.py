@@ -1,4 +1,4 @@
-"""What the publication prints. Source: [foundation-updating] Tables 1 and 2."""
+"""Figures printed in the publication. Source: [foundation-updating] Tables 1 and 2."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,11 @@ class PublishedMode:
     direction: str
     """SS or FA."""
     model_frequency: float
-    """At K0 [Hz]."""
+    """Frequency of the model at K0 [Hz]."""
     identified_frequency: float
-    """[Hz]."""
+    """Identified frequency [Hz]."""
     mac: float
-    """Between identified and model shape [-]."""
+    """MAC of identified and model shape [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +23,11 @@ class PublishedDescent:
     """A row of Table 2's deterministic half: errors of the end point [%] and J there."""
 
     start: float
-    """Γ [-]."""
+    """Start γ, ratio to K0 [-]."""
     errors: tuple[float, float, float]
-    """Of k11, k22, k12 [%]."""
+    """Errors of k11, k22, k12 [%]."""
     objective: float
-    """J [-]."""
+    """Objective J at the end point [-]."""
 
 
 TABLE_1 = (

@@ -11,7 +11,7 @@ from pipeline.viewer.pictures.scene import (
     Deflection,
     Outline,
     deflection,
-    scaled_onto,
+    scale_onto,
     swing_frames,
 )
 from pipeline.viewer.update_rates import UpdateRates
@@ -123,7 +123,7 @@ class ModeView:
         identified = None
         if mode is not None and estimate is not None:
             columns = [layout.channel_names.index(name) for name in estimate.channels]
-            scaled = scaled_onto(mode.shape, model_shape[columns])
+            scaled = scale_onto(mode.shape, model_shape[columns])
             identified = deflection(layout, estimate.channels, scaled)
         tower_views.log_identified_shape(self._recording, self._root, label, identified)
 

@@ -134,7 +134,7 @@ class RerunStream:
         page = free_path(first.with_name(f"{first.stem}-{date}{first.suffix}"))
         self._recording = open_recording(RrdFile(page), recording_id=f"{self._session} {date}")
         self._views = {
-            turbine: view.continued_on(self._recording) for turbine, view in self._views.items()
+            turbine: view.copy_to(self._recording) for turbine, view in self._views.items()
         }
         self._parameters = {turbine: view.parameters for turbine, view in self._views.items()}
         self._send_blueprint()

@@ -12,7 +12,7 @@ from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
 from pipeline.viewer.drawing.entities import at
 from pipeline.viewer.known_layouts import KnownLayouts
-from pipeline.viewer.pictures.display_signals import DisplayDecimator, joined_runs
+from pipeline.viewer.pictures.display_signals import DisplayDecimator, join_runs
 from pipeline.viewer.pictures.spectrum import RecentSamples, spectrum_picture
 from pipeline.viewer.update_rates import UpdateRates
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
@@ -79,7 +79,7 @@ class SignalView:
         blocks, unit.waiting = unit.waiting, []
         if not blocks:
             return []
-        runs = list(joined_runs(blocks))
+        runs = list(join_runs(blocks))
         faults: list[Fault] = []
         stated = any(block.status for block in blocks)
         if stated or unit.faulty != NONE_FAULTY or not all(map(_is_whole, runs)):

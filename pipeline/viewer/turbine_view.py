@@ -134,7 +134,7 @@ class TurbineView:
             self._sized,
         )
 
-    def continued_on(self, recording: rr.RecordingStream) -> "TurbineView":
+    def copy_to(self, recording: rr.RecordingStream) -> "TurbineView":
         """Return a view of the same turbine on another recording stream, static parts drawn."""
         view = TurbineView(
             *(recording, self._turbine, self._description),

@@ -36,7 +36,7 @@ _log = logging.getLogger(__name__)
 
 
 @contextmanager
-def serving_page(
+def run_page_server(
     page_port: int, *, session: str, assets_port: int, pictures: Sequence[Path] = ()
 ) -> Iterator[None]:
     """Serve the page for as long as the context lasts.

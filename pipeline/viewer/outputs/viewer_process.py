@@ -22,7 +22,7 @@ from pipeline.viewer.outputs.outputs import (
     WebPage,
     require_rerun,
 )
-from pipeline.viewer.outputs.page_server import LOOPBACK, serving_page
+from pipeline.viewer.outputs.page_server import LOOPBACK, run_page_server
 
 MEMORY = "1GiB"  # of messages kept for browsers that come late: about ten days of one turbine
 START_TIMEOUT = 20.0  # for a viewer to come up [s]
@@ -47,13 +47,13 @@ def spawn_viewer(port: int, *, headless: bool = False) -> str:
             f"session in it with --view connect={proxy_address(port)}"
         )
     options = ["--port", str(port), "--expect-data-soon", "--hide-welcome-screen"]
-    viewer = _started(options + ["--headless"] * headless)
+    viewer = _start_process(options + ["--headless"] * headless)
     _await_listening(viewer, port, "--view spawn", warning="; is there a display?")
     return proxy_address(port)
 
 
 @contextmanager
-def served_page(page: WebPage, *pictures: Path) -> Iterator[ServedPage]:
+def serve_page(page: WebPage, *pictures: Path) -> Iterator[ServedPage]:
     """A page for browsers, for as long as the context lasts, on free ports if the usual are in use.
 
     Parameters
@@ -70,12 +70,14 @@ def served_page(page: WebPage, *pictures: Path) -> Iterator[ServedPage]:
     port, page_port, assets_port = free_port(page.port), free_port(page.page_port), free_port(0)
     # The pictures are not for this server: given a file, that of 0.41 keeps a core busy for ever.
     options = ["--serve-web", "--port", str(port), "--web-viewer-port", str(assets_port)]
-    server = _started([*options, "--server-memory-limit", MEMORY])
+    server = _start_process([*options, "--server-memory-limit", MEMORY])
     session = proxy_address(port)
     try:
         for each in (port, assets_port):
             _await_listening(server, each, page.option)
-        with serving_page(page_port, session=session, assets_port=assets_port, pictures=pictures):
+        with run_page_server(
+            page_port, session=session, assets_port=assets_port, pictures=pictures
+        ):
             yield ServedPage(ConnectedViewer(session), f"http://{LOOPBACK}:{page_port}/")
     finally:
         _stop(server, port, assets_port)
@@ -103,7 +105,7 @@ def is_listening(port: int) -> bool:
         return probe.connect_ex((LOOPBACK, port)) == 0
 
 
-def _started(options: list[str]) -> "subprocess.Popen[bytes]":
+def _start_process(options: list[str]) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
         [sys.executable, "-m", "rerun", "--bind", LOOPBACK, *options],
         env=os.environ | {"RERUN_ANALYTICS": "0"},

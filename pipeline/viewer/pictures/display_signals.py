@@ -30,7 +30,7 @@ class DisplaySignal:
     """Display samples, shape (n, n_channels) [unit of the channels]."""
 
 
-def joined_runs(blocks: Sequence[AccelerationBlock]) -> Iterator[AccelerationBlock]:
+def join_runs(blocks: Sequence[AccelerationBlock]) -> Iterator[AccelerationBlock]:
     """Join consecutive blocks of one unit into fewer, longer ones.
 
     A block whose clock differs by more than SAME_CLOCK starts a new one, which bounds the error of
@@ -39,11 +39,11 @@ def joined_runs(blocks: Sequence[AccelerationBlock]) -> Iterator[AccelerationBlo
     run: list[AccelerationBlock] = []
     for block in blocks:
         if run and not _follows(block, run):
-            yield _joined(run)
+            yield _join_blocks(run)
             run = []
         run.append(block)
     if run:
-        yield _joined(run)
+        yield _join_blocks(run)
 
 
 def _follows(block: AccelerationBlock, run: Sequence[AccelerationBlock]) -> bool:
@@ -59,7 +59,7 @@ def _follows(block: AccelerationBlock, run: Sequence[AccelerationBlock]) -> bool
     )
 
 
-def _joined(run: Sequence[AccelerationBlock]) -> AccelerationBlock:
+def _join_blocks(run: Sequence[AccelerationBlock]) -> AccelerationBlock:
     return replace(run[0], samples=np.concatenate([block.samples for block in run]))
 
 
@@ -85,23 +85,23 @@ class DisplayDecimator:
         if broken or self._tail is None:
             self._tail = np.empty((0, block.samples.shape[1]), np.float32)
             self._skip = 0
-        signal = self._decimated(block, self._tail)
+        signal = self._decimate(block, self._tail)
         if broken:
             signal = _after_gap(self._end_ns, signal)
         self._expected = (block.session, block.first_sample + len(block.samples))
         self._end_ns = block.end_ns
         return signal
 
-    def _decimated(self, block: AccelerationBlock, tail: NDArray[np.float32]) -> DisplaySignal:
+    def _decimate(self, block: AccelerationBlock, tail: NDArray[np.float32]) -> DisplaySignal:
         joined = np.concatenate([tail, block.samples])
         starts = np.arange(self._skip, len(joined) - len(self._taps) + 1, self._factor)
-        samples = self._filtered(joined)
+        samples = self._filter(joined)
         centres = starts + len(self._taps) // 2 - len(tail)  # sample 0 is the block's first
         offsets = np.round(centres * (NANOSECONDS / block.sampling_rate)).astype(np.int64)
         self._keep(joined, first_needed=self._skip + len(starts) * self._factor)
         return DisplaySignal(block.start_ns + offsets, _on_step(samples))
 
-    def _filtered(self, samples: NDArray[np.float32]) -> FloatArray:
+    def _filter(self, samples: NDArray[np.float32]) -> FloatArray:
         """Filter at every `factor`-th position, in the samples' own precision."""
         if len(samples) < self._skip + len(self._taps):
             return np.empty((0, samples.shape[1]))

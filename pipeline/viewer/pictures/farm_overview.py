@@ -14,7 +14,7 @@ from pipeline.viewer.pictures.status_text import (
     SessionStatus,
     StatusIndicator,
     clock_time,
-    counted,
+    count_noun,
 )
 
 ROWS = 24  # of indicators in a column of turbines
@@ -68,7 +68,7 @@ def farm_markdown(statuses: Sequence[SessionStatus]) -> str:
     states = Counter(_state(status) for status in statuses)
     counts = ", ".join(f"{count} {state}" for state, count in states.most_common())
     parts = [
-        f"### {counted(len(statuses), 'turbine')}: {counts}",
+        f"### {count_noun(len(statuses), 'turbine')}: {counts}",
         *_lines_needing_attention(statuses),
     ]
     heads = (

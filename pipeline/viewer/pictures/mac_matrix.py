@@ -71,11 +71,11 @@ def mac_matrix(
         for j in range(0, len(rows), apart)
     ]
     axes = [Text((width / 2, height + 20.0), "model mode"), Text((-18.0, -26.0), "identified [Hz]")]
-    image = np.repeat(np.repeat(shaded(values), square, axis=0), square, axis=1)
+    image = np.repeat(np.repeat(shade_values(values), square, axis=0), square, axis=1)
     return MacMatrix(values, image, tuple(left + below + axes))
 
 
-def shaded(values: FloatArray) -> ImageArray:
+def shade_values(values: FloatArray) -> ImageArray:
     """Return the colours of values from 0 to 1, shape (…, 3)."""
     places = np.linspace(0.0, 1.0, len(SHADES))
     bands = [np.interp(values, places, SHADES[:, band]) for band in range(3)]

@@ -138,7 +138,7 @@ def _response_texts(responses: FloatArray, height: float, exaggeration: float) -
         f"mudline displacement {_spread(1e3 * u)} mm",
         f"mudline rotation {_spread(1e3 * psi)} mrad",
         f"top by this alone {_spread(1e3 * (u + height * psi))} mm",
-        f"median (5 to 95 %), drawn × {_rounded(exaggeration):,.0f}",
+        f"median (5 to 95 %), drawn × {_round_to_two_digits(exaggeration):,.0f}",
     )
     lines = [Text((0.0, 0.72 + 0.13 * row), text) for row, text in enumerate(texts)]
     return (Text((-0.6, -TALL - 0.1), f"{LOAD / 1e6:g} MN"), *lines)
@@ -149,6 +149,6 @@ def _spread(values: FloatArray) -> str:
     return f"{middle:.4g} ({low:.4g} to {high:.4g})"
 
 
-def _rounded(number: float) -> float:
+def _round_to_two_digits(number: float) -> float:
     """Round to two digits."""
     return float(f"{number:.1e}")

@@ -158,7 +158,7 @@ def deflection(layout: SensorLayout, channels: Sequence[str], shape: FloatArray)
     return Deflection(elevations, displacements)
 
 
-def scaled_onto(shape: FloatArray, target: FloatArray) -> FloatArray:
+def scale_onto(shape: FloatArray, target: FloatArray) -> FloatArray:
     """Scale a shape to its least-squares fit of another: s φ with s = φ·τ / φ·φ.
 
     Two shapes of one mode then lie on each other, whichever component each is normalised to.

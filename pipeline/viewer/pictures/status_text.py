@@ -127,7 +127,7 @@ class SessionStatus:
         lost = sum(node.lost for node in self._nodes.values())
         if self._n_gaps or lost:
             return StatusIndicator(
-                "warning", f"measurements: {counted(self._n_gaps, 'gap')}, {lost} lost"
+                "warning", f"measurements: {count_noun(self._n_gaps, 'gap')}, {lost} lost"
             )
         if self._estimate is None and not self._rejections:
             return StatusIndicator("unknown", "measurements: no complete window yet")
@@ -138,7 +138,7 @@ class SessionStatus:
             return StatusIndicator("bad", "modes: the last window was rejected")
         if self._estimate is None:
             return StatusIndicator("unknown", "modes: none yet")
-        found = counted(len(self._estimate.modes), "mode")
+        found = count_noun(len(self._estimate.modes), "mode")
         if self._estimate.warnings:
             return StatusIndicator("warning", f"{found}, with a warning")
         return StatusIndicator("good", f"{found} in the last window")
@@ -178,7 +178,8 @@ class SessionStatus:
         sigma = posterior.parameter("sigma")
         rows.append(f"| σ [-] | {sigma.median:.4f} | below {sigma.p95:.4f} (95 %) | – |")
         fit = (
-            f"{counted(posterior.n_windows, 'window')}, until {clock_time(posterior.time_ns)} UTC. "
+            f"{count_noun(posterior.n_windows, 'window')}, "
+            f"until {clock_time(posterior.time_ns)} UTC. "
             f"Fit: χ² {posterior.reduced_chi_square:.2f}, "
             f"{posterior.paired_share:.0%} of identified modes paired. "
             f"Sampler: R̂ {posterior.rhat:.3f}, ESS {posterior.ess:.0f}."
@@ -192,7 +193,7 @@ class SessionStatus:
             f"  - {clock_time(window.start_ns)}: {window.reason}" for window in self._rejected
         ]
         lines.append(
-            f"- {counted(self._n_gaps, 'gap')} in the stream, {self._missing_s:.1f} s in all"
+            f"- {count_noun(self._n_gaps, 'gap')} in the stream, {self._missing_s:.1f} s in all"
         )
         lines += [f"  - {gap_text(gap)}" for gap in self._gaps]
         return ["#### Windows", "\n".join(lines)]
@@ -246,7 +247,7 @@ def gap_text(gap: StreamGap) -> str:
     return f"{clock_time(gap.start_ns)}: {gap.n_blocks} blocks ({length:.1f} s) of unit {gap.unit}"
 
 
-def counted(number: int, noun: str) -> str:
+def count_noun(number: int, noun: str) -> str:
     """'1 window', '2 windows'."""
     return f"{number} {noun}" + "s" * (number != 1)
 
@@ -259,7 +260,7 @@ def posterior_text(posterior: FoundationPosterior) -> str:
         half_width = (k.p95 - k.p05) / 2 / k.nominal
         parts.append(f"{name} {k.median / k.nominal:.3f} ± {half_width:.3f}")
     trust = "" if posterior.trusted else "NOT TRUSTED: "
-    return f"{trust}{', '.join(parts)} × nominal, from {counted(posterior.n_windows, 'window')}"
+    return f"{trust}{', '.join(parts)} × nominal, from {count_noun(posterior.n_windows, 'window')}"
 
 
 def frequencies_text(frequencies: Sequence[float]) -> str:

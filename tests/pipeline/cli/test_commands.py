@@ -118,10 +118,10 @@ def test_modes_lists_table_1_first(pilewatch: Command) -> None:
 
 
 def test_info_lists_what_a_recording_holds(pilewatch: Command, short_recording: Path) -> None:
-    told = pilewatch("info", str(short_recording))
-    assert told.returncode == 0
+    result = pilewatch("info", str(short_recording))
+    assert result.returncode == 0
     for word in ("AccelerationBlock", "240", "none", "truth.k11 = 9800000000.0"):
-        assert word in told.stdout
+        assert word in result.stdout
 
 
 def test_a_mistake_ends_the_process_with_code_2_and_no_traceback(tmp_path: Path) -> None:
@@ -167,7 +167,7 @@ def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) ->
         (("salvage", ""), "Is a directory"),
         (("describe", "--plot", "."), "cannot write the figure ."),
         (("identify", "a.csv", "--highest-frequency", "nan"), "highest_frequency is nan Hz"),
-        (("identify", "a.csv", "--plot", "gone/a.png"), "there is no folder gone"),
+        (("identify", "a.csv", "--plot", "gone/a.png"), "the folder gone does not exist"),
         (("modes", "--sign", "up"), "published or embedded-pile"),
         (("modes", "--turbine", "gone.toml"), "gone.toml"),
         (("identify", "gone.csv"), "gone.csv"),
@@ -288,8 +288,8 @@ def test_a_folder_that_is_a_file_is_one_line_for_a_node_too(
 ) -> None:
     (tmp_path / "file").write_text("x")
     with closing(ZenohBus(hub(endpoint := free_endpoint()))):
-        told = pilewatch("node", "recorder", "--connect", endpoint, "--out", "file")
-    assert "--out file: File exists; a folder is needed" in one_line(told)
+        result = pilewatch("node", "recorder", "--connect", endpoint, "--out", "file")
+    assert "--out file: File exists; a folder is needed" in one_line(result)
 
 
 def test_a_client_that_knows_no_router_is_one_line(pilewatch: Command) -> None:
@@ -323,13 +323,13 @@ def test_what_the_disk_refuses_is_one_line_whatever_the_command(
 
 def test_a_number_that_is_no_port_is_one_line_as_it_was_given(pilewatch: Command) -> None:
     for port in ("99999999", "-1"):
-        told = pilewatch("run", "--source", "live", "--metrics", port)
-        assert one_line(told).startswith(f"pilewatch: {port} is no port for the figures")
+        result = pilewatch("run", "--source", "live", "--metrics", port)
+        assert one_line(result).startswith(f"pilewatch: {port} is no port for the figures")
 
 
 def test_shares_of_a_farm_need_processes_of_their_own(pilewatch: Command) -> None:
-    told = pilewatch("run", "--source", "live", "--shards", "4")
-    assert "--shards 4 needs --processes" in one_line(told)
+    result = pilewatch("run", "--source", "live", "--shards", "4")
+    assert "--shards 4 needs --processes" in one_line(result)
 
 
 @pytest.mark.parametrize(

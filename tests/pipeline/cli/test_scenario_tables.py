@@ -15,11 +15,11 @@ from pipeline.scenario import load_scenario, shipped_scenarios
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_a_scenarios_settings_are_printed_as_in_its_file(name: str) -> None:
     """Units in brackets, section names, every line whole."""
-    told = CliRunner().invoke(app, ["simulate", "--describe", name]).output
+    result = CliRunner().invoke(app, ["simulate", "--describe", name]).output
     scenario = load_scenario(name)
-    assert scenario_settings(scenario) in told
-    assert "[turbine]" in told
-    assert scenario.title in told
+    assert scenario_settings(scenario) in result
+    assert "[turbine]" in result
+    assert scenario.title in result
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
@@ -32,9 +32,9 @@ def test_a_scenarios_description_is_not_broken_where_its_file_breaks_it(name: st
 
 
 def test_the_list_names_every_scenario_with_its_duration() -> None:
-    told = CliRunner().invoke(app, ["simulate", "--list"]).output
-    assert all(name in told for name in shipped_scenarios())
-    assert "3 h 20 min" in told
+    result = CliRunner().invoke(app, ["simulate", "--list"]).output
+    assert all(name in result for name in shipped_scenarios())
+    assert "3 h 20 min" in result
 
 
 @pytest.mark.parametrize(

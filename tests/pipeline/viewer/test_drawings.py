@@ -10,12 +10,12 @@ from scipy.signal import welch
 from pipeline.messages import FoundationTruth, StabilisationDiagram
 from pipeline.viewer.pictures.corner import PITCH, Axis, corner_plot
 from pipeline.viewer.pictures.frequency_axis import FrequencyAxis
-from pipeline.viewer.pictures.mac_matrix import LABEL_PITCH, mac_matrix, shaded
+from pipeline.viewer.pictures.mac_matrix import LABEL_PITCH, mac_matrix, shade_values
 from pipeline.viewer.pictures.pile import LOAD, TALL, mudline_response, pile_picture
 from pipeline.viewer.pictures.scene import (
     deflection,
     outline,
-    scaled_onto,
+    scale_onto,
     swing_frames,
     tube_mesh,
 )
@@ -98,7 +98,7 @@ def test_a_shape_on_part_of_the_channels_is_drawn_where_these_sit():
 
 def test_shapes_of_opposite_sign_are_laid_on_each_other():
     shape = np.array([0.2, 0.6, 1.0])
-    assert scaled_onto(-3.0 * shape, shape) == pytest.approx(shape)
+    assert scale_onto(-3.0 * shape, shape) == pytest.approx(shape)
 
 
 def test_consecutive_stretches_of_frames_are_the_frames_of_the_whole():
@@ -221,7 +221,7 @@ def test_labels_of_a_mac_matrix_do_not_cover_each_other(copies: int):
 
 
 def test_shades_run_from_dark_to_bright():
-    brightness = shaded(np.linspace(0, 1, 9)).astype(float) @ [0.3, 0.6, 0.1]
+    brightness = shade_values(np.linspace(0, 1, 9)).astype(float) @ [0.3, 0.6, 0.1]
     assert np.all(np.diff(brightness) > 0)
 
 

@@ -11,7 +11,7 @@ from threading import Thread
 
 import pytest
 
-from pipeline.viewer.outputs.page_server import content_policy, page_contents, serving_page
+from pipeline.viewer.outputs.page_server import content_policy, page_contents, run_page_server
 from pipeline.viewer.outputs.viewer_process import free_port
 
 SESSION = "rerun+http://127.0.0.1:9876/proxy"
@@ -37,7 +37,7 @@ def page(pictures: tuple[Path, ...] = ()) -> Iterator[str]:
     Thread(target=assets.serve_forever, daemon=True).start()
     port = free_port(0)
     options = {"session": SESSION, "assets_port": assets.server_port, "pictures": pictures}
-    with serving_page(port, **options):
+    with run_page_server(port, **options):
         yield f"http://127.0.0.1:{port}"
     assets.shutdown()
     assets.server_close()

@@ -20,7 +20,7 @@ from pipeline.viewer.outputs.viewer_process import (
     free_port,
     is_listening,
     proxy_address,
-    served_page,
+    serve_page,
     spawn_viewer,
 )
 from pipeline.viewer.viewer_node import Viewer
@@ -120,7 +120,7 @@ def test_a_viewer_that_is_killed_changes_nothing_for_anybody_else(
 
 
 def test_a_page_is_served_on_loopback_only_and_is_gone_afterwards():
-    with served_page(WebPage(free_port(0), free_port(0))) as shown:
+    with serve_page(WebPage(free_port(0), free_port(0))) as shown:
         address = urlsplit(shown.address)
         page, headers = fetched(shown.address)
         assert f'data-show="{shown.output.url}"' in page.decode()
@@ -182,6 +182,6 @@ def test_a_viewer_that_ends_at_once_is_one_line(monkeypatch: pytest.MonkeyPatch)
         spawn_viewer(free_port(0))
     with (
         pytest.raises(ViewerError, match=r"--view web: the viewer ended at once"),
-        served_page(WebPage(free_port(0), free_port(0))),
+        serve_page(WebPage(free_port(0), free_port(0))),
     ):
         pass

@@ -10,7 +10,7 @@ from pipeline.viewer.pictures.display_signals import (
     SAME_CLOCK,
     DisplayDecimator,
     DisplaySignal,
-    joined_runs,
+    join_runs,
     low_pass,
 )
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -67,7 +67,7 @@ def test_where_the_blocks_are_cut_does_not_matter():
 @pytest.mark.parametrize("sampling_rate", [40.0, 62.5])
 def test_blocks_joined_to_minutes_give_the_samples_of_single_blocks(sampling_rate: float):
     made = blocks(3.0, sampling_rate=sampling_rate, seconds=12)
-    apart, together = shown(made), shown(list(joined_runs(made)))
+    apart, together = shown(made), shown(list(join_runs(made)))
     assert (apart.times_ns == together.times_ns).all()
     assert apart.samples == pytest.approx(together.samples, abs=DISPLAY_STEP)
 
@@ -77,8 +77,8 @@ def test_blocks_with_a_gap_a_restart_or_another_clock_between_them_are_not_joine
     restarted = replace(second, session="restarted")
     late = replace(second, start_ns=second.start_ns + 2 * SAME_CLOCK)
     for pair in ([first, third], [first, restarted], [first, late]):
-        assert [len(run.samples) for run in joined_runs(pair)] == [40, 40]
-    assert [len(run.samples) for run in joined_runs([first, second, fourth])] == [80, 40]
+        assert [len(run.samples) for run in join_runs(pair)] == [40, 40]
+    assert [len(run.samples) for run in join_runs([first, second, fourth])] == [80, 40]
 
 
 def test_a_clock_that_runs_fast_is_followed_to_a_millisecond():
@@ -87,7 +87,7 @@ def test_a_clock_that_runs_fast_is_followed_to_a_millisecond():
         replace(block, start_ns=block.start_ns + round(drift * (block.start_ns - START_NS)))
         for block in blocks(0.5, sampling_rate=40.0, seconds=60)
     ]
-    runs = list(joined_runs(made))
+    runs = list(join_runs(made))
     assert len(runs) == 6
     apart, together = shown(made), shown(runs)
     assert np.abs(apart.times_ns - together.times_ns).max() <= SAME_CLOCK

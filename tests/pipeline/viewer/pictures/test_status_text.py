@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.messages import NodeStatus, QualityWarning
 from pipeline.viewer.pictures.status_text import (
     SessionStatus,
-    counted,
+    count_noun,
     frequencies_text,
     posterior_text,
 )
@@ -91,7 +91,7 @@ def test_one_line_for_a_posterior_has_medians_and_half_widths():
 
 
 def test_nouns_are_in_the_plural_after_numbers_other_than_one():
-    assert [counted(n, "gap") for n in (0, 1, 2)] == ["0 gaps", "1 gap", "2 gaps"]
+    assert [count_noun(n, "gap") for n in (0, 1, 2)] == ["0 gaps", "1 gap", "2 gaps"]
     assert frequencies_text([]) == "no modes"
     assert frequencies_text([0.158, 1.1]) == "2 modes, 0.158 to 1.10 Hz"
 
