@@ -10,10 +10,9 @@ Independent of `updating.likelihood.posterior_density`, which evaluates the dens
 import numpy as np
 
 from pipeline.updating.forward_model import ForwardModel
-from pipeline.updating.likelihood.laplace import Peak
 from pipeline.updating.likelihood.likelihood import ModalLikelihood
 from pipeline.updating.prior import Prior, modal_where_supported
-from pipeline.updating.samplers.interface import Target, log_prior_volume
+from pipeline.updating.samplers.interface import Peak, Target, log_prior_volume
 from sensors.arrays import FloatArray
 
 

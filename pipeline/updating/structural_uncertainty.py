@@ -25,10 +25,11 @@ from scipy.stats import halfnorm, norm
 from pipeline.messages import ParameterSummary
 from pipeline.updating.diagnostics import contraction
 from pipeline.updating.forward_model import ForwardModel, ModesOfStiffness
-from pipeline.updating.likelihood.laplace import Peak, bounded_inverse
+from pipeline.updating.likelihood.laplace import bounded_inverse
 from pipeline.updating.likelihood.pairing import DIFFERENCE
 from pipeline.updating.model_matching import Match
 from pipeline.updating.prior import Prior, PriorSettings, UpdatingError
+from pipeline.updating.samplers.interface import Peak
 from sensors.arrays import FloatArray
 
 SCOUR = "scour_depth"
