@@ -92,12 +92,6 @@ class ExamplePosterior:
         return self.draws[:, :3].std(axis=0)
 
     @property
-    def half_widths(self) -> FloatArray:
-        """Half widths of the 90 % intervals, shape (3,) [-]."""
-        low, high = np.quantile(self.draws[:, :3], [0.05, 0.95], axis=0)
-        return (high - low) / 2
-
-    @property
     def covers(self) -> NDArray[np.bool_]:
         """Whether each 90 % interval contains the truth, 1; shape (3,)."""
         low, high = np.quantile(self.draws[:, :3], [0.05, 0.95], axis=0)
