@@ -129,7 +129,7 @@ def _await_listening(
         if time.monotonic() > deadline:
             _stop(viewer)
             raise ViewerError(
-                f"{option}: no viewer on port {port} after {VIEWER_START_TIMEOUT:g} s; {ALTERNATIVE}"
+                f"{option}: no viewer on {port} after {VIEWER_START_TIMEOUT:g} s; {ALTERNATIVE}"
             )
         time.sleep(0.05)
 
