@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 EXCEPTIONS = json.loads((Path(__file__).parent / "layout_exceptions.json").read_text())
 MOST_MODULES = 12  # in one folder
 MOST_LOOSE = 5  # directly in pipeline/
+FACE = "pipeline.api.pilewatch"  # the library's public face: relative imports, names of its own
 ENTRY_POINTS = {"pipeline.__main__"}  # run by name, imported by nothing
 
 
@@ -51,19 +52,20 @@ def _imported(tree: ast.Module, known: dict[str, ast.Module]) -> Iterator[str]:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in known)
         elif isinstance(node, ast.ImportFrom) and node.module:
+            module = f"{FACE}.{node.module}" if node.level else node.module
             for alias in node.names:
-                inner = f"{node.module}.{alias.name}"
+                inner = f"{module}.{alias.name}"
                 if inner in known:
                     yield inner
-                elif node.module in known:
-                    yield node.module
+                elif module in known:
+                    yield module
 
 
 def definitions() -> dict[str, list[str]]:
     """Modules that define each public class or constant."""
     places: dict[str, list[str]] = defaultdict(list)
     for name, tree in modules().items():
-        for node in tree.body:
+        for node in () if name.startswith(FACE) else tree.body:
             for defined in _defined(node):
                 if not defined.startswith("_") and defined != "logger":
                     places[defined].append(name)
