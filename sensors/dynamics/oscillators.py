@@ -3,7 +3,6 @@ error: the matrix exponential as a recursion."""
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 from sensors.arrays import ComplexArray, FloatArray
 
@@ -46,6 +45,8 @@ class ModalOscillators:
         modal_forces   p, (n_modes, n_samples) [N/kg^½]
         returns        w, (n_modes, 2 + n_samples)
         """
+        from scipy.signal import lfilter  # 75 MB that only a simulation needs
+
         filtered = np.empty((len(modal_forces), modal_forces.shape[1] + 2))
         filtered[:, :2] = self._tail
         one = np.ones(1)

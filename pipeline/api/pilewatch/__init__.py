@@ -19,7 +19,7 @@ from .posterior import Posterior, update
 from .session import Session, open_session
 from .structure import Structure, StructureModes
 
-open = open_session  # pw.open("session.mcap"), as in other libraries of the field
+open = open_session  # noqa: A001  # as in other libraries of the field
 
 __all__ = [
     "InputError",
