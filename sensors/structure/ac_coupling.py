@@ -8,7 +8,10 @@ from sensors.arrays import ComplexArray, FloatArray
 class ChannelCoupling:
     """First-order high-pass of each AC-coupled channel, s / (s + 2π f_corner); DC passes all.
 
-    corner_frequencies   (n_channels,) [Hz]; 0 for a DC-coupled axis
+    Parameters
+    ----------
+    corner_frequencies : ndarray, shape (n_channels,)
+        Corner frequencies [Hz]; 0 for a DC-coupled axis.
     """
 
     def __init__(self, corner_frequencies: FloatArray, sampling_rate: float) -> None:

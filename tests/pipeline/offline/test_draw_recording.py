@@ -8,6 +8,7 @@ import pytest
 from pipeline.cli.report import show
 from pipeline.offline.draw_recording import draw_recording, open_pictures, pictures_of
 from pipeline.recording.writer import Recorder
+from pipeline.scenario import load_scenario, scenario_metadata
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerError
 from pipeline.viewer.viewer_node import Viewer
 from sensors.errors import InputError
@@ -20,7 +21,8 @@ EPISODE = Episode(n_windows=2, rejected=(1,))
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("shown") / "session.mcap"
-    recorder = Recorder(path, metadata={}, clock=None)
+    metadata = {"scenario": scenario_metadata(load_scenario("parked"))}
+    recorder = Recorder(path, metadata=metadata, clock=None)
     for message in session(EPISODE):
         recorder.handle(message)
     recorder.close()
