@@ -107,9 +107,7 @@ def last_posterior(
     return posterior
 
 
-def of_day(
-    kind: str, settings: UpdatingSettings, *, seed: int = SEED
-) -> list[FoundationPosterior]:
+def of_day(kind: str, settings: UpdatingSettings, *, seed: int = SEED) -> list[FoundationPosterior]:
     """One posterior for each cached hour."""
     updating = updater(settings, seed=seed)
     return [last_posterior(updating, hour.estimates) for hour in cached_day(kind)]

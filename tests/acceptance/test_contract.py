@@ -70,9 +70,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(
         assert low <= held <= high, name
 
 
-def test_errors_are_as_large_as_the_intervals_say(
-    kind: str, published: list[Published]
-) -> None:
+def test_errors_are_as_large_as_the_intervals_say(kind: str, published: list[Published]) -> None:
     """rms of (median − truth) over the standard deviation: 1 ± .45 is beyond 99.9 % of χ²(24)/24.
     The floors, which are wider than most modes need, may only make it smaller."""
     truths = np.array([hour.theta for hour in cached_day(kind)]) / NOMINAL
