@@ -13,20 +13,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.kept_answers import KeptIdentification
-from pipeline.nodes.identification_in_context import IdentificationInContext
+from pipeline.nodes.identification import IdentificationInContext
 from pipeline.nodes.node import Node
-from pipeline.nodes.updating_in_context import UpdatingInContext
+from pipeline.nodes.updating import UpdatingInContext
 from pipeline.oma.references import references_among
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Metadata
-from pipeline.resumption import ResumedIdentification, recorded_past
+from pipeline.runtime.identification_restart import (
+    KeptIdentification,
+    ResumedIdentification,
+    recorded_past,
+)
+from pipeline.runtime.updaters import Turbines
 from pipeline.scenario import Scenario
-from pipeline.turbines import Turbines
-from pipeline.viewer.outputs import ViewerOutput
-from pipeline.viewer.sink import Viewer
-from sensors.layout import LayoutError, SensorLayout
-from sensors.turbine.mast import bare_mast
+from pipeline.viewer.outputs.outputs import ViewerOutput
+from pipeline.viewer.viewer_node import Viewer
+from sensors.acquisition.layout import LayoutError, SensorLayout
+from sensors.structure.bare_mast import bare_mast
 
 
 @dataclass(frozen=True, slots=True)

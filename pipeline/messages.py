@@ -10,16 +10,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
-
-FloatArray = NDArray[np.float64]
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
+from sensors.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Warning:  # noqa: A001  # the field's word; Python's own is never used here
-    """A doubt about a result that is still given. Codes are stable, texts are for people."""
+class QualityWarning:
+    """A reservation about a result that is still given; codes are stable, texts are for people."""
 
     code: str  # e.g. "non-stationary", "clipped", "harmonic"
     text: str  # one sentence with the quantity, its unit and what it means
@@ -77,7 +76,7 @@ class ModalEstimate:
     channels: tuple[str, ...]  # names of the channels that the shapes' components belong to
     modes: tuple[Mode, ...]
     weight: float = 1.0  # hop / window duration: how much of the window is new [-]
-    warnings: tuple[Warning, ...] = ()
+    warnings: tuple[QualityWarning, ...] = ()
     operating_state: str = ""  # of the whole window by SCADA, see ScadaSample; "" unknown
     wind_speed: float = float("nan")  # mean over the window by SCADA [m/s]; NaN unknown
     rotor_speed: float = float("nan")  # [rpm]
@@ -171,7 +170,7 @@ class FoundationPosterior:
     paired_share: float  # identified modes that found a model mode [-]
     pairing_cost: float  # mean cost per identified mode [-]
     trusted: bool = True  # False: published, but the data contradict the model
-    warnings: tuple[Warning, ...] = ()
+    warnings: tuple[QualityWarning, ...] = ()
     population: str = ""  # the farm's prior that it began with; "" for the uniform one
     figures: tuple[ParameterSummary, ...] = ()  # of the structure that are uncertain as well
     change_probability: float = 0.0  # that the modes have changed since the last event [-]
@@ -294,7 +293,7 @@ class NodeStatus:
     late: int = 0  # blocks that came too late to be used
     duplicate: int = 0  # blocks that came twice
     busy_s: float = 0.0  # time spent in handling messages [s]
-    warnings: tuple[Warning, ...] = field(default=())
+    warnings: tuple[QualityWarning, ...] = field(default=())
     malformed: int = 0  # messages that were dropped: forged, oversized, broken
     recovered: int = 0  # blocks that came when their link was back, from where they were kept
     recorded: int = 0  # of a recorder: blocks in its recording, those of its earlier parts too

@@ -14,17 +14,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipeline.nodes.operation import OperationSettings
+from pipeline.nodes.operating_state import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
 from pipeline.updating.population import StiffnessPopulation, load_population
 from pipeline.updating.settings import UpdatingSettings
+from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
-from sensors.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.settings import settings_from_table
-from sensors.simulated import SimulationSettings
-from sensors.turbine.description import TurbineDescription, load_turbine
-from sensors.turbine.foundation import positive_definite
+from sensors.simulation.tower import SimulationSettings
+from sensors.structure.description import TurbineDescription, load_turbine
+from sensors.structure.foundation import positive_definite
 
 DEFAULT_SCENARIO = "parked"
 NO_STRUCTURE = "none"  # as `[turbine] description`: modes are tracked, nothing is updated

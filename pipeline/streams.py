@@ -15,9 +15,9 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,3 +72,22 @@ def stream_of(message: type) -> Stream:
 def key_of(message: Message) -> str:
     """The key on which this message travels."""
     return stream_of(type(message)).key_of(message)
+
+
+def time_of(message: Message) -> int | None:
+    """Time to file a message under [ns since 1970-01-01 UTC]; None for one that holds for ever.
+
+    Samples and gaps are filed under their beginning, results under the end of the window they
+    come from; a NodeStatus has the time of its machine.
+    """
+    match message:
+        case AccelerationBlock() | StreamGap():
+            return message.start_ns
+        case ModalEstimate() | StabilisationDiagram() | WindowRejected():
+            return message.end_ns
+        case FoundationPosterior() | PooledPosterior() | FoundationEvent() | FoundationTruth():
+            return message.time_ns
+        case ScadaSample() | StreamEnd() | NodeStatus():
+            return message.time_ns
+        case _:
+            return None

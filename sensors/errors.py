@@ -1,10 +1,10 @@
 """The one error a person can cause and mend.
 
 InputError                 what somebody gave is wrong
-├── TurbineError           a turbine description (sensors.turbine.description)
-├── LayoutError            a sensor layout (sensors.layout)
+├── TurbineError           a turbine description (sensors.structure.description)
+├── LayoutError            a sensor layout (sensors.acquisition.layout)
 ├── LoadError              a load on the structure (sensors.loads)
-├── SimulationError        how a tower is simulated (sensors.simulation_settings)
+├── SimulationError        how a tower is simulated (sensors.simulation.settings)
 ├── ScenarioError          a scenario file (pipeline.scenario)
 ├── RecordingError         a recording that is missing, foreign or damaged (pipeline.recording)
 └── TransportError         a port in use, an endpoint out of reach (pipeline.transport)

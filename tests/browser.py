@@ -26,8 +26,8 @@ from urllib.parse import urlsplit
 
 from PIL import Image
 
-from pipeline.viewer.outputs import WebPage
-from pipeline.viewer.viewer_process import free_port, served_page
+from pipeline.viewer.outputs.outputs import WebPage
+from pipeline.viewer.outputs.viewer_process import free_port, served_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

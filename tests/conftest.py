@@ -7,7 +7,7 @@ from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from pipeline.scenario import Scenario, scenario_from_text
-from pipeline.sources import record_simulation, simulated
+from pipeline.sources.sources import record_simulation, simulated
 
 # As every way of running the graph does: small matrices are faster on one thread.
 threadpool_limits(limits=1)

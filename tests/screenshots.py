@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from pipeline.viewer import colours
+from pipeline.viewer.pictures import colours
 
 WINDOW_SIZE = "1600x1000"  # [pixels]
 PATIENCE = 60.0  # for a viewer to come up on a slow machine [s]

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from pipeline.report.html import TextTable, document, paragraph, table_of
-from pipeline.viewer.outputs import WebPage
-from pipeline.viewer.viewer_process import free_port, served_page
+from pipeline.viewer.outputs.outputs import WebPage
+from pipeline.viewer.outputs.viewer_process import free_port, served_page
 from tests import browser
 from tests.browser import DESK, PHONE, Heard, Screen
 

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
-from pipeline.offline import recorded_channels
-from pipeline.offline_updating import holds_estimates, recorded_source, updated_from
+from pipeline.offline.identify_file import recorded_channels
+from pipeline.offline.update_recording import holds_estimates, recorded_source, updated_from
 from pipeline.recording.reader import read_messages
+from pipeline.run.options import SessionOptions, Way
+from pipeline.run.run import run_session
 from pipeline.scenario import scenario_from_text
-from pipeline.session.options import SessionOptions, Way
-from pipeline.session.running import run_session
-from pipeline.sources import record_simulation, replayed, simulated
-from sensors.blocks import AccelerationBlock
+from pipeline.sources.sources import record_simulation, replayed, simulated
+from sensors.acquisition.blocks import AccelerationBlock
 
 
 @pytest.fixture(scope="module")

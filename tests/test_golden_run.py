@@ -24,11 +24,11 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from pipeline import runner
 from pipeline.app import Outputs, build
 from pipeline.messages import FoundationPosterior, Message, ModalEstimate, NodeStatus
+from pipeline.runtime import runner
 from pipeline.scenario import load_scenario
-from pipeline.sources import Source, replayed, simulated
+from pipeline.sources.sources import Source, replayed, simulated
 from pipeline.streams import STREAMS
 from pipeline.transport.codec import encode
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.notices.settings import load_notices
-from pipeline.status import ENDPOINT_FILE, KEY, StatusDesk
+from pipeline.monitoring.alarms.settings import load_notices
+from pipeline.monitoring.status import ENDPOINT_FILE, KEY, StatusNode
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 
 README = Path(__file__).parents[1] / "README.md"
@@ -36,7 +36,7 @@ def test_the_status_example_prints_the_posteriors_of_the_session_that_runs(
     (tmp_path / "out" / ENDPOINT_FILE).write_text(f"{endpoint}\n")
     monkeypatch.chdir(tmp_path)
     with closing(ZenohBus(hub(endpoint))) as bus:
-        bus.answer(f"{KEY}/t1", StatusDesk("live").answer)
+        bus.answer(f"{KEY}/t1", StatusNode("live").answer)
         exec(compile(example, str(README), "exec"), {})
 
     assert capsys.readouterr().out == "[]\n"

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.scenario import load_scenario
-from pipeline.sources import replayed, simulated_tower
-from sensors.blocks import AccelerationBlock
+from pipeline.sources.sources import replayed, simulated_tower
+from sensors.acquisition.blocks import AccelerationBlock
 
 PARKED = Path(__file__).parents[1] / "recordings" / "parked.mcap"
 

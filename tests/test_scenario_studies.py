@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.scenario import load_scenario
-from sensors.faults import Fault
+from sensors.simulation.faults import Fault
 from tests.benchmarks import scenarios
 from tests.benchmarks._sessions import NAMES, SPRINGS, outcome, session
 

@@ -13,26 +13,16 @@ from typing import Any
 import typer
 from rich.logging import RichHandler
 
-from pipeline.cli.ack import ack
-from pipeline.cli.certificates import certificates
 from pipeline.cli.console import escaped, people
-from pipeline.cli.describe import describe
-from pipeline.cli.export import export
-from pipeline.cli.farm import farm
-from pipeline.cli.feeding import feed
-from pipeline.cli.importing import import_files
-from pipeline.cli.metrics import metrics
-from pipeline.cli.modal import identify, modes
-from pipeline.cli.playing import control, publish
-from pipeline.cli.recordings import info, salvage, simulate
-from pipeline.cli.report import report
-from pipeline.cli.reprocess import reprocess
-from pipeline.cli.reproduce import reproduce
-from pipeline.cli.session import node, run
-from pipeline.cli.show import show
-from pipeline.cli.status import status
-from pipeline.cli.update import update
-from pipeline.errors import NodeFailed
+from pipeline.cli.farm import farm, reprocess
+from pipeline.cli.live import certificates, control, feed, publish
+from pipeline.cli.modes import describe, identify, modes
+from pipeline.cli.recordings import export, import_files, info, salvage, simulate
+from pipeline.cli.report import report, show
+from pipeline.cli.run import node, run
+from pipeline.cli.status import ack, metrics, status
+from pipeline.cli.update import reproduce, update
+from pipeline.runtime.errors import NodeFailed
 from sensors.errors import InputError
 
 app = typer.Typer(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.console import escaped, output, people, progress
+from pipeline.cli.console import ScenarioOption, escaped, output, people, progress
 from sensors.errors import InputError
 
 
@@ -24,9 +24,13 @@ def simulate(
     ] = None,
 ) -> None:
     """Simulate a scenario's turbine and record what its sensors say."""
+    from pipeline.cli.tables.recordings import (
+        scenario_description,
+        scenario_settings,
+        scenarios_table,
+    )
     from pipeline.scenario import load_scenario, shipped_scenarios, with_overrides
-    from pipeline.sources import record_simulation, simulated
-    from pipeline.tables.recordings import scenario_description, scenario_settings, scenarios_table
+    from pipeline.sources.sources import record_simulation, simulated
 
     if show_list:
         output.print(scenarios_table([load_scenario(name) for name in shipped_scenarios()]))
@@ -52,8 +56,8 @@ def info(
     file: Annotated[Path, typer.Argument(help="An MCAP recording.")],
 ) -> None:
     """Show what a recording holds: channels, duration, gaps, scenario, truth."""
+    from pipeline.cli.tables.recordings import recording_tables
     from pipeline.recording.info import recording_info
-    from pipeline.tables.recordings import recording_tables
 
     with people.status(f"reading {file}"):
         found = recording_info(file)
@@ -80,3 +84,89 @@ def salvage(
     with people.status(f"reading {file}"):
         remains = salvaged(file, target)
     output.print(f"{target}: {remains.recovered}", soft_wrap=True)
+
+
+def import_files(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            help="CSV, TSV, Parquet, NPZ, HDF5, TDMS or miniSEED; several are joined in order of "
+            "time."
+        ),
+    ],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The MCAP file to write.")] = None,
+    layout: Annotated[
+        Path | None,
+        typer.Option(help="TOML file: where each channel was, what it measured, in what unit."),
+    ] = None,
+    template: Annotated[
+        bool, typer.Option("--template", help="Print a layout file of the channels, to fill in.")
+    ] = False,
+    sampling_rate: Annotated[
+        float | None,
+        typer.Option(help="[Hz]; count the samples by it, whatever time stamps there are."),
+    ] = None,
+    reader: Annotated[
+        str | None,
+        typer.Option(help="package.module:function that reads a file to SEP005 channels."),
+    ] = None,
+    scenario: ScenarioOption = None,
+) -> None:
+    """Make a recording of files of measurements. Without a scenario, running it tracks modes."""
+    from pipeline.scenario import load_scenario
+    from pipeline.sources.import_files import open_measurement, record_measurement
+    from sensors.files.formats import channels_in
+    from sensors.files.layout_file import layout_template, load_layout
+
+    if template:
+        typer.echo(layout_template(channels_in(files[0], reader)), nl=False)
+        return
+    if out is None:
+        raise InputError("import needs -o FILE.mcap, the recording to write")
+    chosen = None if scenario is None else load_scenario(scenario)
+    measurement = open_measurement(
+        files,
+        layout=None if layout is None else load_layout(layout),
+        turbine="turbine" if chosen is None else chosen.turbine.id,
+        sampling_rate=sampling_rate,
+        reader=reader,
+    )
+    with progress(f"importing {len(files)} files", None) as report:
+        record_measurement(measurement, out, scenario=chosen, report=report)
+    output.print(f"{out}: {out.stat().st_size / 1e6:.2f} MB", soft_wrap=True)
+
+
+def export(
+    file: Annotated[
+        Path, typer.Argument(help="An MCAP recording, or a session's folder with all its parts.")
+    ],
+    csv: Annotated[bool, typer.Option("--csv", help="Text with a header row.")] = False,
+    parquet: Annotated[bool, typer.Option("--parquet", help="Parquet, times UTC.")] = False,
+    imu: Annotated[
+        bool,
+        typer.Option(
+            "--imu",
+            help="imu.mcap: samples only, a ROS 2 message each, as Foxglove and PlotJuggler draw.",
+        ),
+    ] = False,
+    out: Annotated[
+        Path, typer.Option("-o", "--out", help="The folder of the files; nothing is overwritten.")
+    ] = Path("export"),
+) -> None:
+    """Write a recording's samples and results as CSV or Parquet files, or its samples for viewers.
+
+    `pilewatch identify` reads the samples' CSV again.
+    """
+    from pipeline.export.export import export as exported
+    from pipeline.export.imu import export_imu
+
+    if csv + parquet + imu != 1:
+        raise InputError("export needs one of --csv, --parquet and --imu")
+    with progress(f"exporting {file}", None) as report:
+        if imu:
+            files = export_imu(file, out, report=report)
+        else:
+            files = exported(file, out, "csv" if csv else "parquet", report=report)
+    what = "messages" if imu else "rows"
+    for each in files:
+        output.print(f"{each.path}: {each.rows} {what}", soft_wrap=True, highlight=False)

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pipeline.cli.console import escaped, output
-from pipeline.json_values import Json
+from pipeline.state.json_values import Json
 
 if TYPE_CHECKING:
+    from pipeline.monitoring.summary import SessionSummary
     from pipeline.scenario import Scenario
-    from pipeline.summary import SessionSummary
 
 TOLD_OF_A_KIND = 3  # doubts, and windows not used; all are in summary.json
 
@@ -26,9 +26,9 @@ def print_results(
     scenario  of the session; without a structural model there is no posterior to speak of
     misfits   also how each mode fits; always where the posterior is not to be trusted
     """
-    from pipeline.model_modes import nearest_modes
-    from pipeline.tables.modes import identified_modes_table, nearest_modes_table
-    from pipeline.tables.posteriors import misfit_table, posterior_table
+    from pipeline.cli.tables.modes import identified_modes_table, nearest_modes_table
+    from pipeline.cli.tables.posteriors import misfit_table, posterior_table
+    from pipeline.offline.model_modes import nearest_modes
 
     output.print(identified_modes_table(summary.modes, figures["windows"]["identified"]))
     if not scenario.has_structure:

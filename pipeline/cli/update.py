@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from pipeline.cli.console import JsonOption, ScenarioOption, output, people, progress
 from pipeline.cli.results import print_results
+from sensors.errors import InputError
 
 
 def update(
@@ -25,7 +27,7 @@ def update(
     as_json: JsonOption = False,
 ) -> None:
     """Update the foundation's stiffness from a recording, and say how every mode fits."""
-    from pipeline.offline_updating import holds_estimates, recorded_source, updated_from
+    from pipeline.offline.update_recording import holds_estimates, recorded_source, updated_from
 
     started = time.monotonic()
     source = recorded_source(file, scenario=scenario, sampler=sampler)
@@ -40,3 +42,32 @@ def update(
     if not again:
         people.print("From the modes that were recorded; --identify begins with the accelerations.")
     print_results(summary, figures, scenario=source.scenario, misfits=True)
+
+
+FIRST_SEED = 101
+
+
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for the report.")] = Path("reproduction"),
+    seeds: Annotated[int, typer.Option(help="How many seeds; one takes minutes.")] = 1,
+    first_seed: Annotated[int, typer.Option(help="The first of them.")] = FIRST_SEED,
+) -> None:
+    """Run the publication's example and write its tables and figure beside ours."""
+    from pipeline.reproduction.page import write_report
+    from pipeline.reproduction.study import run_study
+    from sensors.structure.foundation import SPRING_SIGNS
+
+    if seeds < 1:
+        raise InputError(f"--seeds is {seeds}; at least 1 is needed")
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed} of {task.total}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=people, transient=True) as bar:
+        total = seeds * len(SPRING_SIGNS)
+        task = bar.add_task("simulate, identify, update (two processes)", total=total)
+        study = run_study(range(first_seed, first_seed + seeds), report=lambda: bar.advance(task))
+    files = write_report(study, out)
+    output.print("Written: " + ", ".join(str(path) for path in files), soft_wrap=True)

@@ -21,8 +21,8 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.updating.prior import PARAMETER_NAMES, PARAMETER_UNITS
-from sensors.blocks import NANOSECONDS
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.scada import ScadaSample
 
 TIMESTAMP = pa.timestamp("ns", tz="UTC")
 Row = tuple[Any, ...]

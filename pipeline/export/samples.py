@@ -13,8 +13,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pipeline.export.table_file import Format
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 
 TIMESTAMP = pa.timestamp("ns", tz="UTC")
 

@@ -1,0 +1,1 @@
+"""What a node is, and the nodes: state between messages around pure functions."""

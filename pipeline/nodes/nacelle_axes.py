@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.modal_shapes import normalised_to, renormalised_factor
+from pipeline.modal_assurance import normalised_to, renormalised_factor
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
-
-FloatArray = NDArray[np.float64]
 
 
 def in_nacelle_axes(estimate: ModalEstimate, layout: SensorLayout) -> ModalEstimate:

@@ -6,15 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.messages import Mode, Warning  # noqa: A004  # the field's word
-from pipeline.oma.band_identification import (
-    BandIdentification,
-    band_covariances,
-    modes_of_covariances,
-)
-from pipeline.oma.bands import plan_bands
-from pipeline.oma.close_pairs import UNRESOLVED, twin_pairs, with_close_pairs
-from pipeline.oma.input_checks import (
+from pipeline.messages import Mode, QualityWarning
+from pipeline.oma.band_merging import merged
+from pipeline.oma.closely_spaced_modes import UNRESOLVED, twin_pairs, with_close_pairs
+from pipeline.oma.data_quality.input_checks import (
     HARMONIC_DAMPING,
     Finding,
     check_samples,
@@ -23,17 +18,20 @@ from pipeline.oma.input_checks import (
     is_harmonic,
     mended,
 )
-from pipeline.oma.merging import merged
-from pipeline.oma.preprocessing import decimated, without_offset
-from pipeline.oma.quantities import integrations_of
 from pipeline.oma.references import references_among
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.stabilization import PoleCloud
-from pipeline.oma.twins import Twins
+from pipeline.oma.ssi.band_identification import (
+    BandIdentification,
+    band_covariances,
+    modes_of_covariances,
+)
+from pipeline.oma.ssi.bands import plan_bands
+from pipeline.oma.ssi.coincident_modes import CoincidentModes
+from pipeline.oma.ssi.measured_quantities import integrations_of
+from pipeline.oma.ssi.preprocessing import decimated, without_offset
+from pipeline.oma.ssi.stabilization import PoleCloud
+from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 AT_BOUND = 2.0  # a frequency std of less, over the attainable bound, could hardly be smaller [-]
 WELL_KNOWN_SHAPE = 0.1  # a largest std of a shape's components as only modes have it [-]
@@ -48,8 +46,10 @@ class Identification:
     """What one window says: its modes, or why it says nothing."""
 
     modes: tuple[Mode, ...]  # lowest frequency first
-    warnings: tuple[Warning, ...] = ()
-    rejection: Warning | None = None  # the window cannot be identified; `modes` is empty then
+    warnings: tuple[QualityWarning, ...] = ()
+    rejection: QualityWarning | None = (
+        None  # the window cannot be identified; `modes` is empty then
+    )
     diagrams: tuple[PoleCloud, ...] = ()  # stabilisation diagram of each band, slowest first
 
 
@@ -131,7 +131,7 @@ def concluded(
             modes.append(mode)
     warnings = [finding.warning for finding in findings]
     warnings += [
-        Warning(
+        QualityWarning(
             "harmonic",
             f"what shakes at {mode.frequency:.4g} Hz keeps its amplitude: a machine's harmonic, "
             "not taken for a mode",
@@ -149,9 +149,11 @@ def concluded(
     )
 
 
-def _twins_beside(by_band: Sequence[BandIdentification], known: Sequence[Mode]) -> list[Twins]:
+def _twins_beside(
+    by_band: Sequence[BandIdentification], known: Sequence[Mode]
+) -> list[CoincidentModes]:
     """Each place once where two modes are too alike to be told apart, and neither was."""
-    found: list[Twins] = []
+    found: list[CoincidentModes] = []
     for twins in sorted((t for band in by_band for t in band.twins), key=lambda t: t.frequency):
         others = [*(each.frequency for each in found), *(mode.frequency for mode in known)]
         if not any(abs(twins.frequency - f) <= TWINS_PLACE * twins.frequency for f in others):
@@ -159,8 +161,8 @@ def _twins_beside(by_band: Sequence[BandIdentification], known: Sequence[Mode]) 
     return found
 
 
-def _told(twins: Twins) -> Warning:
-    return Warning(
+def _told(twins: CoincidentModes) -> QualityWarning:
+    return QualityWarning(
         "twin-modes",
         f"two modes near {twins.frequency:.4g} Hz are too alike to be told apart, their shapes mix "
         "(a structure alike in two directions?): what is known is their mean",
@@ -235,6 +237,6 @@ def default_names(n_channels: int) -> tuple[str, ...]:
     return tuple(f"channel {i + 1}" for i in range(n_channels))
 
 
-def rejection_in(findings: Sequence[Finding]) -> Warning | None:
+def rejection_in(findings: Sequence[Finding]) -> QualityWarning | None:
     """Why a window is not identified; None when it may be."""
     return next((f.warning for f in findings if f.action == "reject"), None)

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.oma.covariance import ALL, References
 from pipeline.oma.settings import OmaSettings, OmaSettingsError
+from pipeline.oma.ssi.covariance import ALL, References
 
 
 def references_among(channel_names: Sequence[str], settings: OmaSettings) -> References:

@@ -22,16 +22,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.oma.band_identification import block_length, modes_of_covariances
-from pipeline.oma.bands import Band, plan_bands
-from pipeline.oma.covariance import (
-    ALL,
-    BlockCovariances,
-    LagCovariances,
-    References,
-    block_covariances,
-    joined,
-)
 from pipeline.oma.identification import (
     Identification,
     check_window,
@@ -40,13 +30,21 @@ from pipeline.oma.identification import (
     identify,
     rejection_in,
 )
-from pipeline.oma.preprocessing import decimated, n_decimated
 from pipeline.oma.references import references_among, settings_for_channels
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi_cov import SignalSubspace
-
-FloatArray = NDArray[np.float64]
-
+from pipeline.oma.ssi.band_identification import block_length, modes_of_covariances
+from pipeline.oma.ssi.bands import Band, plan_bands
+from pipeline.oma.ssi.covariance import (
+    ALL,
+    BlockCovariances,
+    LagCovariances,
+    References,
+    block_covariances,
+    joined,
+)
+from pipeline.oma.ssi.preprocessing import decimated, n_decimated
+from pipeline.oma.ssi.ssi_cov import SignalSubspace
+from sensors.arrays import FloatArray
 
 PIECE = 10.0  # that is filtered at once [s]: filters are longer than a block of one second
 

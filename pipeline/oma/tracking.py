@@ -11,13 +11,11 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from pipeline.messages import Mode
-from pipeline.modal_shapes import modal_assurance_criterion
-
-FloatArray = NDArray[np.float64]
+from pipeline.modal_assurance import modal_assurance_criterion
+from sensors.arrays import FloatArray
 
 DRIFT_PER_WINDOW = 0.001  # std of a frequency's own random walk, relative, a window
 SHAPE_SCATTER = 0.15  # scale of 1 − MAC between an estimate and its track [-]

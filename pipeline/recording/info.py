@@ -9,8 +9,8 @@ from pathlib import Path
 from pipeline.messages import NodeStatus, StreamGap
 from pipeline.recording.mcap_file import RecordedMessage
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 
 
 @dataclass(frozen=True, slots=True)

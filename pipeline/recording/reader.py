@@ -20,7 +20,7 @@ from pipeline.recording.mcap_file import (
 from pipeline.recording.salvage import describe_what_is_left
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
 
 
 def read_messages(

@@ -19,11 +19,11 @@ from pipeline.recording.mcap_file import (
 from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 
 @dataclass(frozen=True, slots=True)
-class Remains:
+class SalvagedContent:
     """How much of a file can still be read."""
 
     chunks: int  # complete, with a checksum that holds
@@ -58,7 +58,7 @@ def salvaged_name(source: Path) -> Path:
     return source.parent / f"{name}.salvaged.mcap"
 
 
-def salvage(source: Path, target: Path) -> Remains:
+def salvage(source: Path, target: Path) -> SalvagedContent:
     """Write every message of the complete chunks of `source` to a new, whole recording `target`,
     with the metadata and all times as they were. The source is left as it is.
 
@@ -118,9 +118,9 @@ class _Remains:
             self._ends_ns.append(message.end_ns)
         return message
 
-    def counted(self) -> Remains:
+    def counted(self) -> SalvagedContent:
         span_ns = max(self._ends_ns, default=0) - min(self._starts_ns, default=0)
-        return Remains(
+        return SalvagedContent(
             chunks=self._chunks,
             damaged_chunks=self._damaged,
             messages=self._messages,

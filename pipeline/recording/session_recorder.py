@@ -11,11 +11,12 @@ import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from pipeline.messages import FoundationTruth, Message, NodeStatus
-from pipeline.messages import Warning as Doubt
+from pipeline.messages import FoundationTruth, Message, NodeStatus, QualityWarning
+from pipeline.recording.deduplication import Repetition, latest_payloads
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import counted_in_summary
-from pipeline.recording.parts import (
+from pipeline.recording.reader import recorded_messages
+from pipeline.recording.rotation import (
     close_leftovers,
     closed_in_place,
     next_part,
@@ -23,14 +24,12 @@ from pipeline.recording.parts import (
     parts_of,
     thin,
 )
-from pipeline.recording.reader import recorded_messages
-from pipeline.recording.repetition import Repetition, latest_payloads
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
 from pipeline.streams import key_of, stream_of
 from pipeline.transport.codec import encode
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 
 logger = logging.getLogger(__name__)
 
@@ -88,7 +87,7 @@ class SessionRecorder:
         settings: RecordingSettings | None = None,
         free: Callable[[Path], int] = free_bytes,
     ) -> None:
-        self.warnings: tuple[Doubt, ...] = ()
+        self.warnings: tuple[QualityWarning, ...] = ()
         self.lost = 0  # acceleration blocks that were received and could not be recorded
         self.duplicate = 0  # acceleration blocks that had been recorded before
         self._path = path
@@ -195,7 +194,7 @@ class SessionRecorder:
         assert self._recorder is not None
         recorder, self._recorder = self._recorder, None
         text = f"recording to {recorder.path} has stopped: {reason}"
-        self.warnings = (Doubt("recording-stopped", text),)
+        self.warnings = (QualityWarning("recording-stopped", text),)
         logger.error(text)
         if not self._closed_by_itself(recorder):
             recorder.abandon()

@@ -13,11 +13,10 @@ from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
 from pipeline.messages import Message
 from pipeline.recording.errors import RecordingError
-from pipeline.recording.times import time_of
-from pipeline.streams import STREAMS, key_of
+from pipeline.streams import STREAMS, key_of, time_of
 from pipeline.transport.codec import encode
 from pipeline.transport.wire import full_name, self_description
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 logger = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from io import StringIO
 from typing import Any
 
-from pipeline.viewer.colours import Colour
+from pipeline.viewer.pictures.colours import Colour
 from sensors.errors import InputError
 
 INK = "#010203"  # stands for the page's text colour until the SVG is written

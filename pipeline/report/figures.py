@@ -22,9 +22,9 @@ from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import ratios
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_telling
 from pipeline.updating.prior import PARAMETER_NAMES
-from pipeline.viewer import colours
+from pipeline.viewer.pictures import colours
+from sensors.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Times = NDArray[np.datetime64]
 _Spanned = ModalEstimate | WindowRejected | StreamGap
 

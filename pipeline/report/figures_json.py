@@ -1,10 +1,10 @@
 """The report's figures for machines: `pilewatch report --json`. Names are stable: more may come."""
 
-from pipeline.json_values import Json, known
 from pipeline.report.recorded_session import RecordedSession, TurbineRecord
 from pipeline.report.sentences import condition, distrust, findings, headline
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks
-from pipeline.updating.summary import stiffness_summary
+from pipeline.state.json_values import Json, known
+from pipeline.state.posterior_json import stiffness_summary
 
 
 def session_json(session: RecordedSession) -> Json:

@@ -35,8 +35,8 @@ from pipeline.report.tables import (
 )
 from pipeline.report.wording import counted, instant, percent, span
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
-from pipeline.viewer import colours
-from sensors.blocks import NANOSECONDS
+from pipeline.viewer.pictures import colours
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
 STYLE = f"""

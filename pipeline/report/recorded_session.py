@@ -18,16 +18,16 @@ from pipeline.messages import (
     ParameterSummary,
     WindowRejected,
 )
+from pipeline.monitoring.summary import SessionSummary
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Metadata
 from pipeline.scenario import scenario_from_metadata
-from pipeline.session_files import session_files, unfinished_files
-from pipeline.summary import SessionSummary
+from pipeline.sources.session_files import session_files, unfinished_files
 from pipeline.updating.prior import PriorSettings
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout, joined_layout
 from sensors.errors import InputError
-from sensors.layout import SensorLayout, joined_layout
 
 NO_FACTOR = np.empty((0, 0))
 

@@ -14,7 +14,7 @@ from pipeline.messages import (
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.wording import counted, instant, joined, percent, period, span
 from pipeline.updating.prior import PARAMETER_NAMES
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 SPRINGS = {
     "k11": "the foundation's lateral stiffness",

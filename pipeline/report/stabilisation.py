@@ -5,14 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 from pipeline.oma.identification import Identification
 from pipeline.report.canvas import new_figure
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 LINES_PER_WINDOW = 20  # segments of the Welch spectrum in the window, halves overlapping
 DOTS_PER_INCH = 120

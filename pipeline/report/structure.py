@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+from pipeline.offline.describe_structure import N_MODES, StructureFigures
 from pipeline.report.canvas import DOTS_PER_INCH, new_figure
-from pipeline.structure_figures import N_MODES, StructureFigures
 from sensors.errors import InputError
-from sensors.turbine.description import TurbineDescription
+from sensors.structure.description import TurbineDescription
 
 STEEL, SEA, GROUND, ROTOR = "#56B4E9", "#0072B2", "#8C8C8C", "#E69F00"  # told apart by everybody
 SEA_DEPTH = 0.25  # transparency of the water [-]

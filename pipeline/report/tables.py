@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from typing import Any
 
-from pipeline.combined_modes import CombinedMode
 from pipeline.messages import FoundationEvent, WindowRejected
 from pipeline.report.html import TextTable
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import headline, ratios
 from pipeline.report.wording import percent, span, stamp
+from pipeline.state.run_modes import CombinedMode
 from pipeline.updating.prior import PARAMETER_NAMES
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 MOST_ROWS = 60  # of windows, gaps or doubts; of more, the newest
 

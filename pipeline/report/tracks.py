@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModePair
 from pipeline.report.recorded_session import TurbineRecord
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,7 +2,7 @@
 
 from datetime import UTC, datetime
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 
 def day(time_ns: int) -> str:

@@ -8,15 +8,13 @@ route of its own to what `updating.density.JointDensity` reads off a grid of σ.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.updating.forward_model import ForwardModel
-from pipeline.updating.laplace import Peak
-from pipeline.updating.likelihood import ModalLikelihood
+from pipeline.updating.likelihood.laplace import Peak
+from pipeline.updating.likelihood.likelihood import ModalLikelihood
 from pipeline.updating.prior import Prior, modal_where_supported
-from pipeline.updating.sampling import Target, log_prior_volume
-
-FloatArray = NDArray[np.float64]
+from pipeline.updating.samplers.interface import Target, log_prior_volume
+from sensors.arrays import FloatArray
 
 
 class PublishedDensity:

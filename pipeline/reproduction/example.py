@@ -13,36 +13,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.reproduction.density import PublishedDensity
 from pipeline.reproduction.paper import LABELS, SAMPLES
 from pipeline.scenario import Scenario, load_scenario, with_overrides
-from pipeline.sources import simulated_tower
-from pipeline.updating.deterministic import (
+from pipeline.sources.sources import simulated_tower
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.evidence.observations import sightings
+from pipeline.updating.likelihood.deterministic import (
     Descent,
     ModalObjective,
     deterministic_update,
     identified_by_label,
 )
-from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.laplace import laplace_peak
-from pipeline.updating.likelihood import LikelihoodSettings, ModalLikelihood, observations
-from pipeline.updating.pairing import Pairing
+from pipeline.updating.likelihood.laplace import laplace_peak
+from pipeline.updating.likelihood.likelihood import (
+    LikelihoodSettings,
+    ModalLikelihood,
+    observations,
+)
+from pipeline.updating.likelihood.pairing import Pairing
 from pipeline.updating.prior import Prior, UpdatingError
-from pipeline.updating.sampling import PosteriorDraws
-from pipeline.updating.sightings import sightings
-from pipeline.updating.tmcmc import (
-    MendedTmcmc,
+from pipeline.updating.samplers.interface import PosteriorDraws
+from pipeline.updating.samplers.tmcmc import (
+    CorrectedTmcmc,
     PublishedSettings,
     PublishedTmcmc,
     TemperingSettings,
 )
-from sensors.blocks import NANOSECONDS
-from sensors.turbine.foundation import SpringSign
-from sensors.turbine.modal import ModalModel
-
-FloatArray = NDArray[np.float64]
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.foundation import SpringSign
 
 SCENARIO = "paper"
 # As the publication has it: no systematic floors, Gaussian errors.
@@ -215,7 +218,7 @@ def _posteriors(
     density = PublishedDensity(likelihood, forward, prior)
     target = density.target(laplace_peak(likelihood, forward, prior, np.ones(3)))
     published = PublishedTmcmc(PublishedSettings(samples=samples))
-    mended = MendedTmcmc(TemperingSettings(samples=min(samples, KEPT_DRAWS)))
+    mended = CorrectedTmcmc(TemperingSettings(samples=min(samples, KEPT_DRAWS)))
     return (
         _posterior(published(target, np.random.default_rng([seed, 1])), density),
         _posterior(mended(target, np.random.default_rng([seed, 2])), density),

@@ -7,15 +7,13 @@ from itertools import product
 from multiprocessing import get_context
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import gaussian_kde
 from threadpoolctl import threadpool_limits
 
 from pipeline.reproduction.example import Example, ExamplePosterior, run_example
 from pipeline.reproduction.paper import LABELS, SAMPLES
-from sensors.turbine.foundation import SPRING_SIGNS, SpringSign
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
+from sensors.structure.foundation import SPRING_SIGNS, SpringSign
 
 PROCESSES = 2
 PERCENT = 100.0

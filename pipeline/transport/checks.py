@@ -23,9 +23,9 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.transport.errors import CodecError
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 
 LOWEST_SAMPLING_RATE = 1e-3  # [Hz]
 HIGHEST_SAMPLING_RATE = 1e7  # [Hz]

@@ -30,6 +30,8 @@ from sensors.errors import InputError
 
 LARGEST_PAYLOAD = 8 * 2**20  # [bytes]; an hour of eight channels at 40 Hz in one block has 4.6 MB
 
+SCHEMA_NAMES = {"QualityWarning": "Warning"}  # types whose name in the schema is an older one
+
 M = TypeVar("M", bound=Message)
 
 
@@ -85,7 +87,8 @@ def _read(message_type: Any, wire: Any) -> Any:
 @cache
 def _fields(message_type: Any) -> tuple[tuple[str, _Field], ...]:
     """(name, crossing) of each field of a message type, paired by name with the schema."""
-    schema = schema_of_message(message_type.__name__)
+    name = message_type.__name__
+    schema = schema_of_message(SCHEMA_NAMES.get(name, name))
     hints = get_type_hints(message_type)
     return tuple((field.name, _field(field, hints[field.name])) for field in schema.field)
 

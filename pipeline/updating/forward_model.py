@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 
 class ModesOfStiffness(Protocol):
@@ -29,7 +29,7 @@ class ModesOfStiffness(Protocol):
 
 
 class ForwardModel(Protocol):
-    """The structure as a function of its foundation; `sensors.turbine.modal.ModalModel` is one."""
+    """The structure as a function of its foundation, such as `dynamics.modal_model.ModalModel`."""
 
     @property
     def nominal(self) -> FloatArray:

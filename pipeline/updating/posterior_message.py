@@ -5,26 +5,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, ModePair, ParameterSummary
-from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.forward_model import FloatArray, ModesOfStiffness
-from pipeline.updating.guards import (
+from pipeline.updating.acceptance import (
+    AcceptanceSettings,
     Fit,
-    GuardSettings,
     contradictions,
     reduced_chi_square,
     unconverged,
 )
-from pipeline.updating.honesty import (
+from pipeline.updating.diagnostics import (
     contraction,
     misfit_doubts,
     mode_information,
     predictive_misfits,
     unidentified_doubts,
 )
-from pipeline.updating.matching import Match
-from pipeline.updating.pairing import DIFFERENCE, PairingTargets, macs
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.forward_model import ModesOfStiffness
+from pipeline.updating.likelihood.pairing import DIFFERENCE, PairingTargets, macs
+from pipeline.updating.model_matching import Match
 from pipeline.updating.prior import PARAMETER_NAMES, PARAMETER_UNITS, Prior
-from pipeline.updating.sampling import PosteriorDraws
+from pipeline.updating.samplers.interface import PosteriorDraws
+from sensors.arrays import FloatArray
 
 CHECKED_DRAWS = 50  # of the posterior, for its predictions of each mode
 MOST_DRAWS = 1000  # in a FoundationPosterior
@@ -38,7 +39,7 @@ def posterior_message(
     *,
     now: FloatArray,
     prior: Prior,
-    guards: GuardSettings,
+    guards: AcceptanceSettings,
 ) -> FoundationPosterior:
     """The posterior after one window.
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.updating.forward_model import FloatArray, ForwardModel, ModesOfStiffness
+from pipeline.updating.forward_model import ForwardModel, ModesOfStiffness
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
 SOFTEST_SEARCHED = 0.01  # 1 − k12² / (k11 k22), of the softest springs that a search looks at [-]

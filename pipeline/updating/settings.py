@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass, field
 
+from pipeline.updating.acceptance import AcceptanceSettings
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.guards import GuardSettings
-from pipeline.updating.likelihood import LikelihoodSettings
-from pipeline.updating.pairing import PairingSettings
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings
+from pipeline.updating.likelihood.pairing import PairingSettings
 from pipeline.updating.prior import PriorSettings
-from pipeline.updating.sampler import SamplerSettings
-from pipeline.updating.samplers import SamplingSettings
-from pipeline.updating.uncertain import UncertainSettings
+from pipeline.updating.samplers.emcee_sampler import SamplerSettings
+from pipeline.updating.samplers.registry import SamplingSettings
+from pipeline.updating.structural_uncertainty import UncertainSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class UpdatingSettings:
     likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     sampler: SamplerSettings = field(default_factory=SamplerSettings)  # emcee's
-    guards: GuardSettings = field(default_factory=GuardSettings)
+    guards: AcceptanceSettings = field(default_factory=AcceptanceSettings)
     change: ChangeSettings = field(default_factory=ChangeSettings)
     uncertain: UncertainSettings = field(default_factory=UncertainSettings)
     population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 
 from pipeline.messages import ModalEstimate
 from pipeline.updating.change.detector import ChangeState
-from pipeline.updating.events import TrackSensitivity
-from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.forward_model import FloatArray
-from pipeline.updating.sightings import Sighting, diagonal
+from pipeline.updating.change.event_message import TrackSensitivity
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.evidence.observations import ModeObservation, diagonal
+from sensors.arrays import FloatArray
 
 RECENT_WINDOWS = 36  # that are kept one by one: six hours of ten minutes
 
@@ -21,7 +21,7 @@ class RecentWindow:
     duration: float  # [s]
     weight: float  # hop / window duration [-]
     rise: float  # of the water above the model's level [m]
-    sightings: tuple[Sighting, ...]
+    sightings: tuple[ModeObservation, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class UpdatingState:
     sensitivities: tuple[TrackSensitivity, ...] = ()  # of the last posterior's pairs
 
     def with_window(
-        self, estimate: ModalEstimate, seen: Sequence[Sighting], rise: float
+        self, estimate: ModalEstimate, seen: Sequence[ModeObservation], rise: float
     ) -> "UpdatingState":
         """One more window's modes in the evidence, and among the recent windows.
 

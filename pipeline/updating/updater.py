@@ -11,42 +11,43 @@ from pipeline.messages import (
     ModalEstimate,
     WindowRejected,
 )
+from pipeline.updating.acceptance import refusal
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
-from pipeline.updating.change.sums import with_tracks_only
-from pipeline.updating.change.walk import deviation
-from pipeline.updating.checkpoint import (
-    CheckpointOwner,
-    decoded_checkpoint,
-    encoded_checkpoint,
-)
-from pipeline.updating.density import StiffnessDensity
-from pipeline.updating.events import (
+from pipeline.updating.change.event_message import (
     TrackSensitivity,
     event_of,
     sensitivities_of,
     watched_window,
 )
-from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.forward_model import FloatArray, ForwardModel
-from pipeline.updating.guards import refusal
-from pipeline.updating.half_way import measured_half_way, stiffness_slopes
-from pipeline.updating.matching import Match, Matcher, partners_in_water
+from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
+from pipeline.updating.change.random_walk import deviation
+from pipeline.updating.change.sufficient_statistics import with_tracks_only
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.evidence.observations import EstimateRefused
+from pipeline.updating.evidence.observations import sightings as sightings_of
+from pipeline.updating.forward_model import ForwardModel
+from pipeline.updating.likelihood.posterior_density import StiffnessDensity
+from pipeline.updating.model_matching import Match, Matcher, partners_in_water
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.posterior_message import posterior_message
 from pipeline.updating.prior import Prior, modal_where_supported
-from pipeline.updating.samplers import sampler_of
-from pipeline.updating.sampling import PosteriorDraws
+from pipeline.updating.samplers.interface import PosteriorDraws
+from pipeline.updating.samplers.registry import sampler_of
+from pipeline.updating.serialisation import (
+    CheckpointOwner,
+    decoded_checkpoint,
+    encoded_checkpoint,
+)
 from pipeline.updating.settings import UpdatingSettings
-from pipeline.updating.sightings import EstimateRefused
-from pipeline.updating.sightings import sightings as sightings_of
 from pipeline.updating.state import UpdatingState
-from pipeline.updating.uncertain import (
-    WidePrior,
+from pipeline.updating.structural_uncertainty import (
+    StructuralPrior,
     figure_summaries,
     require_figures,
     widened,
 )
-from sensors.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 
 LONG_RIDGE = 0.1  # std / median of a spring that the modes do not tell from the others [-]
 POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for
@@ -82,9 +83,11 @@ class FoundationUpdater:
         self._layout = layout
         self._seed = seed
         self._prior = Prior(forward.nominal, self.settings.prior)
-        self._wide_prior: WidePrior | None = None  # where figures of the structure are uncertain
+        self._wide_prior: StructuralPrior | None = (
+            None  # where figures of the structure are uncertain
+        )
         if self.settings.uncertain.names:
-            self._wide_prior = WidePrior(
+            self._wide_prior = StructuralPrior(
                 forward.nominal, self.settings.prior, self.settings.uncertain
             )
             require_figures(forward, self._wide_prior.names)

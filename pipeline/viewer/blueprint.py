@@ -5,19 +5,19 @@ from collections.abc import Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
-from pipeline.viewer.entities import (
+from pipeline.viewer.drawing.entities import (
     TIMELINE,
     mode_path,
     parameter_path,
     signal_path,
     turbine_path,
 )
+from pipeline.viewer.drawing.tower import SPACING
 from pipeline.viewer.farm_tab import farm_tab
-from pipeline.viewer.mac_matrix import SIDE
 from pipeline.viewer.panel import TurbinePanel, events_view, whole_session
-from pipeline.viewer.status import STIFFNESSES
-from pipeline.viewer.tower_views import SPACING
-from sensors.layout import SensorLayout
+from pipeline.viewer.pictures.mac_matrix import SIDE
+from pipeline.viewer.pictures.status_text import STIFFNESSES
+from sensors.acquisition.layout import SensorLayout
 
 TABS = ("Overview", "Signals", "Modes", "Foundation", "Health")
 

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
-from pipeline.viewer import colours
-from pipeline.viewer.entities import FARM, median_path
-from pipeline.viewer.farm import board_bounds
+from pipeline.viewer.drawing.entities import FARM, median_path
 from pipeline.viewer.panel import TurbinePanel, events_view, whole_session
-from pipeline.viewer.status import STIFFNESSES
+from pipeline.viewer.pictures import colours
+from pipeline.viewer.pictures.farm_overview import board_bounds
+from pipeline.viewer.pictures.status_text import STIFFNESSES
 
 
 def farm_tab(panels: Sequence[TurbinePanel]) -> rrb.Horizontal:

@@ -1,7 +1,7 @@
 """KnownLayouts: the sensor layouts of one turbine as its units told them."""
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
-from sensors.layout import SensorLayout, joined_layout
+from sensors.acquisition.layout import SensorLayout, joined_layout
 
 
 class KnownLayouts:

@@ -7,8 +7,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-from pipeline.viewer.entities import TIMELINE
-from sensors.layout import SensorLayout
+from pipeline.viewer.drawing.entities import TIMELINE
+from sensors.acquisition.layout import SensorLayout
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
 
-from sensors.feeds.feed import FeedError
+from sensors.feeds.protocol import FeedError
 
 _COMMON = ("rate", "wait")
 _SECURITY = ("ca", "cert", "key", "password-file")

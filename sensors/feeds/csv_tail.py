@@ -15,12 +15,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import FeedAddress
-from sensors.feeds.feed import FeedCounts, Inbox
-from sensors.feeds.json_samples import MessageError
-from sensors.feeds.reconnecting import LinkError, kept_connected
-from sensors.feeds.scada import RisingTimes, ScadaReader
-from sensors.scada import ScadaSample
+from sensors.feeds.payloads.json_samples import MessageError
+from sensors.feeds.payloads.scada import RisingTimes, ScadaReader
+from sensors.feeds.protocol import FeedCounts, Inbox
+from sensors.feeds.reconnect import LinkError, kept_connected
 
 logger = logging.getLogger(__name__)
 

@@ -4,10 +4,10 @@ import asyncio
 import threading
 from collections.abc import Iterator
 
-from sensors.blocks import AccelerationBlock
-from sensors.feeds.assembler import Assembler
-from sensors.feeds.feed import Arrival, ChannelSamples, Feed, FeedCounts, Inbox
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.scada import ScadaSample
+from sensors.feeds.assembly.assembler import Assembler
+from sensors.feeds.protocol import Arrival, ChannelSamples, Feed, FeedCounts, Inbox
 
 TICK = 0.1  # how often somebody may look at the clock, when nothing comes [s]
 

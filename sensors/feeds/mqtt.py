@@ -19,14 +19,14 @@ from importlib import import_module
 from typing import Any, Protocol
 
 from sensors.feeds.address import FeedAddress
-from sensors.feeds.cpsens import CpSensReader, is_cpsens
-from sensors.feeds.feed import Arrival, FeedCounts, FeedError, Inbox
-from sensors.feeds.frame import MAGIC
-from sensors.feeds.json_samples import JsonReader, MessageError, json_of
-from sensors.feeds.numbered import FrameReader
-from sensors.feeds.recent import Recent
-from sensors.feeds.reconnecting import LinkError, kept_connected
-from sensors.feeds.scada import RisingTimes, ScadaReader
+from sensors.feeds.lru import LruCache
+from sensors.feeds.payloads.cpsens import CpSensReader, is_cpsens
+from sensors.feeds.payloads.frame import MAGIC
+from sensors.feeds.payloads.frame_reader import FrameReader
+from sensors.feeds.payloads.json_samples import JsonReader, MessageError, json_of
+from sensors.feeds.payloads.scada import RisingTimes, ScadaReader
+from sensors.feeds.protocol import Arrival, FeedCounts, FeedError, Inbox
+from sensors.feeds.reconnect import LinkError, kept_connected
 
 logger = logging.getLogger(__name__)
 
@@ -226,7 +226,7 @@ class ScadaMessages:
 
     def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:
         self._reader, self._counts = reader, counts
-        self._times: Recent[RisingTimes] = Recent()  # by topic
+        self._times: LruCache[RisingTimes] = LruCache()  # by topic
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
         self._counts.received += 1

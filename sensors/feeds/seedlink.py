@@ -40,10 +40,10 @@ from typing import Any
 import numpy as np
 
 from sensors.feeds.address import FeedAddress
-from sensors.feeds.feed import ChannelSamples, FeedCounts, FeedError, Inbox
-from sensors.feeds.frame import HIGHEST_RATE, LOWEST_RATE
-from sensors.feeds.moments import LATEST_NS
-from sensors.feeds.reconnecting import LinkError, kept_connected
+from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
+from sensors.feeds.payloads.timestamps import LATEST_NS
+from sensors.feeds.protocol import ChannelSamples, FeedCounts, FeedError, Inbox
+from sensors.feeds.reconnect import LinkError, kept_connected
 
 logger = logging.getLogger(__name__)
 

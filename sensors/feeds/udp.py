@@ -13,8 +13,8 @@ import logging
 import socket
 
 from sensors.feeds.address import FeedAddress
-from sensors.feeds.feed import FeedCounts, FeedError, Inbox
-from sensors.feeds.numbered import FrameReader
+from sensors.feeds.payloads.frame_reader import FrameReader
+from sensors.feeds.protocol import FeedCounts, FeedError, Inbox
 
 logger = logging.getLogger(__name__)
 

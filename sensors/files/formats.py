@@ -13,15 +13,14 @@ from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from sensors.files.csv import csv_pieces
 from sensors.files.hdf5 import read_hdf5
 from sensors.files.miniseed import read_miniseed
 from sensors.files.npz import read_npy, read_npz
-from sensors.files.optional import existing
 from sensors.files.parquet import parquet_pieces
 from sensors.files.sep005 import Channel, table_of_channels, titles_of_channels
-from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, whole
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, existing, whole
 from sensors.files.tdms import read_tdms
+from sensors.files.text.csv import csv_pieces
 
 GROUP = "pilewatch.files"  # of entry points
 

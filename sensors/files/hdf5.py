@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.files.named_arrays import NamedArray, channels_of_arrays
-from sensors.files.optional import existing, needed
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError
+from sensors.files.table import FileError, existing, needed
 
 SCALE = ("scale_factor", "scale")
 SHIFT = ("add_offset", "offset")

@@ -19,8 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from sensors.files.table import ChannelTable, Quantity, Wanted, in_standard_unit
-from sensors.layout import (
+from sensors.acquisition.layout import (
     FORE_AFT,
     SIDE_SIDE,
     Accelerometer,
@@ -28,6 +27,7 @@ from sensors.layout import (
     LayoutError,
     SensorLayout,
 )
+from sensors.files.table import ChannelTable, Quantity, Wanted, in_standard_unit
 from sensors.settings import settings_from_table
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")

@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from sensors.blocks import NANOSECONDS
-from sensors.files.optional import existing, needed
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError
+from sensors.files.table import FileError, existing, needed
 
 INSTRUMENTS = {"N": "a", "H": "v", "L": "v", "P": "v"}
 

@@ -20,11 +20,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.files.clock import ClockError, Scale, iso, known_unit, since_1970, stated_moment_ns
-from sensors.files.columns import told_once
 from sensors.files.sep005 import Channel, timestamp_ns
 from sensors.files.table import FileError
-from sensors.files.titles import is_time_title, split_unit, time_unit
+from sensors.files.text.column_titles import is_time_title, split_unit, time_unit
+from sensors.files.text.columns import told_once
+from sensors.files.text.time_column import (
+    ClockError,
+    Scale,
+    iso,
+    known_unit,
+    since_1970,
+    stated_moment_ns,
+)
 
 Notes = Mapping[str, Any]
 

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.files.named_arrays import NamedArray, channels_of_arrays
-from sensors.files.optional import existing
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError
+from sensors.files.table import FileError, existing
 
 # What numpy raises of files that are no such archive: a broken header is read as Python's grammar.
 DAMAGE = (

@@ -12,10 +12,10 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import parquet
 
-from sensors.files.columns import Column, ColumnKind, sorted_columns, tables_of_columns
-from sensors.files.dates import kind_of_text
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
-from sensors.files.titles import distinct, split_unit
+from sensors.files.text.column_titles import distinct, split_unit
+from sensors.files.text.columns import Column, ColumnKind, sorted_columns, tables_of_columns
+from sensors.files.text.dates import kind_of_text
 
 ROWS = 2**16  # that are read at a time
 LOOKED_AT = 60  # of the first rows, to tell what a column is

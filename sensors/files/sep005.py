@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sensors.blocks import NANOSECONDS
-from sensors.files.clock import ABSOLUTE
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.arrays import FloatArray
 from sensors.files.table import (
     EVERYTHING,
     ChannelTable,
@@ -22,9 +21,8 @@ from sensors.files.table import (
     Wanted,
     in_standard_unit,
 )
-from sensors.files.titles import distinct
-
-FloatArray = NDArray[np.float64]
+from sensors.files.text.column_titles import distinct
+from sensors.files.text.time_column import ABSOLUTE
 
 TOGETHER = 0.05  # channels whose samples lie less apart are sampled together [samples]
 MOST_PADDED = 100  # times the samples that a file has: more is a wrong start, and no gap [-]

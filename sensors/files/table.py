@@ -3,8 +3,9 @@
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,3 +217,26 @@ def quantity_named(name: str) -> Quantity | None:
             if word in words:
                 return quantity
     return None
+
+
+def needed(module: str, extra: str, path: Path) -> Any:
+    """The module. Raises FileError, which names the extra to install, where it is missing.
+
+    path   the file that is to be read
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        raise FileError(
+            f"{path}: {package} is needed to read it; pip install 'pilewatch[{extra}]'"
+        ) from error
+
+
+def existing(path: Path) -> Path:
+    """The path. Raises FileError where no file is there, or it cannot be read."""
+    try:
+        with path.open("rb"):
+            return path
+    except OSError as error:
+        raise FileError(f"{path}: {error.strerror or error}") from error

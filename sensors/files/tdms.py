@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from sensors.files.named_arrays import NamedArray, channels_of_arrays
-from sensors.files.optional import existing, needed
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError
+from sensors.files.table import FileError, existing, needed
 
 DAMAGE = (
     *(OSError, ValueError, LookupError, EOFError, struct.error, NotImplementedError),

@@ -7,15 +7,12 @@ that follow from their physics are in `wind.py` and `waves.py`.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sensors.arrays import FloatArray, IndexArray
 from sensors.loads.filtered import RandomLoad, spectral_kernel, white_kernel
 from sensors.loads.load import LoadError, RandomStream, require_not_negative, require_positive
 from sensors.loads.spectra import jonswap, wave_number
-from sensors.turbine.assembly import PLANE, StructuralModel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from sensors.structure.assembly import PLANE, StructuralModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +144,7 @@ def wave_pattern(model: StructuralModel, waves: WaveBandLoad) -> FloatArray:
     return pattern
 
 
-def _one_force_each(model: StructuralModel, dofs: IntArray, rms: float) -> FloatArray:
+def _one_force_each(model: StructuralModel, dofs: IndexArray, rms: float) -> FloatArray:
     pattern = np.zeros((model.n_dofs, len(dofs)))
     pattern[dofs, np.arange(len(dofs))] = rms
     return pattern

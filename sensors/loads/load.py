@@ -5,12 +5,9 @@ from enum import IntEnum
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sensors.arrays import ComplexArray, FloatArray
 from sensors.errors import InputError
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class LoadError(InputError):

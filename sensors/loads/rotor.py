@@ -9,18 +9,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sensors.arrays import ComplexArray, FloatArray
 from sensors.loads.load import RandomStream, generator, require_not_negative
+from sensors.loads.operating_states import SteadyState
 from sensors.loads.spectra import kaimal
 from sensors.loads.synthesis import SegmentedNoise, harmonics, in_chunks
 from sensors.loads.wind import ALONG_LENGTH, Wind
-from sensors.operation import SteadyState
-from sensors.turbine.assembly import StructuralModel
-from sensors.turbine.rotor_nacelle import apex, rigid_displacement
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from sensors.structure.assembly import StructuralModel
+from sensors.structure.rotor_nacelle import apex, rigid_displacement
 
 ROTOR_RADIUS = 120.0  # of the IEA 15 MW [m]
 HIGHEST_FREQUENCY = 2.0  # of the thrust's turbulence; the rotor averages what is faster [Hz]

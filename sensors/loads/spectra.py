@@ -4,10 +4,9 @@ One-sided, per Hz.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 SEA_WATER_GRAVITY = 9.81  # [m/s²], in the dispersion relation
 

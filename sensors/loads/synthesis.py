@@ -9,13 +9,10 @@ and for lags τ shorter than the overlap T its covariance is that of the spectru
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft
 
+from sensors.arrays import ComplexArray, FloatArray
 from sensors.loads.load import LoadError
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 OVERLAP = 600.0  # T [s]: harmonics are 1/1200 Hz apart, the lowest one is the first
 Colouring = Callable[[float, ComplexArray], ComplexArray]

@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from sensors.arrays import ComplexArray, FloatArray
 from sensors.loads.load import (
     LoadError,
     RandomStream,
@@ -22,10 +22,7 @@ from sensors.loads.load import (
 )
 from sensors.loads.spectra import horizontal_motion, jonswap
 from sensors.loads.synthesis import OVERLAP, SegmentedNoise, harmonics, in_chunks
-from sensors.turbine.assembly import StructuralModel
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from sensors.structure.assembly import StructuralModel
 
 N_HEIGHTS = 12  # places over the water's depth where the force is evaluated
 N_PATTERNS = 8  # polynomials over the wetted height that the force is written in

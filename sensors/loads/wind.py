@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sensors.arrays import ComplexArray, FloatArray
 from sensors.loads.load import (
     LoadError,
     RandomStream,
@@ -21,11 +21,8 @@ from sensors.loads.load import (
 )
 from sensors.loads.spectra import iec_coherence, kaimal
 from sensors.loads.synthesis import SegmentedNoise, harmonics, in_chunks
-from sensors.turbine.assembly import StructuralModel
-from sensors.turbine.rotor_nacelle import apex, blade_axes, rigid_displacement
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from sensors.structure.assembly import StructuralModel
+from sensors.structure.rotor_nacelle import apex, blade_axes, rigid_displacement
 
 # Chord of the IEA 15 MW blade at even shares of its length, root to tip [m].
 # Source: IEAWindTask37/IEA-15-240-RWT (Apache-2.0), OpenFAST/IEA-15-240-RWT_AeroDyn15_blade.dat.

@@ -9,20 +9,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import Recorder
 from pipeline.updating.prior import Prior
-from sensors.layout import SensorLayout, biaxial_layout
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
+from sensors.arrays import FloatArray
 from sensors.loads import BroadbandLoad, WaveBandLoad
-from sensors.simulated import SimulatedTower, SimulationSettings
-from sensors.turbine.description import TurbineDescription, load_turbine
-from sensors.turbine.foundation import SpringSign
+from sensors.simulation.tower import SimulatedTower, SimulationSettings
+from sensors.structure.description import TurbineDescription, load_turbine
+from sensors.structure.foundation import SpringSign
 
-FloatArray = NDArray[np.float64]
 Window = ModalEstimate | WindowRejected
 
 LOWEST, HIGHEST = 0.8, 1.25  # true stiffness / nominal [-]

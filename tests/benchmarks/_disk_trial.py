@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages
-from pipeline.session.options import SessionOptions
-from pipeline.session.running import run_session
-from pipeline.sources import replayed
-from sensors.blocks import AccelerationBlock
+from pipeline.recording.rotation import parts_of
+from pipeline.run.options import SessionOptions
+from pipeline.run.run import run_session
+from pipeline.sources.sources import replayed
+from sensors.acquisition.blocks import AccelerationBlock
 
 KILOBYTE = 1000
 

@@ -8,17 +8,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.modal_shapes import complex_normalised, renormalised_factor
+from pipeline.modal_assurance import complex_normalised, renormalised_factor
 from pipeline.updating.forward_model import ForwardModel
-from sensors.blocks import NANOSECONDS
-from sensors.layout import SensorLayout, biaxial_layout
-from sensors.turbine.description import load_turbine
-from sensors.turbine.modal import ModalModel
-
-FloatArray = NDArray[np.float64]
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
 
 DAMPING = 0.007  # ζ, of every mode [-]
 DURATION = 600.0  # T, of a window [s]

@@ -11,17 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.fleet.farm.farm import Farm, pooled_farm
+from pipeline.farm.farm import Farm, pooled_farm
 from pipeline.messages import FoundationPosterior
-from pipeline.updating.likelihood import LikelihoodSettings
-from sensors.turbine.description import load_turbine
-from sensors.turbine.foundation import SpringSign
-from sensors.turbine.modal import ModalModel
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
+from sensors.structure.foundation import SpringSign
 from tests.benchmarks._drawn import LAYOUT, PAPERS_MODES
 from tests.benchmarks.calibration import CASES, Posteriors, evidence_of_stream
-from tests.pipeline.fleet.farm.farms import posterior_of
+from tests.pipeline.farm.farms import posterior_of
 
-FloatArray = NDArray[np.float64]
 SPRINGS = ("k11", "k22", "k12")
 
 

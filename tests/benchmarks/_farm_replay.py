@@ -12,18 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import FoundationPosterior, WindowRejected
-from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import decoded, recorded_messages
+from pipeline.recording.rotation import parts_of
+from pipeline.run.options import SessionOptions
+from pipeline.run.run import run_session
 from pipeline.scenario import scenario_from_text
-from pipeline.session.options import SessionOptions
-from pipeline.session.running import run_session
-from pipeline.sources import record_simulation, replayed, simulated
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from pipeline.sources.sources import record_simulation, replayed, simulated
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 WINDOW = 600.0  # [s]
 OUTLIER = 7  # number of the turbine with 15 % less k22
 SCENARIO = """

@@ -12,24 +12,23 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.app import Outputs, build
-from pipeline.fleet.farm.farm import Farm, pooled_farm
-from pipeline.fleet.farm.settings import FarmError
+from pipeline.farm.farm import Farm, pooled_farm
+from pipeline.farm.settings import FarmError
 from pipeline.messages import FoundationPosterior, FoundationTruth, Message, ModalEstimate
 from pipeline.nodes.node import Node
 from pipeline.recording.reader import decoded, read_messages, recorded_messages
 from pipeline.recording.session_recorder import SessionRecorder
-from pipeline.runner import one_blas_thread
+from pipeline.runtime.runner import one_blas_thread
 from pipeline.scenario import Scenario
-from pipeline.sources import replayed
+from pipeline.sources.sources import replayed
 from pipeline.transport.codec import encode
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from tests.benchmarks._drawn import PAPERS_MODES
 
-FloatArray = NDArray[np.float64]
 WINDOW = 600.0  # [s]
 STEPS = ("decode blocks", "collect samples", "identify", "update", "encode and record")
 

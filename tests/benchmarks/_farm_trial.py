@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.messages import NodeStatus
-from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import recorded_messages
+from pipeline.recording.rotation import parts_of
 from pipeline.transport.bus import Bus, Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.benchmarks.transport import Load
 
 PATIENCE = 120.0  # for what another process does [s]

@@ -20,8 +20,8 @@ import numpy as np
 from pipeline.messages import NodeStatus
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.feeds.frame import Frame, encoded
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.feeds.payloads.frame import Frame, encoded
 from tests.sensors.feeds.broker import Publisher, broker, free_port, publisher
 from tests.sensors.feeds.seedlink_server import records, seedlink_server
 

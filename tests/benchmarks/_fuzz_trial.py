@@ -30,15 +30,15 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from pipeline.messages import Message, ModalEstimate, Mode
-from pipeline.session.folder import SUMMARY
-from pipeline.status import KEY
+from pipeline.monitoring.status import KEY
+from pipeline.run.folder import SUMMARY
 from pipeline.streams import STREAMS, Stream, key_of
 from pipeline.transport.codec import encode
 from pipeline.transport.errors import CodecError
 from pipeline.transport.zenoh_bus import asked, free_endpoint
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
 from tests.pipeline.example_messages import LAYOUT, block, messages
 
 TURBINES = ("t1", "t2")

@@ -22,16 +22,16 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.messages import FoundationPosterior, StreamGap, WindowRejected
-from pipeline.recording.parts import parts_of
 from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.rotation import parts_of
 from pipeline.recording.writer import Recorder
+from pipeline.run.folder import SUMMARY
+from pipeline.run.options import SessionOptions
+from pipeline.run.run import run_session
 from pipeline.scenario import Scenario
-from pipeline.session.folder import SUMMARY
-from pipeline.session.options import SessionOptions
-from pipeline.session.running import run_session
-from pipeline.sources import replayed
+from pipeline.sources.sources import replayed
 from pipeline.transport.zenoh_bus import free_endpoint
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.benchmarks._fuzz_trial import wait_for_nodes
 
 SOURCE = "source"

@@ -18,7 +18,7 @@ import numpy as np
 from pipeline.messages import NodeStatus, StreamEnd
 from pipeline.transport.bus import Bus, Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.benchmarks._relay import Cut, Relay
 
 PATIENCE = 60.0  # for what another process does [s]

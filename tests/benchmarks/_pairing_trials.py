@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import Mode
-from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.pairing import PairingSearch, PairingSettings, PairingTargets
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.likelihood.pairing import PairingSearch, PairingSettings, PairingTargets
 from pipeline.updating.prior import Prior, modal_where_supported
-from sensors.turbine.modal import ModalModel
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
 from tests.benchmarks._drawn import (
     DURATION,
     SHAPE_STD,
@@ -22,7 +22,6 @@ from tests.benchmarks._drawn import (
     turbine_model,
 )
 
-FloatArray = NDArray[np.float64]
 Kind = Literal["clean", "contaminated", "spurious"]
 
 FOUND = 0.75  # chance of a mode that the sensors see to be identified [-]

@@ -20,11 +20,11 @@ from typing import Any
 
 from pipeline.deploy.access import parse_unit, write_configurations
 from pipeline.deploy.certificates import Identity, make_certificates
-from pipeline.status import ENDPOINT_FILE, KEY
+from pipeline.monitoring.status import ENDPOINT_FILE, KEY
 from pipeline.transport.bus import Inbox
 from pipeline.transport.errors import TransportError
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, asked
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import LAYOUT, block, status
 

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pipeline import runner
 from pipeline.app import Outputs, build
+from pipeline.monitoring.summary import SessionSummary
+from pipeline.runtime import runner
 from pipeline.scenario import Scenario, load_scenario
-from pipeline.sources import simulated
-from pipeline.summary import SessionSummary
-from sensors.faults import Fault
+from pipeline.sources.sources import simulated
+from sensors.simulation.faults import Fault
 
 SPRINGS = ("k11", "k22", "k12")
 

@@ -18,8 +18,8 @@ from pathlib import Path
 from pipeline.messages import StreamEnd
 from pipeline.recording.reader import read_messages
 from pipeline.transport.zenoh_bus import ZenohBus, peer_of
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 
 
 def main(recording: Path, endpoint: str, speed: float, log: Path) -> None:

@@ -34,21 +34,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chisquare
 
-from pipeline.updating.density import StiffnessDensity
-from pipeline.updating.evidence import ModalEvidence
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.forward_model import ForwardModel
-from pipeline.updating.laplace import Peak, laplace_peak
-from pipeline.updating.likelihood import LikelihoodSettings, ModalLikelihood, Observation
-from pipeline.updating.pairing import PairingSearch, PairingSettings, PairingTargets
+from pipeline.updating.likelihood.laplace import Peak, laplace_peak
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings, ModalLikelihood, Observation
+from pipeline.updating.likelihood.pairing import PairingSearch, PairingSettings, PairingTargets
+from pipeline.updating.likelihood.posterior_density import StiffnessDensity
 from pipeline.updating.prior import PARAMETER_NAMES, Prior, PriorSettings
-from pipeline.updating.sampler import SamplerSettings
-from pipeline.updating.samplers import SamplingSettings, sampler_of
-from pipeline.updating.sampling import PosteriorDraws
-from sensors.layout import SensorLayout
+from pipeline.updating.samplers.emcee_sampler import SamplerSettings
+from pipeline.updating.samplers.interface import PosteriorDraws
+from pipeline.updating.samplers.registry import SamplingSettings, sampler_of
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from tests.benchmarks._drawn import DURATION, LAYOUT, TrueModes, drawn_window, turbine_model
 from tests.benchmarks._pairing_trials import pairing_part
 
-FloatArray = NDArray[np.float64]
 Tails = Literal["gaussian", "student-t"]
 
 LOWEST, HIGHEST = 0.8, 1.25  # true stiffness / nominal in `streams` [-]

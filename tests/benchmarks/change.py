@@ -42,32 +42,30 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.reader import read_messages
 from pipeline.updating.change.detector import Change, ChangeDetector, ChangeState, Verdict
-from pipeline.updating.change.foundation import StiffnessStep
+from pipeline.updating.change.event_message import TrackSensitivity, sensitivities_of
+from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
+from pipeline.updating.change.random_walk import deviation
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.sums import (
+from pipeline.updating.change.stiffness_change import StiffnessStep
+from pipeline.updating.change.sufficient_statistics import (
     UNCUT_MOMENTS,
     SeenFrequency,
     WatchedWindow,
     reduced_moments,
 )
-from pipeline.updating.change.walk import deviation
-from pipeline.updating.events import TrackSensitivity, sensitivities_of
-from pipeline.updating.half_way import measured_half_way, stiffness_slopes
-from pipeline.updating.likelihood import LikelihoodSettings
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.prior import Prior
 from pipeline.updating.updater import FoundationUpdater
-from sensors.layout import biaxial_layout
-from sensors.turbine.description import load_turbine
-from sensors.turbine.modal import ModalModel
-
-FloatArray = NDArray[np.float64]
+from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
 
 WINDOW = 600.0  # [s]
 TIDE = 12.42 * 3600.0  # [s]

@@ -12,9 +12,8 @@ one of three draws of noise.
 import argparse
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.updating.deterministic import (
+from pipeline.updating.likelihood.deterministic import (
     DescentSettings,
     IdentifiedModes,
     ModalObjective,
@@ -22,12 +21,11 @@ from pipeline.updating.deterministic import (
     deterministic_update,
 )
 from pipeline.updating.prior import Prior
-from sensors.layout import biaxial_layout
-from sensors.turbine.description import load_turbine
-from sensors.turbine.foundation import SPRING_SIGNS
-from sensors.turbine.modal import ModalModel
-
-FloatArray = NDArray[np.float64]
+from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
+from sensors.structure.foundation import SPRING_SIGNS
 
 ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # [m]; the publication does not state them
 IDENTIFIED = (  # [Hz], [foundation-updating] Table 1, modes 1 to 11

@@ -16,18 +16,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import Mode
-from pipeline.modal_shapes import modal_assurance_criterion
-from pipeline.oma.band_identification import modes_of_covariances
-from pipeline.oma.bands import Band
-from pipeline.oma.covariance import lag_covariances
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi_cov import signal_subspace, system_modes
-from pipeline.oma.streaming import CovarianceRing
-from pipeline.oma.uncertainty import (
+from pipeline.oma.ssi.band_identification import modes_of_covariances
+from pipeline.oma.ssi.bands import Band
+from pipeline.oma.ssi.covariance import lag_covariances
+from pipeline.oma.ssi.ssi_cov import signal_subspace, system_modes
+from pipeline.oma.ssi.uncertainty import (
     frequency_damping_deviations,
     order_deviations,
     pole_deviations,
@@ -35,12 +33,12 @@ from pipeline.oma.uncertainty import (
     shape_deviations,
     state_deviations,
 )
-from sensors.layout import biaxial_layout
-from sensors.simulated import SimulatedTower, SimulationSettings
-from sensors.turbine.description import load_turbine
-from sensors.turbine.modal import FullModes, full_modes
-
-FloatArray = NDArray[np.float64]
+from pipeline.oma.streaming import CovarianceRing
+from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import FullModes, full_modes
+from sensors.simulation.tower import SimulatedTower, SimulationSettings
+from sensors.structure.description import load_turbine
 
 LAYOUT = biaxial_layout(
     "benchmark", turbine="iea15mw", unit="tower", elevations=(41.0, 80.0, 106.0, 145.0)

@@ -10,11 +10,11 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import eigh
 
-from sensors.layout import biaxial_layout
-from sensors.turbine.assembly import assemble
-from sensors.turbine.description import TurbineDescription, load_turbine
-from sensors.turbine.foundation import SPRING_SIGNS
-from sensors.turbine.modal import ModalModel, ModalParameters, full_modes
+from sensors.acquisition.layout import biaxial_layout
+from sensors.dynamics.modal_model import ModalModel, ModalParameters, full_modes
+from sensors.structure.assembly import assemble
+from sensors.structure.description import TurbineDescription, load_turbine
+from sensors.structure.foundation import SPRING_SIGNS
 
 PRIOR_BOX = (0.25, 4.0)  # of the nominal stiffness, [foundation-updating] §4.2
 ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # [m]

@@ -17,16 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.recording.salvage import salvage
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Recorder, RecorderSettings
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-
-FloatArray = NDArray[np.float64]
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.arrays import FloatArray
 
 ADC_STEP = 2.0**-14  # [m/s²]
 START_NS = 1_700_000_000 * NANOSECONDS

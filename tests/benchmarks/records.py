@@ -28,10 +28,9 @@ from scipy.linalg import eigh
 from scipy.signal import decimate, lfilter
 
 from pipeline.messages import Mode
-from pipeline.modal_shapes import modal_assurance_criterion
-from pipeline.offline import FileIdentification, identify_file
-
-FloatArray = NDArray[np.float64]
+from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.offline.identify_file import FileIdentification, identify_file
+from sensors.arrays import FloatArray
 
 OVERSAMPLING = 4  # of the simulation over the record
 EDGE = 0.4  # of the sampling rate; above it an anti-alias filter lies

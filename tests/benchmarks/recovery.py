@@ -48,19 +48,19 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, ModePair, WindowRejected
-from pipeline.modal_shapes import modal_assurance_criterion
-from pipeline.updating.likelihood import LikelihoodSettings
+from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.updater import FoundationUpdater
-from sensors.turbine.modal import ModalModel
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
 from tests.benchmarks._cases import (
     LAYOUT,
     LOADS,
     SAME_STRUCTURES,
     STRUCTURES,
     Case,
-    FloatArray,
     Window,
     described,
     kept,

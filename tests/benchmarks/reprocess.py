@@ -25,12 +25,12 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from pipeline.fleet.archive.cluster import local_workers
-from pipeline.fleet.archive.reprocessing import ArchiveReport, Report, reprocessed
-from pipeline.fleet.archive.work import ThisProcess, Workers
+from pipeline.archive.cluster import local_workers
+from pipeline.archive.reprocessing import ArchiveReport, Report, reprocessed
+from pipeline.archive.work import ThisProcess, Workers
 from pipeline.scenario import scenario_from_text
-from pipeline.sources import record_simulation, simulated
-from tests.pipeline.fleet.archive.archives import cut_into_files
+from pipeline.sources.sources import record_simulation, simulated
+from tests.pipeline.archive.archives import cut_into_files
 
 SCENARIO = """
 title = "An archive to reprocess"

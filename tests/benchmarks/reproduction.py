@@ -11,7 +11,6 @@ import argparse
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.reproduction.example import Example
 from pipeline.reproduction.study import (
@@ -22,9 +21,8 @@ from pipeline.reproduction.study import (
     n_peaks,
     run_study,
 )
-from sensors.turbine.foundation import SPRING_SIGNS
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
+from sensors.structure.foundation import SPRING_SIGNS
 
 
 def main(arguments: list[str]) -> None:

@@ -22,27 +22,29 @@ from pathlib import Path
 
 import emcee
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from pipeline.messages import ModalEstimate
-from pipeline.offline import identify_file
-from pipeline.updating.convergence import autocorrelation_time
-from pipeline.updating.density import JointDensity, StiffnessDensity
-from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.laplace import Peak, laplace_peak
-from pipeline.updating.likelihood import LikelihoodSettings, ModalLikelihood, observations
-from pipeline.updating.pairing import PairingSearch, PairingSettings, PairingTargets
+from pipeline.offline.identify_file import identify_file
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.likelihood.laplace import Peak, laplace_peak
+from pipeline.updating.likelihood.likelihood import (
+    LikelihoodSettings,
+    ModalLikelihood,
+    observations,
+)
+from pipeline.updating.likelihood.pairing import PairingSearch, PairingSettings, PairingTargets
+from pipeline.updating.likelihood.posterior_density import JointDensity, StiffnessDensity
 from pipeline.updating.prior import Prior
-from pipeline.updating.sampler import SamplerSettings
-from pipeline.updating.samplers import SamplingSettings, sampler_of
-from pipeline.updating.sampling import CountedDensity, PosteriorDraws, Target
-from pipeline.updating.tmcmc import PublishedSettings, TemperingSettings
-from sensors.layout import biaxial_layout
-from sensors.turbine.description import load_turbine
-from sensors.turbine.modal import ModalModel
-
-FloatArray = NDArray[np.float64]
+from pipeline.updating.samplers.convergence import autocorrelation_time
+from pipeline.updating.samplers.emcee_sampler import SamplerSettings
+from pipeline.updating.samplers.interface import CountedDensity, PosteriorDraws, Target
+from pipeline.updating.samplers.registry import SamplingSettings, sampler_of
+from pipeline.updating.samplers.tmcmc import PublishedSettings, TemperingSettings
+from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "parked.mcap"
 ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # [m], of the recording's layout

@@ -21,20 +21,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import butter, sosfiltfilt
 
 from pipeline.messages import Mode
-from pipeline.modal_shapes import complex_normalised, modal_assurance_criterion
+from pipeline.modal_assurance import complex_normalised, modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.scenario import Scenario, load_scenario
-from pipeline.sources import simulated_tower
-from sensors.simulated import SensedModes
-from sensors.turbine.modal import ModalModel
+from pipeline.sources.sources import simulated_tower
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
+from sensors.simulation.tower import SensedModes
 from tests.benchmarks._sessions import print_sessions
-
-FloatArray = NDArray[np.float64]
 
 LEAST_MAC = 0.9  # between an identified and a true shape [-]
 NEAR = 0.02  # relative distance of frequencies [-]

@@ -15,16 +15,15 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lsim
 
 from pipeline.scenario import Scenario, load_scenario
-from sensors.layout import biaxial_layout
-from sensors.simulated import SimulatedTower
-from sensors.turbine.damped_system import DampedSystem
-from sensors.turbine.description import load_turbine
+from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
+from sensors.dynamics.damped_modes import DampedSystem
+from sensors.simulation.tower import SimulatedTower
+from sensors.structure.description import load_turbine
 
-FloatArray = NDArray[np.float64]
 T = TypeVar("T")
 
 ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # [m]

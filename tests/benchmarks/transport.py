@@ -17,12 +17,12 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
-from pipeline.flow import Credit
 from pipeline.messages import NodeStatus, StreamEnd
+from pipeline.runtime.flow_control import Credit
 from pipeline.transport.bus import Bus, Inbox
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub, peer_of
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 
 UNACKNOWLEDGED = 64  # blocks at once
 ACKNOWLEDGE_EVERY = 16  # blocks

@@ -29,16 +29,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.recorded_streams import recorded_stream
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.reader import read_messages
 from pipeline.recording.salvage import salvage
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.scenario import scenario_from_text
-from pipeline.sources import record_simulation, simulated
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import biaxial_layout
+from pipeline.sources.recorded_stream import recorded_stream
+from pipeline.sources.sources import record_simulation, simulated
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import biaxial_layout
 from tests.benchmarks._disk_trial import disk_trial
 from tests.benchmarks._farm_trial import farm_trial
 from tests.benchmarks._fuzz_trial import fuzz_decoder, fuzz_trial

@@ -28,12 +28,12 @@ from pathlib import Path
 from pipeline.app import Outputs, build
 from pipeline.messages import Message, NodeStatus
 from pipeline.nodes.node import Node
-from pipeline.playback import Playback
-from pipeline.runner import run_lock_step
-from pipeline.sources import Source, replayed
-from pipeline.viewer.outputs import RrdFile
-from pipeline.viewer.sink import Viewer
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from pipeline.runtime.runner import run_lock_step
+from pipeline.sources.playback import Playback
+from pipeline.sources.sources import Source, replayed
+from pipeline.viewer.outputs.outputs import RrdFile
+from pipeline.viewer.viewer_node import Viewer
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 RECORDING = Path("recordings/parked.mcap")
 NODES = ("source", "identification", "updating", "recorder", "viewer", "summary", "status")

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from pipeline.messages import ModalEstimate, Mode
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import LAYOUT, START_NS
 
 WINDOW = 600  # [s]

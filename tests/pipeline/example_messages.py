@@ -28,9 +28,9 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
-from sensors.layout import Accelerometer, SensorLayout, biaxial_layout
-from sensors.scada import ScadaSample
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.layout import Accelerometer, SensorLayout, biaxial_layout
+from sensors.acquisition.scada import ScadaSample
 
 START_NS = 1_700_000_000 * NANOSECONDS
 SAMPLING_RATE = 40.0  # [Hz]
@@ -116,7 +116,7 @@ conditions = st.floats(-1e9, 1e9) | st.just(float("nan"))
 counts = st.integers(0, 2**62 - 1)
 times = st.integers(0, 2**62 - 1)
 spans = st.tuples(times, times).map(sorted)
-warnings = st.lists(st.builds(contract.Warning, texts, texts), max_size=2).map(tuple)
+warnings = st.lists(st.builds(contract.QualityWarning, texts, texts), max_size=2).map(tuple)
 
 
 def float_arrays(*shape: int, dtype: type = np.float64) -> st.SearchStrategy[Any]:

@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.messages import Message, NodeStatus
 from pipeline.streams import STREAMS, key_of, stream_of
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import LAYOUT, block, rejection, status
 
 

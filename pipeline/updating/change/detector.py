@@ -4,12 +4,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pipeline.updating.change.drift import log_drift
-from pipeline.updating.change.evidence_ratio import log_sum
-from pipeline.updating.change.foundation import StiffnessStep, log_foundation, stiffness_step
-from pipeline.updating.change.kind import Kind, foundation_probability, kind_of
+from pipeline.updating.change.classification import Kind, foundation_probability, kind_of
+from pipeline.updating.change.likelihood_ratio import log_sum
+from pipeline.updating.change.modal_drift import log_drift
+from pipeline.updating.change.random_walk import WalkState, wandered
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.sums import (
+from pipeline.updating.change.stiffness_change import StiffnessStep, log_foundation, stiffness_step
+from pipeline.updating.change.sufficient_statistics import (
     UNCUT_MOMENTS,
     ChangeSums,
     Regression,
@@ -22,8 +23,7 @@ from pipeline.updating.change.sums import (
     with_tracks_of,
     with_window,
 )
-from pipeline.updating.change.walk import WalkState, wandered
-from pipeline.updating.forward_model import FloatArray
+from sensors.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

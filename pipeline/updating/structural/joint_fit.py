@@ -30,7 +30,7 @@ from pipeline.updating.pairing import (
 )
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
-from sensors.turbine.figure_model import FigureModel, FigureModes, Linearisation
+from sensors.dynamics.figure_model import FigureModel, FigureModes, Linearisation
 
 FloatArray = NDArray[np.float64]
 

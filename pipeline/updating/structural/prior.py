@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit, ndtr, ndtri
 
-from sensors.turbine.figures import (
+from sensors.structure.figures import (
     BY_NAME,
     KNOWN_LEVEL_STD,
     LEVEL,

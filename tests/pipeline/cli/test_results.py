@@ -6,8 +6,8 @@ import pytest
 from rich.console import Console
 
 from pipeline.cli import results
+from pipeline.monitoring.summary import SessionSummary
 from pipeline.scenario import load_scenario
-from pipeline.summary import SessionSummary
 
 
 def test_of_many_doubts_of_a_kind_some_are_told_and_the_rest_counted(

@@ -21,15 +21,15 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.messages import NodeStatus, WindowRejected
-from pipeline.nodes.shard import Shard, ShardedNode
-from pipeline.runner import NodeThread
-from pipeline.session.meeting import bus_options, meeting_point
+from pipeline.nodes.by_turbine import Shard, ShardedNode
+from pipeline.run.endpoints import bus_options, meeting_point
+from pipeline.runtime.runner import NodeThread
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint
 from pipeline.transport.zenoh_settings import configuration
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import block
-from tests.pipeline.nodes.test_shard import Teller
+from tests.pipeline.nodes.test_by_turbine import Teller
 from tests.pipeline.transport.test_bus import PATIENCE, take
 
 EXAMPLES = Path(str(files("pipeline.deploy") / "examples"))
@@ -163,7 +163,7 @@ import sys, time
 from pathlib import Path
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from tests.pipeline.example_messages import block
-from tests.pipeline.nodes.test_shard import Teller
+from tests.pipeline.nodes.test_by_turbine import Teller
 bus = ZenohBus(ZenohSettings(config_file=Path(sys.argv[1])))
 for sequence in range(20):
     bus.publish(block(sequence))

@@ -16,8 +16,8 @@ from pipeline.messages import (
 )
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import biaxial_layout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import biaxial_layout
 from tests.pipeline.oma.conftest import structure
 
 RATE = 20.0  # [Hz]

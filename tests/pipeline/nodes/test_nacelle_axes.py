@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.nodes.nacelle_axes import in_nacelle_axes, turning_matrix
+from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
-from sensors.layout import SensorLayout
 from tests.pipeline.example_estimates import estimate, mode
 from tests.pipeline.example_messages import LAYOUT
 

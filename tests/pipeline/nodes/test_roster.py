@@ -6,19 +6,20 @@ from dataclasses import replace
 import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
-from pipeline.nodes import identification_in_context, updating_in_context
-from pipeline.nodes.identification_in_context import IdentificationInContext
-from pipeline.nodes.roster import Roster
-from pipeline.nodes.updating_in_context import UpdatingInContext
+from pipeline.nodes import identification as identification_in_context
+from pipeline.nodes import updating as updating_in_context
+from pipeline.nodes.by_turbine import LimitedMembers
+from pipeline.nodes.identification import IdentificationInContext
+from pipeline.nodes.updating import UpdatingInContext
 from pipeline.oma.settings import OmaSettings
-from sensors.scada import ScadaSample
+from sensors.acquisition.scada import ScadaSample
 from tests.pipeline.example_messages import LAYOUT, block, rejection
 
 SETTINGS = OmaSettings(window_duration=60.0, hop=60.0)
 
 
 def test_who_has_said_least_goes_and_of_these_who_was_silent_longest() -> None:
-    roster = Roster(3)
+    roster = LimitedMembers(3)
     assert [roster.heard(name) for name in "aabbc"] == [None] * 5
     assert roster.heard("d") == "c"
     assert roster.heard("e") == "d"

@@ -11,13 +11,18 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamGap, WindowRejected
-from pipeline.modal_shapes import modal_assurance_criterion
-from pipeline.nodes.identification_in_context import IdentificationInContext
+from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.nodes.identification import IdentificationInContext
 from pipeline.oma.settings import OmaSettings
-from pipeline.runner import with_end
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import FORE_AFT, Accelerometer, SensorLayout
-from sensors.units import UnitError, UnitSettings, read_by_units, unit_layouts
+from pipeline.runtime.runner import with_end
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
+from sensors.simulation.acquisition_units import (
+    UnitError,
+    UnitSettings,
+    read_by_units,
+    unit_layouts,
+)
 from tests.pipeline.oma.conftest import KnownStructure, structure
 
 RATE = 20.0
@@ -140,7 +145,7 @@ def test_a_missing_unit_leaves_a_window_with_fewer_channels(blocks, tower) -> No
 def test_a_long_gap_of_a_unit_is_not_laid_out_and_changes_nothing(blocks, monkeypatch) -> None:
     lost = ("upper", range(100, 140))
     whole = estimates(answers(blocks, two_units(), lost=lost))
-    monkeypatch.setattr("pipeline.oma.units.LONGEST_HELD", 100)  # 800 are missing
+    monkeypatch.setattr("pipeline.oma.windows.unit_alignment.LONGEST_HELD", 100)  # 800 are missing
     apart = estimates(answers(blocks, two_units(), lost=lost))
     for ours, theirs in zip(apart, whole, strict=True):
         assert ours.channels == theirs.channels

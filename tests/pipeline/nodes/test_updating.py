@@ -7,10 +7,10 @@ import numpy as np
 from pipeline.messages import FoundationPosterior, StreamEnd, WindowRejected
 from pipeline.nodes.node import Node
 from pipeline.nodes.updating import FoundationUpdaterNode
-from pipeline.updating.importance import ImportanceSettings
-from pipeline.updating.pairing import PairingSettings
-from pipeline.updating.sampler import SamplerSettings
-from pipeline.updating.samplers import SamplingSettings
+from pipeline.updating.likelihood.pairing import PairingSettings
+from pipeline.updating.samplers.emcee_sampler import SamplerSettings
+from pipeline.updating.samplers.importance import ImportanceSettings
+from pipeline.updating.samplers.registry import SamplingSettings
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.updater import FoundationUpdater
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
-from pipeline.messages import Message, ModalEstimate, Warning, WindowRejected  # noqa: A004
-from pipeline.nodes.operation import CHANGING, OperationSettings
-from pipeline.nodes.updating_in_context import UpdatingInContext
+from pipeline.messages import Message, ModalEstimate, QualityWarning, WindowRejected
+from pipeline.nodes.operating_state import CHANGING, OperationSettings
+from pipeline.nodes.updating import UpdatingInContext
 from tests.pipeline.example_estimates import estimate
 from tests.pipeline.example_messages import LAYOUT
 
@@ -51,7 +51,7 @@ def test_only_windows_of_the_allowed_states_reach_the_updater() -> None:
 
 def test_a_window_whose_shapes_are_spoilt_is_not_used() -> None:
     node, (updater,) = gate()
-    doubtful = replace(estimate(), warnings=(Warning("clipped", "z145-ss is clipped"),))
+    doubtful = replace(estimate(), warnings=(QualityWarning("clipped", "z145-ss is clipped"),))
     (refused,) = node.handle(doubtful)
     assert isinstance(refused, WindowRejected)
     assert (refused.code, refused.reason) == ("clipped", "z145-ss is clipped; not used")

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import linalg
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings, OmaSettingsError
 from tests.pipeline.oma.conftest import KnownStructure, structure

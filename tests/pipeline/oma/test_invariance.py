@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from pipeline.messages import Mode
-from pipeline.modal_shapes import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
+from sensors.arrays import FloatArray
 from tests.pipeline.oma.conftest import KnownStructure
-
-FloatArray = NDArray[np.float64]
 
 RATE, DURATION = 20.0, 120.0  # [Hz], [s]
 N_CHANNELS = 2

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from pipeline.app import Outputs, build
-from pipeline.modal_shapes import modal_assurance_criterion
-from pipeline.oma.covariance import ALL
+from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.oma.references import references_among, settings_for_channels
 from pipeline.oma.settings import OmaSettings, OmaSettingsError
+from pipeline.oma.ssi.covariance import ALL
 from pipeline.scenario import ScenarioError, scenario_from_text
 from tests.pipeline.oma.conftest import KnownStructure
 

@@ -19,8 +19,8 @@ from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.streams import STREAMS
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.example_messages import (
     LAYOUT,
     START_NS,

@@ -12,12 +12,12 @@ import pytest
 from pipeline.messages import WindowRejected
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import counted_in_summary
-from pipeline.recording.parts import next_part, parts_of, raw_files, thin
 from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.rotation import next_part, parts_of, raw_files, thin
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.example_messages import LAYOUT, START_NS, all_same, block, rejection
 
 SECOND = 10**9  # [ns]

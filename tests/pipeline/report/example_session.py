@@ -15,12 +15,12 @@ from pipeline.messages import (
     Mode,
     ModePair,
     ParameterSummary,
+    QualityWarning,
     StiffnessChange,
     StreamGap,
 )
-from pipeline.messages import Warning as Doubt
 from pipeline.recording.writer import Recorder
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, rejection, status
 
 WINDOW_NS = 600 * NANOSECONDS
@@ -62,7 +62,7 @@ def posterior(
     turbine: str = "t1",
     k22: float = 1.0,
     trusted: bool = True,
-    doubts: tuple[Doubt, ...] = (),
+    doubts: tuple[QualityWarning, ...] = (),
 ) -> FoundationPosterior:
     """A posterior about nominal, k22 at that ratio; its draws from seed 5."""
     ratios = {"k11": 1.0, "k22": k22, "k12": 1.0}

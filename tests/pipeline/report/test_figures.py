@@ -6,10 +6,10 @@ import warnings
 import pytest
 
 from pipeline.messages import StreamGap
+from pipeline.monitoring.summary import SessionSummary
 from pipeline.report.figures import windows_over_time
 from pipeline.report.recorded_session import TurbineRecord
-from pipeline.summary import SessionSummary
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.report.example_session import session
 
 HOUR = 3600 * NANOSECONDS

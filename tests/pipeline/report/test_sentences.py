@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.messages import FoundationPosterior, Message
-from pipeline.messages import Warning as Doubt
+from pipeline.messages import FoundationPosterior, Message, QualityWarning
 from pipeline.report.recorded_session import TurbineRecord, read_session
 from pipeline.report.sentences import condition, distrust, event_sentence, findings, headline
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, rejection
@@ -68,7 +67,7 @@ def test_what_is_known_and_unchanged_is_good(tmp_path: Path) -> None:
 def test_a_posterior_that_is_not_trusted_is_no_finding_and_its_reasons_are_the_updatings(
     tmp_path: Path,
 ) -> None:
-    doubt = Doubt("fit", "the frequencies do not fit the model: reduced χ² 8.1")
+    doubt = QualityWarning("fit", "the frequencies do not fit the model: reduced χ² 8.1")
     untrusted = posterior(0, trusted=False, doubts=(doubt,))
     record = record_of(tmp_path, [LAYOUT, block(0), estimate(0), untrusted])
     assert condition(record) == "bad"

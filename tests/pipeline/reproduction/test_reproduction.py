@@ -14,10 +14,10 @@ from pipeline.reproduction.findings import findings, over_seeds
 from pipeline.reproduction.page import write_report
 from pipeline.reproduction.paper import LABELS, TABLE_1
 from pipeline.reproduction.study import Study, lowest_start, n_peaks
-from pipeline.updating.density import JointDensity
-from pipeline.updating.likelihood import LikelihoodSettings
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings
+from pipeline.updating.likelihood.posterior_density import JointDensity
 from sensors.errors import InputError
-from tests.pipeline.updating.test_density import (
+from tests.pipeline.updating.likelihood.test_posterior_density import (
     PRIOR,
     TOWER,
     TRUTH,

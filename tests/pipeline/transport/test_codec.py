@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from pipeline import messages as message_types
 from pipeline.messages import FoundationPosterior, Message, ModalEstimate, NodeStatus
 from pipeline.streams import STREAMS
-from pipeline.transport.codec import LARGEST_PAYLOAD, decode, encode
+from pipeline.transport.codec import LARGEST_PAYLOAD, SCHEMA_NAMES, decode, encode
 from pipeline.transport.errors import CodecError
 from pipeline.transport.proto import pilewatch_pb2
 from pipeline.transport.wire import schema
-from sensors import blocks, layout, scada
-from sensors.blocks import AccelerationBlock
-from sensors.layout import SensorLayout
-from sensors.scada import ScadaSample
+from sensors.acquisition import blocks, layout, scada
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 from tests.pipeline.example_messages import START_NS, block, messages, same
 
 TYPES = [stream.message for stream in STREAMS]
@@ -92,13 +92,15 @@ def test_a_block_from_another_program_is_understood() -> None:
 
 
 def test_the_schema_has_the_names_of_the_python_types_and_fields() -> None:
+    renamed = {older: name for name, older in SCHEMA_NAMES.items()}
     for described in schema().message_type:
         if described.name.endswith("Matrix"):
             continue
+        name = renamed.get(described.name, described.name)
         python_type = next(
-            getattr(module, described.name)
+            getattr(module, name)
             for module in (message_types, blocks, layout, scada)
-            if hasattr(module, described.name)
+            if hasattr(module, name)
         )
         assert [field.name for field in described.field] == [f.name for f in fields(python_type)]
 

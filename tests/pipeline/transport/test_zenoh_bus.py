@@ -27,7 +27,7 @@ from pipeline.transport.zenoh_arrivals import (
     lost_at_beginning,
 )
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub, peer_of
-from sensors.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import block, rejection, status
 from tests.pipeline.transport.test_bus import PATIENCE, take
 

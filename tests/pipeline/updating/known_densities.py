@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from pipeline.updating.laplace import Peak
-from pipeline.updating.sampling import Target
+from pipeline.updating.likelihood.laplace import Peak
+from pipeline.updating.samplers.interface import Target
 
 BOX = (-5.0, 5.0)  # uniform prior in every dimension
 MEAN = np.array([1.0, 2.0, -0.5])

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.modal_shapes import complex_normalised, renormalised_factor
-from sensors.layout import SensorLayout, biaxial_layout
+from pipeline.modal_assurance import complex_normalised, renormalised_factor
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
+from sensors.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 NOMINAL = np.array([0.098e11, 8.238e11, 0.678e11])  # k11 [N/m], k22 [N·m/rad], k12 [N/rad]
 LENGTH, ELEMENTS = 130.0, 5  # [m]
 BENDING_STIFFNESS = 210e9 * np.pi / 8 * 8.0**3 * 0.055  # [N·m²], thin tube of 8 m and 55 mm

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.updating.spring_coordinates import SpringCoordinates
+from pipeline.updating.population import SpringCoordinates
 
 PUBLISHED = np.array([0.098e11, 8.238e11, 0.678e11])  # [foundation-updating] Eq. 12
 EMBEDDED = PUBLISHED * [1, 1, -1]

@@ -7,16 +7,17 @@ import pytest
 from scipy.special import logsumexp
 
 from pipeline.messages import FoundationEvent, FoundationPosterior, WindowRejected
-from pipeline.updating.importance import ImportanceSettings
-from pipeline.updating.laplace import Peak
-from pipeline.updating.likelihood import LikelihoodSettings
-from pipeline.updating.pairing import PairingSettings
-from pipeline.updating.sampler import SamplerSettings
-from pipeline.updating.samplers import SamplingSettings, sampler_of
-from pipeline.updating.sampling import Target
+from pipeline.updating.likelihood.laplace import Peak
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings
+from pipeline.updating.likelihood.pairing import PairingSettings
+from pipeline.updating.samplers.emcee_sampler import SamplerSettings
+from pipeline.updating.samplers.importance import ImportanceSettings
+from pipeline.updating.samplers.interface import Target
+from pipeline.updating.samplers.registry import SamplingSettings, sampler_of
+from pipeline.updating.samplers.tmcmc import TemperingSettings
 from pipeline.updating.settings import UpdatingSettings
-from pipeline.updating.tmcmc import TemperingSettings
 from pipeline.updating.updater import FoundationUpdater
+from tests.pipeline.updating.likelihood.test_likelihood import evidence_of, likelihood_of
 from tests.pipeline.updating.small_tower import (
     LAYOUT,
     NOMINAL,
@@ -25,7 +26,6 @@ from tests.pipeline.updating.small_tower import (
     drawn_estimate,
     drawn_mode,
 )
-from tests.pipeline.updating.test_likelihood import evidence_of, likelihood_of
 
 TRUTH = np.array([1.1, 0.9, 0.95])
 NAMES = ("k11", "k22", "k12")

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 import rerun as rr
 
-from pipeline.viewer.outputs import RrdFile
-from pipeline.viewer.sink import Viewer
+from pipeline.viewer.outputs.outputs import RrdFile
+from pipeline.viewer.viewer_node import Viewer
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import DESCRIPTION, Episode, session
 

@@ -20,15 +20,15 @@ from pipeline.messages import (
     ModePair,
     NodeStatus,
     ParameterSummary,
+    QualityWarning,
     StabilisationDiagram,
     StiffnessChange,
     StreamGap,
     WindowRejected,
 )
-from pipeline.messages import Warning as Doubt
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import biaxial_layout
-from sensors.turbine.description import load_turbine
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import biaxial_layout
+from sensors.structure.description import load_turbine
 
 START_NS = 1_767_225_600 * NANOSECONDS  # 2026-01-01 00:00 UTC
 SAMPLING_RATE = 40.0  # [Hz]
@@ -154,7 +154,7 @@ def modal_estimate(window: int, rng: np.random.Generator) -> ModalEstimate:
         LAYOUT.layout_id,
         LAYOUT.channel_names,
         modes,
-        warnings=(Doubt("close-modes", "0.157 and 0.159 Hz are nearer than 1/600 s"),),
+        warnings=(QualityWarning("close-modes", "0.157 and 0.159 Hz are nearer than 1/600 s"),),
     )
 
 

@@ -8,28 +8,28 @@ import pytest
 from scipy.signal import welch
 
 from pipeline.messages import FoundationTruth, StabilisationDiagram
-from pipeline.viewer.corner import PITCH, Axis, corner_plot
-from pipeline.viewer.frequency_axis import FrequencyAxis
-from pipeline.viewer.mac_matrix import LABEL_PITCH, mac_matrix, shaded
-from pipeline.viewer.pile import LOAD, TALL, mudline_response, pile_picture
-from pipeline.viewer.scene import (
+from pipeline.viewer.pictures.corner import PITCH, Axis, corner_plot
+from pipeline.viewer.pictures.frequency_axis import FrequencyAxis
+from pipeline.viewer.pictures.mac_matrix import LABEL_PITCH, mac_matrix, shaded
+from pipeline.viewer.pictures.pile import LOAD, TALL, mudline_response, pile_picture
+from pipeline.viewer.pictures.scene import (
     deflection,
     outline,
     scaled_onto,
     swing_frames,
     tube_mesh,
 )
-from pipeline.viewer.spectrum import (
+from pipeline.viewer.pictures.spectrum import (
     DECADES,
     SEGMENT,
     RecentSamples,
     power_spectral_densities,
     spectrum_picture,
 )
-from pipeline.viewer.stabilisation import stabilisation_picture
-from sensors.blocks import NANOSECONDS
-from sensors.layout import Accelerometer, SensorLayout
-from sensors.turbine.foundation import SPRING_SIGNS, SpringSign, spring_matrix
+from pipeline.viewer.pictures.stabilisation import stabilisation_picture
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import Accelerometer, SensorLayout
+from sensors.structure.foundation import SPRING_SIGNS, SpringSign, spring_matrix
 from tests.pipeline.viewer.session import (
     DESCRIPTION,
     LAYOUT,

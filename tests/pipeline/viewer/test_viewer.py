@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pipeline.messages import FoundationTruth, ModalEstimate
-from pipeline.viewer.display_signals import DISPLAY_RATE, DISPLAY_STEP
-from pipeline.viewer.outputs import ConnectedViewer, RrdFile, ViewerError
-from pipeline.viewer.sink import Viewer
-from sensors.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError
+from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
+from pipeline.viewer.viewer_node import Viewer
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from tests.pipeline.viewer.conftest import record
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import (

@@ -5,8 +5,8 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from sensors.feeds.feed import Arrival, FeedCounts, Inbox
 from sensors.feeds.live import LiveFeed, Measured
+from sensors.feeds.protocol import Arrival, FeedCounts, Inbox
 
 PATIENCE = 90.0  # before a test gives up [s]
 

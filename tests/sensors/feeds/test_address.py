@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from sensors.feeds.address import is_feed, parsed
-from sensors.feeds.feed import FeedError
+from sensors.feeds.protocol import FeedError
 
 
 def test_an_mqtt_address_has_machine_topic_user_and_options() -> None:

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.transport.codec import encode
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.address import parsed
-from sensors.feeds.assembler import Assembler
+from sensors.feeds.assembly.assembler import Assembler
 from sensors.feeds.csv_tail import Rows
-from sensors.feeds.feed import LONGEST_SENTENCE, NAMED_UNKNOWN, ChannelSamples, FeedCounts
-from sensors.feeds.json_samples import MessageError
 from sensors.feeds.mqtt import SamplesReader
-from sensors.feeds.scada import ScadaReader
+from sensors.feeds.payloads.json_samples import MessageError
+from sensors.feeds.payloads.scada import ScadaReader
+from sensors.feeds.protocol import LONGEST_SENTENCE, NAMED_UNKNOWN, ChannelSamples, FeedCounts
 from sensors.feeds.seedlink import SeedLinkFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.seedlink_server import records

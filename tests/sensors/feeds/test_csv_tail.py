@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from sensors.blocks import NANOSECONDS
-from sensors.feeds.feed import FeedError
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.live import LiveFeed
-from sensors.feeds.opening import open_feed
+from sensors.feeds.open_feed import open_feed
+from sensors.feeds.protocol import FeedError
 from sensors.files.layout_file import LayoutFile, MappedChannel
-from sensors.scada import ScadaSample
 from tests.sensors.feeds.scripted import measured_until
 
 LAYOUT = LayoutFile((MappedChannel("ax", 100.0, (1.0, 0.0, 0.0)),), "t1", "top")

@@ -14,15 +14,15 @@ import pytest
 from aiomqtt import MqttError
 
 from pipeline.deploy.certificates import make_certificates
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import parsed
-from sensors.feeds.feed import FeedCounts, FeedError
-from sensors.feeds.frame import Frame, encoded
 from sensors.feeds.live import Measured
 from sensors.feeds.mqtt import MqttFeed, SamplesReader
-from sensors.feeds.opening import open_feed
+from sensors.feeds.open_feed import open_feed
+from sensors.feeds.payloads.frame import Frame, encoded
+from sensors.feeds.protocol import FeedCounts, FeedError
 from sensors.files.layout_file import LayoutFile, MappedChannel
-from sensors.scada import ScadaSample
 from tests.sensors.feeds.broker import Broker, broker, free_port, mosquitto, publisher
 from tests.sensors.feeds.scripted import measured_until
 

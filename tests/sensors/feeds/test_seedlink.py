@@ -10,12 +10,12 @@ import pytest
 from obspy.clients.seedlink.client.seedlinkconnection import SeedLinkConnection
 from obspy.clients.seedlink.slpacket import SLPacket
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.address import parsed
-from sensors.feeds.assembler import Assembler
-from sensors.feeds.feed import FeedError
+from sensors.feeds.assembly.assembler import Assembler
 from sensors.feeds.live import LiveFeed, Measured
-from sensors.feeds.opening import open_feed
+from sensors.feeds.open_feed import open_feed
+from sensors.feeds.protocol import FeedError
 from sensors.feeds.seedlink import SeedLinkFeed, stations_of
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.scripted import measured_until

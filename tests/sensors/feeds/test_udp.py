@@ -9,11 +9,11 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.address import parsed
-from sensors.feeds.feed import FeedError, Inbox
-from sensors.feeds.frame import Frame, encoded
-from sensors.feeds.opening import open_feed
+from sensors.feeds.open_feed import open_feed
+from sensors.feeds.payloads.frame import Frame, encoded
+from sensors.feeds.protocol import FeedError, Inbox
 from sensors.feeds.udp import UdpFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 

@@ -12,7 +12,7 @@ from nptdms import ChannelObject, RootObject, TdmsWriter
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from sensors.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS
 
 RATE = 40.0  # [Hz]
 START = "2024-03-01T12:00:00.250"

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sensors.files import formats, optional
+from sensors.files import formats
+from sensors.files import table as optional
 from sensors.files.formats import file_pieces, read_file
 from sensors.files.table import FileError
 from tests.sensors.files.conftest import NAMES, RATE, SAMPLES, SECONDS, START_NS, WRITERS
@@ -127,7 +128,7 @@ def test_a_long_file_comes_in_pieces_that_join_without_a_seam(
 ) -> None:
     path = tmp_path / f"measured.{suffix}"
     WRITERS[suffix](path)
-    monkeypatch.setattr("sensors.files.csv.PIECE_BYTES", 4096)
+    monkeypatch.setattr("sensors.files.text.csv.PIECE_BYTES", 4096)
     monkeypatch.setattr("sensors.files.parquet.ROWS", 64)
     pieces = list(file_pieces(path))
     assert len(pieces) > 3

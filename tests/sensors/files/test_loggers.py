@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sensors.blocks import NANOSECONDS
-from sensors.files.csv import read_csv
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.formats import read_file
 from sensors.files.table import STANDARD_GRAVITY, FileError
+from sensors.files.text.csv import read_csv
 
 RATE = 50.0  # [Hz]
 START = np.datetime64("2024-03-13T12:00:00.250", "ns")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from sensors.loads import LoadError, Rotor, Wind, rotor_damping, rotor_load, thrust_slope
+from sensors.loads.operating_states import steady_state
 from sensors.loads.rotor import RotorLoad, averaging
-from sensors.operation import steady_state
-from sensors.turbine.assembly import StructuralModel, assemble
-from sensors.turbine.description import load_turbine
+from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.description import load_turbine
 
 SPEED, RATE = 9.0, 10.0  # [m/s], [Hz]
 RUNNING = steady_state(SPEED, 1.0)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sensors.layout import biaxial_layout
+from sensors.acquisition.layout import biaxial_layout
+from sensors.dynamics.damped_modes import damped_system
+from sensors.dynamics.structure_modes import ModalDamping, observed_modes, structure_modes
 from sensors.loads import LoadError, Wind, aerodynamic_damping, wind_load
 from sensors.loads.spectra import iec_coherence, kaimal
 from sensors.loads.wind import WindLoad, mean_speeds
-from sensors.turbine.assembly import StructuralModel, assemble
-from sensors.turbine.damped_system import damped_system
-from sensors.turbine.description import load_turbine
-from sensors.turbine.structure_modes import ModalDamping, observed_modes, structure_modes
+from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.description import load_turbine
 
 SPEED, RATE = 12.0, 5.0  # [m/s], [Hz]
 LAYOUT = biaxial_layout("four", turbine="t", unit="u", elevations=(41.0, 80.0, 106.0, 145.0))

@@ -3,7 +3,11 @@
 import numpy as np
 
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
-from pipeline.updating.change.sums import SeenFrequency, Sensitivities, WatchedWindow
+from pipeline.updating.change.sufficient_statistics import (
+    SeenFrequency,
+    Sensitivities,
+    WatchedWindow,
+)
 
 STDS = np.array([0.002, 0.001, 0.0008, 0.0015, 0.001])
 SENSITIVITIES = Sensitivities(

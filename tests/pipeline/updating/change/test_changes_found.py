@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pipeline.updating.change.settings import ChangeSettings
-from sensors.turbine.description import load_turbine
-from sensors.turbine.modal import ModalModel
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
 from tests.benchmarks.change import LAYOUT, RIDE, Watched, changes_found, quiet, shifted, softened
 
 OFTEN = ChangeSettings(years_between_false_alarms=360 / 8766)  # 10 % false alarms per 36 h

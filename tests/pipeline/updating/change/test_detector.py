@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
-from pipeline.updating.change.drift import FAMILY, SHIFTS
-from pipeline.updating.change.foundation import STIFFNESS_SHIFTS
+from pipeline.updating.change.modal_drift import FAMILY, SHIFTS
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.sums import (
+from pipeline.updating.change.stiffness_change import STIFFNESS_SHIFTS
+from pipeline.updating.change.sufficient_statistics import (
     CUT_MOMENTS,
     PRODUCTS,
     UNCUT_MOMENTS,

@@ -1,0 +1,135 @@
+"""The windows of one task, identified: what a worker does with a file.
+
+The graph's own identification node does it, so that an archive is identified as a session is. What
+links a window with those before it is left to the history: the names of modes, and whether channels
+have changed place.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+from pipeline.archive.plan import IdentificationTask, Piece
+from pipeline.archive.store import Frame, frames_of, key_of_result
+from pipeline.messages import (
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    WindowRejected,
+)
+from pipeline.nodes.identification import IdentificationInContext
+from pipeline.oma.settings import OmaSettings
+from pipeline.recording.reader import read_messages
+from pipeline.runtime.runner import one_blas_thread, with_end
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
+
+SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
+SCADA_BEFORE = 600.0  # in which the state at a window's beginning was said [s]
+TRACKING = "mode-"  # codes of doubts that come from following modes over windows
+READ = (SensorLayout, AccelerationBlock, ScadaSample, FoundationTruth)
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationCall:
+    """All that identifies a task's windows, wherever it is done."""
+
+    task: IdentificationTask
+    settings: OmaSettings
+    layouts: tuple[SensorLayout, ...] = ()  # of its blocks, from whatever file has them
+
+    @property
+    def key(self) -> str:
+        """Fingerprint of the samples and of what is done with them."""
+        return key_of_result(
+            "identification", self.task.content, repr(self.settings), repr(self.layouts)
+        )
+
+
+def identified_frames(call: IdentificationCall) -> tuple[Frame, ...]:
+    """What `identified` gives, as it is kept."""
+    return frames_of(identified(call))
+
+
+def identified(call: IdentificationCall) -> tuple[Message, ...]:
+    """ModalEstimate or WindowRejected of every window, in order; truths of a simulation too.
+
+    Modes have no names. Raises RecordingError where a file cannot be read to its end.
+    """
+    node = IdentificationInContext(call.settings, compared=False)
+    answers: list[Message] = []
+    with one_blas_thread():
+        for message in chain(call.layouts, with_end(task_messages(call.task))):
+            if isinstance(message, FoundationTruth):
+                answers.append(message)
+            else:
+                answers += map(_untracked, node.handle(message))
+    node.close()
+    wanted = (FoundationTruth, ModalEstimate, WindowRejected)
+    return tuple(answer for answer in answers if isinstance(answer, wanted))
+
+
+def _untracked(answer: Message) -> Message:
+    """Without what a tracker of this task alone has said."""
+    if not isinstance(answer, ModalEstimate):
+        return answer
+    doubts = tuple(each for each in answer.warnings if not each.code.startswith(TRACKING))
+    modes = tuple(replace(mode, name="") for mode in answer.modes)
+    return replace(answer, modes=modes, warnings=doubts)
+
+
+def task_messages(task: IdentificationTask) -> Iterator[Message]:
+    """What the task's turbine measured in its stretch, as one session from sample 0 on."""
+    if task.before is not None:
+        since = task.start_ns - round(SCADA_BEFORE * NANOSECONDS)
+        before = read_messages(task.before, (ScadaSample,), start_ns=since, end_ns=task.start_ns)
+        yield from (each for each in before if _is_of(each, task.turbine))
+    if not task.pieces:
+        yield from (each for each in read_messages(task.path, READ) if _is_of(each, task.turbine))
+    for path in dict.fromkeys(piece.path for piece in task.pieces):
+        pieces = [piece for piece in task.pieces if piece.path == path]
+        for message in read_messages(path, READ):
+            if isinstance(message, AccelerationBlock):
+                yield from _wanted(message, task.turbine, pieces)
+            elif _is_of(message, task.turbine) and _within(message, task):
+                yield message
+
+
+def _is_of(message: Message, turbine: str) -> bool:
+    return bool(message.turbine == turbine)
+
+
+def _within(message: Message, task: IdentificationTask) -> bool:
+    """Whether what was said beside the samples concerns the task."""
+    return isinstance(message, SensorLayout) or message_time(message) < task.end_ns
+
+
+def message_time(message: Message) -> int:
+    """Of a ScadaSample or a FoundationTruth [ns]; 0 of what has no time of its own."""
+    return message.time_ns if isinstance(message, ScadaSample | FoundationTruth) else 0
+
+
+def _wanted(
+    block: AccelerationBlock, turbine: str, pieces: Sequence[Piece]
+) -> Iterator[AccelerationBlock]:
+    """The samples of a block that belong to the task, counted from its first."""
+    for piece in pieces:
+        if (block.turbine, block.unit, block.session) == (turbine, piece.unit, piece.session):
+            first = max(block.first_sample, piece.first_sample)
+            end = min(block.first_sample + len(block.samples), piece.end_sample)
+            if first < end:
+                yield _cut(block, first, end, piece)
+
+
+def _cut(block: AccelerationBlock, first: int, end: int, piece: Piece) -> AccelerationBlock:
+    """Samples `first` to `end` of the block's session."""
+    skipped = first - block.first_sample
+    return replace(
+        block,
+        session=SESSION,
+        sequence=block.sequence + piece.sequence_shift,
+        first_sample=first + piece.shift,
+        start_ns=block.start_ns + round(skipped / block.sampling_rate * NANOSECONDS),
+        samples=block.samples[skipped : end - block.first_sample],
+    )

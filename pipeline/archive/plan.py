@@ -1,0 +1,236 @@
+"""Which windows are identified from which samples of which files: one task a file and turbine.
+
+    files      |—— a ——|—— b ——|  gap  |—— c ——|      a and b join, c stands alone
+    chains     |—————————————————|     |———————|
+    windows    |0|1|2|3|4|5|6|7|8|     |0|1|2|3|      from the chain's first sample
+    tasks      a: 0 to 3, with the beginning of b for window 3;  b: 4 to 8;  c: 0 to 3
+
+A window belongs to the file in which it begins; its task reads on in the files that join. So every
+task is independent of the others, and windows lie where one recording of the whole would have them.
+Pure functions of what `survey` has seen.
+"""
+
+from collections import defaultdict, deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice, pairwise, takewhile
+from pathlib import Path
+
+from pipeline.archive.survey import FileSurvey, Part
+from pipeline.messages import StreamGap
+from pipeline.oma.settings import OmaSettings
+from sensors.acquisition.blocks import NANOSECONDS
+
+JOINT = 0.5  # of a sample, by which the clock of a new session may be off where two parts join
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Samples of one part that a task reads."""
+
+    path: Path
+    unit: str
+    session: str
+    first_sample: int  # of the session: the first that is wanted
+    end_sample: int  # one after the last
+    shift: int  # to be added to a sample's number in its session: since the task's first
+    sequence_shift: int  # the same for blocks
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationTask:
+    """The windows of one turbine that begin in one file."""
+
+    path: Path  # of that file
+    fingerprints: tuple[str, ...]  # of every file that is read, `before` among them
+    turbine: str
+    layout_ids: tuple[str, ...]  # of the blocks
+    pieces: tuple[Piece, ...]  # in order of time; () the file is taken as it is
+    start_ns: int
+    end_ns: int
+    n_windows: int  # complete ones and the one that a chain ends in; 0 where nobody knows before
+    before: Path | None = None  # file that the chain comes from: what SCADA said last stands there
+
+    @property
+    def content(self) -> str:
+        """What is done with what, wherever the files are."""
+        pieces = tuple(replace(piece, path=Path()) for piece in self.pieces)
+        before = None if self.before is None else Path()
+        return repr(replace(self, path=Path(), pieces=pieces, before=before))
+
+
+@dataclass(frozen=True, slots=True)
+class TurbinePlan:
+    """Everything that an archive holds of one turbine."""
+
+    turbine: str
+    tasks: tuple[IdentificationTask, ...]  # in order of time
+    gaps: tuple[StreamGap, ...]  # within chains, in order of time
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    """A part in its chain."""
+
+    part: Part
+    first: int  # of its samples that are used, since the chain's start
+    end: int
+
+    @property
+    def shift(self) -> int:
+        """From the session's count of samples to the chain's."""
+        return self.end - self.part.next_sample
+
+
+def parts_by_turbine(surveys: Sequence[FileSurvey]) -> dict[str, list[Part]]:
+    """The parts of each turbine in order of time, turbines in order of their names."""
+    parts: dict[str, list[Part]] = defaultdict(list)
+    for survey in surveys:
+        for part in survey.parts:
+            parts[part.turbine].append(part)
+    return {
+        turbine: sorted(parts[turbine], key=lambda part: (part.start_ns, part.path, part.unit))
+        for turbine in sorted(parts)
+    }
+
+
+def turbine_plan(parts: Sequence[Part], settings: OmaSettings) -> TurbinePlan:
+    """The tasks of one turbine, from its parts in order of time.
+
+    Files of a turbine with several acquisition units are taken one by one: its units are joined on
+    one clock within a file, never over files.
+    """
+    turbine = parts[0].turbine
+    if len({part.unit for part in parts}) > 1:
+        tasks = _tasks_of_whole_files(turbine, parts)
+    else:
+        chains = chains_of(parts)
+        tasks = [task for chain in chains for task in _tasks_of_chain(chain, settings)]
+    gaps = sorted({gap for part in parts for gap in part.gaps}, key=lambda gap: gap.start_ns)
+    return TurbinePlan(turbine, tuple(tasks), tuple(gaps))
+
+
+def _tasks_of_whole_files(turbine: str, parts: Sequence[Part]) -> list[IdentificationTask]:
+    by_file: dict[Path, list[Part]] = defaultdict(list)
+    for part in parts:
+        by_file[part.path].append(part)
+    return [
+        IdentificationTask(
+            path=path,
+            fingerprints=(own[0].fingerprint,),
+            turbine=turbine,
+            layout_ids=tuple(dict.fromkeys(part.layout_id for part in own)),
+            pieces=(),
+            start_ns=min(part.start_ns for part in own),
+            end_ns=max(part.end_ns for part in own),
+            n_windows=0,
+        )
+        for path, own in by_file.items()
+    ]
+
+
+def chains_of(parts: Sequence[Part]) -> list[list[Part]]:
+    """Parts of one unit, in order of time, put together where they join without a gap.
+
+    What lies wholly within the part before it, as after a recorder's restart, is left out.
+    """
+    chains: list[list[Part]] = []
+    for part in parts:
+        last = chains[-1][-1] if chains else None
+        if last is not None and part.end_ns <= last.end_ns:
+            continue
+        if last is not None and joins(last, part):
+            chains[-1].append(part)
+        else:
+            chains.append([part])
+    return chains
+
+
+def joins(before: Part, after: Part) -> bool:
+    """Whether a part goes on where the one before it ends.
+
+    In one session the count of samples says it; a new session must begin within half a sample.
+    """
+    alike = (before.unit, before.layout_id, before.sampling_rate, before.n_channels)
+    if alike != (after.unit, after.layout_id, after.sampling_rate, after.n_channels):
+        return False
+    if before.session == after.session:
+        return after.first_sample <= before.next_sample < after.next_sample
+    return abs(after.start_ns - before.end_ns) <= JOINT * NANOSECONDS / before.sampling_rate
+
+
+def _links(chain: Sequence[Part]) -> list[_Link]:
+    links = [_Link(chain[0], 0, chain[0].n_samples)]
+    for before, part in pairwise(chain):
+        first = links[-1].end
+        overlap = before.next_sample - part.first_sample if before.session == part.session else 0
+        links.append(_Link(part, first, first + part.n_samples - overlap))
+    return links
+
+
+def _tasks_of_chain(chain: Sequence[Part], settings: OmaSettings) -> Iterator[IdentificationTask]:
+    """One task for every file of the chain in which a window begins."""
+    links = _links(chain)
+    rate, n_samples = chain[0].sampling_rate, links[-1].end
+    length = round(settings.window_duration * rate)
+    windows = deque(_windows(n_samples, length, settings.hop * rate))
+    for place, link in enumerate(links):
+        own = []
+        while windows and windows[0] < link.end:
+            own.append(windows.popleft())
+        if own:
+            end = min(own[-1] + length, n_samples)
+            read = _beginning_before(end, islice(links, place, None))
+            before = chain[place - 1] if place else None
+            yield _task(read, own[0], end, n_windows=len(own), before=before)
+
+
+def _beginning_before(end: int, links: Iterable[_Link]) -> list[_Link]:
+    return list(takewhile(lambda link: link.first < end, links))
+
+
+def _windows(n_samples: int, length: int, hop: float) -> Iterator[int]:
+    """First samples of a chain's windows: the complete ones, then the one that it ends in, if it
+    holds samples that no other had. `hop` in samples."""
+    index, used = 0, 0
+    while (first := round(index * hop)) + length <= n_samples:
+        yield first
+        index, used = index + 1, first + length
+    if used < n_samples:
+        yield first
+
+
+def _task(
+    read: Sequence[_Link], origin: int, end: int, *, n_windows: int, before: Part | None
+) -> IdentificationTask:
+    """The samples from `origin` to `end` of a chain, each from the part that holds it."""
+    of, pieces, blocks = read[0].part, [], 0
+    for link in read:
+        part = link.part
+        pieces.append(
+            Piece(
+                path=part.path,
+                unit=part.unit,
+                session=part.session,
+                first_sample=max(origin, link.first) - link.shift,
+                end_sample=min(end, link.end) - link.shift,
+                shift=link.shift - origin,
+                sequence_shift=blocks - part.first_sequence,
+            )
+        )
+        blocks += part.last_sequence + 1 - part.first_sequence
+    start = pieces[0].first_sample - of.first_sample
+    start_ns = of.start_ns + round(start / of.sampling_rate * NANOSECONDS)
+    return IdentificationTask(
+        path=of.path,
+        fingerprints=tuple(
+            part.fingerprint for part in (before, *(link.part for link in read)) if part
+        ),
+        turbine=of.turbine,
+        layout_ids=(of.layout_id,),
+        pieces=tuple(pieces),
+        start_ns=start_ns,
+        end_ns=start_ns + round((end - origin) / of.sampling_rate * NANOSECONDS),
+        n_windows=n_windows,
+        before=None if before is None else before.path,
+    )

@@ -1,0 +1,200 @@
+"""The posterior after every window of an archive: sums in one serial pass, posteriors in parallel.
+
+    windows     0   1   2   3   4   5   6   7   8   9  …      in order of time
+    sums        ●───●───●───●───●───●───●───●───●───●──►      serial, O(1) a window, milliseconds
+    anchors     ▲   ▲   ▲       ▲           ▲                 serial: a posterior each
+    stretches           └─3─┘   └─── 5 6 7 ─┘   └─ 9 …        parallel: posteriors of these windows
+
+What the windows up to one say of the stiffness collapses to sums (`updating.evidence`), so that a
+posterior needs its window's sums and nothing of the posteriors before it but where to begin the
+search and by which of its springs a frequency is moved. Both come from the last anchor: early on
+every few windows, later every six hours, and at once where the structure has changed. Every random
+choice is seeded by scenario and window. So where and in what order stretches are done changes no
+bit.
+
+Against a session, which refreshes these with every window, only draws differ: each posterior is
+drawn anew from its sums.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+from pipeline.archive.store import Frame, frames_of, key_of_result, messages_in
+from pipeline.archive.work import Call
+from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
+from pipeline.nodes.nacelle_axes import in_nacelle_axes
+from pipeline.nodes.operating_state import OperationSettings, refusal_by_operation
+from pipeline.runtime.runner import one_blas_thread
+from pipeline.transport.codec import decode, encode
+from pipeline.updating.population import StiffnessPopulation
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.state import UpdatingState
+from pipeline.updating.updater import FoundationUpdater
+from sensors.acquisition.layout import SensorLayout
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import TurbineDescription
+
+ANCHORS_APART = 36  # windows at most: six hours of ten minutes
+STRETCH = 6  # windows of one call at most
+UPDATERS_KEPT = 8  # in one process: a turbine's has some megabytes
+STATE = "UpdatingState"  # kind of the frame that holds a checkpoint
+
+Memory = Callable[[str, Callable[[], tuple[Frame, ...]]], tuple[Frame, ...]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UpdatingPlan:
+    """What makes the updater of one turbine, wherever it is made."""
+
+    structure: TurbineDescription
+    layout: SensorLayout
+    settings: UpdatingSettings
+    operation: OperationSettings
+    seed: int
+    population: StiffnessPopulation | None = None  # the farm's prior; None: the uniform one
+
+    def made(self) -> FoundationUpdater:
+        """The updater."""
+        return FoundationUpdater(
+            ModalModel(self.structure, self.layout),
+            self.layout,
+            self.settings,
+            seed=self.seed,
+            population=self.population,
+        )
+
+    @property
+    def key(self) -> str:
+        """Fingerprint of all of it."""
+        parts = (self.structure, self.layout, self.settings, self.operation, self.seed)
+        return key_of_result(*map(repr, parts), *_bytes_of(self.population))
+
+
+def _bytes_of(population: StiffnessPopulation | None) -> Iterator[bytes]:
+    if population is not None:
+        yield repr((population.turbines, population.outlier_std)).encode()
+        arrays = (population.nominal, population.means, population.covariances)
+        yield from (each.tobytes() for each in (*arrays, population.outlier_shares))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StretchCall:
+    """Windows whose posteriors are wanted, after the sums of those before them."""
+
+    plan: UpdatingPlan
+    state: bytes  # checkpoint: the sums before the first, and the last anchor
+    estimates: tuple[bytes, ...]  # encoded, in order
+
+    @property
+    def key(self) -> str:
+        """Fingerprint of all that the posteriors depend on."""
+        return key_of_result("posteriors", self.plan.key, self.state, *self.estimates)
+
+
+def posteriors(call: StretchCall) -> tuple[Frame, ...]:
+    """A FoundationPosterior or a WindowRejected of each window, in order."""
+    updater = _updater(call.plan)
+    state = updater.restored(call.state, origin="the state of the archive")
+    answers: list[Message] = []
+    with one_blas_thread():
+        for payload in call.estimates:
+            estimate = decode(ModalEstimate, payload)
+            state, _ = updater.accumulated(state, estimate)
+            answers.append(updater.refreshed(state, estimate)[1])
+    return frames_of(answers)
+
+
+def anchored(call: StretchCall) -> tuple[Frame, ...]:
+    """The answers to one window, an event among them, and the state after it."""
+    updater = _updater(call.plan)
+    state = updater.restored(call.state, origin="the state of the archive")
+    estimate = decode(ModalEstimate, call.estimates[0])
+    with one_blas_thread():
+        state, said = updater.accumulated(state, estimate)
+        state, posterior = updater.refreshed(state, estimate)
+    answers = (said, posterior) if isinstance(said, FoundationEvent) else (posterior,)
+    return (*frames_of(answers), (STATE, updater.saved(state)))
+
+
+_made: dict[str, FoundationUpdater] = {}  # of this process, by the key of their plan
+
+
+def _updater(plan: UpdatingPlan) -> FoundationUpdater:
+    """The plan's updater; each process makes it once and keeps the last few."""
+    key = plan.key
+    if key not in _made:
+        while len(_made) >= UPDATERS_KEPT:
+            _made.pop(next(iter(_made)))
+        _made[key] = plan.made()
+    return _made[key]
+
+
+class PosteriorPass:
+    """The serial pass over one turbine's estimates.
+
+    remembered   gives the result of a key, by calling what makes it where there is none yet
+    """
+
+    def __init__(self, plan: UpdatingPlan, remembered: Memory) -> None:
+        self._plan = plan
+        self._remembered = remembered
+        self._updater = _updater(plan)
+        self._state = self._updater.initial_state()
+        self._since_anchor: int | None = None  # windows; None: there was none yet
+        self._before: UpdatingState = self._state  # of the stretch
+        self._stretch: list[bytes] = []
+
+    def answers(self, messages: Iterable[Message]) -> Iterator[Message | Call]:
+        """Every message in order; after an estimate what it says of the foundation, which is a
+        message, or a call that gives the posteriors of some windows up to here."""
+        for message in messages:
+            yield message
+            if isinstance(message, ModalEstimate):
+                yield from self._taken(message)
+        yield from self._stretch_ended()
+
+    def _taken(self, measured: ModalEstimate) -> Iterator[Message | Call]:
+        refused = refusal_by_operation(measured, self._plan.operation)
+        if refused is not None:
+            yield refused
+            return
+        payload = encode(in_nacelle_axes(measured, self._plan.layout))
+        estimate = decode(ModalEstimate, payload)
+        with one_blas_thread():
+            after, said = self._updater.accumulated(self._state, estimate)
+        if isinstance(said, WindowRejected):
+            yield said
+        elif isinstance(said, FoundationEvent) or self._is_anchor(after):
+            yield from self._stretch_ended()
+            yield from self._anchored(payload)
+        else:
+            yield from self._stretched(after, payload)
+
+    def _is_anchor(self, after: UpdatingState) -> bool:
+        if self._since_anchor is None:
+            return True
+        return self._since_anchor + 1 >= min(ANCHORS_APART, max(1, after.evidence.n_windows // 2))
+
+    def _anchored(self, payload: bytes) -> Iterator[Message]:
+        call = StretchCall(self._plan, self._updater.saved(self._state), (payload,))
+        frames = self._remembered(key_of_result("anchor", call.key), lambda: anchored(call))
+        (state,) = (content for kind, content in frames if kind == STATE)
+        self._state = self._updater.restored(state, origin="the state of the archive")
+        self._since_anchor = 0
+        yield from messages_in(frames)
+
+    def _stretched(self, after: UpdatingState, payload: bytes) -> Iterator[Call]:
+        assert self._since_anchor is not None
+        if not self._stretch:
+            self._before = self._state
+        self._stretch.append(payload)
+        self._state, self._since_anchor = after, self._since_anchor + 1
+        if len(self._stretch) == STRETCH:
+            yield from self._stretch_ended()
+
+    def _stretch_ended(self) -> Iterator[Call]:
+        if self._stretch:
+            state = self._updater.saved(self._before)
+            call = StretchCall(self._plan, state, tuple(self._stretch))
+            self._stretch = []
+            yield Call(call.key, posteriors, call)

@@ -1,0 +1,88 @@
+"""Windows identified one by one become one history: numbers, names of modes, channels compared.
+
+Modes are followed over all files of a turbine, in order of time, by the tracker that a session has:
+so a mode keeps its name from the first file to the last, and no name depends on where or in what
+order files were identified. This pass is serial and cheap, some milliseconds a window.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+from pipeline.messages import (
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    QualityWarning,
+    WindowRejected,
+)
+from pipeline.nodes.operating_state import rejected_estimate
+from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
+from pipeline.oma.tracking import ChannelPlaces, ModeTracker
+from sensors.acquisition.blocks import NANOSECONDS
+
+FORGETTING = 12  # windows at most by which a gap, however long, widens what is expected of a mode
+
+
+class ArchiveTracking:
+    """What must be remembered of one turbine's windows.
+
+    channels   names of all channels that any of its layouts has
+    hop        from one window's start to the next one's [s]
+    """
+
+    def __init__(self, channels: Sequence[str], hop: float) -> None:
+        self._channels = tuple(channels)
+        self._hop_ns = round(hop * NANOSECONDS)
+        self._tracker = ModeTracker()
+        self._watch = ChannelSwapMonitor()
+        self._next_window = 0
+        self._expected_ns: int | None = None  # start of the next window, were there no gap
+        self._truths: set[FoundationTruth] = set()
+
+    def followed(self, answers: Iterable[Message]) -> Iterator[Message]:
+        """Answers in order of time, each window under its number in the turbine's history, its
+        modes named; a window whose channels have changed place is rejected."""
+        for answer in answers:
+            match answer:
+                case ModalEstimate():
+                    self._pass_gap_before(answer)
+                    yield self._numbered(self._named(answer))
+                case WindowRejected():
+                    self._pass_gap_before(answer)
+                    self._tracker.missed()
+                    yield self._numbered(answer)
+                case FoundationTruth() if answer not in self._truths:
+                    self._truths.add(answer)
+                    yield answer
+
+    def _named(self, estimate: ModalEstimate) -> ModalEstimate | WindowRejected:
+        unknown = [name for name in estimate.channels if name not in self._channels]
+        if unknown:
+            self._tracker.missed()
+            text = f"no layout of the archive has a channel {unknown[0]}"
+            return rejected_estimate(estimate, "unknown-channel", text)
+        modes = self._tracker.named(estimate.modes, on=self._places(estimate.channels))
+        events = tuple(QualityWarning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
+        swapped = self._watch.swap_in(estimate)
+        if swapped is not None:
+            return rejected_estimate(estimate, "swapped-channels", swapped)
+        return replace(estimate, modes=modes, warnings=estimate.warnings + events)
+
+    def _places(self, channels: Sequence[str]) -> ChannelPlaces | None:
+        """Where a window's channels are among all that the turbine has ever had."""
+        if tuple(channels) == self._channels:
+            return None
+        columns = tuple(self._channels.index(name) for name in channels)
+        return ChannelPlaces(columns, len(self._channels))
+
+    def _pass_gap_before(self, window: ModalEstimate | WindowRejected) -> None:
+        """Between files that do not join, modes may have walked; they are not forgotten."""
+        if self._expected_ns is not None:
+            missing = round((window.start_ns - self._expected_ns) / self._hop_ns)
+            for _ in range(min(missing, FORGETTING)):
+                self._tracker.missed()
+        self._expected_ns = window.start_ns + self._hop_ns
+
+    def _numbered(self, answer: ModalEstimate | WindowRejected) -> ModalEstimate | WindowRejected:
+        number, self._next_window = self._next_window, self._next_window + 1
+        return replace(answer, window=number)

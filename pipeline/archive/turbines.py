@@ -1,0 +1,120 @@
+"""What an archive holds of each turbine, and under what scenario it is taken."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from pipeline.archive.identification import IdentificationCall
+from pipeline.archive.plan import TurbinePlan, parts_by_turbine, turbine_plan
+from pipeline.archive.posteriors import UpdatingPlan
+from pipeline.archive.survey import FileSurvey, Part
+from pipeline.scenario import (
+    DEFAULT_SCENARIO,
+    Scenario,
+    farm_members,
+    load_scenario,
+    scenario_from_metadata,
+    with_sampler,
+)
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout, joined_layout
+
+MOST_CHANNELS = 64  # that a file without a layout is expected to have
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TurbineArchive:
+    """One turbine's share of an archive, and under what scenario it is taken."""
+
+    plan: TurbinePlan
+    scenario: Scenario
+    layouts: tuple[SensorLayout, ...]  # that its samples were taken with, in order of time
+
+    @property
+    def layout(self) -> SensorLayout | None:
+        """The newest of all units together; None: no file has one."""
+        newest = {layout.unit: layout for layout in self.layouts}
+        return joined_layout([newest[unit] for unit in sorted(newest)]) if newest else None
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Every one that a window may have: of one unit, of units joined, of unknown layout."""
+        named = [each for each in (self.layout, *self.layouts) if each is not None]
+        names = [name for each in named for name in each.channel_names]
+        most = max((len(layout.channels) for layout in self.layouts), default=MOST_CHANNELS)
+        return tuple(dict.fromkeys([*names, *(f"channel {i + 1}" for i in range(most))]))
+
+    @property
+    def identification(self) -> Iterator[IdentificationCall]:
+        """Of every task, in order of time."""
+        for task in self.plan.tasks:
+            own = tuple(each for each in self.layouts if each.layout_id in task.layout_ids)
+            yield IdentificationCall(task, self.scenario.oma, own)
+
+    @property
+    def updating(self) -> UpdatingPlan | None:
+        """None where there is no structural model, or no layout to compare it along."""
+        if not self.scenario.has_structure or self.layout is None:
+            return None
+        return UpdatingPlan(
+            structure=self.scenario.structure,
+            layout=self.layout,
+            settings=self.scenario.updating,
+            operation=self.scenario.operation,
+            seed=self.scenario.seed,
+            population=self.scenario.population,
+        )
+
+    @property
+    def n_windows(self) -> int:
+        """Of all tasks; where a file must be read to know, as many as fit into its time."""
+        hop = self.scenario.oma.hop * NANOSECONDS
+        return sum(
+            task.n_windows or max(1, round((task.end_ns - task.start_ns) / hop))
+            for task in self.plan.tasks
+        )
+
+
+def archived_turbines(
+    surveys: Sequence[FileSurvey], scenario: str | None, sampler: str | None
+) -> tuple[TurbineArchive, ...]:
+    """What an archive holds of every turbine, in order of their names.
+
+    Raises ScenarioError, and UpdatingError for a sampler that does not exist.
+    """
+    chosen = None if scenario is None else load_scenario(scenario)
+    turbines = []
+    for turbine, parts in parts_by_turbine(surveys).items():
+        own = _of_turbine(turbine, chosen or _stored_scenario(parts, surveys))
+        own = own if sampler is None else with_sampler(own, sampler)
+        layouts = _layouts_of(turbine, parts, surveys)
+        turbines.append(TurbineArchive(turbine_plan(parts, own.oma), own, layouts))
+    return tuple(turbines)
+
+
+def _of_turbine(turbine: str, scenario: Scenario) -> Scenario:
+    """The scenario with the structure that its farm gives the turbine."""
+    members = {member.turbine.id: member for member in farm_members(scenario)}
+    return replace(scenario, turbine=members.get(turbine, scenario).turbine)
+
+
+def _stored_scenario(parts: Sequence[Part], surveys: Sequence[FileSurvey]) -> Scenario:
+    """The one that the newest of the turbine's files was made under; else the default."""
+    stored = {survey.path: survey.scenario for survey in surveys if survey.scenario}
+    for part in reversed(parts):
+        if part.path in stored:
+            return scenario_from_metadata(dict(stored[part.path]), f"scenario in {part.path}")
+    return load_scenario(DEFAULT_SCENARIO)
+
+
+def _layouts_of(
+    turbine: str, parts: Sequence[Part], surveys: Sequence[FileSurvey]
+) -> tuple[SensorLayout, ...]:
+    """The layouts that the turbine's samples were taken with, in order of time."""
+    known = {
+        layout.layout_id: layout
+        for survey in surveys
+        for layout in survey.layouts
+        if layout.turbine == turbine
+    }
+    used = dict.fromkeys(part.layout_id for part in parts)
+    return tuple(known[layout_id] for layout_id in used if layout_id in known)

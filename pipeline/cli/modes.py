@@ -1,0 +1,158 @@
+"""`pilewatch identify` and `pilewatch modes`: modes that were measured, modes of the model."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.cli.console import JsonOption, ScenarioOption, escaped, output, people
+from sensors.errors import InputError
+
+if TYPE_CHECKING:
+    from pipeline.offline.identify_file import FileIdentification
+
+
+def identify(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="An MCAP recording or a file of measurements: CSV, TSV, Parquet, NPZ, HDF5, TDMS "
+            "or miniSEED. A CSV has a header row; a time column called t, time or timestamp, its "
+            "unit in brackets; channel units in brackets."
+        ),
+    ],
+    sampling_rate: Annotated[
+        float | None, typer.Option(help="[Hz]; needed where the file has no time column.")
+    ] = None,
+    window: Annotated[
+        float | None, typer.Option(help="[s]; without it the whole file is one window.")
+    ] = None,
+    lowest_frequency: Annotated[
+        float | None, typer.Option(help="Lowest mode sought [Hz]; without it from the record.")
+    ] = None,
+    highest_frequency: Annotated[
+        float | None, typer.Option(help="Highest mode sought [Hz]; without it from the rate.")
+    ] = None,
+    layout: Annotated[
+        Path | None,
+        typer.Option(help="TOML file of the channels to use, as `pilewatch import` has it."),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Draw the stabilisation diagram over the spectra as a PNG; of several windows, "
+            "the first one identified."
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Find the modes of the structure in a file; needs no turbine."""
+    from pipeline.cli.tables.modes import identified_modes_table
+    from pipeline.offline.identify_file import identify_file
+    from pipeline.oma.settings import OmaSettings
+    from pipeline.state.run_modes import combined_modes
+    from sensors.files.layout_file import load_layout
+
+    if plot is not None and not plot.parent.is_dir():  # before the work, not after it
+        raise InputError(f"--plot {plot}: there is no folder {plot.parent}")
+    with people.status(f"identifying {file}"):
+        found = identify_file(
+            file,
+            sampling_rate=sampling_rate,
+            window=window,
+            layout=None if layout is None else load_layout(layout),
+            settings=OmaSettings(
+                lowest_frequency=lowest_frequency, highest_frequency=highest_frequency
+            ),
+        )
+    if plot is not None:
+        _draw(found, file, plot)
+    modes = combined_modes(found.estimates)
+    for warning in found.warnings:
+        people.print(f"[yellow]{warning.code}[/]: {escaped(warning.text)}", soft_wrap=True)
+    if as_json:
+        figures = {
+            "modes": [mode.as_json() for mode in modes],
+            "warnings": [{"code": each.code, "text": each.text} for each in found.warnings],
+            "windows": found.windows_json(),
+            "sampling_rate_hz": found.sampling_rate,
+            "duration_s": found.duration,
+            "channels": list(found.channels),
+        }
+        output.print_json(json.dumps(figures))
+    else:
+        output.print(identified_modes_table(modes, len(found.estimates)))
+
+
+def _draw(found: "FileIdentification", file: Path, plot: Path) -> None:
+    from pipeline.report.stabilisation import draw_stabilisation
+
+    window = found.first_identified
+    if window is None:
+        people.print(f"{plot} was not drawn: no window of {file} was identified", soft_wrap=True)
+        return
+    title = f"{file.name}, window {window.number + 1}"
+    draw_stabilisation(
+        window.identification, window.samples, found.sampling_rate, plot, title=title
+    )
+    people.print(f"Drawn: {plot} ({title})", soft_wrap=True)
+
+
+def modes(
+    theta: Annotated[
+        str | None,
+        typer.Option(help="k11,k22,k12 as ratios to nominal, e.g. 1,0.9,1."),
+    ] = None,
+    sign: Annotated[
+        str | None, typer.Option(help="Sign convention of k12: published or embedded-pile.")
+    ] = None,
+    turbine: Annotated[
+        str | None, typer.Option(help="A shipped turbine or a TOML description of your own.")
+    ] = None,
+    scenario: ScenarioOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Print the model's modes: Table 1's eleven first, then the others that sensors can see."""
+    from pipeline.cli.tables.modes import model_modes_table
+    from pipeline.offline.model_modes import model_modes
+
+    with people.status("solving the model"):
+        found = model_modes(theta=theta, sign=sign, turbine=turbine, scenario=scenario)
+    if as_json:
+        output.print_json(json.dumps({"modes": found.as_json()}))
+    else:
+        output.print(model_modes_table(found))
+
+
+def describe(
+    turbine: Annotated[
+        str, typer.Argument(help="A shipped turbine or a TOML description of your own.")
+    ] = "iea15mw_monopile",
+    template: Annotated[
+        bool, typer.Option("--template", help="Print it as TOML, to start one's own from.")
+    ] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the structure and its first modes as a PNG.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Check the description of a structure; print its key figures and first modes."""
+    from pipeline.cli.tables.modes import structure_tables
+    from pipeline.offline.describe_structure import structure_figures
+    from pipeline.report.structure import draw_structure
+    from sensors.structure.description import load_turbine, turbine_text
+
+    if template:
+        typer.echo(turbine_text(turbine), nl=False)
+        return
+    with people.status("solving the model"):
+        figures = structure_figures(load_turbine(turbine))
+    if plot is not None:
+        draw_structure(figures, plot)
+        people.print(f"Drawn: {plot}", soft_wrap=True)
+    if as_json:
+        output.print_json(json.dumps(figures.as_json()))
+    else:
+        for table in structure_tables(figures):
+            output.print(table)

@@ -1,0 +1,259 @@
+"""`pilewatch run` and `pilewatch node`: a session, and one node of it."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline.cli.console import (
+    VIEW_HELP,
+    ConnectOption,
+    JsonOption,
+    ListenOption,
+    ModeOption,
+    ScenarioOption,
+    ZenohConfigOption,
+    escaped,
+    output,
+    progress,
+    speed_of,
+    stopped_by_signals,
+    viewing,
+    zenoh_settings,
+)
+from pipeline.cli.results import print_results
+from sensors.errors import InputError
+
+
+def run(
+    source: Annotated[
+        str | None,
+        typer.Option(
+            help="replay:FILE (or a folder of files), simulate:SCENARIO, live, an instrument "
+            "(mqtt://…, seedlink://…, udp://…), or a file of measurements (CSV, Parquet, …), which "
+            "is imported. Without it, recordings/parked.mcap is replayed."
+        ),
+    ] = None,
+    scenario: ScenarioOption = None,
+    layout: Annotated[
+        Path | None,
+        typer.Option(help="Of a file or an instrument: TOML that says where its channels are."),
+    ] = None,
+    speed: Annotated[
+        str,
+        typer.Option(help="max: as fast as the nodes follow; 1: real time; 10: ten times faster."),
+    ] = "max",
+    start: Annotated[
+        float, typer.Option("--from", help="Replay from here on [s from the first sample].")
+    ] = 0.0,
+    end: Annotated[
+        float | None, typer.Option("--to", help="Replay up to here [s from the first sample].")
+    ] = None,
+    loop: Annotated[int, typer.Option(help="Replay so many times, one after the other.")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder for session.mcap, .rrd, summary.json.")] = Path(
+        "out"
+    ),
+    view: Annotated[
+        str | None,
+        typer.Option(help=VIEW_HELP),
+    ] = None,
+    rrd: Annotated[bool, typer.Option(help="Write out/session.rrd for the Rerun viewer.")] = True,
+    sampler: Annotated[
+        str | None,
+        typer.Option(help="importance (default), emcee, tmcmc or tmcmc-published."),
+    ] = None,
+    processes: Annotated[
+        bool, typer.Option("--processes", help="Each node in a process of its own.")
+    ] = False,
+    shards: Annotated[
+        int, typer.Option(help="With --processes: so many share a farm's turbines.")
+    ] = 1,
+    elsewhere: Annotated[
+        list[str] | None,
+        typer.Option(help="A node that runs on other machines (`node NAME --shard …`); live only."),
+    ] = None,
+    lock_step: Annotated[
+        bool, typer.Option("--lock-step", help="One thread, no transport; for checks.")
+    ] = False,
+    listen: ListenOption = None,
+    connect: ConnectOption = None,
+    mode: ModeOption = "peer",
+    zenoh_config: ZenohConfigOption = None,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh", help="Begin with nothing seen, even where a checkpoint exists."),
+    ] = False,
+    metrics: Annotated[
+        int | None, typer.Option(help="Port on this machine where Prometheus may ask: /metrics.")
+    ] = None,
+    notices: Annotated[
+        Path | None,
+        typer.Option(help="TOML file: who is told of changes, gaps and faults, and how."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Turn accelerations into a posterior of the foundation's stiffness."""
+    from pipeline.monitoring.alarms.settings import load_notices
+    from pipeline.run.run import run_session
+    from pipeline.sources.feed_publisher import feed_source
+    from pipeline.sources.playback import Playback
+    from pipeline.sources.sources import open_source
+    from sensors.feeds.address import is_feed
+
+    if processes and lock_step:
+        raise InputError("--processes and --lock-step exclude each other; choose one")
+    options = _session_options(
+        out=out,
+        speed=speed,
+        way="processes" if processes else "lock-step" if lock_step else "threads",
+        rrd=rrd,
+        zenoh=zenoh_settings(mode, listen, connect, zenoh_config),
+        fresh=fresh,
+        shards=shards,
+        elsewhere=tuple(elsewhere or ()),
+    )
+    told = None if notices is None else load_notices(notices)
+    options = replace(options, metrics=metrics, notices=told)
+    playback = Playback(start, float("inf") if end is None else end, loop)
+    if source is not None and is_feed(source):
+        if processes:
+            raise InputError(
+                f"--processes and --source {source}: run `pilewatch feed {source}` beside "
+                "`pilewatch run --source live --processes`"
+            )
+        opened = feed_source(source, layout, scenario)
+    else:
+        opened = open_source(_imported(source, out, layout, scenario), scenario)
+    opened = opened.with_sampler(sampler).with_playback(playback)
+    with stopped_by_signals() as stopping, viewing(view) as shown:
+        with progress(opened.text, opened.duration) as report:
+            session = run_session(
+                opened,
+                replace(options, view=shown.output),
+                report=report,
+                scenario_option=scenario,
+                stopping=stopping,
+            )
+        if as_json:
+            output.print_json(json.dumps(session.figures))
+        else:
+            _print_session(session, opened.scenario)
+            if len(opened.turbines) > 1:
+                shown_of = session.figures["turbine"]
+                output.print(escaped(of_a_farm(opened.turbines, shown_of, out)), soft_wrap=True)
+        shown.stay(stopping)
+    if not session.complete:
+        raise typer.Exit(2)
+
+
+def _imported(
+    source: str | None, out: Path, layout: Path | None, scenario: str | None
+) -> str | None:
+    """The source, a file of measurements turned into the replay of its import in `out`."""
+    from pipeline.sources.import_files import imported_source
+
+    if source is None or not Path(source).is_file():
+        if layout is not None:
+            raise InputError(f"--layout {layout} is for a file of measurements, not for {source}")
+        return source
+    with progress(f"importing {source}", None) as report:
+        return imported_source(Path(source), out, layout=layout, scenario=scenario, report=report)
+
+
+def _session_options(
+    *,
+    out: Path,
+    speed: str,
+    way: Any,
+    rrd: bool,
+    zenoh: Any,
+    fresh: bool,
+    shards: int = 1,
+    elsewhere: tuple[str, ...] = (),
+) -> Any:
+    from pipeline.run.options import SessionOptions
+
+    return SessionOptions(
+        out=out,
+        speed=speed_of(speed),
+        way=way,
+        rrd=rrd,
+        fresh=fresh,
+        zenoh=zenoh,
+        shards=shards,
+        elsewhere=elsewhere,
+    )
+
+
+def of_a_farm(turbines: Sequence[str], shown: str, out: Path) -> str:
+    """Whose results were printed, and where those of the others are."""
+    return (
+        f"These are the results of {shown}, one of {len(turbines)} turbines; all of them: "
+        f"pilewatch farm {out}"
+    )
+
+
+def _print_session(session: Any, scenario: Any) -> None:
+    figures = session.figures
+    print_results(session.summary, figures, scenario=scenario)
+    stream, timing = figures["stream"], figures["timing"]
+    output.print(
+        f"{stream['published']} blocks published, {stream['recorded']} recorded, "
+        f"{stream['lost']} lost, {stream['recovered']} recovered, {stream['late']} late, "
+        f"{stream['duplicate']} twice; "
+        f"{figures['duration_s']:.0f} s of measurements in {timing['wall_s']:.1f} s"
+    )
+    output.print("Written: " + ", ".join(str(path) for path in session.files), soft_wrap=True)
+    if any(path.suffix == ".rrd" for path in session.files):
+        output.print(f"Look at it: rerun {session.files[1]}", soft_wrap=True)
+
+
+def node(
+    name: Annotated[str, typer.Argument(help="identification, updating, recorder or viewer.")],
+    connect: ConnectOption = None,
+    listen: ListenOption = None,
+    mode: ModeOption = "peer",
+    zenoh_config: ZenohConfigOption = None,
+    scenario: ScenarioOption = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option(help="Take sensor layout (and scenario, unless given) from this recording."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for what the node writes.")] = Path("out"),
+    view: Annotated[str | None, typer.Option(help="For the viewer: as in `run`.")] = None,
+    rrd: Annotated[bool, typer.Option(help="For the viewer: write session.rrd.")] = True,
+    sampler: Annotated[str | None, typer.Option(help="For updating: as in `run`.")] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(help="1/4: of a farm's turbines the first of four such nodes' share."),
+    ] = None,
+    tied: Annotated[
+        bool, typer.Option("--tied", help="Stop when standard input ends: the parent has gone.")
+    ] = False,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh", help="Begin with nothing seen, even where a checkpoint exists."),
+    ] = False,
+) -> None:
+    """Run one node of the graph by itself until it is told to stop (Ctrl-C or SIGTERM)."""
+    from pipeline.run.run import run_node
+    from pipeline.runtime.supervisor import stopped_with_parent
+    from pipeline.sources.sources import open_source
+
+    options = _session_options(
+        out=out,
+        speed="max",
+        way="processes",
+        rrd=rrd,
+        zenoh=zenoh_settings(mode, listen, connect, zenoh_config),
+        fresh=fresh,
+    )
+    opened = open_source("live" if recording is None else f"replay:{recording}", scenario)
+    source = opened.with_sampler(sampler)
+    with stopped_by_signals() as stopping, viewing(view) as shown:
+        if tied:
+            stopped_with_parent(stopping)
+        run_node(name, source, replace(options, view=shown.output), stopping, shard)

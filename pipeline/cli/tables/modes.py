@@ -1,0 +1,92 @@
+"""Modes for people: identified ones, the model's, and those of a structure."""
+
+from collections.abc import Sequence
+
+from rich.table import Table
+
+from pipeline.cli.tables.cells import counted, table_of
+from pipeline.offline.describe_structure import StructureFigures
+from pipeline.offline.model_modes import ModelModes, NearestMode
+from pipeline.state.run_modes import CombinedMode
+
+
+def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table:
+    """The identified modes, with the model's beside them where they were paired."""
+    paired = any(mode.pair is not None for mode in modes)
+    table = table_of(f"Identified modes ({counted(windows, 'window')})")
+    for title in ("mode", "f [Hz]", "± std", "ζ [%]", "± std", "windows"):
+        table.add_column(title, justify="right")
+    if paired:
+        for title in ("model f [Hz]", "MAC"):
+            table.add_column(title, justify="right")
+    for mode in modes:
+        row = [
+            mode.name + (" ≈" if mode.pair_id else ""),
+            f"{mode.frequency:.4f}",
+            f"{mode.frequency_std:.4f}",
+            f"{100 * mode.damping_ratio:.2f}",
+            f"{100 * mode.damping_ratio_std:.2f}",
+            str(mode.seen_in_windows),
+        ]
+        if paired and mode.pair is not None:
+            row += [f"{mode.pair.model_frequency:.4f}", f"{mode.pair.mac:.3f}"]
+        table.add_row(*row)
+    if any(mode.pair_id for mode in modes):
+        table.caption = "≈ two modes that cannot be separated: what is known is their mean"
+    return table
+
+
+def nearest_modes_table(nearest: Sequence[NearestMode]) -> Table:
+    """Identified modes beside the model's nearest ones at the nominal foundation."""
+    table = table_of("Misfit mode by mode: the model's nearest mode at the nominal foundation")
+    for title in ("mode", "f [Hz]", "model's", "f [Hz]", "apart [%]", "MAC"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for each in nearest:
+        apart = 100 * (each.identified.frequency / each.frequency - 1)
+        table.add_row(
+            each.identified.name,
+            f"{each.identified.frequency:.4f}",
+            each.label,
+            f"{each.frequency:.4f}",
+            f"{apart:+.2f}",
+            f"{each.mac:.3f}",
+        )
+    return table
+
+
+def model_modes_table(found: ModelModes) -> Table:
+    """The model's modes beside the frequencies that the publication lists."""
+    description = found.model.description
+    ratios = ", ".join(f"{ratio:g}" for ratio in found.ratios)
+    table = table_of(
+        f"{description.title or description.name}: modes at k11, k22, k12 = {ratios} × nominal "
+        f"(sign of k12: {description.foundation.sign})"
+    )
+    for heading in ("mode", "direction", "f [Hz]", "published [Hz]", "difference", "blade energy"):
+        table.add_column(heading, justify="right")
+    for mode in found.as_json():
+        frequency, published = mode["frequency_hz"], mode["table1_hz"]
+        table.add_row(
+            mode["name"],
+            mode["direction"],
+            f"{frequency:.4f}",
+            "" if published is None else f"{published:.4f}",
+            "" if published is None else f"{100 * (frequency / published - 1):+.2f} %",
+            f"{100 * mode['blade_energy_share']:.0f} %",
+        )
+    return table
+
+
+def structure_tables(figures: StructureFigures) -> list[Table]:
+    """Key figures of a description, and its first modes."""
+    described = table_of(figures.description.title or figures.description.name)
+    described.add_column("what")
+    described.add_column("figure", justify="right")
+    for row in figures.rows():
+        described.add_row(*row)
+    modes = table_of("First modes, at these springs")
+    for heading in ("f [Hz]", "direction", "blade energy"):
+        modes.add_column(heading, justify="right")
+    for frequency, direction, blades in figures.first:
+        modes.add_row(f"{frequency:.4f}", direction, f"{100 * blades:.0f} %")
+    return [described, modes]

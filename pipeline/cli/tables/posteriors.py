@@ -1,0 +1,118 @@
+"""Posteriors for people: of one turbine, of many, of a farm that is pooled."""
+
+from collections.abc import Sequence
+
+from rich.markup import escape
+from rich.table import Table
+
+from pipeline.cli.tables.cells import counted, table_of, told
+from pipeline.farm.farm import Farm
+from pipeline.messages import FoundationPosterior, ParameterSummary
+from pipeline.state.json_values import Json
+
+
+def posterior_table(posterior: Json) -> Table:
+    """Median and 90 % interval of each spring, absolute and over nominal; whose, where it says."""
+    whose = f" of {posterior['turbine']}" if "turbine" in posterior else ""
+    doubt = "" if posterior.get("trusted", True) else ", NOT TRUSTED"
+    table = table_of(f"Foundation posterior{escape(whose)}{doubt}")
+    for title in ("", "÷ nominal", "90 % interval", "truth", "median", "unit"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for name in ("k11", "k22", "k12"):
+        spring = posterior[name]
+        table.add_row(
+            name,
+            told(spring["ratio_median"], ".4f"),
+            f"{told(spring['ratio_p05'], '.4f')} to {told(spring['ratio_p95'], '.4f')}",
+            told(spring["truth_ratio"], ".4f"),
+            told(spring["median"], ".4g"),
+            spring["unit"],
+        )
+    sigma = posterior["sigma"]
+    above = f"below {told(sigma['p95'], '.1e')} (95 %)"
+    table.add_row("σ", "", above, "", told(sigma["median"], ".1e"), "-")
+    for name, each in posterior["figures"].items():
+        interval = f"{told(each['p05'], '.4g')} to {told(each['p95'], '.4g')}"
+        median = told(each["median"], ".4g")
+        table.add_row(
+            escape(name.replace("_", " ")), "", interval, "", median, escape(each["unit"])
+        )
+    table.caption = (
+        f"{counted(posterior['windows'], 'window')}, {posterior['sampler']}: "
+        f"{told(posterior['ess'], '.0f')} effective draws, R-hat {told(posterior['rhat'], '.3f')}"
+        "; σ: relative discrepancy of the model; probability of a new change: "
+        f"{told(posterior['change_probability'], '.2f')}"
+    )
+    return table
+
+
+def posteriors_table(posteriors: Sequence[Json]) -> Table:
+    """The springs of many turbines, one a row: median and half the 90 % interval over nominal."""
+    table = table_of("Foundation posteriors, ÷ nominal")
+    for title in ("turbine", "windows", "k11", "k22", "k12", "change", ""):
+        table.add_column(title, justify="right", no_wrap=True)
+    for each in posteriors:
+        springs = [_plus_minus(each[name]) for name in ("k11", "k22", "k12")]
+        table.add_row(
+            escape(each["turbine"]), str(each["windows"]), *springs,
+            told(each["change_probability"], ".2f"), "" if each["trusted"] else "NOT TRUSTED",
+            style=None if each["trusted"] else "bold red",
+        )  # fmt: skip
+    table.caption = "± half a 90 % interval, %; change: probability of a new one"
+    return table
+
+
+def _plus_minus(spring: Json) -> str:
+    low, high = spring["ratio_p05"], spring["ratio_p95"]
+    half = None if low is None or high is None else 50 * (high - low)
+    return f"{told(spring['ratio_median'], '.3f')} ± {told(half, '.1f')}"
+
+
+def farm_table(farm: Farm) -> Table:
+    """Every turbine's springs with the farm's help, and how unlike the others it is."""
+    table = table_of(f"Springs ÷ nominal, {counted(len(farm.turbines), 'turbine')} pooled")
+    for title in ("turbine", "windows", "k11", "k22", "k12", "outlier"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for each in farm.turbines:
+        springs = [f"{k.median / k.nominal:.3f} ± {100 * _half_width(k):.1f}" for k in each.pooled]
+        style = "bold red" if each.outlying else None
+        probability = f"{each.outlier_probability:.3f}"
+        table.add_row(each.turbine, str(each.n_windows), *springs, probability, style=style)
+    spreads = ", ".join(
+        f"{name} {100 * each.median:.1f} % [{100 * each.p05:.1f}, {100 * each.p95:.1f}]"
+        for name, each in zip(("k11", "k22", "k12"), farm.spread, strict=True)
+    )
+    table.caption = (
+        f"± half a 90 % interval, %; turbines differ by {spreads} (standard deviation); outlier: "
+        f"probability; R-hat {farm.rhat:.3f}"
+    )
+    return table
+
+
+def _half_width(spring: ParameterSummary) -> float:
+    """Of the 90 % interval, over nominal."""
+    return abs((spring.p95 - spring.p05) / 2 / spring.nominal)
+
+
+def misfit_table(posterior: FoundationPosterior) -> Table:
+    """How well each paired mode fits the posterior, and how much it tells of the stiffness."""
+    table = table_of("Misfit mode by mode")
+    for title in ("mode", "f [Hz]", "model f [Hz]", "apart [%]", "misfit", "MAC", "tells"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for pair in sorted(posterior.pairs, key=lambda pair: pair.frequency):
+        apart = 100 * (pair.frequency / pair.model_frequency - 1)
+        table.add_row(
+            pair.model,
+            f"{pair.frequency:.4f}",
+            f"{pair.model_frequency:.4f}",
+            f"{apart:+.2f}",
+            f"{pair.misfit:+.1f}",
+            f"{pair.mac:.3f}" + ("" if pair.shape_used else " –"),
+            f"{100 * pair.information:.0f} %",
+        )
+    table.caption = (
+        f"misfit: in standard deviations of the posterior's prediction; –: shape not used; tells: "
+        f"share of the information on the stiffness; {posterior.paired_share:.0%} of the "
+        f"identified modes paired, reduced χ² {posterior.reduced_chi_square:.2f}"
+    )
+    return table

@@ -1,0 +1,79 @@
+"""What a recording holds, and which scenarios there are, for people."""
+
+from collections.abc import Sequence
+
+from rich.markup import escape
+from rich.table import Table
+
+from pipeline.cli.tables.cells import table_of
+from pipeline.recording.info import RecordingInfo
+from pipeline.scenario import Scenario
+
+
+def recording_tables(info: RecordingInfo) -> list[Table]:
+    """Channels, units with their gaps, and nodes of a recording."""
+    channels = table_of(f"{info.path} · {info.size / 1e6:.2f} MB · {info.duration:.1f} s")
+    for title in ("key", "message", "count"):
+        channels.add_column(title, justify="right" if title == "count" else "left")
+    for channel in info.channels:
+        channels.add_row(channel.key, channel.message, str(channel.count))
+    units = table_of("Acquisition units")
+    for title in ("unit", "session", "rate [Hz]", "channels", "blocks", "duration [s]", "gaps"):
+        units.add_column(escape(title), justify="right")
+    for unit in info.units:
+        missing = sum((gap.end_ns - gap.start_ns) * 1e-9 for gap in unit.gaps)
+        units.add_row(
+            f"{unit.turbine}/{unit.unit}",
+            unit.session,
+            f"{unit.sampling_rate:g}",
+            str(unit.n_channels),
+            str(unit.n_blocks),
+            f"{unit.duration:.1f}",
+            f"{len(unit.gaps)} ({missing:.1f} s)" if unit.gaps else "none",
+        )
+    nodes = table_of("Nodes, as they last said")
+    accounts = ("recovered", "lost", "late", "duplicate")
+    for title in ("node", "state", "last block", *accounts, "busy [s]"):
+        nodes.add_column(escape(title), justify="right")
+    for status in info.health:
+        nodes.add_row(
+            status.node,
+            status.state,
+            str(status.last_sequence) if status.last_sequence >= 0 else "",
+            *(str(getattr(status, name)) for name in accounts),
+            f"{status.busy_s:.2f}",
+        )
+    return [channels, units] + ([nodes] if info.health else [])
+
+
+def scenarios_table(scenarios: Sequence[Scenario]) -> Table:
+    """The scenarios that come with pilewatch: name, duration, title."""
+    table = table_of("Scenarios")
+    table.add_column("name")
+    table.add_column("duration", justify="right")
+    table.add_column("what it is")
+    for scenario in scenarios:
+        table.add_row(
+            scenario.name, duration_in_words(scenario.simulation.duration), scenario.title
+        )
+    table.caption = "pilewatch simulate --describe NAME says more of one"
+    return table
+
+
+def duration_in_words(duration: float) -> str:
+    """3 h 20 min of 12000 s. duration: [s]"""
+    hours, minutes = divmod(round(duration / 60.0), 60)
+    words = [f"{hours} h"] * (hours > 0) + [f"{minutes} min"] * (minutes > 0)
+    return " ".join(words) or f"{duration:g} s"
+
+
+def scenario_description(scenario: Scenario) -> str:
+    """A scenario in words: its title, then what it simulates and needs, a line a paragraph."""
+    paragraphs = scenario.description.strip().split("\n\n")
+    words = [" ".join(paragraph.split()) for paragraph in paragraphs]
+    return "\n\n".join([f"{scenario.name}: {scenario.title}", *words])
+
+
+def scenario_settings(scenario: Scenario) -> str:
+    """What a scenario's file sets, after its description."""
+    return scenario.text.rpartition('"""')[2].strip()

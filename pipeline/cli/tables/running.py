@@ -1,0 +1,69 @@
+"""What a running session answered, for people."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from pipeline.cli.tables.cells import table_of
+from pipeline.cli.tables.posteriors import posterior_table, posteriors_table
+
+
+def status_tables(status: Mapping[str, Any]) -> list[Table]:
+    """What a running session answered: nodes and what they say, streams, posteriors, gaps."""
+    nodes = table_of(f"nodes of {status['source']}")
+    rare = ("recovered", "late", "duplicate", "malformed")  # shown where there are any
+    counted = ("received", "lost", *(n for n in rare if any(each[n] for each in status["nodes"])))
+    nodes.add_column("node", no_wrap=True)  # shares of a node differ in the last letters
+    nodes.add_column("condition")
+    for title in ("silent [s]", "behind [blocks]", *counted):
+        nodes.add_column(escape(title), justify="right")
+    for each in status["nodes"]:
+        behind = "" if each["behind_blocks"] is None else str(each["behind_blocks"])
+        counts = (str(each[name]) for name in counted)
+        nodes.add_row(each["node"], each["condition"], f"{each['silence_s']:.1f}", behind, *counts)
+    streams = table_of("streams")
+    streams.add_column("key", overflow="fold")
+    streams.add_column("condition")
+    for title in ("silent [s]", "messages", "rate [1/s]"):
+        streams.add_column(escape(title), justify="right")
+    for each in status["streams"]:
+        rate = "" if each["rate_hz"] is None else f"{each['rate_hz']:.2f}"
+        silence, messages = f"{each['silence_s']:.1f}", str(each["messages"])
+        streams.add_row(each["key"], each["condition"], silence, messages, rate)
+    known = status["posteriors"]
+    posteriors = [posteriors_table(known)] if len(known) > 1 else [*map(posterior_table, known)]
+    links = table_of("connections, by certificate or address")
+    links.add_column("who")
+    links.add_column("links", justify="right")
+    for who, count in status["connections"].items():
+        links.add_row(who, str(count))
+    connected = [links] if status["connections"] else []
+    said = _said_tables(status["nodes"])
+    return [nodes, *said, streams, *connected, *posteriors, *_gap_tables(status["gaps"])]
+
+
+def _said_tables(nodes: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """What nodes doubt, word by word: some words are strangers', and no markup."""
+    said = [(each["node"], Text(text)) for each in nodes for text in each["warnings"]]
+    if not said:
+        return []
+    table = table_of("what nodes say")
+    for title in ("node", "doubt"):
+        table.add_column(title)
+    for row in said:
+        table.add_row(*row)
+    return [table]
+
+
+def _gap_tables(gaps: Sequence[Mapping[str, Any]]) -> list[Table]:
+    if not gaps:
+        return []
+    table = table_of("latest gaps")
+    for title in ("turbine", "unit", "missing [s]", "blocks"):
+        table.add_column(escape(title))
+    for gap in gaps:
+        table.add_row(gap["turbine"], gap["unit"], f"{gap['duration_s']:.1f}", str(gap["blocks"]))
+    return [table]

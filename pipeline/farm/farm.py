@@ -1,0 +1,237 @@
+"""A farm: every turbine's foundation with what the others lend it, and those unlike the others.
+
+    FoundationPosterior of each turbine ──► evidence ──► pooling ──► Farm
+                                                                      ├ PooledTurbine each
+                                                                      └ StiffnessPopulation
+
+Nominally equal turbines of one design share the model, and with it the model's errors: what all of
+them are wrong by alike, pooling takes for the farm's mean.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pipeline.farm.evidence import StackedEvidence, evidence_of
+from pipeline.farm.members import LeftOut, members_of, nominal_of
+from pipeline.farm.pooling import PooledDraws, pooled
+from pipeline.farm.settings import FarmError, GibbsSettings, PopulationPrior
+from pipeline.messages import FoundationPosterior, ParameterSummary
+from pipeline.updating.population import SpringCoordinates, StiffnessPopulation
+from pipeline.updating.prior import PARAMETER_NAMES
+from sensors.arrays import FloatArray
+
+OUTLYING = 0.8  # probability from which a turbine is said to be unlike the others
+MOST_DRAWS = 1000  # of a turbine's springs, that are kept
+POPULATION_DRAWS = 100  # of mean and spread, that make the prior of one more turbine
+FEWEST_TURBINES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class FarmSettings:
+    """How a farm is pooled."""
+
+    population: PopulationPrior = field(default_factory=PopulationPrior)
+    gibbs: GibbsSettings = field(default_factory=GibbsSettings)
+    seed: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A quantity's median with its 90 % interval."""
+
+    median: float
+    p05: float
+    p95: float
+
+    @property
+    def half_width(self) -> float:
+        """Half of the interval."""
+        return (self.p95 - self.p05) / 2
+
+    @classmethod
+    def of(cls, draws: FloatArray) -> "Interval":
+        """Of (n,) draws."""
+        p05, median, p95 = np.quantile(draws, [0.05, 0.5, 0.95]).tolist()
+        return cls(median, p05, p95)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PooledTurbine:
+    """One turbine of a farm. Springs in the order k11, k22, k12."""
+
+    turbine: str
+    window: int  # the last that entered its own posterior
+    time_ns: int  # end of that window
+    n_windows: int
+    own: tuple[ParameterSummary, ...]  # as it published them
+    pooled: tuple[ParameterSummary, ...]  # with what the others lend it
+    deviations: tuple[Interval, ...]  # from the farm's centre, k / k_centre − 1 [-]
+    outlier_probability: float
+    text: str  # one sentence about it
+    draws: FloatArray  # (n_draws <= 1000, 3) k11 [N/m], k22 [N·m/rad], k12 [N/rad]
+
+    @property
+    def outlying(self) -> bool:
+        """Whether it is said to be unlike the others."""
+        return self.outlier_probability >= OUTLYING
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Farm:
+    """All turbines, what they have in common, and what may be expected of one more."""
+
+    turbines: tuple[PooledTurbine, ...]  # in the order of their names
+    left_out: tuple[LeftOut, ...]
+    centre: tuple[ParameterSummary, ...]  # k11, k22, k12 that the farm lies about
+    spread: tuple[Interval, ...]  # standard deviations of ln k11, ln k22, ln k12 [-]
+    population: StiffnessPopulation
+    ess: float  # smallest effective sample size of the pooling
+    rhat: float  # its largest split R̂
+
+
+def pooled_farm(
+    posteriors: Sequence[FoundationPosterior], settings: FarmSettings | None = None
+) -> Farm:
+    """The farm of the latest posterior of each turbine. The same posteriors, in whatever order,
+    give the same farm.
+
+    Raises FarmError where fewer than two turbines can be pooled.
+    """
+    settings = settings or FarmSettings()
+    members, left_out = members_of(posteriors)
+    if len(members) < FEWEST_TURBINES:
+        missing = "".join(f"; {each.turbine}: {each.reason}" for each in left_out)
+        raise FarmError(
+            f"{len(members)} of {len(members) + len(left_out)} turbines can be pooled; at least "
+            f"{FEWEST_TURBINES} are needed{missing}"
+        )
+    generator = np.random.default_rng(settings.seed)
+    coordinates = SpringCoordinates(nominal_of(members[0]))
+    evidence = [evidence_of(each, coordinates, generator) for each in members]
+    drawn = pooled(StackedEvidence.of(evidence), settings.population, generator, settings.gibbs)
+    return _told(members, left_out, drawn, coordinates, settings.population)
+
+
+def _told(
+    members: Sequence[FoundationPosterior],
+    left_out: tuple[LeftOut, ...],
+    drawn: PooledDraws,
+    coordinates: SpringCoordinates,
+    prior: PopulationPrior,
+) -> Farm:
+    centres = coordinates.to_ratios(drawn.means)  # (n_draws, 3)
+    spreads = log_spreads(drawn, coordinates)
+    farm_spread = tuple(Interval.of(column) for column in spreads.T)
+    turbines = tuple(
+        _pooled_turbine(
+            posterior,
+            coordinates.to_ratios(drawn.points[:, number]),
+            centres,
+            spreads=np.median(spreads, axis=0),
+            probability=float(drawn.outlier_probabilities[number]),
+        )
+        for number, posterior in enumerate(members)
+    )
+    chosen = _evenly(len(drawn.means), POPULATION_DRAWS)
+    return Farm(
+        turbines=turbines,
+        left_out=left_out,
+        centre=_summaries(centres * coordinates.nominal, members[0]),
+        spread=farm_spread,
+        population=StiffnessPopulation(
+            turbines=tuple(each.turbine for each in members),
+            nominal=coordinates.nominal,
+            means=drawn.means[chosen],
+            covariances=drawn.covariances[chosen],
+            outlier_shares=drawn.outlier_shares[chosen],
+            outlier_std=prior.outlier_std,
+        ),
+        ess=drawn.ess,
+        rhat=drawn.rhat,
+    )
+
+
+def _pooled_turbine(
+    posterior: FoundationPosterior,
+    ratios: FloatArray,
+    centres: FloatArray,
+    *,
+    spreads: FloatArray,
+    probability: float,
+) -> PooledTurbine:
+    """ratios, centres: (n_draws, 3) k / nominal, of the turbine and the farm; spreads: (3,) of
+    ln k over the farm."""
+    deviations = tuple(Interval.of(column) for column in (ratios / centres - 1).T)
+    standing_out = [
+        abs(each.median) / np.hypot(spread, each.half_width)
+        for each, spread in zip(deviations, spreads, strict=True)
+    ]
+    stiffness = ratios * nominal_of(posterior)
+    return PooledTurbine(
+        turbine=posterior.turbine,
+        window=posterior.window,
+        time_ns=posterior.time_ns,
+        n_windows=posterior.n_windows,
+        own=posterior.parameters[:3],
+        pooled=_summaries(stiffness, posterior),
+        deviations=deviations,
+        outlier_probability=probability,
+        text=_sentence(posterior.turbine, deviations, int(np.argmax(standing_out)), probability),
+        draws=stiffness[_evenly(len(stiffness), MOST_DRAWS)],
+    )
+
+
+def _sentence(turbine: str, deviations: Sequence[Interval], spring: int, probability: float) -> str:
+    """The spring that stands out most, and how sure it is that the turbine is unlike the others."""
+    off, name = deviations[spring], PARAMETER_NAMES[spring]
+    side, sign = ("below", -100) if off.median < 0 else ("above", 100)
+    low, high = sorted((sign * off.p05, sign * off.p95))
+    size = f"{name} {sign * off.median:.1f} % [{low:.1f}, {high:.1f}] {side} the farm's"
+    if probability >= OUTLYING:
+        return f"{turbine}: {size}, unlike the others with probability {_probability(probability)}"
+    return f"{turbine}: {size}, like the others with probability {_probability(1 - probability)}"
+
+
+def _probability(value: float) -> str:
+    """ "> .999" or ".98": nobody is ever certain."""
+    return "> .999" if value > 0.999 else f"{value:.3f}".lstrip("0")
+
+
+def log_spreads(drawn: PooledDraws, coordinates: SpringCoordinates) -> FloatArray:
+    """(n_draws, 3) standard deviations of ln k11, ln k22 and ln |k12| over the farm [-].
+
+        ln |k12| = ½ (ln k11 + ln k22) + ln |ρ|,   d ln |ρ| / dz = (1 − ρ²) / ρ
+
+    to first order about the farm's mean.
+    """
+    coupling = coordinates.nominal[2] / np.sqrt(coordinates.nominal[0] * coordinates.nominal[1])
+    rho = np.tanh(drawn.means[:, 2] + np.arctanh(coupling))
+    gradient = np.column_stack([np.full((len(rho), 2), 0.5), (1 - rho**2) / rho])
+    coupled = np.einsum("ni,nij,nj->n", gradient, drawn.covariances, gradient)
+    own = drawn.covariances[:, [0, 1], [0, 1]]
+    return np.sqrt(np.column_stack([own, coupled]))
+
+
+def _summaries(
+    stiffness: FloatArray, posterior: FoundationPosterior
+) -> tuple[ParameterSummary, ...]:
+    """Quantiles of (n, 3) springs in their units, under the names and units of a posterior."""
+    quantiles = np.quantile(stiffness, [0.05, 0.5, 0.95], axis=0).T.tolist()
+    return tuple(
+        ParameterSummary(
+            name=own.name,
+            unit=own.unit,
+            nominal=own.nominal,
+            median=median,
+            p05=p05,
+            p95=p95,
+        )
+        for own, (p05, median, p95) in zip(posterior.parameters[:3], quantiles, strict=True)
+    )
+
+
+def _evenly(length: int, most: int) -> FloatArray:
+    """(min(length, most),) indices spread over all."""
+    return np.linspace(0, length - 1, min(length, most)).round().astype(int)

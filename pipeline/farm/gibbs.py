@@ -1,0 +1,224 @@
+"""How a farm is drawn: the full conditionals of the model of `pooling`, in its symbols.
+
+Gibbs sampling, b_i integrated out where that can be done: first each z_i with its component of the
+likelihood, then μ, then Σ by a walk, then b_i, x_i, Σ and a once more, ε. Where turbines are known
+no better than they differ, Σ given b crawls and the walk does not; where they are known well, the
+other way round. Chains run side by side in the leading axis of every array.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from pipeline.farm.evidence import StackedEvidence
+from pipeline.farm.settings import PopulationPrior
+from pipeline.updating.population import log_gaussian
+from sensors.arrays import FloatArray
+
+STEPS = (0.2, 0.4, 0.8)  # of the walk, in ln Σ
+STRETCH = 1.5  # of one standard deviation, in its logarithm
+
+
+@dataclass(slots=True, eq=False)
+class State:
+    """Of all chains; the leading axis of every array."""
+
+    mean: FloatArray  # μ, (n_chains, d)
+    covariance: FloatArray  # Σ, (n_chains, d, d)
+    scales: FloatArray  # a, (n_chains, d)
+    outlier_share: FloatArray  # ε, (n_chains,)
+
+
+class Gibbs:
+    """The full conditionals, for all chains at once."""
+
+    def __init__(
+        self, evidence: StackedEvidence, prior: PopulationPrior, generator: np.random.Generator
+    ) -> None:
+        self._evidence = evidence
+        self._prior = prior
+        self._generator = generator
+        self._d = evidence.means.shape[2]
+        self._outlier = prior.outlier_std**2 * np.eye(self._d)  # W
+
+    def start(self, n_chains: int) -> State:
+        """Chains apart from each other: about one turbine each, with spreads from narrow to
+        wide."""
+        turbines = self._generator.integers(len(self._evidence.means), size=n_chains)
+        spreads = self._prior.spread_scale * np.geomspace(0.1, 2.0, n_chains)
+        return State(
+            mean=self._evidence.means[turbines, 0],
+            covariance=spreads[:, None, None] ** 2 * np.eye(self._d),
+            scales=np.full((n_chains, self._d), self._prior.spread_scale**2),
+            outlier_share=self._generator.beta(
+                self._prior.outliers, self._prior.regular, size=n_chains
+            ),
+        )
+
+    def sweep(self, state: State) -> tuple[FloatArray, FloatArray]:
+        """Every unknown drawn once, the state's in place.
+
+        returns   x, (n_chains, n_turbines, d); probability of an outlier given the rest,
+                  (n_chains, n_turbines)
+        """
+        component, outlying, chances = self._allocations(state)
+        rows = np.arange(len(self._evidence.means))
+        seen, seen_covariance = (
+            self._evidence.means[rows, component],
+            self._evidence.covariances[rows, component],
+        )
+        noise = seen_covariance + outlying[..., None, None] * self._outlier
+        state.mean = self._mean(seen, noise + state.covariance[:, None])
+        state.covariance = self._walked(state, seen, noise)
+        state.scales = self._scales(state.covariance)
+        regular = self._between(
+            state.mean[:, None], _inverse(state.covariance)[:, None], seen, noise
+        )
+        outlier_precision = _inverse(self._outlier)
+        different = self._between(regular, outlier_precision, seen, seen_covariance)
+        points = np.where(outlying[..., None], different, regular)
+        state.covariance = self._covariance(regular - state.mean[:, None], state.scales)
+        state.scales = self._scales(state.covariance)
+        count, n_turbines = outlying.sum(axis=1), outlying.shape[1]
+        state.outlier_share = self._generator.beta(
+            self._prior.outliers + count, self._prior.regular + n_turbines - count
+        )
+        return points, chances
+
+    def _allocations(self, state: State) -> tuple[NDArray[np.int64], NDArray[np.bool_], FloatArray]:
+        """Component and z of each turbine, (n_chains, n_turbines) each, b integrated out; and the
+        probability of z = 1, from
+
+            p(component k, z | μ, Σ, ε) ∝ a_k ε^z (1 − ε)^(1−z) N(m_k; μ, C_k + Σ + z W)
+        """
+        evidence = self._evidence
+        offsets = evidence.means - state.mean[:, None, None]
+        covariance = evidence.covariances + state.covariance[:, None, None]
+        logs = np.stack(
+            [
+                log_gaussian(offsets, covariance) + np.log1p(-state.outlier_share)[:, None, None],
+                log_gaussian(offsets, covariance + self._outlier)
+                + np.log(state.outlier_share)[:, None, None],
+            ],
+            axis=-1,
+        )
+        logs = (logs + evidence.log_shares[..., None]).reshape(*offsets.shape[:2], -1)
+        chances = np.exp(logs - logsumexp(logs, axis=-1, keepdims=True))
+        edges = np.cumsum(chances, axis=-1)
+        drawn = self._generator.random((*edges.shape[:2], 1)) * edges[..., -1:]
+        chosen = np.minimum((edges <= drawn).sum(axis=-1), edges.shape[-1] - 1)
+        return chosen // 2, chosen % 2 == 1, chances[..., 1::2].sum(axis=-1)
+
+    def _mean(self, seen: FloatArray, covariance: FloatArray) -> FloatArray:
+        """μ, (n_chains, d), of turbines seen at m with covariance C + zW + Σ."""
+        precision = _inverse(covariance)
+        total = precision.sum(axis=1) + np.eye(self._d) / self._prior.mean_std**2
+        weighted = (precision @ seen[..., None]).sum(axis=1)[..., 0]
+        return self._gaussian(weighted, total)
+
+    def _between(
+        self, centre: FloatArray, precision: FloatArray, seen: FloatArray, noise: FloatArray
+    ) -> FloatArray:
+        """Draws, (n_chains, n_turbines, d), of N(x; centre, precision⁻¹) N(seen; x, noise)."""
+        seen_precision = _inverse(noise)
+        weighted = (precision @ centre[..., None] + seen_precision @ seen[..., None])[..., 0]
+        return self._gaussian(weighted, precision + seen_precision)
+
+    def _walked(self, state: State, seen: FloatArray, noise: FloatArray) -> FloatArray:
+        """Σ, (n_chains, d, d), by Metropolis steps with b and a integrated out.
+
+        Steps A of the linear group, Σ → A Σ Aᵀ, as often A as A⁻¹: a walk that looks the same from
+        everywhere on the cone of positive definite matrices, reversible with respect to
+        |Σ|^−(d+1)/2 dΣ. Small ones in every direction; and long ones of one standard deviation
+        alone, which may be near zero while the others are well known.
+        """
+        offsets = seen - state.mean[:, None]
+
+        def log_density(covariance: FloatArray) -> FloatArray:
+            data = log_gaussian(offsets, noise + covariance[:, None]).sum(axis=1)
+            return np.asarray(data + self._log_prior(covariance))
+
+        covariance = state.covariance
+        here = log_density(covariance)
+        for step in self._steps(len(covariance)):
+            trial = step(covariance)
+            there = log_density(trial)
+            taken = np.log(self._generator.random(len(here))) < there - here
+            covariance = np.where(taken[:, None, None], trial, covariance)
+            here = np.where(taken, there, here)
+        return covariance
+
+    def _steps(self, n_chains: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
+        for length in STEPS:
+            yield partial(self._turned, length)
+        for axis in range(self._d):
+            stretch = np.ones((n_chains, self._d))
+            stretch[:, axis] = np.exp(STRETCH * self._generator.standard_normal(n_chains))
+            yield partial(np.multiply, stretch[:, :, None] * stretch[:, None, :])
+
+    def _turned(self, length: float, covariance: FloatArray) -> FloatArray:
+        """L exp(S) Lᵀ of Σ = L Lᵀ, S symmetric, its entries normal with that deviation."""
+        factor = np.linalg.cholesky(covariance)
+        normal = length * self._generator.standard_normal(covariance.shape)
+        values, vectors = np.linalg.eigh((normal + np.swapaxes(normal, 1, 2)) / 2)
+        root = factor @ vectors * np.exp(values / 2)[:, None]
+        return root @ np.swapaxes(root, 1, 2)
+
+    def _log_prior(self, covariance: FloatArray) -> FloatArray:
+        """of Σ, a integrated out, with respect to |Σ|^−(d+1)/2 dΣ."""
+        nu, d = self._prior.spread_degrees, self._d
+        factor = np.linalg.cholesky(covariance)
+        log_determinant = 2 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+        stiff = np.diagonal(_inverse(covariance), axis1=1, axis2=2)
+        away = np.log(nu * stiff + 1 / self._prior.spread_scale**2).sum(axis=1)
+        return np.asarray(-(nu + d - 1) / 2 * log_determinant - (nu + d) / 2 * away)
+
+    def _gaussian(self, weighted: FloatArray, precision: FloatArray) -> FloatArray:
+        """Draws of N(P⁻¹ w, P⁻¹), (..., d), w (..., d), P (..., d, d)."""
+        factor = np.swapaxes(np.linalg.cholesky(precision), -1, -2)  # Lᵀ of P = L Lᵀ
+        normal = self._generator.standard_normal(weighted.shape)
+        mean = np.linalg.solve(precision, weighted[..., None])
+        return (mean + np.linalg.solve(factor, normal[..., None]))[..., 0]
+
+    def _covariance(self, offsets: FloatArray, scales: FloatArray) -> FloatArray:
+        """Σ, (n_chains, d, d), given b − μ, (n_chains, n_turbines, d), and a."""
+        nu, n_turbines = self._prior.spread_degrees, offsets.shape[1]
+        scatter = np.swapaxes(offsets, 1, 2) @ offsets + 2 * nu * _diagonal(1 / scales)
+        return inverse_wishart(nu + self._d - 1 + n_turbines, scatter, self._generator)
+
+    def _scales(self, covariance: FloatArray) -> FloatArray:
+        """a, (n_chains, d), given Σ: IG((ν + d)/2, ν (Σ⁻¹)_jj + 1/A²)."""
+        nu, scale = self._prior.spread_degrees, self._prior.spread_scale
+        precision = np.diagonal(_inverse(covariance), axis1=1, axis2=2)
+        gamma = self._generator.standard_gamma((nu + self._d) / 2, size=precision.shape)
+        return (nu * precision + 1 / scale**2) / gamma
+
+
+def inverse_wishart(
+    degrees: float, scale: FloatArray, generator: np.random.Generator
+) -> FloatArray:
+    """(n, d, d) draws Σ with density ∝ |Σ|^−(degrees + d + 1)/2 exp(−½ tr(scale Σ⁻¹)).
+
+    With scale = L Lᵀ and Bartlett's A, lower triangular with A_jj² ~ χ²(degrees − j) and standard
+    normal entries below, Σ = (L A⁻ᵀ)(L A⁻ᵀ)ᵀ.
+    Source: Bartlett (1933), Proceedings of the Royal Society of Edinburgh 53, 260.
+    """
+    n, d = scale.shape[:2]
+    bartlett = np.tril(generator.standard_normal((n, d, d)), -1)
+    diagonal = np.sqrt(generator.chisquare(degrees - np.arange(d), size=(n, d)))
+    bartlett[:, np.arange(d), np.arange(d)] = diagonal
+    factor = np.linalg.solve(bartlett, np.swapaxes(np.linalg.cholesky(scale), 1, 2))  # A⁻¹ Lᵀ
+    return np.swapaxes(factor, 1, 2) @ factor
+
+
+def _diagonal(values: FloatArray) -> FloatArray:
+    """(n, d, d) with (n, d) values on the diagonals."""
+    return values[:, :, None] * np.eye(values.shape[1])
+
+
+def _inverse(matrices: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(matrices), dtype=np.float64)

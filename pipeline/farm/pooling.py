@@ -1,0 +1,94 @@
+"""Partial pooling: turbines alike but not equal, each lending the others what it knows.
+
+    x_i = b_i + z_i o_i          springs of turbine i, any d coordinates
+    b_i ~ N(μ, Σ)                what its builders meant, and the soil's scatter
+    o_i ~ N(0, W), z_i ~ Bernoulli(ε)      some are different, by much more than the others
+    data_i ~ p(data_i | x_i)     a mixture of Gaussians in x_i (`evidence`)
+
+    μ ~ N(0, s² I),   ε ~ Beta(α, β)
+    Σ | a ~ IW(ν + d − 1, 2ν diag(1/a)),   a_j ~ IG(1/2, 1/A²)
+
+which gives each standard deviation √Σ_jj a half-Student-t prior with ν degrees of freedom and scale
+A, and for ν = 2 each correlation a uniform one (Huang and Wand 2013, Bayesian Analysis 8, 439).
+
+An outlier's o_i takes up what is unlike the others, so that it widens neither Σ nor their
+posteriors; the probability of z_i = 1 says how sure that is (Box and Tiao 1968, Biometrika 55, 119,
+for the contaminated Gaussian).
+
+The draws come from `gibbs`.
+
+Why the turbines' own intervals are believed as they are: an error of the model that all turbines
+share widens every interval and shows in no difference between them, so one factor f on all widths
+suggests itself, to be found from the farm. It cannot be: turbines scatter by Σ + f² C, and every f
+for which a scatter S leaves S − f² C positive definite explains it as well as another. Of farms of
+twenty that spread by 2 %, seen through ten minutes of all modes, with errors half as large as
+stated, f may be anything up to 1.1 [.8, 1.5]. Nor does it help to leave it open: a share of C that
+is common to all, uniform a priori, came out as it went in, and the errors stayed what they were.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.farm.evidence import StackedEvidence
+from pipeline.farm.gibbs import Gibbs, State
+from pipeline.farm.settings import GibbsSettings, PopulationPrior
+from pipeline.updating.samplers.convergence import effective_sample_size, split_rhat
+from sensors.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PooledDraws:
+    """Draws of the farm and its turbines, sweep by sweep, the chains one behind the other."""
+
+    means: FloatArray  # μ, (n_draws, d)
+    covariances: FloatArray  # Σ, (n_draws, d, d)
+    outlier_shares: FloatArray  # ε, (n_draws,)
+    points: FloatArray  # x, (n_draws, n_turbines, d)
+    outlier_probabilities: FloatArray  # of z_i = 1, (n_turbines,)
+    ess: float  # smallest effective sample size over μ and √Σ_jj
+    rhat: float  # largest split R̂ over the same
+
+
+def pooled(
+    evidence: StackedEvidence,
+    prior: PopulationPrior,
+    generator: np.random.Generator,
+    settings: GibbsSettings | None = None,
+) -> PooledDraws:
+    """Draws of the population and of every turbine given all turbines' evidence."""
+    settings = settings or GibbsSettings()
+    gibbs = Gibbs(evidence, prior, generator)
+    state = gibbs.start(settings.chains)
+    for _ in range(settings.burn_in):
+        gibbs.sweep(state)
+    for number in range(settings.rounds):
+        drawn = _drawn(gibbs, state, settings.sweeps * 2**number)
+        if drawn.rhat <= settings.rhat:
+            break
+    return drawn
+
+
+def _drawn(gibbs: Gibbs, state: State, sweeps: int) -> PooledDraws:
+    """The sweeps that follow a state."""
+    n_chains, d = state.mean.shape
+    size = (sweeps, n_chains)
+    means, covariances = np.empty((*size, d)), np.empty((*size, d, d))
+    shares, points, chances = np.empty(size), [], []
+    for sweep in range(sweeps):
+        x, outlying = gibbs.sweep(state)
+        means[sweep], covariances[sweep] = state.mean, state.covariance
+        shares[sweep] = state.outlier_share
+        points.append(x)
+        chances.append(outlying)
+    spreads = np.sqrt(np.diagonal(covariances, axis1=2, axis2=3))
+    watched = np.concatenate([means, spreads], axis=2)
+    return PooledDraws(
+        means=means.reshape(-1, d),
+        covariances=covariances.reshape(-1, d, d),
+        outlier_shares=shares.ravel(),
+        points=np.concatenate(points),
+        outlier_probabilities=np.mean(chances, axis=(0, 1)),
+        ess=min(effective_sample_size(each) for each in np.moveaxis(watched, 2, 0)),
+        rhat=max(split_rhat(each) for each in np.moveaxis(watched, 2, 0)),
+    )

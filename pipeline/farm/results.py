@@ -1,0 +1,109 @@
+"""A farm for others: messages, JSON, Parquet."""
+
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pipeline.farm.farm import Farm, Interval, PooledTurbine
+from pipeline.farm.settings import FarmError
+from pipeline.messages import ParameterSummary, PooledPosterior
+from pipeline.state.posterior_json import stiffness_summary
+from pipeline.updating.prior import PARAMETER_NAMES
+
+Json = dict[str, Any]
+
+
+def pooled_posterior(farm: Farm, turbine: PooledTurbine) -> PooledPosterior:
+    """What is published of a turbine."""
+    return PooledPosterior(
+        turbine=turbine.turbine,
+        window=turbine.window,
+        time_ns=turbine.time_ns,
+        n_turbines=len(farm.turbines),
+        parameters=turbine.pooled,
+        outlier_probability=turbine.outlier_probability,
+        text=turbine.text,
+    )
+
+
+def farm_json(farm: Farm) -> Json:
+    """Everything but the draws; names are stable."""
+    return {
+        "turbines": [_turbine(each) for each in farm.turbines],
+        "left_out": [{"turbine": e.turbine, "reason": e.reason} for e in farm.left_out],
+        "centre": _springs(farm.centre),
+        "spread": {
+            name: _interval(each) for name, each in zip(PARAMETER_NAMES, farm.spread, strict=True)
+        },
+        "ess": farm.ess,
+        "rhat": farm.rhat,
+    }
+
+
+def _turbine(turbine: PooledTurbine) -> Json:
+    return {
+        "turbine": turbine.turbine,
+        "time_ns": turbine.time_ns,
+        "windows": turbine.n_windows,
+        "own": _springs(turbine.own),
+        "pooled": _springs(turbine.pooled),
+        "deviation": {
+            name: _interval(each)
+            for name, each in zip(PARAMETER_NAMES, turbine.deviations, strict=True)
+        },
+        "outlier_probability": turbine.outlier_probability,
+        "outlying": turbine.outlying,
+        "text": turbine.text,
+    }
+
+
+def _springs(springs: tuple[ParameterSummary, ...]) -> Json:
+    summaries = {each.name: stiffness_summary(each) for each in springs}
+    for summary in summaries.values():
+        del summary["truth_ratio"]
+    return summaries
+
+
+def _interval(interval: Interval) -> Json:
+    return {"median": interval.median, "p05": interval.p05, "p95": interval.p95}
+
+
+def write_parquet(farm: Farm, path: Path) -> None:
+    """One row a turbine and spring: k in its unit, alone and pooled; deviations as shares.
+
+    Raises FarmError where the file cannot be written.
+    """
+    rows = [
+        _row(turbine, number) for turbine in farm.turbines for number in range(len(PARAMETER_NAMES))
+    ]
+    table = pa.Table.from_pylist(rows)
+    time = pa.timestamp("ns", tz="UTC")
+    table = table.set_column(1, "time", table.column("time").cast(pa.int64()).cast(time))
+    try:
+        pq.write_table(table, path)
+    except OSError as error:
+        raise FarmError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _row(turbine: PooledTurbine, number: int) -> Json:
+    own, pooled, off = turbine.own[number], turbine.pooled[number], turbine.deviations[number]
+    return {
+        "turbine": turbine.turbine,
+        "time": turbine.time_ns,
+        "windows": turbine.n_windows,
+        "parameter": own.name,
+        "unit": own.unit,
+        "nominal": own.nominal,
+        "own_p05": own.p05,
+        "own_median": own.median,
+        "own_p95": own.p95,
+        "pooled_p05": pooled.p05,
+        "pooled_median": pooled.median,
+        "pooled_p95": pooled.p95,
+        "deviation_p05": off.p05,
+        "deviation_median": off.median,
+        "deviation_p95": off.p95,
+        "outlier_probability": turbine.outlier_probability,
+    }

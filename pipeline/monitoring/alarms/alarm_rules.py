@@ -1,0 +1,199 @@
+"""What in the messages is worth a notice, and what says that it is over."""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    Message,
+    ModalEstimate,
+    NodeStatus,
+    StreamGap,
+    WindowRejected,
+)
+from pipeline.monitoring.alarms.settings import AlarmLogSettings
+from pipeline.state.health import Health
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout
+
+SENSOR = (  # codes of windows that speak of an instrument
+    "constant",
+    "clipped",
+    "duplicate-channel",
+    "swapped-channels",
+    "sensor-fault",
+    "missing-unit",
+    "nan",
+    "spikes",
+    "unsynchronised-clock",
+    "unsynchronised-units",
+)
+REFUSED = ("few-pairs", "pairing-cost", "no-paired-mode")  # codes of posteriors that were not made
+SILENT_AFTER = 30.0  # without a block of a unit that has not said that it ends [s]
+LOST_AFTER = 60.0  # without a status of a node; one that works on a window has no time for any [s]
+LINK = ("link-down", "quiet")  # what a feed says of why its unit is silent
+LOOKED_EVERY = 1.0  # at what is silent [s]
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmCondition:
+    """Something that is wrong, or no longer is."""
+
+    key: str  # the same cause has the same key
+    kind: str  # one of `settings.KINDS`
+    turbine: str
+    text: str  # one sentence for people; "" where it is over
+    over: bool = False
+    lasting: bool = True  # False: it has no end of its own; only who acknowledges it ends it
+    counted: bool = True  # False: a state that is said again and again while it lasts
+
+
+class AlarmRules:
+    """Reads the messages of a session as they come.
+
+    `now_ns` is always of the same clock [ns]: when a message came.
+    """
+
+    def __init__(self, settings: AlarmLogSettings) -> None:
+        self._settings = settings
+        self._health = Health()
+        self._looked_ns = 0
+        self._sensor_doubts: dict[str, set[str]] = {}  # by turbine: keys of causes that last
+        self._channels: dict[str, set[str]] = {}  # by turbine: names of its channels
+        self._links: dict[tuple[str, str], str] = {}  # turbine, unit: why its feed is silent
+
+    def causes(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
+        """What one message says."""
+        self._health.observe(message, now_ns)
+        found: Iterable[AlarmCondition] = ()
+        match message:
+            case SensorLayout():
+                names = (channel.name for channel in message.channels)
+                self._channels.setdefault(message.turbine, set()).update(names)
+            case FoundationEvent():
+                found = _change(message)
+            case StreamGap():
+                found = self._gap(message)
+            case ModalEstimate():
+                found = self._sensor(message)
+            case WindowRejected():
+                found = self._rejected(message)
+            case FoundationPosterior():
+                found = _posterior(message)
+            case NodeStatus():
+                found = self._status(message)
+        for cause in (*found, *self._silences(now_ns)):
+            if cause.kind in self._settings.kinds:
+                yield cause
+
+    def _gap(self, gap: StreamGap) -> Iterator[AlarmCondition]:
+        seconds = (gap.end_ns - gap.start_ns) / NANOSECONDS
+        if seconds < self._settings.shortest_gap:
+            return
+        begin = _moment(gap.start_ns)
+        text = f"{_spoken(seconds)} of measurements of unit {gap.unit} are missing, from {begin} on"
+        key = f"{gap.turbine}/gap/{gap.unit}"
+        yield AlarmCondition(key, "gap", gap.turbine, text)
+        yield AlarmCondition(key, "gap", gap.turbine, "", over=True)  # samples have resumed
+
+    def _sensor(self, estimate: ModalEstimate) -> Iterator[AlarmCondition]:
+        """Doubts about instruments in a window; those that it does not share are over."""
+        turbine = estimate.turbine
+        doubts = {
+            self._sensor_key(turbine, each.code, each.text): each.text
+            for each in estimate.warnings
+            if each.code in SENSOR
+        }
+        for key, text in doubts.items():
+            yield AlarmCondition(
+                key, "sensor", turbine, f"{text} ({_window_from(estimate.start_ns)})"
+            )
+        for key in sorted(self._sensor_doubts.get(turbine, set()) - doubts.keys()):
+            yield AlarmCondition(key, "sensor", turbine, "", over=True)
+        self._sensor_doubts[turbine] = set(doubts)
+
+    def _rejected(self, window: WindowRejected) -> Iterator[AlarmCondition]:
+        """A window that says nothing of instruments does not say that they are well."""
+        turbine, begin = window.turbine, _window_from(window.start_ns)
+        if window.code in SENSOR:
+            key = self._sensor_key(turbine, window.code, window.reason)
+            yield AlarmCondition(key, "sensor", turbine, f"{window.reason} ({begin}, not used)")
+            self._sensor_doubts.setdefault(turbine, set()).add(key)
+        elif window.code in REFUSED:
+            text = f"no posterior of the {begin}: {window.reason}"
+            yield AlarmCondition(f"{turbine}/refused", "refused", turbine, text)
+
+    def _sensor_key(self, turbine: str, code: str, text: str) -> str:
+        """Of one fault of certain channels: another one that fails meanwhile is another cause."""
+        channels = self._channels.get(turbine, set())
+        named = sorted({name for name in _NAME.findall(text) if name in channels})
+        return "/".join([turbine, "sensor", code, *named])
+
+    def _silences(self, now_ns: int) -> Iterator[AlarmCondition]:
+        """Units and nodes from which nothing has come for too long, and those that are back."""
+        if now_ns - self._looked_ns < LOOKED_EVERY * NANOSECONDS:
+            return
+        self._looked_ns = now_ns
+        for stream in self._health.streams(now_ns):
+            _, turbine, *unit = stream.key.split("/")
+            if stream.key.endswith("/acceleration"):
+                silent = stream.condition == "late" and stream.silence > SILENT_AFTER
+                link = self._links.get((turbine, unit[0]), "")
+                why = f"; its feed says: {link}" if link else ""
+                text = f"unit {unit[0]} has been silent for {_spoken(stream.silence)}{why}"
+                yield _state(f"{turbine}/silence/{unit[0]}", "silence", turbine, text, silent)
+        for node in self._health.nodes(now_ns):
+            status = node.status
+            lost = node.condition == "late" and node.silence > LOST_AFTER
+            text = f"node {status.node} has not been heard of for {_spoken(node.silence)}"
+            yield _state(f"{status.turbine}/node/{status.node}", "node", status.turbine, text, lost)
+
+    def _status(self, status: NodeStatus) -> Iterator[AlarmCondition]:
+        unit = status.node.removeprefix("feed-")
+        if unit != status.node:
+            link = "; ".join(doubt.text for doubt in status.warnings if doubt.code in LINK)
+            self._links[status.turbine, unit] = link
+        stopped = [doubt for doubt in status.warnings if doubt.code == "recording-stopped"]
+        if status.node == "recorder":
+            text = stopped[0].text if stopped else ""
+            key = f"{status.turbine}/recorder"
+            yield _state(key, "recorder", status.turbine, text, bool(stopped))
+
+
+_NAME = re.compile(r"[^\s,;:()]+")  # what may be the name of a channel
+
+
+def _window_from(start_ns: int) -> str:
+    return f"window from {_moment(start_ns)}"
+
+
+def _moment(time_ns: int) -> str:
+    return f"{datetime.fromtimestamp(time_ns // NANOSECONDS, UTC):%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _spoken(seconds: float) -> str:
+    """A duration as people say it."""
+    for unit, length in (("days", 86_400), ("hours", 3600), ("minutes", 60)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def _state(key: str, kind: str, turbine: str, text: str, wrong: bool) -> AlarmCondition:
+    return AlarmCondition(key, kind, turbine, text if wrong else "", over=not wrong, counted=False)
+
+
+def _change(event: FoundationEvent) -> Iterator[AlarmCondition]:
+    key = f"{event.turbine}/change/{event.kind}"
+    yield AlarmCondition(key, "change", event.turbine, event.text, lasting=False)
+
+
+def _posterior(posterior: FoundationPosterior) -> Iterator[AlarmCondition]:
+    turbine = posterior.turbine
+    why = "; ".join(doubt.text for doubt in posterior.warnings)
+    text = f"the posterior is not to be trusted: {why or 'the data contradict the model'}"
+    yield _state(f"{turbine}/untrusted", "untrusted", turbine, text, not posterior.trusted)
+    yield AlarmCondition(f"{turbine}/refused", "refused", turbine, "", over=True)

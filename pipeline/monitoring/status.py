@@ -1,0 +1,142 @@
+"""What `pilewatch status` asks and what a running session answers.
+
+every message ──► [status desk] ◄── query on pilewatch/@status/* ── pilewatch status
+                   health of nodes and streams, latest gaps, last posterior of every turbine
+"""
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from pipeline.messages import FoundationPosterior, Message, StreamGap
+from pipeline.state.health import Health, NodeHealth, StreamHealth
+from pipeline.state.json_values import Json, known, with_nulls
+from pipeline.state.posterior_json import posterior_summary
+from pipeline.streams import STREAMS
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.errors import InputError
+
+API = 1  # of the answer: a field may come, none goes or changes its meaning under one number
+KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @
+ENDPOINT_FILE = "endpoint"  # in a session's folder while it runs
+GAPS_TOLD = 20
+
+
+class StatusNode:
+    """A sink that can say at any moment how the session does. Any thread may ask.
+
+    source   what the session listens to, for people
+    clock    → [ns since 1970-01-01 UTC]
+    """
+
+    name = "status"
+    inputs: tuple[type, ...] = tuple(stream.message for stream in STREAMS)
+
+    def __init__(self, source: str, clock: Callable[[], int] = time.time_ns) -> None:
+        self.connections: Callable[[], Json] = dict  # → certificate's name or address → links
+        self._source = source
+        self._clock = clock
+        self._health = Health()
+        self._newest: dict[str, int] = {}  # turbine → number of its latest block
+        self._posteriors: dict[str, FoundationPosterior] = {}  # by turbine
+        self._asked = threading.Lock()
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        """Take note of a message. Gives nothing back."""
+        with self._asked:
+            self._health.observe(message, self._clock())
+            if isinstance(message, AccelerationBlock):
+                self._newest[message.turbine] = message.sequence
+            elif isinstance(message, FoundationPosterior):
+                self._posteriors[message.turbine] = message
+        return ()
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def as_json(self) -> Json:
+        """Everything known now; names are stable."""
+        now_ns = self._clock()
+        with self._asked:
+            return {
+                "api": API,
+                "source": self._source,
+                "connections": self.connections(),
+                "time_ns": now_ns,
+                "nodes": [self._node(each) for each in self._health.nodes(now_ns)],
+                "streams": [_stream(each) for each in self._health.streams(now_ns)],
+                "gaps": [_gap(each) for each in self._health.gaps[-GAPS_TOLD:]],
+                "posteriors": [_posterior(each) for each in self._posteriors.values()],
+            }
+
+    def answer(self, _asked: bytes = b"") -> bytes:
+        """`as_json` as it travels: JSON knows no NaN and no ∞, which anybody may send."""
+        return json.dumps(with_nulls(self.as_json()), allow_nan=False).encode()
+
+    def _node(self, health: NodeHealth) -> Json:
+        status = health.status
+        newest = self._newest.get(status.turbine)
+        behind = None
+        if newest is not None and status.last_sequence >= 0:
+            behind = max(0, newest - status.last_sequence)
+        return {
+            "node": status.node,
+            "turbine": status.turbine,
+            "condition": health.condition,
+            "silence_s": health.silence,
+            "behind_blocks": behind,
+            "received": sum(each.count for each in status.received),
+            "lost": status.lost,
+            "recovered": status.recovered,
+            "late": status.late,
+            "duplicate": status.duplicate,
+            "malformed": status.malformed,
+            "busy_s": status.busy_s,
+            "warnings": [doubt.text for doubt in status.warnings],
+        }
+
+
+def _stream(health: StreamHealth) -> Json:
+    return {
+        "key": health.key,
+        "condition": health.condition,
+        "silence_s": health.silence,
+        "messages": health.messages,
+        "rate_hz": known(health.rate),
+    }
+
+
+def _gap(gap: StreamGap) -> Json:
+    return {
+        "turbine": gap.turbine,
+        "unit": gap.unit,
+        "start_ns": gap.start_ns,
+        "duration_s": (gap.end_ns - gap.start_ns) / NANOSECONDS,
+        "blocks": gap.n_blocks,
+    }
+
+
+def _posterior(posterior: FoundationPosterior) -> Json:
+    return posterior_summary(posterior) | {
+        "turbine": posterior.turbine,
+        "time_ns": posterior.time_ns,
+        "windows": posterior.n_windows,
+        "trusted": posterior.trusted,
+        "sampler": posterior.sampler,
+    }
+
+
+def endpoint_of(out: Path) -> str:
+    """Where the session that runs in this folder can be asked.
+
+    Raises InputError where none runs.
+    """
+    try:
+        return (out / ENDPOINT_FILE).read_text(encoding="utf-8").strip()
+    except OSError:
+        raise InputError(
+            f"no session runs in {out}: there is no {out / ENDPOINT_FILE}; name its folder with "
+            "--out or its endpoint with --connect"
+        ) from None

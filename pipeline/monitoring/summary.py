@@ -1,0 +1,248 @@
+"""SessionSummary: a sink that keeps what a person wants to know of a session in the end.
+
+`as_json` is the content of `summary.json`; its names are stable: more may come, none changes.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    NodeStatus,
+    QualityWarning,
+    StreamGap,
+    WindowRejected,
+)
+from pipeline.nodes.by_turbine import of_kind
+from pipeline.state.json_values import Json, known, with_nulls
+from pipeline.state.posterior_json import empty_summary, posterior_summary
+from pipeline.state.run_modes import CombinedMode, combined_modes
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+
+KEPT = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
+
+NO_FACTOR = np.empty((0, 0))  # frequencies, shapes and their stds are all that is told
+M = TypeVar("M")
+T = TypeVar("T", StreamGap, WindowRejected)
+
+
+@dataclass(slots=True)
+class SessionSummary:
+    """Collects results and accounts while the session runs; answers with nothing."""
+
+    source: str
+    turbine: str
+    live: bool = False  # nobody tells of every block that is given: those that are heard count
+    estimates: list[ModalEstimate] = field(default_factory=list)
+    rejected: list[WindowRejected] = field(default_factory=list)
+    gaps: list[StreamGap] = field(default_factory=list)
+    events: list[FoundationEvent] = field(default_factory=list)
+    gone: Counter[str] = field(default_factory=Counter)  # counts of what was let go of all this
+    posterior: FoundationPosterior | None = None
+    truth: FoundationTruth | None = None
+    statuses: dict[str, NodeStatus] = field(default_factory=dict)
+    first_ns: int | None = None  # of the first block that the source gave
+    last_ns: int | None = None
+    published: int = 0  # acceleration blocks
+    heard: dict[tuple[str, ...], int] = field(default_factory=dict)  # a unit's session → sequence
+
+    name = "summary"
+
+    @property
+    def inputs(self) -> tuple[type, ...]:
+        """What it takes: results and accounts, and blocks where these are counted by hearing."""
+        results = (ModalEstimate, WindowRejected, FoundationEvent, FoundationPosterior)
+        told = (StreamGap, FoundationTruth, NodeStatus)
+        return (*results, *told, *((AccelerationBlock,) if self.live else ()))
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        if isinstance(message, AccelerationBlock):
+            self._hear(message)
+        if getattr(message, "turbine", self.turbine) != self.turbine:
+            return ()  # another of the farm
+        match message:
+            case ModalEstimate():
+                self._add_estimate(message)
+            case WindowRejected():
+                self._add_rejection(message)
+            case StreamGap():
+                self._add_gap(message)
+            case FoundationEvent():
+                self.events.append(message)
+                self._let_go(self.events, "events")
+            case FoundationPosterior():
+                self.posterior = message
+            case FoundationTruth():
+                self.truth = message
+            case NodeStatus():
+                self.statuses[message.node] = message
+        return ()
+
+    def _hear(self, block: AccelerationBlock) -> None:
+        """A block of a live unit, whichever turbine's; one that comes again is the same one."""
+        unit = (block.turbine, block.unit, block.session)
+        newest = self.heard.pop(unit, -1)
+        self.heard[unit] = max(newest, block.sequence)
+        if len(self.heard) > KEPT:
+            del self.heard[next(iter(self.heard))]  # silent for longest
+        if block.sequence <= newest:
+            return
+        if block.turbine == self.turbine:
+            self.count(block)
+        else:
+            self.published += 1
+
+    def _add_estimate(self, estimate: ModalEstimate) -> None:
+        """A window once, even where a restarted identification has seen it again."""
+        if all(each.start_ns != estimate.start_ns for each in self.estimates):
+            modes = tuple(replace(mode, covariance_factor=NO_FACTOR) for mode in estimate.modes)
+            self.estimates.append(replace(estimate, modes=modes))
+            self._let_go(self.estimates, "windows")
+
+    def _add_gap(self, gap: StreamGap) -> None:
+        """One that is told again is the same one."""
+        if gap not in self.gaps:
+            self.gaps.append(gap)
+            for oldest in self._let_go(self.gaps, "gaps"):
+                self.gone["gap_ns"] += oldest.end_ns - oldest.start_ns
+
+    def _let_go(self, told: list[M], name: str) -> list[M]:
+        """Keep the latest of a live session, which may run for years; what went, counted."""
+        gone = told[: max(0, len(told) - KEPT)] if self.live else []
+        del told[: len(gone)]
+        self.gone[name] += len(gone)
+        return gone
+
+    def _add_rejection(self, rejected: WindowRejected) -> None:
+        """A window once; the identification, restarted, also rejects what it has identified
+        before, its samples no longer to be had. The updating may reject what was identified."""
+        again = any(
+            (each.start_ns, each.code) == (rejected.start_ns, rejected.code)
+            for each in self.rejected
+        )
+        seen = any(each.start_ns == rejected.start_ns for each in self.estimates)
+        if not again and not (seen and rejected.code == "gap"):
+            self.rejected.append(rejected)
+            self._let_go(self.rejected, "rejected")
+
+    def _in_its_time(self, told: Sequence[T]) -> list[T]:
+        """Without what lies before the first block that was heard of a live session: whoever joins
+        a unit that has been running for months has not lost them."""
+        if not self.live or self.first_ns is None:
+            return list(told)
+        return [each for each in told if each.end_ns > self.first_ns]
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def count(self, block: AccelerationBlock) -> None:
+        """A block that the source publishes."""
+        self.published += 1
+        self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
+        self.last_ns = max(self.last_ns or 0, block.end_ns)
+
+    @property
+    def modes(self) -> list[CombinedMode]:
+        return combined_modes(self.estimates, self.posterior)
+
+    @property
+    def doubts(self) -> list[QualityWarning]:
+        """Every doubt once, in order of appearance: the last posterior's, the windows', the
+        nodes'. Not the summary's own `warnings`, which it would say in its status and hear again.
+        """
+        doubts = [*(self.posterior.warnings if self.posterior else ())]
+        doubts += [doubt for estimate in self.estimates for doubt in estimate.warnings]
+        doubts += [doubt for status in self.statuses.values() for doubt in status.warnings]
+        return list(dict.fromkeys(doubts))
+
+    @property
+    def duration(self) -> float:
+        """Of the measurements [s]."""
+        if self.first_ns is None or self.last_ns is None:
+            return 0.0
+        return (self.last_ns - self.first_ns) / NANOSECONDS
+
+    def as_json(self, wall: float) -> Json:
+        """wall: how long the session took [s]."""
+        figures: Json = with_nulls(self._figures(wall))
+        return figures
+
+    def _figures(self, wall: float) -> Json:
+        return {
+            "source": self.source,
+            "turbine": self.turbine,
+            "duration_s": self.duration,
+            "windows": {
+                "identified": len(self.estimates) + self.gone["windows"],
+                "rejected": [self._rejection(each) for each in self._in_its_time(self.rejected)],
+            },
+            "modes": [mode.as_json() for mode in self.modes],
+            "posterior": self._posterior(),
+            "events": [self._event(each) for each in self.events],
+            "warnings": [{"code": each.code, "text": each.text} for each in self.doubts],
+            "stream": self._stream(),
+            "timing": {
+                "wall_s": wall,
+                "realtime_factor": self.duration / wall if wall > 0 else None,
+                "identify_s_per_window": self._busy("identification"),
+                "update_s_per_window": self._busy("updating"),
+            },
+        }
+
+    def _since_start(self, time_ns: int) -> float | None:
+        return None if self.first_ns is None else (time_ns - self.first_ns) / NANOSECONDS
+
+    def _event(self, event: FoundationEvent) -> Json:
+        return {
+            "kind": event.kind,
+            "probability": known(event.probability),
+            "noticed": self._since_start(event.time_ns),
+            "since": self._since_start(event.since_ns),
+            "text": event.text,
+        }
+
+    def _rejection(self, rejected: WindowRejected) -> Json:
+        start = self._since_start(rejected.start_ns)
+        return {"start": start, "code": rejected.code, "reason": rejected.reason}
+
+    def _posterior(self) -> Json:
+        if self.posterior is None:
+            return empty_summary()
+        last = self.posterior
+        return posterior_summary(last, self.truth) | {
+            "trusted": last.trusted,
+            "windows": last.n_windows,
+            "sampler": last.sampler,
+            "reduced_chi_square": known(last.reduced_chi_square),
+            "paired_share": known(last.paired_share),
+            "pairing_cost": known(last.pairing_cost),
+        }
+
+    def _stream(self) -> Json:
+        recorder = self.statuses.get("recorder")
+        gaps = self._in_its_time(self.gaps)
+        takers = [status for node, status in self.statuses.items() if node != "source"]
+        return {
+            "published": self.published,
+            "recorded": None if recorder is None else recorder.recorded,
+            "lost": max((status.lost for status in takers), default=0),
+            "recovered": max((status.recovered for status in takers), default=0),
+            "late": max((status.late for status in takers), default=0),
+            "duplicate": max((status.duplicate for status in takers), default=0),
+            "gaps": len(gaps) + self.gone["gaps"],
+            "gap_s": (sum(gap.end_ns - gap.start_ns for gap in gaps) + self.gone["gap_ns"])
+            / NANOSECONDS,
+        }
+
+    def _busy(self, node: str) -> float | None:
+        shares = [each for name, each in self.statuses.items() if of_kind(name, node)]
+        windows = len(self.estimates)
+        return sum(each.busy_s for each in shares) / windows if shares and windows else None

@@ -1,0 +1,98 @@
+"""What the turbine was doing during a window, and which windows may speak of the foundation."""
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.messages import ModalEstimate, WindowRejected
+from sensors.acquisition.scada import ScadaSample
+from sensors.errors import InputError
+
+STATES = ("parked", "idling", "start", "operating", "stop")
+CHANGING = "changing"  # state of a window during which the state or the yaw changed
+STEADY_YAW = 2.0  # range of the yaw over a window whose axes are known [deg]
+KEPT = 10_000  # SCADA samples that are remembered: more than a day at 10 s
+
+
+@dataclass(frozen=True, slots=True)
+class OperationSettings:
+    """Which windows may update the foundation."""
+
+    allowed_states: tuple[str, ...] = ("parked", "idling")  # "" (unknown) always may
+    unusable: tuple[str, ...] = ("duplicate-channel", "clipped")  # codes that spoil the shapes
+
+    def __post_init__(self) -> None:
+        for state in self.allowed_states:
+            if state not in STATES:
+                raise InputError(
+                    f"[operation] allowed_states has {state!r}; states are {', '.join(STATES)}"
+                )
+
+
+class OperationLog:
+    """What the controllers of some turbines have said lately."""
+
+    def __init__(self) -> None:
+        self._samples: dict[str, deque[ScadaSample]] = {}  # by turbine
+
+    def note(self, sample: ScadaSample) -> None:
+        """Remember a sample."""
+        self._samples.setdefault(sample.turbine, deque(maxlen=KEPT)).append(sample)
+
+    def forget(self, turbine: str) -> None:
+        """Let go of a turbine."""
+        self._samples.pop(turbine, None)
+
+    def with_conditions(self, estimate: ModalEstimate) -> ModalEstimate:
+        """The estimate with what the controller said of its window; unchanged where it said
+        nothing."""
+        samples = self._during(estimate)
+        if not samples:
+            return estimate
+        states = list(dict.fromkeys(sample.state for sample in samples))
+        yaws = np.array([sample.yaw for sample in samples])
+        steady = len(states) == 1 and np.ptp(yaws) <= STEADY_YAW
+        return replace(
+            estimate,
+            operating_state=states[0] if steady else CHANGING,
+            wind_speed=float(np.mean([sample.wind_speed for sample in samples])),
+            rotor_speed=float(np.mean([sample.rotor_speed for sample in samples])),
+            yaw=float(np.mean(yaws)),
+            water_level=float(np.mean([sample.water_level for sample in samples])),
+        )
+
+    def _during(self, estimate: ModalEstimate) -> list[ScadaSample]:
+        """Samples of the window, and the one that holds when it begins."""
+        known = self._samples.get(estimate.turbine, ())
+        before = [sample for sample in known if sample.time_ns <= estimate.start_ns]
+        inside = [s for s in known if estimate.start_ns < s.time_ns < estimate.end_ns]
+        return before[-1:] + inside
+
+
+def refusal_by_operation(
+    estimate: ModalEstimate, settings: OperationSettings
+) -> WindowRejected | None:
+    """Why an estimate may not speak of the foundation; None: it may."""
+    state, allowed = estimate.operating_state, settings.allowed_states
+    if state and state not in allowed:
+        reason = (
+            f"the turbine was {state}; only {' and '.join(allowed)} windows update the foundation"
+        )
+        return rejected_estimate(estimate, "operating-state", reason)
+    for doubt in estimate.warnings:
+        if doubt.code in settings.unusable:
+            return rejected_estimate(estimate, doubt.code, f"{doubt.text}; not used")
+    return None
+
+
+def rejected_estimate(estimate: ModalEstimate, code: str, reason: str) -> WindowRejected:
+    """The estimate's window as one that is not used."""
+    return WindowRejected(
+        turbine=estimate.turbine,
+        window=estimate.window,
+        start_ns=estimate.start_ns,
+        end_ns=estimate.end_ns,
+        code=code,
+        reason=reason,
+    )

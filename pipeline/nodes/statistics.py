@@ -1,0 +1,104 @@
+"""NodeAccount: a node with its books, whichever runner serves it."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
+from pipeline.nodes.node import Node
+from sensors.acquisition.blocks import AccelerationBlock
+
+
+class NodeAccount:
+    """Counts what a node takes and gives, and how long it is busy.
+
+    node      the node
+    turbine   id that the status is published under
+    clock     → time [ns since 1970]; an argument, so that nodes and tests need none
+    """
+
+    def __init__(self, node: Node, turbine: str, clock: Callable[[], int]) -> None:
+        self.node = node
+        self.last_sequence = -1  # of the acceleration blocks handled
+        self._turbine = turbine
+        self._clock = clock
+        self._received: Counter[str] = Counter()
+        self._published: Counter[str] = Counter()
+        self._busy_ns = 0
+
+    @property
+    def handled(self) -> int:
+        """Messages that the node has taken; statuses, which would beget statuses, do not count."""
+        return self._received.total() - self._received[NodeStatus.__name__]
+
+    def handle(self, message: Message) -> Iterator[Message]:
+        """The node's answers to one message, in order, each as soon as the node gives it.
+
+        What a node does after its last answer, such as writing a checkpoint, it does when that
+        answer has been passed on. The message counts as taken when the answers are exhausted.
+        """
+        with self._busy():  # a node that answers nothing works here
+            answers = iter(self.node.handle(message))
+        while (answer := self._next(answers)) is not None:
+            self._published[type(answer).__name__] += 1
+            yield answer
+        self._received[type(message).__name__] += 1
+        if isinstance(message, AccelerationBlock):
+            self.last_sequence = message.sequence
+
+    def _next(self, answers: Iterator[Message]) -> Message | None:
+        with self._busy():
+            return next(answers, None)
+
+    @contextmanager
+    def _busy(self) -> Iterator[None]:
+        """Counts the time that it takes."""
+        started = self._clock()
+        try:
+            yield
+        finally:
+            self._busy_ns += max(0, self._clock() - started)
+
+    def status(
+        self,
+        state: str,
+        *,
+        lost: int = 0,
+        recovered: int = 0,
+        malformed: int = 0,
+        refusal: str = "",
+    ) -> NodeStatus:
+        """What the node would say of itself now.
+
+        lost        blocks that its subscription knows to be lost
+        recovered   blocks that came when their link was back
+        malformed   messages that were dropped before they reached it
+        refusal     of the last of them: where it came and what was wrong
+        """
+        doubts: tuple[QualityWarning, ...] = getattr(self.node, "warnings", ())
+        if malformed:
+            doubts += (
+                QualityWarning("malformed", f"messages were dropped, the last one {refusal}"),
+            )
+        return NodeStatus(
+            turbine=self._turbine,
+            node=self.node.name,
+            time_ns=self._clock(),
+            state=state,
+            last_sequence=self.last_sequence,
+            received=message_counts(self._received),
+            published=message_counts(self._published),
+            lost=lost + getattr(self.node, "lost", 0),
+            late=getattr(self.node, "late", 0),
+            duplicate=getattr(self.node, "duplicate", 0),
+            busy_s=self._busy_ns * 1e-9,
+            warnings=doubts,
+            malformed=malformed,
+            recovered=recovered,
+            recorded=getattr(self.node, "recorded", 0),
+        )
+
+
+def message_counts(counter: Counter[str]) -> tuple[MessageCount, ...]:
+    """The counts as they travel, in alphabetical order."""
+    return tuple(MessageCount(name, count) for name, count in sorted(counter.items()))

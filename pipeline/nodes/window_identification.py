@@ -1,0 +1,288 @@
+"""Cut ordered blocks into windows; identify each or reject it with a reason."""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from pipeline.messages import (
+    Message,
+    ModalEstimate,
+    QualityWarning,
+    StabilisationDiagram,
+    StreamGap,
+    WindowRejected,
+)
+from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
+from pipeline.oma.identification import Identification, identify
+from pipeline.oma.references import settings_for_channels
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.stabilization import PoleCloud
+from pipeline.oma.streaming import StreamingIdentifier
+from pipeline.oma.tracking import ChannelPlaces, ModeTracker
+from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
+from sensors.acquisition.blocks import AccelerationBlock, BlockStatus
+from sensors.acquisition.layout import SensorLayout
+
+
+def stabilisation_diagram(
+    estimate: ModalEstimate, bands: Sequence[PoleCloud]
+) -> StabilisationDiagram:
+    """Poles of all bands side by side, in single precision: nobody computes with them.
+
+    bands   the poles behind the estimate by frequency band, slowest first
+    """
+    poles = {
+        "orders": [band.orders for band in bands],
+        "bands": [np.full(len(band), index) for index, band in enumerate(bands)],
+        "frequencies": [band.frequencies for band in bands],
+        "frequency_stds": [band.frequency_stds for band in bands],
+        "damping_ratios": [band.damping_ratios for band in bands],
+    }
+    return StabilisationDiagram(
+        estimate.turbine,
+        estimate.window,
+        estimate.start_ns,
+        estimate.end_ns,
+        **{name: np.concatenate([*parts, []]).astype(np.float32) for name, parts in poles.items()},
+    )
+
+
+Columns = dict[str, list[int]]  # which channels are a unit's, of several
+
+
+class WindowIdentification:
+    """Cuts ordered pieces into windows and answers each.
+
+    columns   which channels are a unit's, where several are joined
+    """
+
+    def __init__(
+        self,
+        turbine: str,
+        unit: str,
+        settings: OmaSettings,
+        layouts: dict[str, SensorLayout],
+        *,
+        columns: Columns | None = None,
+    ):
+        self._turbine, self._unit = turbine, unit
+        self._cutter = WindowCutter(settings.window_duration, settings.hop)
+        self._tracker = ModeTracker()
+        self._stretch: StreamingIdentifier | None = None  # since the last gap
+        self._origin = 0  # the stretch's first sample, where a window begins
+        self._settings = settings
+        self._layouts = layouts
+        self._columns = columns or {}
+
+    def push(self, piece: AccelerationBlock | MissingSamples) -> Iterator[Message]:
+        if isinstance(piece, MissingSamples):
+            self._stretch = None
+        else:
+            self._feed(piece)
+        for window in self._cutter.push(piece):
+            yield from self._answers(window)
+
+    def finish(self) -> Iterator[Message]:
+        for window in self._cutter.finish():
+            yield from self._answers(window)
+
+    def recall(self, answer: ModalEstimate | WindowRejected) -> None:
+        """Take up what an identification that has ended answered a window: its modes keep their
+        names."""
+        if isinstance(answer, WindowRejected):
+            self._tracker.missed()
+            return
+        layout = self._layouts.get(answer.layout_id)
+        names = answer.channels if layout is None else layout.channel_names
+        places = None
+        if len(answer.channels) < len(names):
+            columns = tuple(names.index(channel) for channel in answer.channels)
+            places = ChannelPlaces(columns, len(names))
+        self._tracker.recall(answer.modes, on=places)
+
+    def gap(self, missing: MissingSamples, unit: str, session: str) -> StreamGap:
+        return StreamGap(
+            turbine=self._turbine,
+            unit=unit,
+            session=session,
+            start_ns=missing.start_ns,
+            end_ns=missing.end_ns,
+            first_sequence=missing.first_sequence,
+            n_blocks=missing.n_blocks,
+        )
+
+    def _feed(self, block: AccelerationBlock) -> None:
+        """Into the running stretch, which after a gap begins with the next window's start."""
+        if self._stretch is None:
+            self._stretch = StreamingIdentifier(
+                block.sampling_rate, block.samples.shape[1], self._settings
+            )
+            hop = self._stretch.hop_samples
+            self._origin = -(-block.first_sample // hop) * hop
+        before = max(0, self._origin - block.first_sample)
+        samples = block.samples[before:]
+        # Samples of a unit that is missing are never used: its channels are left out of the window.
+        self._stretch.push(np.nan_to_num(samples) if self._columns else samples)
+
+    def _answers(self, window: Window) -> Iterator[Message]:
+        """A rejection; or an estimate, and the diagram behind it."""
+        missing = self._missing_units(window)
+        refusal = self._refusal(window, missing)
+        if refusal is not None:
+            yield self._rejected(window, refusal)
+            return
+        present = self._present(window, missing)
+        names = self._names(window)
+        result = self._identified(window, names, present if missing else None)
+        answer = self._concluded(window, result, missing, present)
+        yield answer
+        if isinstance(answer, ModalEstimate):
+            yield stabilisation_diagram(answer, result.diagrams)
+
+    def _concluded(
+        self, window: Window, result: Identification, missing: dict[str, float], present: list[int]
+    ) -> ModalEstimate | WindowRejected:
+        """missing   units that lack samples [s];   present   channels that were identified"""
+        names = self._names(window)
+        if result.rejection is not None:
+            return self._rejected(window, result.rejection)
+        doubts = tuple(
+            QualityWarning("missing-unit", _missing_text({unit: span}, f"unit {unit}"))
+            for unit, span in missing.items()
+        )
+        clocks = self._clock_doubts(window, result, missing)
+        unusable = next((doubt for doubt in clocks if doubt.code == "unsynchronised-units"), None)
+        if unusable is not None:
+            return self._rejected(window, unusable)
+        places = ChannelPlaces(tuple(present), window.samples.shape[1]) if missing else None
+        modes = self._tracker.named(result.modes, on=places)
+        events = tuple(QualityWarning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
+        return ModalEstimate(
+            turbine=self._turbine,
+            window=window.index,
+            start_ns=window.start_ns,
+            end_ns=window.end_ns,
+            layout_id=window.layout_id,
+            channels=tuple(names[column] for column in present),
+            modes=modes,
+            weight=self._settings.hop / self._settings.window_duration,
+            warnings=result.warnings + _status_warnings(window.status) + doubts + clocks + events,
+        )
+
+    def _present(self, window: Window, missing: Iterable[str]) -> list[int]:
+        """Channels of the units that are there all the time."""
+        absent = {column for unit in missing for column in self._columns[unit]}
+        return [column for column in range(window.samples.shape[1]) if column not in absent]
+
+    def _names(self, window: Window) -> tuple[str, ...]:
+        n_channels = window.samples.shape[1]
+        layout = self._layouts.get(window.layout_id)
+        if layout is not None and len(layout.channels) == n_channels:
+            return layout.channel_names
+        return tuple(f"channel {i + 1}" for i in range(n_channels))
+
+    def _identified(
+        self, window: Window, names: tuple[str, ...], present: list[int] | None
+    ) -> Identification:
+        """present   channels to use where a unit is missing; None: all, as they were streamed"""
+        if present is not None:
+            left = [names[column] for column in present]
+            return identify(
+                window.samples[:, present],
+                window.sampling_rate,
+                settings_for_channels(self._settings, left),
+                channel_names=left,
+            )
+        assert self._stretch is not None  # a window without a gap lies in the running stretch
+        hops = window.index - self._origin // self._stretch.hop_samples
+        return self._stretch.identify(hops, window.samples, channel_names=names)
+
+    def _missing_units(self, window: Window) -> dict[str, float]:
+        """Units that lack samples on all of their channels, and for how long [s]."""
+        if window.gaps:  # all of them did; such a window holds no samples
+            return {}
+        absent = np.isnan(window.samples)
+        lacking = {
+            unit: int(absent[:, own].all(axis=1).sum()) for unit, own in self._columns.items()
+        }
+        return {unit: count / window.sampling_rate for unit, count in lacking.items() if count}
+
+    def _clock_doubts(
+        self, window: Window, result: Identification, missing: dict[str, float]
+    ) -> tuple[QualityWarning, ...]:
+        """What the modes' phases say of the units' clocks, each against the first one's."""
+        if missing or len(self._columns) < 2:
+            return ()
+        (reference, first), *others = self._columns.items()
+        doubts = []
+        for unit, own in others:
+            offset = unit_offset(window.samples, window.sampling_rate, result.modes, first, own)
+            if offset is not None and offset.exceeds(NOTABLE):
+                doubts.append(_clock_doubt(unit, reference, offset))
+        return tuple(doubts)
+
+    def _refusal(self, window: Window, missing: dict[str, float]) -> QualityWarning | None:
+        """Why a window cannot be identified at all, before its samples are looked at."""
+        if window.gaps:
+            gap = max(window.gaps, key=lambda g: g.n_samples)
+            others = f" ({len(window.gaps)} gaps in all)" if len(window.gaps) > 1 else ""
+            return QualityWarning(
+                "gap",
+                f"gap of {gap.n_samples / window.sampling_rate:.3g} s in unit {self._unit} at "
+                f"{gap.first_sample / window.sampling_rate:.3f} s{others}",
+            )
+        if not window.complete:
+            return QualityWarning(
+                "short",
+                f"the session of unit {self._unit} ended {window.duration:.3g} s into a window of "
+                f"{self._settings.window_duration:g} s",
+            )
+        if window.status & BlockStatus.SENSOR_FAULT:
+            return QualityWarning("sensor-fault", f"unit {self._unit} reports a faulty channel")
+        if len(missing) == len(self._columns) > 0:
+            return QualityWarning("gap", _missing_text(missing, "every unit"))
+        return None
+
+    def _rejected(self, window: Window, why: QualityWarning) -> WindowRejected:
+        self._tracker.missed()
+        return WindowRejected(
+            turbine=self._turbine,
+            window=window.index,
+            start_ns=window.start_ns,
+            end_ns=window.end_ns,
+            code=why.code,
+            reason=why.text,
+        )
+
+
+def _missing_text(missing: dict[str, float], who: str) -> str:
+    longest = max(missing.values())
+    return f"{who} is missing for {longest:.3g} s of the window; its channels are left out"
+
+
+def _clock_doubt(unit: str, reference: str, offset: UnitOffset) -> QualityWarning:
+    apart = (
+        f"the stamps of unit {unit} are {1e3 * offset.seconds:+.2f} ± {1e3 * offset.std:.2f} ms "
+        f"off those of unit {reference} by the phase of the modes"
+    )
+    if offset.exceeds(UNUSABLE):
+        return QualityWarning(
+            "unsynchronised-units", f"{apart}; more than {1e3 * UNUSABLE:g} ms spoils the shapes"
+        )
+    return QualityWarning("unit-offset", f"{apart}; the shapes suffer above {1e3 * NOTABLE:g} ms")
+
+
+def _status_warnings(status: BlockStatus) -> tuple[QualityWarning, ...]:
+    """What the unit itself said of the window's blocks."""
+    warnings = []
+    if status & BlockStatus.CLIPPED:
+        warnings.append(
+            QualityWarning("clipped", "the unit reports samples at its converter's limit")
+        )
+    if status & BlockStatus.CLOCK_UNSYNCHRONISED:
+        warnings.append(
+            QualityWarning(
+                "unsynchronised-clock", "the unit reports that it has lost its time reference"
+            )
+        )
+    return tuple(warnings)

@@ -1,0 +1,1 @@
+"""One recording, no run: identify, update, draw, describe."""

@@ -1,0 +1,84 @@
+"""A recorded session as pictures, long after it ended: what `pilewatch show` does."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from pipeline.messages import Message
+from pipeline.recording.reader import read_messages
+from pipeline.sources.sources import replayed
+from pipeline.viewer.outputs.outputs import RrdFile, ViewerError, ViewerOutput
+from pipeline.viewer.viewer_node import Viewer
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.errors import InputError
+from sensors.structure.bare_mast import bare_mast
+
+PICTURES = ".rrd"
+
+
+def draw_recording(
+    recording: Path,
+    outputs: tuple[ViewerOutput, ...],
+    *,
+    report: Callable[[AccelerationBlock], None] | None = None,
+) -> None:
+    """Draw everything that a recording holds, results where there are some.
+
+    recording   MCAP file
+    report      called with every block of accelerations
+
+    Raises RecordingError, SourceError or ViewerError, one line each.
+    """
+    source = replayed(recording)
+    known = source.scenario.has_structure
+    structure = source.scenario.structure if known else bare_mast(source.layout)
+    viewer = Viewer(outputs, structure, session=f"{recording.name}", unhurried=True)
+    try:
+        for message in read_messages(recording):
+            _draw(viewer, message, report)
+    finally:
+        viewer.close()
+
+
+def _draw(
+    viewer: Viewer, message: Message, report: Callable[[AccelerationBlock], None] | None
+) -> None:
+    if isinstance(message, viewer.inputs):
+        viewer.handle(message)
+    if report and isinstance(message, AccelerationBlock):
+        report(message)
+
+
+def pictures_of(recording: Path, out: Path | None) -> RrdFile:
+    """Where the pictures of a recording go: `out`, or beside it under its own name.
+
+    Raises InputError where that file exists: it may be another session's.
+    """
+    path = out or recording.with_suffix(PICTURES)
+    if path.exists():
+        raise InputError(f"{path} exists already; name another file with -o, or remove it")
+    return RrdFile(path)
+
+
+def open_pictures(path: Path) -> None:
+    """Open a .rrd in the Rerun viewer and wait until its window is closed.
+
+    Raises ViewerError where the viewer cannot be started.
+    """
+    require_pictures(path)
+    command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(path)]
+    silent = os.environ | {"RERUN_ANALYTICS": "0"}
+    ended = subprocess.run(command, check=False, stderr=subprocess.PIPE, text=True, env=silent)
+    if ended.returncode:
+        last = ended.stderr.strip().splitlines()[-1:] or ["no reason given"]
+        raise ViewerError(
+            f"the viewer ended with exit code {ended.returncode} ({last[0]}); is there a display?"
+        )
+
+
+def require_pictures(path: Path) -> None:
+    """ViewerError where there is no such file."""
+    if not path.exists():
+        raise ViewerError(f"{path} does not exist")

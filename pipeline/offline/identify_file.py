@@ -1,0 +1,255 @@
+"""Identification of a file, without turbine, transport or posterior: `pilewatch identify`."""
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.messages import ModalEstimate, QualityWarning, WindowRejected
+from pipeline.oma.identification import Identification, identify
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.measured_quantities import guessed_quantities
+from pipeline.oma.tracking import ModeTracker
+from pipeline.oma.windows.unit_alignment import UnitJoiner
+from pipeline.oma.windows.windowing import BlockOrder, MissingSamples
+from pipeline.recording.reader import read_messages
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.errors import InputError
+from sensors.files.formats import read_file
+from sensors.files.layout_file import LayoutFile
+from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError, Quantity
+
+JOINING = 5.0  # how long a unit that is missing is waited for [s]
+RATE_TOLERANCE = 0.02  # between the sampling rate given and the time stamps, relative
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IdentifiedWindow:
+    """A window with everything that its stabilisation diagram is drawn from."""
+
+    number: int  # counted from 0
+    samples: NDArray[np.float64]  # (n, n_channels)
+    identification: Identification
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileIdentification:
+    """What a file's windows gave, in order of time."""
+
+    estimates: tuple[ModalEstimate, ...]
+    rejected: tuple[WindowRejected, ...]
+    sampling_rate: float  # [Hz]
+    duration: float  # [s]
+    channels: tuple[str, ...]
+    start_ns: int  # first sample [ns since 1970-01-01 UTC]; 0 where the file does not say
+    first_identified: IdentifiedWindow | None  # None where every window was rejected
+
+    @property
+    def warnings(self) -> tuple[QualityWarning, ...]:
+        """Every doubt once: of the windows, then of those rejected."""
+        doubts = [doubt for estimate in self.estimates for doubt in estimate.warnings]
+        doubts += [QualityWarning(each.code, each.reason) for each in self.rejected]
+        return tuple(dict.fromkeys(doubts))
+
+    def windows_json(self) -> dict[str, Any]:
+        """As in `summary.json`: how many were identified, and the others with their reasons."""
+        rejected = [
+            {
+                "start": (each.start_ns - self.start_ns) / NANOSECONDS,
+                "code": each.code,
+                "reason": each.reason,
+            }
+            for each in self.rejected
+        ]
+        return {"identified": len(self.estimates), "rejected": rejected}
+
+
+def identify_file(
+    path: Path,
+    *,
+    sampling_rate: float | None = None,
+    window: float | None = None,
+    settings: OmaSettings | None = None,
+    layout: LayoutFile | None = None,
+) -> FileIdentification:
+    """Modes of the structure that a recording or a file of measurements shows.
+
+    sampling_rate   [Hz]; needed where the file says neither its rate nor when its samples were
+    window          [s]; None: the whole file is one window
+    layout          which channels, in what units; None: all, as the file has them
+
+    Raises InputError: a file that cannot be read, no sampling rate, a window longer than the file.
+    """
+    table, rate = _read(path, sampling_rate, layout)
+    duration = len(table.samples) / rate
+    if window is not None and not 0 < window <= duration * (1 + 1e-9):
+        raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
+    length = len(table.samples) if window is None else round(window * rate)
+    quantities = table.quantities or guessed_quantities(table.samples, rate)
+    guessed = _guess(table, quantities)
+    tracker = ModeTracker()
+    estimates, rejected = [], []
+    first: IdentifiedWindow | None = None
+    for window_found in _windows(table, rate, length, settings or OmaSettings(), quantities):
+        answer = _answer(window_found, table, rate)
+        if isinstance(answer, ModalEstimate):
+            first = first or window_found
+            named = tracker.named(answer.modes)
+            estimates.append(replace(answer, modes=named, warnings=answer.warnings + guessed))
+        else:
+            rejected.append(answer)
+    return FileIdentification(
+        tuple(estimates), tuple(rejected), rate, duration, table.names, table.start_ns, first
+    )
+
+
+def _read(
+    path: Path, sampling_rate: float | None, layout: LayoutFile | None
+) -> tuple[ChannelTable, float]:
+    if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
+        raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
+    wanted = EVERYTHING if layout is None else layout.wanted()
+    table = recorded_channels(path) if path.suffix == ".mcap" else read_file(path, wanted=wanted)
+    table = table if layout is None else layout.chosen(table)
+    stamped = table.sampling_rate
+    if stamped is None and table.times is not None:  # they stand still
+        table = replace(table, times=None)
+        if sampling_rate is None:
+            raise FileError(STANDING.format(path=path))
+    if sampling_rate is None and stamped is None:
+        raise FileError(
+            f"{path} says no sampling rate and has no time column (t, time or timestamp): give "
+            "--sampling-rate HZ"
+        )
+    return table, sampling_rate or stamped or 0.0
+
+
+def recorded_channels(path: Path) -> ChannelTable:
+    """The samples of a recording's first turbine, in order of time; missing blocks show in `times`.
+    Several acquisition units are joined on one clock.
+
+    Raises RecordingError, and FileError where it holds no blocks.
+    """
+    layouts: dict[str, SensorLayout] = {}
+    blocks: dict[str, list[AccelerationBlock]] = {}  # of the first turbine, by unit
+    turbine = ""
+    for message in read_messages(path, (SensorLayout, AccelerationBlock)):
+        if isinstance(message, SensorLayout):
+            layouts[message.layout_id] = message
+        elif isinstance(message, AccelerationBlock):
+            turbine = turbine or message.turbine
+            if message.turbine == turbine:
+                blocks.setdefault(message.unit, []).append(message)
+    if not blocks:
+        raise FileError(f"{path} holds no acceleration blocks")
+    by_unit = {unit: _in_order(blocks[unit]) for unit in sorted(blocks)}
+    if len(by_unit) > 1:
+        return _joined(by_unit, layouts)
+    (ordered,) = by_unit.values()
+    return _table(ordered, layouts)
+
+
+def _in_order(blocks: list[AccelerationBlock]) -> list[AccelerationBlock]:
+    once = {(block.session, block.sequence): block for block in blocks}
+    return sorted(once.values(), key=lambda block: block.start_ns)
+
+
+def _joined(
+    by_unit: dict[str, list[AccelerationBlock]], layouts: dict[str, SensorLayout]
+) -> ChannelTable:
+    joiner = UnitJoiner([layouts[blocks[0].layout_id] for blocks in by_unit.values()], JOINING)
+    orders = {unit: BlockOrder(JOINING) for unit in by_unit}
+    pieces: list[AccelerationBlock | MissingSamples] = []
+    for block in heapq.merge(*by_unit.values(), key=lambda block: block.start_ns):
+        pieces += joiner.push(block, list(orders[block.unit].push(block)))
+    pieces += joiner.finish()
+    joined = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
+    return _table(joined, {joiner.layout.layout_id: joiner.layout})
+
+
+def _table(blocks: list[AccelerationBlock], layouts: dict[str, SensorLayout]) -> ChannelTable:
+    start_ns = blocks[0].start_ns
+    times = [
+        (block.start_ns - start_ns) / NANOSECONDS
+        + np.arange(len(block.samples)) / block.sampling_rate
+        for block in blocks
+    ]
+    samples = np.concatenate([block.samples for block in blocks]).astype(np.float64)
+    layout = layouts.get(blocks[0].layout_id)
+    names = tuple(f"ch{i + 1}" for i in range(samples.shape[1]))
+    units = ("m/s²",) * len(names)
+    if layout is not None:
+        names, units = layout.channel_names, tuple(channel.unit for channel in layout.channels)
+    return ChannelTable(names, units, samples, np.concatenate(times), start_ns)
+
+
+def _guess(
+    table: ChannelTable, quantities: tuple[Quantity, ...] | None
+) -> tuple[QualityWarning, ...]:
+    """A warning where the file does not say what its channels measure, and their phases do."""
+    if quantities is None or table.quantities is not None:
+        return ()
+    slower = [
+        name for name, each in zip(table.names, quantities, strict=True) if each == "velocity"
+    ]
+    text = (
+        f"{', '.join(slower)} {'lags' if len(slower) == 1 else 'lag'} the other channels by a "
+        "quarter of a period: taken for velocities beside accelerations (or displacements beside "
+        "velocities); units in the header would tell"
+    )
+    return (QualityWarning("quantities-guessed", text),)
+
+
+def _windows(
+    table: ChannelTable,
+    rate: float,
+    length: int,
+    settings: OmaSettings,
+    quantities: tuple[Quantity, ...] | None,
+) -> Iterator[IdentifiedWindow]:
+    for number, first in enumerate(range(0, len(table.samples) - length + 1, length)):
+        window = slice(first, first + length)
+        samples = table.samples[window]
+        times = None if table.times is None else table.times[window]
+        found = identify(
+            samples,
+            rate,
+            settings,
+            times=times,
+            channel_names=table.names,
+            quantities=quantities,
+        )
+        yield IdentifiedWindow(number, samples, found)
+
+
+def _answer(
+    window: IdentifiedWindow, table: ChannelTable, rate: float
+) -> ModalEstimate | WindowRejected:
+    first = window.number * len(window.samples)
+    start_ns = table.start_ns + _nanoseconds(
+        first, rate, None if table.times is None else table.times[first:]
+    )
+    end_ns = start_ns + round(len(window.samples) / rate * NANOSECONDS)
+    doubt = window.identification.rejection
+    if doubt is not None:
+        return WindowRejected("", window.number, start_ns, end_ns, doubt.code, doubt.text)
+    return ModalEstimate(
+        turbine="",
+        window=window.number,
+        start_ns=start_ns,
+        end_ns=end_ns,
+        layout_id="",
+        channels=table.names,
+        modes=window.identification.modes,
+        warnings=window.identification.warnings,
+    )
+
+
+def _nanoseconds(first: int, rate: float, times: NDArray[np.float64] | None) -> int:
+    seconds = first / rate if times is None else float(times[0])
+    return round(seconds * NANOSECONDS)

@@ -1,0 +1,129 @@
+"""The model's modes at one foundation stiffness, and identified ones beside them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.scenario import DEFAULT_SCENARIO, Scenario, load_scenario
+from pipeline.state.run_modes import CombinedMode
+from sensors.dynamics.modal_model import ModalModel, ModalParameters
+from sensors.errors import InputError
+from sensors.structure.description import load_turbine
+from sensors.structure.foundation import SpringSign
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelModes:
+    """The visible modes of a turbine at one stiffness."""
+
+    model: ModalModel
+    modes: ModalParameters
+    ratios: NDArray[np.float64]  # (3,) k11, k22, k12 over nominal [-]
+
+    @property
+    def published(self) -> dict[str, float]:
+        """Mode label → frequency that the publication lists [Hz]."""
+        return {mode.name: mode.frequency for mode in self.model.description.reference_modes}
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """The entries of `modes --json`, Table 1's modes first."""
+        return [
+            {
+                "name": label,
+                "direction": self.model.directions[number],
+                "frequency_hz": float(self.modes.frequencies[0, number]),
+                "shape": self.modes.shapes[0, number].tolist(),
+                "blade_energy_share": float(self.model.blade_energy_share[number]),
+                "table1_hz": self.published.get(label),
+            }
+            for number, label in enumerate(self.model.labels)
+        ]
+
+
+def model_modes(
+    *,
+    theta: str | None = None,
+    sign: str | None = None,
+    turbine: str | None = None,
+    scenario: str | None = None,
+) -> ModelModes:
+    """Modes of a turbine at the sensors of a scenario.
+
+    theta      "k11,k22,k12" as ratios to nominal; None: nominal
+    sign       "published" or "embedded-pile"; None: the scenario's
+    turbine    shipped name or path of a description; None: the scenario's
+    scenario   shipped name or path; None: the default one
+
+    Raises InputError for any of them, and for springs that are not positive definite.
+    """
+    chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+    description = chosen.structure if turbine is None else load_turbine(turbine)
+    if sign is not None:
+        if sign not in get_args(SpringSign):
+            words = " or ".join(get_args(SpringSign))
+            raise InputError(f"--sign {sign!r} is not a sign convention: {words}")
+        description = description.with_sign(sign)  # type: ignore[arg-type]  # checked above
+    layout = replace(chosen.layout, turbine=description.name)
+    model = ModalModel(description, layout)
+    ratios = _ratios(theta)
+    modes = model.modal((ratios * model.nominal)[None])
+    if not modes.admissible[0]:
+        raise InputError(
+            f"--theta {theta}: no foundation can be so: k11·k22 must exceed k12² "
+            f"(nominal k12²/(k11·k22) is {_coupling(model.nominal):.3f}, here "
+            f"{_coupling(ratios * model.nominal):.3f}) and the structure must stand under gravity"
+        )
+    return ModelModes(model, modes, ratios)
+
+
+@dataclass(frozen=True, slots=True)
+class NearestMode:
+    """The model's mode nearest in frequency to an identified one, at the nominal foundation."""
+
+    identified: CombinedMode
+    label: str
+    frequency: float  # [Hz]
+    mac: float  # NaN where the sensors are not the model's [-]
+
+
+def nearest_modes(modes: Sequence[CombinedMode], scenario: Scenario) -> list[NearestMode]:
+    """How far identified modes lie from those of the scenario's structure, mode by mode: what
+    there is to say where none are taken for each other, so that there is no posterior."""
+    model = ModalModel(scenario.structure, scenario.layout)
+    at_nominal = model.modal(model.nominal[None])
+    frequencies, shapes = at_nominal.frequencies[0], at_nominal.shapes[0]
+    found = []
+    for mode in modes:
+        nearest = int(np.argmin(np.abs(np.log(frequencies / mode.frequency))))
+        mac = float("nan")
+        if len(mode.shape) == shapes.shape[1]:
+            mac = modal_assurance_criterion(np.array([mode.shape]), shapes[[nearest]])[0, 0]
+        label = model.labels[nearest]
+        found.append(NearestMode(mode, label, float(frequencies[nearest]), float(mac)))
+    return found
+
+
+def _coupling(stiffness: NDArray[np.float64]) -> float:
+    k11, k22, k12 = stiffness
+    return float(k12**2 / (k11 * k22))
+
+
+def _ratios(theta: str | None) -> NDArray[np.float64]:
+    if theta is None:
+        return np.ones(3)
+    try:
+        ratios = np.array([float(part) for part in theta.split(",")])
+    except ValueError:
+        ratios = np.array([])
+    if ratios.shape != (3,) or not np.all(np.isfinite(ratios)):
+        raise InputError(
+            f"--theta {theta!r}: three numbers are needed, k11,k22,k12 as ratios to nominal, "
+            "e.g. 1,0.9,1"
+        )
+    if not np.all(ratios[:2] > 0):
+        raise InputError(f"--theta {theta!r}: k11 and k22 must be above 0")
+    return ratios

@@ -1,0 +1,351 @@
+"""Is a window fit to be identified? Pure functions from samples to named findings.
+
+Each finding has a stable code, one sentence with the quantity, and what follows from it:
+"reject" (the window is not identified), "mend" (it was corrected, and this says how) or "warn"
+(it is identified as it is).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.interpolate import CubicSpline
+
+from pipeline.messages import QualityWarning
+from pipeline.oma.ssi.preprocessing import without_drift
+from sensors.arrays import FloatArray
+
+Action = Literal["warn", "mend", "reject"]
+
+FEWEST_SAMPLES = 100  # below, nothing can be identified
+DUPLICATE_CORRELATION = 1 - 1e-9  # two real sensors never agree to nine digits
+CLIPPED_COUNT = 5  # so many samples at a channel's extreme value,
+CLIPPED_EXCESS = 3  # and so many times more than at the value next to it, are a converter's limit
+UNEVEN_STEP = 0.01  # a step this far from the mean one, relative to it, is uneven
+GAP_STEPS = 3.0  # a step longer than this many nominal ones is a gap; shorter are interpolated
+RATE_TOLERANCE = 1e-3  # stated rate against the stamps': beyond, frequencies would be wrong
+DRIFT_SHARE = 1.0  # a straight line's rise over the window, relative to the rms about it
+FLAT_CREST = 3  # equal samples in a row at a crest that is cut off
+SPIKE_SIZE = 10.0  # of a lone sample over its neighbours, in robust std of that difference
+SPIKE_ALONE = 3.0  # and over the same difference of any sample around it
+SPIKE_SURROUNDINGS = 10  # samples to either side that are around it
+SPIKE_IN_PLACE = 7.0  # and in std of the differences about it, which a gust or a stop raises
+SPIKE_NEIGHBOURHOOD = 50  # samples to either side that this std is taken over
+MOST_SPIKES = 1e-3  # share of a channel's samples that is mended; more is no accident
+QUIET_TO_LOUD = 3.0  # rms of the loudest over the median tenth of a window that is stationary
+STEADY_ENVELOPE = 0.15  # std/mean of a harmonic's amplitude; 0.52 for a mode under random load
+HARMONIC_DAMPING = 0.003  # an identified mode of less may be a harmonic [-]
+ENVELOPE_LINES = 6  # half-width of the band the envelope is taken in, in lines 1/T
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One doubt about a window's samples."""
+
+    code: str
+    text: str
+    action: Action
+
+    @property
+    def warning(self) -> QualityWarning:
+        return QualityWarning(self.code, self.text)
+
+
+def check_samples(
+    samples: NDArray[np.floating], sampling_rate: float, channel_names: Sequence[str]
+) -> tuple[Finding, ...]:
+    """What the samples alone reveal, the gravest first.
+
+    samples   (n, n_channels)
+    """
+    if len(samples) < FEWEST_SAMPLES:
+        text = (
+            f"{len(samples)} samples ({len(samples) / sampling_rate:.3g} s) are too few to "
+            f"identify a mode; {FEWEST_SAMPLES} are the least"
+        )
+        return (Finding("short", text, "reject"),)
+    not_a_number = check_finite(samples, sampling_rate, channel_names)
+    if not_a_number:
+        return not_a_number
+    constant = check_constant(samples, channel_names)
+    if constant:
+        return constant
+    return (
+        check_duplicates(samples, channel_names)
+        + check_clipping(samples, channel_names)
+        + check_spikes(samples, sampling_rate, channel_names)
+        + check_drift(samples, channel_names)
+        + check_stationarity(samples, sampling_rate)
+    )
+
+
+def check_finite(
+    samples: NDArray[np.floating], sampling_rate: float, channel_names: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Samples that are no number: rejected, with the first one's place."""
+    bad = ~np.isfinite(samples)
+    if not bad.any():
+        return ()
+    row, column = np.argwhere(bad)[0]
+    text = (
+        f"{int(bad.sum())} of {bad.size} samples are not finite, the first in "
+        f"{channel_names[column]} at {row / sampling_rate:.3f} s"
+    )
+    return (Finding("nan", text, "reject"),)
+
+
+def check_constant(
+    samples: NDArray[np.floating], channel_names: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Channels that never move: a dead sensor or a broken cable."""
+    dead = [
+        name for name, span in zip(channel_names, np.ptp(samples, axis=0), strict=True) if not span
+    ]
+    if not dead:
+        return ()
+    verb = "is" if len(dead) == 1 else "are"
+    return (Finding("constant", f"{', '.join(dead)} {verb} constant over the window", "reject"),)
+
+
+def check_duplicates(
+    samples: NDArray[np.floating], channel_names: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Channels that carry the same signal, perhaps scaled: one sensor wired twice."""
+    if samples.shape[1] < 2:
+        return ()
+    correlation = np.corrcoef(np.asarray(samples, dtype=np.float64), rowvar=False)
+    pairs = np.argwhere(np.triu(np.abs(correlation) > DUPLICATE_CORRELATION, k=1))
+    return tuple(
+        Finding(
+            "duplicate-channel",
+            f"{channel_names[i]} and {channel_names[j]} carry the same signal: "
+            "shapes hold one sensor twice",
+            "warn",
+        )
+        for i, j in pairs
+    )
+
+
+def check_clipping(
+    samples: NDArray[np.floating], channel_names: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Channels that pile up at the converter's or the sensor's limit, all the time or for a part.
+
+    The tails of a healthy signal thin out, so that its extreme value is rarer than the next one;
+    and its crests are rarely flat, nor all at one height.
+    """
+    findings = []
+    for name, channel in zip(channel_names, samples.T, strict=True):
+        at_limits = _samples_at_the_extremes(channel)
+        flat = 0 if at_limits else _flat_crests(channel) + _flat_crests(-channel)
+        if at_limits:
+            text = f"{name} is at its largest or smallest value {at_limits} times: clipped"
+            findings.append(Finding("clipped", text, "warn"))
+        elif flat:
+            text = f"{name} has {flat} crests cut off at one height: clipped for a part"
+            findings.append(Finding("clipped", text, "warn"))
+    return tuple(findings)
+
+
+def _samples_at_the_extremes(channel: NDArray[np.floating]) -> int:
+    _, counts = np.unique(channel, return_counts=True)
+    return sum(
+        int(last)
+        for last, next_to_last in (counts[:2], counts[:-3:-1])
+        if last >= CLIPPED_COUNT and last > CLIPPED_EXCESS * next_to_last
+    )
+
+
+def _flat_crests(channel: NDArray[np.floating]) -> int:
+    """Crests of three or more equal samples at the height that has most of them; 0 where other
+    heights have nearly as many, as in a signal of few digits."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(channel)) + 1])
+    ends = np.append(starts[1:], len(channel))
+    inner = (starts > 0) & (ends < len(channel)) & (ends - starts >= FLAT_CREST)
+    starts, ends = starts[inner], ends[inner]
+    height = channel[starts]
+    crests = height[(channel[starts - 1] < height) & (channel[ends] < height)]
+    counts = np.sort(np.unique(crests, return_counts=True)[1])[::-1]
+    most, next_most = [*counts.tolist(), 0, 0][:2]
+    return most if most >= CLIPPED_COUNT and most > CLIPPED_EXCESS * next_most else 0
+
+
+def lone_spikes(samples: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Samples that stand alone far off their two neighbours, (n, n_channels).
+
+    A structure's response, even to an impact, lasts; a bit error or a loose contact does not.
+    """
+    y = np.asarray(samples, dtype=np.float64)
+    off = np.zeros_like(y)
+    off[1:-1] = y[1:-1] - 0.5 * (y[:-2] + y[2:])
+    size = np.abs(off)
+    robust_std = 1.4826 * np.median(size, axis=0)
+    far_off = size > SPIKE_SIZE * np.where(robust_std > 0, robust_std, np.inf)
+    # it throws its neighbours off by half its own size; what lies further is undisturbed
+    around = np.ones((2 * SPIKE_SURROUNDINGS + 1, 1), dtype=bool)
+    around[SPIKE_SURROUNDINGS - 1 : SPIKE_SURROUNDINGS + 2] = False
+    alone = size > SPIKE_ALONE * ndimage.maximum_filter(size, footprint=around)
+    return np.asarray(far_off & alone & (size > SPIKE_IN_PLACE * _local_std(size)))
+
+
+def _local_std(size: FloatArray) -> FloatArray:
+    """Std of normal values about each place, from their mean absolute `size` there without the
+    value itself and the two that a spike throws off, (n, n_channels)."""
+    length = 2 * SPIKE_NEIGHBOURHOOD + 1
+    total = ndimage.uniform_filter1d(size, length, axis=0, mode="reflect") * length
+    own = ndimage.uniform_filter1d(size, 3, axis=0, mode="reflect") * 3
+    return np.asarray(np.sqrt(np.pi / 2) * (total - own) / (length - 3))
+
+
+def check_spikes(
+    samples: NDArray[np.floating], sampling_rate: float, channel_names: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Lone samples far off their neighbours: interpolated while they are few."""
+    findings = []
+    spikes = lone_spikes(samples)
+    for name, channel in zip(channel_names, spikes.T, strict=True):
+        count = int(channel.sum())
+        if not count:
+            continue
+        few = count <= max(3, MOST_SPIKES * len(channel))
+        text = f"{name} has {count} spikes of one sample, the first at " + (
+            f"{np.argmax(channel) / sampling_rate:.3f} s"
+            f"{'; interpolated' if few else ': too many to mend'}"
+        )
+        findings.append(Finding("spikes", text, "mend" if few else "warn"))
+    return tuple(findings)
+
+
+def check_drift(samples: NDArray[np.floating], channel_names: Sequence[str]) -> tuple[Finding, ...]:
+    """Channels that drift by more than they shake: a straight line is taken off them."""
+    y = np.asarray(samples, dtype=np.float64)
+    time = np.linspace(-1.0, 1.0, len(y))
+    rise = 2 * (time @ y) / (time @ time)  # of the least-squares line over the window
+    rms = np.sqrt(np.mean((y - y.mean(axis=0) - 0.5 * np.outer(time, rise)) ** 2, axis=0))
+    return tuple(
+        Finding(
+            "drift",
+            f"{name} drifts by {abs(by):.3g} over the window (rms {own:.3g}); a line is taken off",
+            "mend",
+        )
+        for name, by, own in zip(channel_names, rise, rms, strict=True)
+        if abs(by) > DRIFT_SHARE * 2 * own
+    )
+
+
+def check_stationarity(samples: NDArray[np.floating], sampling_rate: float) -> tuple[Finding, ...]:
+    """Windows whose loudness changes: a rotor stop, a passing ship, a change of load.
+
+    On the samples' differences: a slow, lightly damped mode swells and fades by itself, while
+    fast motion follows the load.
+    """
+    unspiked = _without_spikes(np.asarray(samples, dtype=np.float64))
+    tenths = np.array_split(np.diff(unspiked, axis=0), 10)
+    rms = np.array([np.sqrt(np.mean(part**2, axis=0)) for part in tenths])
+    typical = np.median(rms, axis=0)
+    loudness = np.mean(rms / np.where(typical > 0, typical, 1.0), axis=1)  # over the channels
+    loudest = int(np.argmax(loudness))
+    if loudness[loudest] < QUIET_TO_LOUD * np.median(loudness):
+        return ()
+    begin = loudest * len(samples) / 10 / sampling_rate
+    text = (
+        f"the tenth of the window from {begin:.3g} s on is {loudness[loudest]:.2g} times as loud "
+        "as the median one: a transient, in which estimates of damping mean little"
+    )
+    return (Finding("non-stationary", text, "warn"),)
+
+
+def is_harmonic(samples: FloatArray, sampling_rate: float, frequency: float) -> bool:
+    """Whether what shakes at a frequency is a machine's harmonic and no mode.
+
+    samples   (n, n_channels), free of offset
+
+    A harmonic keeps its amplitude; a mode under random load swells and fades (its envelope has
+    a Rayleigh distribution, std/mean 0.52). Judged on the channel with the most power there.
+    """
+    lines = np.fft.rfft(samples * np.hanning(len(samples))[:, None], axis=0)
+    centre = round(frequency * len(samples) / sampling_rate)
+    low, high = max(0, centre - ENVELOPE_LINES), centre + ENVELOPE_LINES + 1
+    band = lines[low:high]
+    strongest = int(np.argmax((np.abs(band) ** 2).sum(axis=0)))
+    narrow = np.zeros(64, dtype=complex)
+    narrow[: len(band)] = band[:, strongest]
+    taper = np.hanning(64)
+    inner = slice(12, 52)  # where the taper can be divided out again
+    envelope = np.abs(np.fft.ifft(narrow))[inner] / taper[inner]
+    return bool(np.std(envelope) < STEADY_ENVELOPE * np.mean(envelope))
+
+
+def mended(samples: FloatArray, findings: Sequence[Finding]) -> FloatArray:
+    """The samples without lone spikes and drift, where the findings say they were mended.
+
+    samples   (n, n_channels); returned as they are where nothing was to mend
+    """
+    codes = {finding.code for finding in findings if finding.action == "mend"}
+    if "spikes" in codes:
+        samples = _without_spikes(samples)
+    return without_drift(samples) if "drift" in codes else samples
+
+
+def _without_spikes(samples: FloatArray) -> FloatArray:
+    """Every lone spike replaced by the mean of its neighbours."""
+    spikes = lone_spikes(samples)
+    clean = samples.copy()
+    rows, columns = np.nonzero(spikes)
+    clean[rows, columns] = 0.5 * (samples[rows - 1, columns] + samples[rows + 1, columns])
+    return clean
+
+
+def check_timestamps(times: FloatArray, sampling_rate: float) -> tuple[Finding, ...]:
+    """Gaps, an uneven time base, or a rate that the stamps contradict. times: (n,) [s]."""
+    steps = np.diff(times) * sampling_rate  # in nominal steps
+    if not np.isfinite(steps).all() or (steps <= 0).any():
+        at = int(np.argmax(~(steps > 0)))
+        text = f"the time stamps do not increase after sample {at} ({times[at]:.6g} s)"
+        return (Finding("uneven-clock", text, "reject"),)
+    typical = float(np.median(steps))
+    if (steps > GAP_STEPS * typical).any():
+        at = int(np.argmax(steps > GAP_STEPS * typical))
+        text = (
+            f"gap of {steps[at] / sampling_rate:.3g} s at {times[at] - times[0]:.3f} s "
+            f"({int((steps > GAP_STEPS * typical).sum())} in all)"
+        )
+        return (Finding("gap", text, "reject"),)
+    return _check_rate(steps, sampling_rate) + _check_evenness(steps, sampling_rate)
+
+
+def _check_rate(steps: FloatArray, sampling_rate: float) -> tuple[Finding, ...]:
+    actual = sampling_rate / float(np.mean(steps))
+    if abs(actual / sampling_rate - 1) <= RATE_TOLERANCE:
+        return ()
+    text = (
+        f"the time stamps run at {actual:.6g} Hz, not at the {sampling_rate:.6g} Hz stated; "
+        "the stamps are followed"
+    )
+    return (Finding("sampling-rate", text, "mend"),)
+
+
+def _check_evenness(steps: FloatArray, sampling_rate: float) -> tuple[Finding, ...]:
+    mean = float(np.mean(steps))
+    largest = float(np.abs(steps / mean - 1).max())
+    if largest <= UNEVEN_STEP:
+        return ()
+    text = (
+        f"the time stamps' steps differ by up to {100 * largest:.2g} % from their mean of "
+        f"{mean / sampling_rate:.6g} s: resampled to an even clock"
+    )
+    return (Finding("uneven-clock", text, "mend"),)
+
+
+def evenly_sampled(samples: FloatArray, times: FloatArray) -> FloatArray:
+    """The record on an even clock with as many samples from the first stamp to the last.
+
+    samples   (n, n_channels);  times   (n,), rising [s]
+
+    By cubic splines, whose error stays below the noise up to a quarter of the sampling rate.
+    """
+    even = np.linspace(times[0], times[-1], len(times))
+    return np.asarray(CubicSpline(times, samples, axis=0)(even))

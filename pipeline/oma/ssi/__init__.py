@@ -1,0 +1,1 @@
+"""Covariance-driven stochastic subspace identification with uncertainty, band by band."""

@@ -1,0 +1,172 @@
+"""Lag covariances of the outputs by time blocks, and the block Hankel matrix made of them.
+
+A block's covariances need its own samples and those that follow it, nothing else: they are
+computed once, when the block is complete, and belong to every window that holds the block. So a
+window that slides by one block costs one block's work, whatever its length (`streaming.py`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from sensors.arrays import FloatArray
+
+References = slice | NDArray[np.intp]  # the channels that y_t runs over, by index
+ALL = slice(None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockCovariances:
+    """What one time block adds to the lag covariances, whatever the window's mean will be.
+
+    Over the block's m samples t: means of y_{t+τ} y_tᵀ, of y_{t+τ} and of y_t.
+    """
+
+    products: FloatArray  # (n_lags + 1, n_channels, n_references), lags τ = 0..n_lags
+    ahead: FloatArray  # mean of y_{t+τ}, (n_lags + 1, n_channels)
+    squares: FloatArray  # mean of y_t², (n_channels,)
+
+    def with_references(self, references: References) -> "BlockCovariances":
+        """The same block with some of its references."""
+        return BlockCovariances(self.products[:, :, references], self.ahead, self.squares)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LagCovariances:
+    """Lag covariances of a window, and what each of its time blocks says.
+
+    `blocks` R_τ^(b), (n_blocks, n_lags, n_channels, n_references), lags τ = 1..n_lags, of samples
+    divided by `scales`, (n_channels,). Blocks are equally long, so their mean is the window's
+    covariance.
+    """
+
+    blocks: FloatArray
+    scales: FloatArray
+
+    @property
+    def mean(self) -> FloatArray:
+        """R_τ, (n_lags, n_channels, n_references)."""
+        return self.blocks.mean(axis=0)
+
+    @property
+    def deviations(self) -> FloatArray:
+        """ΔR^(b), like `blocks`: Σ_b vec(ΔR^(b)) vec(ΔR^(b))ᵀ is the covariance of the mean.
+
+            ΔR^(b) = (R^(b) − R) / sqrt(n_b (n_b − 1))
+
+        Source: Reynders, Pintelon, De Roeck (2008), Uncertainty bounds on modal parameters
+        obtained from stochastic subspace identification, Mech. Syst. Signal Process. 22.
+        """
+        n_blocks = len(self.blocks)
+        return (self.blocks - self.mean) / np.sqrt(n_blocks * (n_blocks - 1))
+
+
+def lag_covariances(
+    samples: FloatArray,
+    *,
+    n_lags: int,
+    block_length: int,
+    references: References = ALL,
+    offset: FloatArray | None = None,
+) -> LagCovariances:
+    """Lag covariances of a record in consecutive time blocks, channels scaled to unit rms.
+
+    samples        y, (n, n_channels)
+    n_lags         L: lags 1..L [samples]
+    block_length   m [samples]; the record holds (n − L) // m blocks, what is left over is unused
+    references     channels that y_t runs over; all by default
+    offset         taken off every sample, (n_channels,); none by default
+
+        R_τ^(b) = 1/m Σ_{t in block b} y_{t+τ} y_tᵀ
+
+    y_{t+τ} may lie in a later block, so that no lag is cut short and the blocks' mean is the
+    covariance of the whole record. Raises ValueError for a record shorter than two blocks.
+    """
+    n_blocks = (len(samples) - n_lags) // block_length
+    blocks = [
+        block_covariances(
+            samples[start : start + block_length + n_lags], n_lags=n_lags, references=references
+        )
+        for start in range(0, n_blocks * block_length, block_length)
+    ]
+    no_offset = np.zeros(samples.shape[1])
+    return joined(blocks, offset=no_offset if offset is None else offset, references=references)
+
+
+def block_covariances(
+    samples: FloatArray, *, n_lags: int, references: References = ALL
+) -> BlockCovariances:
+    """What one time block adds: its m samples and the n_lags that follow, (m + n_lags, n_channels).
+
+    By FFT: the cost is that of the samples, not of samples × lags.
+    """
+    length = len(samples) - n_lags
+    sums = np.concatenate([np.zeros((1, samples.shape[1])), np.cumsum(samples, axis=0)])
+    return BlockCovariances(
+        products=_lagged_products(samples, n_lags, references) / length,
+        ahead=(sums[length : length + n_lags + 1] - sums[: n_lags + 1]) / length,
+        squares=np.mean(samples[:length] ** 2, axis=0),
+    )
+
+
+def _lagged_products(samples: FloatArray, n_lags: int, references: References) -> FloatArray:
+    """Σ_t y_{t+τ} y_tᵀ over all samples t but the last n_lags, (n_lags + 1, channels, references).
+
+    By segments as long as the lags, whose cross spectra are added before one inverse transform:
+    a transform of the whole block would spend itself on lags that nobody asks for.
+    """
+    length, n_channels = len(samples) - n_lags, samples.shape[1]
+    step = min(length, n_lags)
+    n_segments = -(-length // step)
+    n_fft = fft.next_fast_len(step + n_lags, real=True)
+    padded = np.zeros((n_segments * step + n_lags, n_channels))
+    padded[: len(samples)] = samples
+    starts = range(0, n_segments * step, step)
+    reaching = np.stack([padded[start : start + step + n_lags] for start in starts], axis=2)
+    ahead = fft.rfft(reaching, n_fft, axis=0)  # (n_fft/2, n_channels, n_segments)
+    padded[length:] = 0.0
+    starting = padded[: n_segments * step, references].reshape(n_segments, step, -1)
+    here = fft.rfft(starting.transpose(1, 0, 2), n_fft, axis=0)
+    cross_spectra = ahead @ here.conj()
+    return np.asarray(fft.irfft(cross_spectra, n_fft, axis=0, overwrite_x=True)[: n_lags + 1])
+
+
+def joined(
+    blocks: Sequence[BlockCovariances], *, offset: FloatArray, references: References = ALL
+) -> LagCovariances:
+    """The covariances of a window from those of its blocks, without offset, scaled to unit rms.
+
+    With P the products, a_τ the means of y_{t+τ} and the offset μ taken off,
+        Σ (y_{t+τ} − μ)(y_t − μ_r)ᵀ/m = P_τ − a_τ μ_rᵀ − μ (a_0r − μ_r)ᵀ,  _r of the references
+    """
+    if len(blocks) < 2:
+        raise ValueError(f"{len(blocks)} time blocks are too few for a covariance; 2 are needed")
+    products = np.stack([block.products[1:] for block in blocks])
+    squares = np.mean([block.squares for block in blocks], axis=0)
+    if offset.any():
+        ahead, mean = np.stack([block.ahead for block in blocks]), offset[references]
+        here = ahead[:, :1]  # a_0
+        products -= ahead[:, 1:, :, None] * mean
+        products -= offset[:, None] * (here[..., None, references] - mean)
+        squares -= offset * (2 * here.mean(axis=(0, 1)) - offset)
+    scales = np.where(squares > 0, np.sqrt(np.abs(squares)), 1.0)
+    products /= np.outer(scales, scales[references])
+    return LagCovariances(products, scales)
+
+
+def block_hankel(covariances: FloatArray, block_rows: int) -> FloatArray:
+    """Block Hankel matrix of lag covariances.
+
+    covariances   R_τ, (n_lags, n_channels, n_references), τ = 1..n_lags, n_lags = 2p
+    block_rows    p
+    returns       H, ((p + 1)·n_channels, p·n_references), block (i, j) = R_{i+j+1} from i, j = 0
+    """
+    _, n_channels, n_references = covariances.shape
+    windows = np.lib.stride_tricks.sliding_window_view(covariances, block_rows, axis=0)
+    # windows: (p + 1, n_channels, n_references, p), the last axis running over j
+    return np.ascontiguousarray(windows.transpose(0, 1, 3, 2)).reshape(
+        (block_rows + 1) * n_channels, block_rows * n_references
+    )

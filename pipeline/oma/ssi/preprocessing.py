@@ -1,0 +1,87 @@
+"""From raw samples to a band's samples: offset or drift taken off, filtered, decimated."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy import signal
+
+from sensors.arrays import FloatArray
+
+STOP_BAND_ATTENUATION = 70.0  # [dB]: aliases stay below the noise of a good accelerometer
+PASS_BAND = 0.44  # of the decimated rate: flat to here,
+STOP_BAND = 0.56  # and shut from here, so that aliases fold back above the pass band only
+HIGH_STOP_BAND = 0.06  # of a high-passed band's rate: shut to here,
+HIGH_PASS_BAND = 0.10  # and flat from here
+HIGH_STOP_BAND_ATTENUATION = 60.0  # [dB]: a sea's response is no stronger than modes beside it
+
+
+@lru_cache(maxsize=32)
+def anti_alias_taps(decimation: int) -> FloatArray:
+    """Linear-phase low-pass filter for decimation by q, symmetric, gain 1 at 0 Hz.
+
+    Why a finite, symmetric one: every channel is delayed by the same constant, so shapes keep
+    their phase; and a finite impulse response adds no poles, so neither frequency nor damping is
+    moved (only the first lags see the filter at all).
+    """
+    if decimation == 1:
+        return np.ones(1)
+    return _low_pass(PASS_BAND / decimation, STOP_BAND / decimation, STOP_BAND_ATTENUATION)
+
+
+@lru_cache(maxsize=1)
+def high_pass_taps() -> FloatArray:
+    """Linear-phase high-pass filter at a band's own rate, symmetric as that, gain 0 at 0 Hz."""
+    taps = -_low_pass(HIGH_STOP_BAND, HIGH_PASS_BAND, HIGH_STOP_BAND_ATTENUATION)
+    taps[len(taps) // 2] += 1.0
+    return taps
+
+
+def _low_pass(flat_to: float, shut_from: float, attenuation: float) -> FloatArray:
+    """Of an odd number of taps: the delay is a whole number of samples. Frequencies × Δt."""
+    n_taps, beta = signal.kaiserord(attenuation, (shut_from - flat_to) / 0.5)
+    cutoff = (flat_to + shut_from) / 2
+    return np.asarray(signal.firwin(n_taps | 1, cutoff, window=("kaiser", beta), fs=1.0))
+
+
+def decimated(samples: FloatArray, decimation: int, *, high_passed: bool = False) -> FloatArray:
+    """Every q-th sample after the anti-alias filter, and, where asked for, the high pass; where
+    the filters are wholly filled.
+
+    samples   (n, n_channels)
+    returns   (n_decimated(n, q), n_channels), empty for a short record
+    """
+    if n_decimated(len(samples), decimation, high_passed=high_passed) <= 0:
+        return samples[:0]
+    if decimation > 1:
+        taps = anti_alias_taps(decimation)
+        filtered = signal.upfirdn(taps, samples, down=decimation, axis=0)
+        first = -(-(len(taps) - 1) // decimation)
+        last = (len(samples) - 1) // decimation
+        samples = filtered[first : last + 1]
+    return above(samples) if high_passed else np.asarray(samples)
+
+
+def above(samples: FloatArray) -> FloatArray:
+    """A band's samples, (n, n_channels), after its high pass, where that is wholly filled."""
+    taps = high_pass_taps()[:, None]
+    if len(samples) < len(taps):
+        return samples[:0]
+    return np.asarray(signal.oaconvolve(samples, taps, mode="valid", axes=0))
+
+
+def n_decimated(n_samples: int, decimation: int, *, high_passed: bool = False) -> int:
+    """How many outputs n samples give: (n − 1) // q − ⌈(n_taps − 1) / q⌉ + 1, less the high pass's
+    n_taps − 1; 0 for too few."""
+    first = -(-(len(anti_alias_taps(decimation)) - 1) // decimation)
+    lost = len(high_pass_taps()) - 1 if high_passed else 0
+    return max(0, (n_samples - 1) // decimation - first + 1 - lost)
+
+
+def without_offset(samples: FloatArray) -> FloatArray:
+    """The samples less each channel's mean. samples: (n, n_channels)."""
+    return samples - samples.mean(axis=0)
+
+
+def without_drift(samples: FloatArray) -> FloatArray:
+    """The samples less each channel's least-squares straight line. samples: (n, n_channels)."""
+    return np.asarray(signal.detrend(samples, axis=0, type="linear"))

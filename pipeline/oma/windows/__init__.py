@@ -1,0 +1,1 @@
+"""Blocks → windows: alignment of the units and windowing."""

@@ -1,0 +1,226 @@
+"""From blocks as they arrive to windows of samples on sensor time.
+
+blocks   0 1 2 4 3 5 6 6 7 9 …       out of order, repeated, missing
+  │ BlockOrder
+pieces   0 1 2 3 4 5 6 7 ▒ 9 …       in order, each sample once, gaps known
+  │ WindowCutter
+windows  |—— 0 ——|—— 1 ——|—▒ 2 ——|   from the session's first sample; the third is rejected
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.arrays import FloatArray
+
+TOLD_WINDOWS = 100  # that lie in one gap and are still rejected one by one
+
+
+@dataclass(frozen=True, slots=True)
+class MissingSamples:
+    """Samples of a session that never came."""
+
+    first_sample: int  # the first missing one, since the session's start
+    n_samples: int
+    first_sequence: int  # of the missing blocks
+    n_blocks: int
+    start_ns: int  # sensor clock where they begin [ns]
+    end_ns: int  # sensor clock where samples resume [ns]
+
+
+class BlockOrder:
+    """Puts the blocks of one session in order: waits a little for a late one, drops repeats.
+
+    Decisions depend on the blocks alone, never on when they arrived: a missing block is given up
+    when one that begins more than `lateness` after it has come.
+    """
+
+    def __init__(self, lateness: float):
+        self._lateness = lateness  # [s] of sensor time
+        self._waiting: dict[int, AccelerationBlock] = {}  # by first_sample
+        self._last: AccelerationBlock | None = None
+        self.late = 0  # blocks that came after they had been given up
+        self.duplicate = 0  # blocks that came twice
+
+    def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock | MissingSamples]:
+        """Take one block as it arrives; give what is now in order."""
+        if block.first_sample < self._next_sample:
+            self._count_unusable(block)
+            return
+        if block.first_sample in self._waiting:
+            self.duplicate += 1
+            return
+        self._waiting[block.first_sample] = block
+        yield from self._released(give_up=False)
+
+    def flush(self) -> Iterator[AccelerationBlock | MissingSamples]:
+        """Nothing more will come: give what still waits, with its gaps."""
+        yield from self._released(give_up=True)
+
+    @property
+    def _next_sample(self) -> int:
+        return self._last.first_sample + len(self._last.samples) if self._last else 0
+
+    def _count_unusable(self, block: AccelerationBlock) -> None:
+        if self._last is not None and block.sequence == self._last.sequence:
+            self.duplicate += 1
+        else:
+            self.late += 1
+
+    def _released(self, *, give_up: bool) -> Iterator[AccelerationBlock | MissingSamples]:
+        while self._waiting:
+            following = self._waiting[min(self._waiting)]
+            if following.first_sample > self._next_sample:
+                newest = max(self._waiting)
+                waited = (newest - self._next_sample) / following.sampling_rate
+                if waited <= self._lateness and not give_up:
+                    return
+                yield self._missing_before(following)
+            self._last = self._waiting.pop(following.first_sample)
+            yield self._last
+
+    def _missing_before(self, block: AccelerationBlock) -> MissingSamples:
+        n_samples = block.first_sample - self._next_sample
+        first_sequence = self._last.sequence + 1 if self._last else 0
+        duration_ns = round(n_samples / block.sampling_rate * NANOSECONDS)
+        return MissingSamples(
+            first_sample=self._next_sample,
+            n_samples=n_samples,
+            first_sequence=first_sequence,
+            n_blocks=max(0, block.sequence - first_sequence),
+            start_ns=max(0, block.start_ns - duration_ns),
+            end_ns=block.start_ns,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """One window of a session: all its samples, or why it has none to identify."""
+
+    index: int  # windows since the session's start, from 0
+    start_ns: int  # sensor clock at its first sample [ns]
+    end_ns: int  # one sample after its last [ns]
+    sampling_rate: float  # [Hz]
+    layout_id: str
+    samples: FloatArray  # (n, n_channels) [m/s²]; empty where there is a gap
+    gaps: tuple[MissingSamples, ...] = ()  # that fall into it
+    status: BlockStatus = BlockStatus.OK  # what the unit said in any of its blocks
+    complete: bool = True  # False: the session ended inside it
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return (self.end_ns - self.start_ns) / NANOSECONDS
+
+
+@dataclass(slots=True)
+class _Piece:
+    first_sample: int
+    start_ns: int
+    samples: NDArray[np.float32]
+    status: BlockStatus
+
+    @property
+    def end(self) -> int:
+        return self.first_sample + len(self.samples)
+
+
+@dataclass(slots=True, eq=False)
+class WindowCutter:
+    """Cuts one session's ordered blocks into windows of equal length, a hop apart."""
+
+    window_duration: float  # [s]
+    hop: float  # [s]
+    _pieces: list[_Piece] = field(default_factory=list)
+    _gaps: list[MissingSamples] = field(default_factory=list)
+    _index: int = 0  # of the next window
+    _reached: int = 0  # samples since the session's start that came or are known to be missing
+    _newest: AccelerationBlock | None = None
+
+    def push(self, piece: AccelerationBlock | MissingSamples) -> Iterator[Window]:
+        """Take the next block or gap in order; give the windows it completes."""
+        if isinstance(piece, MissingSamples):
+            self._gaps.append(piece)
+            return  # the block after the gap follows at once and closes the windows
+        self._newest = piece
+        self._skip_to(piece.first_sample)
+        self._pieces.append(_Piece(piece.first_sample, piece.start_ns, piece.samples, piece.status))
+        self._reached = piece.first_sample + len(piece.samples)
+        while self._reached >= self._bounds(self._index)[1]:
+            yield self._cut(complete=True)
+
+    def _skip_to(self, sample: int) -> None:
+        """After a gap of very many windows, leave out those that lie in it: the gap says it."""
+        assert self._newest is not None
+        hop = self.hop * self._newest.sampling_rate
+        overlapping = math.ceil(self.window_duration / self.hop)
+        reached = math.floor(sample / hop) - overlapping
+        if reached - self._index > TOLD_WINDOWS:
+            self._index = reached
+
+    def finish(self) -> Iterator[Window]:
+        """The session is over: the window it ended in, if it holds samples that no other had."""
+        if self._newest is None:
+            return
+        used = self._bounds(self._index - 1)[1] if self._index else 0
+        if self._reached > used:
+            yield self._cut(complete=False)
+
+    def _bounds(self, index: int) -> tuple[int, int]:
+        """First sample of a window and one past its last."""
+        assert self._newest is not None
+        rate = self._newest.sampling_rate
+        first = round(index * self.hop * rate)
+        return first, first + round(self.window_duration * rate)
+
+    def _cut(self, *, complete: bool) -> Window:
+        assert self._newest is not None
+        first, end = self._bounds(self._index)
+        end = end if complete else min(end, self._reached)
+        inside = [p for p in self._pieces if p.end > first and p.first_sample < end]
+        gaps = [
+            g for g in self._gaps if g.first_sample + g.n_samples > first and g.first_sample < end
+        ]
+        status = BlockStatus.OK
+        for piece in inside:
+            status |= piece.status
+        start_ns = self._time_of(first)
+        window = Window(
+            index=self._index,
+            start_ns=start_ns,
+            end_ns=max(start_ns, self._time_of(end)),  # a clock that is set back notwithstanding
+            sampling_rate=self._newest.sampling_rate,
+            layout_id=self._newest.layout_id,
+            samples=np.empty((0, 0)) if gaps else _joined(inside, first, end),
+            gaps=tuple(gaps),
+            status=status,
+            complete=complete,
+        )
+        self._index += 1
+        self._forget_before(self._bounds(self._index)[0])
+        return window
+
+    def _time_of(self, sample: int) -> int:
+        """Sensor time of a sample, from the nearest piece at or before it [ns]."""
+        assert self._newest is not None
+        before = [p for p in self._pieces if p.first_sample <= sample] or self._pieces[:1]
+        offset = (sample - before[-1].first_sample) / self._newest.sampling_rate
+        return max(0, before[-1].start_ns + round(offset * NANOSECONDS))
+
+    def _forget_before(self, sample: int) -> None:
+        """One piece before the next window stays, for its time."""
+        while len(self._pieces) > 1 and self._pieces[1].first_sample <= sample:
+            del self._pieces[0]
+        self._gaps = [g for g in self._gaps if g.first_sample + g.n_samples > sample]
+
+
+def _joined(pieces: list[_Piece], first: int, end: int) -> FloatArray:
+    parts = [
+        piece.samples[max(0, first - piece.first_sample) : end - piece.first_sample]
+        for piece in pieces
+    ]
+    return np.concatenate(parts).astype(np.float64)

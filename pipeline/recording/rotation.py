@@ -1,0 +1,182 @@
+"""The files of one session: their names, what a crash left of them, and what may go.
+
+session.mcap  session.part2.mcap  session.part3.mcap.active     the last is being written
+session.results.mcap                                            once its samples had to go
+"""
+
+import logging
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+from mcap.opcode import Opcode
+
+from pipeline.recording.errors import RecordingError
+from pipeline.recording.mcap_file import MAGIC, complete_records, open_recording
+from pipeline.recording.reader import decoded, read_metadata, recorded_messages
+from pipeline.recording.settings import RecordingSettings
+from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+
+logger = logging.getLogger(__name__)
+
+PICTURES = ".rrd"  # how the names of the viewer's files end
+RESULTS = ".results"
+DAY = 86_400.0  # [s]
+_HEAD = struct.Struct("<BQ")  # opcode, length of what follows [bytes]
+# Data end without a checksum, footer without a summary. Source: https://mcap.dev/spec
+_ENDING = (
+    _HEAD.pack(Opcode.DATA_END, 4) + bytes(4) + _HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MAGIC
+)
+
+
+def part_of(path: Path, number: int) -> Path:
+    """The file that a session's recording goes on in; the first is `path` itself."""
+    return path if number == 1 else path.with_name(f"{path.stem}.part{number}{path.suffix}")
+
+
+def next_part(path: Path) -> int:
+    """Number of the first part of which there is no file yet."""
+    number = 1
+    while any(
+        candidate.exists()
+        for part in [part_of(path, number)]
+        for candidate in (part, part.with_name(part.name + ACTIVE_SUFFIX), results_of(part))
+    ):
+        number += 1
+    return number
+
+
+def parts_of(path: Path) -> list[Path]:
+    """The closed parts of one recording that still hold samples, in order of recording."""
+    numbered = range(1, next_part(path))
+    return [part for number in numbered if (part := part_of(path, number)).exists()]
+
+
+def results_of(part: Path) -> Path:
+    """Where the results of a part stay when its samples have gone."""
+    return part.with_name(f"{part.stem}{RESULTS}{part.suffix}")
+
+
+def close_leftovers(path: Path) -> Iterator[Path]:
+    """Give every part that a killed recorder left behind its ending and its name.
+
+    Yields the files that are whole now. What is no recording at all is left as it is.
+    """
+    for active in sorted(path.parent.glob(f"{path.stem}*{path.suffix}{ACTIVE_SUFFIX}")):
+        try:
+            yield closed_in_place(active)
+        except (RecordingError, OSError) as error:
+            logger.warning("%s stays as it is: %s", active, error)
+
+
+def closed_in_place(active: Path) -> Path:
+    """Cut an unfinished recording after its last complete record and end it there.
+
+    Needs no room on the disk beyond what the cut record had. Returns its new path. Raises
+    RecordingError where it is no recording or its name is taken, OSError where the disk refuses.
+    """
+    whole = active.with_name(active.name.removesuffix(ACTIVE_SUFFIX))
+    if whole.exists():
+        raise RecordingError(f"{whole} exists already")
+    with open_recording(active) as file:
+        end = _end_of_records(file)
+    with active.open("r+b") as file:
+        file.truncate(end)
+        file.seek(end)
+        file.write(_ENDING)
+        file.flush()
+        os.fsync(file.fileno())
+    active.rename(whole)
+    sync_folder(whole.parent)
+    return whole
+
+
+def _end_of_records(file: object) -> int:
+    end = len(MAGIC)
+    for record in complete_records(file):  # type: ignore[arg-type]
+        if record.opcode == Opcode.DATA_END or not 0 < record.opcode <= Opcode.DATA_END:
+            break  # zeros, where the machine itself went down, are no record
+        end = record.offset + _HEAD.size + len(record.content)
+    return end
+
+
+def sync_folder(folder: Path) -> None:
+    """Have a new name survive a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def thin(path: Path, settings: RecordingSettings, now_ns: int, *, needed: int = 0) -> list[Path]:
+    """Let the oldest samples go, results kept, until age and size are within the settings.
+
+    Pictures of past days, which can be drawn again from the samples, go by age, too, and before any
+    sample where there is no room.
+
+    path     of the recording's first part; files of earlier sessions beside it count too
+    now_ns   [ns since 1970-01-01 UTC]
+    needed   free at least so many bytes, where the settings allow any deletion
+
+    Returns the parts that went. Each is replaced by its results before it goes.
+    """
+    gone: list[Path] = []
+    if not settings.may_delete:
+        return gone
+    needed -= _without_pictures(path, settings.keep_days, now_ns, needed)
+    files = {part: part.stat() for part in raw_files(path)}
+    total = sum(stat.st_size for stat in files.values())
+    for part in sorted(files, key=lambda each: files[each].st_mtime_ns):
+        age = _age(files[part], now_ns)
+        if age <= settings.keep_days and total <= settings.keep_gigabytes * 1e9 and needed <= 0:
+            break
+        freed = files[part].st_size - keep_results(part)
+        total, needed = total - files[part].st_size, needed - freed
+        gone.append(part)
+    return gone
+
+
+def _without_pictures(path: Path, keep_days: float, now_ns: int, needed: int) -> int:
+    """Delete the viewer's files that are too old or in the way, but for the one in writing; gives
+    how much room that made [bytes]."""
+    found = {each: each.stat() for each in path.parent.glob(f"{path.stem}*{PICTURES}")}
+    *past, _ = sorted(found, key=lambda each: found[each].st_mtime_ns) or [path]
+    freed = 0
+    for each in past:
+        if freed >= needed and _age(found[each], now_ns) <= keep_days:
+            break
+        each.unlink()
+        freed += found[each].st_size
+        logger.warning("the pictures in %s have gone; `pilewatch show` draws them again", each)
+    return freed
+
+
+def _age(stat: os.stat_result, now_ns: int) -> float:
+    """[d]"""
+    return (now_ns - stat.st_mtime_ns) / NANOSECONDS / DAY
+
+
+def raw_files(path: Path) -> list[Path]:
+    """Closed recordings with samples of this and earlier sessions of the folder."""
+    found = path.parent.glob(f"{path.stem}*{path.suffix}")
+    return [each for each in found if not each.stem.endswith(RESULTS)]
+
+
+def keep_results(part: Path) -> int:
+    """Replace a part by one without acceleration blocks; gives the size of that [bytes]."""
+    results = results_of(part)
+    try:
+        with whole_recording(results, metadata=read_metadata(part)) as recorder:
+            for recorded in recorded_messages(part):
+                if recorded.message_type is not AccelerationBlock:
+                    message = decoded(part, recorded)
+                    recorder.record(message, recorded.log_time, recorded.publish_time)
+    except RecordingError as error:  # damaged, or no room: what cannot be kept is not deleted
+        logger.warning("%s is kept whole: %s", part, error)
+        return part.stat().st_size
+    part.unlink()
+    logger.warning("the samples of %s have gone; its results are in %s", part, results)
+    return results.stat().st_size

@@ -1,0 +1,71 @@
+"""How the parts of one session find each other over Zenoh."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pipeline.monitoring.status import ENDPOINT_FILE, StatusNode
+from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, peer_of
+from pipeline.transport.zenoh_settings import ANY_LOCAL_PORT
+
+
+@dataclass(frozen=True, slots=True)
+class ZenohEndpoints:
+    """How the parts of one session find each other."""
+
+    hub: ZenohSettings  # of the one that the source speaks through and that answers for all
+    nodes: ZenohSettings  # of every node
+    endpoint: str  # where the session can be asked from this machine; "" where it listens nowhere
+
+
+def meeting_point(settings: ZenohSettings) -> ZenohEndpoints:
+    """peer: the hub listens and the nodes find it and each other; router: the nodes are clients of
+    the hub, which routes between them and everybody else; client: all are clients of one router.
+
+    Raises TransportError for a configuration file that is none.
+    """
+    match settings.role:
+        case "client":
+            return ZenohEndpoints(settings, settings, next(iter(settings.endpoints), ""))
+        case "router":
+            local = free_endpoint()
+            nodes = ZenohSettings(mode="client", connect=(local,))
+            return ZenohEndpoints(replace(settings, local=local), nodes, local)
+        case _ if settings.config_file is not None:
+            local = free_endpoint()
+            nodes = replace(
+                settings, listen=(ANY_LOCAL_PORT,), connect=(*settings.endpoints, local)
+            )
+            return ZenohEndpoints(replace(settings, local=local), nodes, local)
+        case _:
+            endpoint = settings.listen[0] if settings.listen else free_endpoint()
+            hub = replace(settings, listen=settings.listen or (endpoint,))
+            return ZenohEndpoints(hub, peer_of(endpoint), endpoint)
+
+
+@contextmanager
+def open_hub(meeting: ZenohEndpoints, desk: StatusNode, key: str, out: Path) -> Iterator[ZenohBus]:
+    """The session that all others connect to; it answers for all, and its folder says where."""
+    place = out / ENDPOINT_FILE
+    bus = ZenohBus(meeting.hub)
+    desk.connections = lambda: Counter(link.name or link.address for link in bus.links())
+    try:
+        bus.answer(key, desk.answer)
+        place.write_text(f"{meeting.endpoint}\n", encoding="utf-8")
+        yield bus
+    finally:
+        place.unlink(missing_ok=True)
+        bus.close()
+
+
+def bus_options(settings: ZenohSettings) -> list[str]:
+    """The settings of a bus as they are given on the command line."""
+    given = [("--connect", endpoint) for endpoint in settings.connect]
+    given += [("--listen", endpoint) for endpoint in settings.listen]
+    if settings.mode != "peer":
+        given.append(("--mode", settings.mode))
+    if settings.config_file is not None:
+        given.append(("--zenoh-config", str(settings.config_file)))
+    return [word for option in given for word in option]

@@ -1,0 +1,245 @@
+"""A session from its source to its summary. Whatever ends it early, what was recorded is closed
+properly and the summary says what is known."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pipeline.app import Outputs, Plan, build
+from pipeline.messages import Message
+from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
+from pipeline.monitoring.alarms.alarm_node import KEY as NOTICES_KEY
+from pipeline.monitoring.alarms.alarm_node import AlarmNode, desk_of
+from pipeline.monitoring.alarms.channels import channels_of
+from pipeline.monitoring.metrics import MetricsNode, served
+from pipeline.monitoring.status import KEY as STATUS_KEY
+from pipeline.monitoring.status import StatusNode
+from pipeline.monitoring.summary import SessionSummary
+from pipeline.nodes.by_turbine import ShardedNode, parsed_shard
+from pipeline.nodes.node import Node
+from pipeline.recording.latest_messages import files_of
+from pipeline.recording.rotation import raw_files
+from pipeline.run.endpoints import meeting_point, open_hub
+from pipeline.run.folder import (
+    PICTURES,
+    RECORDING,
+    SUMMARY,
+    make_folder,
+    prepare_folder,
+    set_aside,
+    set_checkpoints_aside,
+    set_tracks_aside,
+    write_summary,
+)
+from pipeline.run.options import SessionOptions
+from pipeline.run.processes import SHARED, node_command, processes, require_processes
+from pipeline.runtime import runner
+from pipeline.runtime.identification_restart import FOLDER as TRACKS
+from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
+from pipeline.sources.feed_publisher import FeedAccount
+from pipeline.sources.replay_control import KEY as REPLAY_KEY
+from pipeline.sources.replay_control import ReplayControl
+from pipeline.sources.sources import Source
+from pipeline.state.json_values import Json
+from pipeline.transport.bus import Bus
+from pipeline.transport.zenoh_bus import ZenohBus
+from pipeline.viewer.outputs.outputs import RrdFile, ViewerOutput, require_rerun
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """What came out."""
+
+    summary: SessionSummary
+    figures: Json  # the content of summary.json
+    files: tuple[Path, ...]
+    complete: bool  # whether summary.json could be written
+
+
+def run_session(
+    source: Source,
+    options: SessionOptions,
+    *,
+    report: Callable[[AccelerationBlock], None] | None = None,
+    scenario_option: str | None = None,
+    stopping: threading.Event | None = None,
+) -> Session:
+    """Run a source through the whole graph and write recording, pictures and summary.
+
+    report            called with every block that the source gives
+    scenario_option   as the person named it, for nodes in other processes
+    stopping          ends the session when set (Ctrl-C, SIGTERM)
+
+    Raises InputError for what a person can mend, NodeFailed for what must be looked into.
+    """
+    started = time.monotonic()
+    source = prepare_folder(source, options.out)
+    if options.fresh or not source.is_live:  # a replay is an experiment of its own
+        set_checkpoints_aside(options.out)
+        set_tracks_aside(options.out)
+    goes_on = source.is_live and not options.fresh
+    outputs = session_outputs(
+        source, options, tuple(raw_files(options.out / RECORDING)) if goes_on else ()
+    )
+    summary = SessionSummary(source.text, source.layout.turbine, live=source.is_live)
+
+    def account(block: AccelerationBlock) -> None:
+        if not source.is_live:  # there it counts what it hears
+            summary.count(block)
+        if report:
+            report(block)
+
+    desks: list[Node] = [summary]
+    try:
+        with ExitStack() as stack:
+            if options.metrics is not None:
+                figures_desk = MetricsNode()
+                stack.enter_context(served(figures_desk, options.metrics))
+                desks.append(figures_desk)
+            if options.notices is not None:
+                channels = channels_of(options.notices)
+                folder = options.out / NOTICES
+                desks.append(
+                    stack.enter_context(desk_of(folder, options.notices.notices, channels))
+                )
+            _run(source, options, outputs, desks, account, scenario_option, stopping)
+    finally:
+        figures = summary.as_json(wall=time.monotonic() - started)
+        complete = write_summary(options.out / SUMMARY, figures)
+    files = tuple(options.out / name for name in (RECORDING, PICTURES, SUMMARY))
+    return Session(summary, figures, tuple(path for path in files if path.exists()), complete)
+
+
+def session_outputs(
+    source: Source, options: SessionOptions, earlier: tuple[Path, ...] = ()
+) -> Outputs:
+    """The files and viewers of a session. Raises ViewerError where rerun is missing.
+
+    earlier   recordings that the identification goes on from
+    """
+    views: tuple[ViewerOutput, ...] = (RrdFile(options.out / PICTURES),) if options.rrd else ()
+    if options.view is not None:
+        views += (options.view,)
+    if views:
+        require_rerun(views)
+    name = f"{source.layout.turbine} {source.text}"
+    checkpoints = None if options.way == "lock-step" else options.out / CHECKPOINTS
+    recording = options.out / RECORDING
+    return Outputs(recording, source.metadata, views, name, checkpoints, earlier)
+
+
+def _run(
+    source: Source,
+    options: SessionOptions,
+    outputs: Outputs,
+    desks: Sequence[Node],
+    report: Callable[[AccelerationBlock], None],
+    scenario_option: str | None,
+    stopping: threading.Event | None,
+) -> None:
+    turbine = source.layout.turbine
+    graph = build(source.scenario, source.layout, outputs, source.layouts)
+    require_processes(options)
+    graph = _here(graph, source, options.elsewhere)
+    if options.way == "lock-step":
+        if source.is_live:
+            raise InputError("--lock-step cannot run a live source: it waits for nobody")
+        nodes = [*(plan.make() for plan in graph), *desks]
+        messages = source.messages(options.speed, stopping)
+        runner.run_lock_step(messages, nodes, turbine=turbine, report=report)
+        return
+    meeting = meeting_point(options.zenoh)
+
+    def open_bus() -> Bus:
+        return ZenohBus(meeting.nodes)
+
+    follows = options.speed == float("inf") and not source.is_live
+    desk = StatusNode(source.text)
+    control = ReplayControl(source, options.speed, stopping)
+    # The hub first: a port that is taken is told before a node has begun a file.
+    with open_hub(meeting, desk, f"{STATUS_KEY}/{turbine}", options.out) as bus:
+        workers: list[runner.Worker] = []
+        for plan in graph:
+            if options.way == "processes":
+                command = node_command(plan.name, source, options, meeting.nodes, scenario_option)
+                workers += processes(plan, command, options.shards)
+            else:
+                workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
+        workers += [runner.NodeThread(each, open_bus, turbine) for each in (*desks, desk)]
+        for told in desks:
+            if isinstance(told, AlarmNode):
+                bus.answer(f"{NOTICES_KEY}/{turbine}", told.answer)
+        if not source.is_live:
+            bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
+        runner.run_workers(
+            _messages(source, control, stopping),
+            workers,
+            bus,
+            turbine=turbine,
+            unacknowledged_blocks=source.scenario.flow.unacknowledged_blocks if follows else None,
+            report=report,
+            stopping=stopping,
+        )
+
+
+def _here(graph: tuple[Plan, ...], source: Source, elsewhere: Sequence[str]) -> tuple[Plan, ...]:
+    """The graph without the nodes that other machines run."""
+    names = [plan.name for plan in graph]
+    for name in elsewhere:
+        if name not in names:
+            raise InputError(f"--elsewhere {name}: there is no such node; {', '.join(names)} are")
+        if not source.is_live:
+            raise InputError(f"--elsewhere {name} is for --source live, not for {source.text}")
+    return tuple(plan for plan in graph if plan.name not in elsewhere)
+
+
+def _messages(
+    source: Source, control: ReplayControl, stopping: threading.Event | None
+) -> Iterator[Message] | None:
+    """What the session publishes itself; None where the instruments do."""
+    if source.feed is not None:
+        return FeedAccount(source.feed, source.layout).messages(stopping or threading.Event())
+    return None if source.is_live else control.messages()
+
+
+def run_node(
+    name: str,
+    source: Source,
+    options: SessionOptions,
+    stopping: threading.Event,
+    shard: str | None = None,
+) -> None:
+    """One node of the graph by itself, until `stopping` is set.
+
+    shard   "2/4": of the turbines, those that are the second of four such nodes'
+
+    Raises InputError for a node that the graph does not have or that cannot be shared, NodeFailed
+    for one that failed.
+    """
+    outputs = session_outputs(
+        source, options, () if options.fresh else files_of(options.out / RECORDING)
+    )
+    outputs = replace(outputs, tracks=options.out / TRACKS)
+    graph = build(source.scenario, source.layout, outputs, source.layouts)
+    plans = {plan.name: plan for plan in graph}
+    if name not in plans:
+        raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")
+    if shard is not None and name not in SHARED:
+        raise InputError(f"--shard is for {' and '.join(SHARED)}, not for {name}")
+    with runner.one_blas_thread(), runner.open_session(lambda: ZenohBus(options.zenoh)) as bus:
+        make_folder(options.out)
+        if options.fresh and name == "updating":
+            set_checkpoints_aside(options.out)
+        if options.fresh and name == "identification":
+            set_tracks_aside(options.out)
+        if name == "viewer" and (options.out / PICTURES).exists():
+            set_aside(options.out / PICTURES)  # of the viewer that this one follows
+        node = plans[name].make()
+        if shard is not None:
+            node = ShardedNode(node, parsed_shard(shard, source.turbines))
+        runner.serve(node, bus, turbine=source.layout.turbine, stopping=stopping)

@@ -1,0 +1,1 @@
+"""How nodes are run: runner, snapshots, restart, flow control, supervisor."""

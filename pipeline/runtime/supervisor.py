@@ -1,0 +1,149 @@
+"""Nodes in processes of their own that are started again when they die.
+
+    running ──ended by itself──► waiting (0.25 s, 0.5 s, 1 s, … 30 s) ──► running
+       │                            │ eight times in a row, or by a person's mistake
+       │ told to stop               ▼
+       └──► ended               NodeFailed
+
+Nobody outlives the supervisor: every process holds the end of a pipe that closes when the
+supervisor is gone, whatever killed it, and stops cleanly then (`stopped_with_parent`).
+"""
+
+import logging
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from pipeline.nodes.node import Node
+from pipeline.runtime.errors import NodeFailed
+
+logger = logging.getLogger(__name__)
+
+MISTAKE = 2  # exit code where a person has to mend something; to try again would not help
+STANDARD_INPUT = 0  # file descriptor
+STOP_TIMEOUT = 120.0  # for a node to finish what it has when it is told to stop [s]
+
+
+@dataclass(frozen=True, slots=True)
+class BackOff:
+    """How long to wait before a node is started again."""
+
+    first: float = 0.25  # [s]
+    longest: float = 30.0  # [s]
+    attempts: int = 8  # in a row, then the session fails
+    proven: float = 60.0  # a node that ran so long begins to count anew [s]
+
+    def delay(self, failures: int) -> float:
+        """Before the start that follows this many failures in a row [s]."""
+        return min(self.longest, self.first * 2.0 ** (failures - 1))
+
+
+class SupervisedProcess:
+    """A node in a process of its own, started with a command; SIGTERM ends it cleanly.
+
+    node      whose name and inputs it has
+    command   starts the process; it should stop when its standard input ends
+    back_off  how long to wait before starting it again
+    clock     → [s], never set back
+    name      of the node in this process; "" for its class's
+    """
+
+    def __init__(
+        self,
+        node: type[Node],
+        command: Sequence[str],
+        *,
+        back_off: BackOff | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        name: str = "",
+    ) -> None:
+        self.name: str = name or node.name  # type: ignore[assignment]  # the class's attribute
+        self.inputs: tuple[type, ...] = node.inputs  # type: ignore[assignment]
+        self.restarts = 0
+        self._command = command
+        self._back_off = back_off or BackOff()
+        self._clock = clock
+        self._process: subprocess.Popen[bytes] | None = None
+        self._started = 0.0  # [s]
+        self._failures = 0  # in a row
+        self._due: float | None = None  # when to start again [s]
+        self._exit_code: int | None = None  # of a process that was told to stop
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process that runs; None while there is none."""
+        return None if self._process is None else self._process.pid
+
+    def start(self) -> None:
+        """Start the command."""
+        self._started = self._clock()
+        self._due = None
+        self._process = subprocess.Popen(
+            self._command, stdin=subprocess.PIPE, start_new_session=True
+        )
+
+    def check(self) -> None:
+        """Start a process again that has ended by itself, when its time has come.
+
+        Raises NodeFailed where that would not help: a person's mistake (its line is on the error
+        stream), too many failures in a row, or an error while it was told to stop.
+        """
+        if self._exit_code not in (None, 0, -signal.SIGTERM):  # the last: it had not begun yet
+            raise NodeFailed(f"node {self.name} ended with exit code {self._exit_code}")
+        if self._due is not None and self._clock() >= self._due:
+            self.restarts += 1
+            self.start()
+        code = None if self._process is None else self._process.poll()
+        if code is not None:
+            self._note_end(code)
+
+    def stop(self) -> None:
+        """Send SIGTERM and wait until files are closed; one that hangs is killed."""
+        self._due = None
+        process, self._process = self._process, None
+        if process is None:
+            return
+        process.terminate()
+        try:
+            self._exit_code = process.wait(STOP_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            self._exit_code = process.wait()
+        _let_go(process)
+
+    def _note_end(self, code: int) -> None:
+        assert self._process is not None
+        _let_go(self._process)
+        self._process = None
+        ran = self._clock() - self._started
+        self._failures = 1 if ran >= self._back_off.proven else self._failures + 1
+        said = f"node {self.name} ended by itself with exit code {code}"
+        if code == MISTAKE or self._failures > self._back_off.attempts:
+            raise NodeFailed(said)
+        delay = self._back_off.delay(self._failures)
+        self._due = self._clock() + delay
+        logger.warning("%s after %.1f s; it is started again in %g s", said, ran, delay)
+
+
+def _let_go(process: "subprocess.Popen[bytes]") -> None:
+    if process.stdin is not None:
+        process.stdin.close()
+
+
+def stopped_with_parent(stopping: threading.Event, descriptor: int = STANDARD_INPUT) -> None:
+    """Set `stopping` when the parent, which holds the other end of a pipe, is gone.
+
+    descriptor   of the reading end. It is read without Python's buffer, whose lock a thread that
+                 still waits would hold when the interpreter ends
+    """
+
+    def watch() -> None:
+        while os.read(descriptor, 1):
+            pass
+        stopping.set()
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()

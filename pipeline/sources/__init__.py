@@ -1,0 +1,1 @@
+"""What a run listens to: a recording, a simulation, feeds, files."""

@@ -1,0 +1,220 @@
+"""A live instrument on the bus: its blocks and SCADA samples, and what it says of itself.
+
+instrument ──► [feed] ──► AccelerationBlock, ScadaSample     as of any other source
+                     └──► NodeStatus, every second: what came, what never did, why the link is down
+"""
+
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
+from pipeline.nodes.statistics import message_counts
+from pipeline.runtime.runner import STATUS_PERIOD, Report, open_session, with_end
+from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
+from pipeline.sources.sources import Source
+from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.feeds.assembly.channel_map import sensor_layout
+from sensors.feeds.live import LiveFeed
+from sensors.feeds.open_feed import layout_file_of, open_feed
+from sensors.feeds.protocol import FeedError
+from sensors.files.layout_file import LayoutFile, load_layout
+
+logger = logging.getLogger(__name__)
+
+NODE = "feed"
+QUIET = 60.0  # of an instrument, before a link that is up is doubted [s]
+NOTHING_CAME = "is the address right, does somebody send, and may this user read it?"
+QUIET_CONTROLLER = 3600.0  # the same: they speak every few minutes
+
+
+@dataclass(frozen=True, slots=True)
+class Fed:
+    """What became of a feed."""
+
+    status: NodeStatus  # its last word
+    blocks: int  # published
+    scada_samples: int  # published
+    missing_blocks: int  # that its gaps cost
+
+
+def publish_feed(
+    live: LiveFeed,
+    layout: SensorLayout,
+    settings: ZenohSettings,
+    *,
+    stopping: threading.Event,
+    report: Report | None = None,
+    connected: Callable[[], None] = lambda: None,
+) -> Fed:
+    """Publish what an instrument measures until `stopping` is set.
+
+    layout      of its channels, with the turbine and the unit that it stands for
+    connected   called once, when the instrument is reached
+
+    Raises FeedError where the feed cannot be opened, TransportError where nobody can be reached.
+    """
+    account = FeedAccount(live, layout, connected=connected)
+    with open_session(lambda: ZenohBus(settings)) as bus:
+        for message in with_end(account.messages(stopping)):
+            bus.publish(message)
+            if report and isinstance(message, AccelerationBlock):
+                report(message)
+    return account.fed()
+
+
+def channels_of(layout: Path | None, scenario: str | None) -> LayoutFile:
+    """Where an instrument's channels are: by a layout file, or as a scenario's sensors.
+
+    Raises LayoutError, ScenarioError.
+    """
+    if layout is not None:
+        return load_layout(layout)
+    return layout_file_of(load_scenario(scenario or DEFAULT_SCENARIO).layout)
+
+
+def feed_source(address: str, layout: Path | None, scenario: str | None) -> Source:
+    """A live instrument as the source of a session that listens to it itself.
+
+    layout     file that says where its channels are; None: they are the scenario's sensors
+    scenario   what is made of them
+
+    Raises FeedError, LayoutError, ScenarioError.
+    """
+    channels = channels_of(layout, scenario)
+    live = open_feed(address, channels)
+    if not live.gives_blocks:
+        raise FeedError(f"{address} measures no accelerations; run `pilewatch feed {address}`")
+    chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+    return Source(address, chosen, sensor_layout(channels), truth=None, duration=None, feed=live)
+
+
+class FeedAccount:
+    """A feed's messages with its books.
+
+    clock       → time [ns since 1970]
+    connected   called once, when the instrument is reached
+    """
+
+    def __init__(
+        self,
+        live: LiveFeed,
+        layout: SensorLayout,
+        clock: Callable[[], int] = time.time_ns,
+        connected: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.published: Counter[str] = Counter()
+        self._live, self._layout, self._clock = live, layout, clock
+        self._connected = connected
+        self._last_sequence = -1
+        self._heard = (0, clock())  # messages so far, and when the last of them came [ns]
+        self._quiet = False
+        self._patience = QUIET if live.gives_blocks else QUIET_CONTROLLER
+        self._named: set[str] = set()  # channels that nobody lists, and that were told
+
+    def messages(self, stopping: threading.Event) -> Iterator[Message]:
+        """Layout, then what is measured as it comes, with a status at the beginning, every second
+        and at the end."""
+        if self._live.gives_blocks:
+            yield self._layout
+        yield self.status("ready")
+        said_ns, reached = self._clock(), False
+        for measured in self._live.measured(stopping):
+            if measured is not None:
+                self.published[type(measured).__name__] += 1
+                if isinstance(measured, AccelerationBlock):
+                    self._last_sequence = measured.sequence
+                yield measured
+            if self._live.counts.connected and not reached:
+                reached = True
+                self._connected()
+            if self._clock() - said_ns > STATUS_PERIOD * 1e9:
+                said_ns = self._clock()
+                self._watch_silence(said_ns)
+                yield self.status("running")
+                self._name_unknown()
+        self._name_unknown()
+        yield self.status("stopped")
+
+    def _watch_silence(self, now_ns: int) -> None:
+        """Tell a person once whenever nothing comes over a link that is up."""
+        counts = self._live.counts
+        if counts.received != self._heard[0] or not counts.connected:
+            self._heard, self._quiet = (counts.received, now_ns), False
+        if not self._quiet and now_ns - self._heard[1] > self._patience * NANOSECONDS:
+            self._quiet = True
+            logger.warning("%s", self._silence)
+
+    @property
+    def _silence(self) -> str:
+        said = f"{self._live.name}: the link is up and nothing has"
+        if self._heard[0]:
+            return f"{said} come for more than {self._patience:g} s"
+        return f"{said} ever come; {NOTHING_CAME}"
+
+    def fed(self) -> Fed:
+        """What became of it."""
+        return Fed(
+            self.status("stopped"),
+            self.published["AccelerationBlock"],
+            self.published["ScadaSample"],
+            self._live.missing_blocks,
+        )
+
+    def status(self, state: str) -> NodeStatus:
+        """What the feed would say of itself now; `lost` counts its instrument's messages."""
+        counts = self._live.counts
+        unit = self._layout.unit if self._live.gives_blocks else "scada"
+        return NodeStatus(
+            turbine=self._layout.turbine,
+            node=f"{NODE}-{unit}",
+            time_ns=self._clock(),
+            state=state,
+            last_sequence=self._last_sequence,
+            received=(MessageCount("FeedMessage", counts.received),),
+            published=message_counts(self.published),
+            lost=counts.lost,
+            late=counts.late,
+            duplicate=counts.duplicate,
+            malformed=counts.malformed + counts.forged,
+            warnings=tuple(self._doubts(state)),
+        )
+
+    def _doubts(self, state: str) -> Iterator[QualityWarning]:
+        counts, name = self._live.counts, self._live.name
+        never = state == "stopped" and not counts.connections and bool(counts.trouble)
+        if (not counts.connected and state == "running") or never:
+            yield QualityWarning("link-down", f"{name}: {counts.trouble or 'not connected yet'}")
+        if self._quiet:
+            yield QualityWarning("quiet", self._silence)
+        elif state == "stopped" and counts.connections and not counts.received:
+            yield QualityWarning("quiet", f"{name}: nothing came; {NOTHING_CAME}")
+        if counts.retained:
+            yield QualityWarning(
+                "retained",
+                f"{name}: {counts.retained} measurements that the broker had kept were left out",
+            )
+        if counts.unknown:
+            channels = ", ".join(sorted(counts.unknown))
+            yield QualityWarning(
+                "unknown-channels", f"{name} sends what no layout lists: {channels}"
+            )
+        if counts.malformed + counts.forged:
+            yield QualityWarning(
+                "malformed", f"{name}: messages were dropped, the last: {counts.refusal}"
+            )
+        missing = self._live.missing_blocks
+        if missing:
+            yield QualityWarning("gap", f"{name}: {missing} blocks are missing in its gaps")
+
+    def _name_unknown(self) -> None:
+        """Tell a person of channels that are left out, each once."""
+        for channel in sorted(self._live.counts.unknown.keys() - self._named):
+            self._named.add(channel)
+            logger.warning("%s: no layout lists the channel %r", self._live.name, channel)

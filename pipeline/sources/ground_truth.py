@@ -1,0 +1,83 @@
+"""The true stiffness of a simulated turbine, and when it is said: beside the stream, never to the
+updating."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.messages import FoundationTruth, Message
+from pipeline.recording.reader import read_messages
+from pipeline.recording.writer import Metadata
+from pipeline.sources.playback import SensorMessage
+from pipeline.sources.recorded_stream import recordings_in
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.simulation.tower import SimulatedTower
+
+TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is said anew
+
+
+def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
+    """What a recording says of the true stiffness, in order of time."""
+    found = {
+        (message.turbine, message.time_ns): message
+        for file in recordings_in(path)
+        for message in read_messages(file, (FoundationTruth,))
+        if isinstance(message, FoundationTruth)
+    }
+    return iter(sorted(found.values(), key=lambda truth: truth.time_ns))
+
+
+def simulated_truths(tower: SimulatedTower) -> Iterator[FoundationTruth]:
+    """The true stiffness of a simulated turbine: at the beginning, and where it has changed."""
+    before: FoundationTruth | None = None
+    settings = tower.settings
+    for since in np.arange(0.0, settings.duration, TRUTH_PERIOD).tolist():
+        springs = tower.truth_at(since)
+        truth = FoundationTruth(
+            tower.layout.turbine,
+            settings.start_ns + round(since * NANOSECONDS),
+            k11=springs.k11,
+            k22=springs.k22,
+            k12=springs.k12,
+        )
+        if before is None or _springs(truth) != _springs(before):
+            yield truth
+            before = truth
+
+
+def _springs(truth: FoundationTruth) -> tuple[float, float, float]:
+    return truth.k11, truth.k22, truth.k12
+
+
+def later_truths(
+    truths: Iterator[FoundationTruth], first: FoundationTruth | None
+) -> Iterator[FoundationTruth]:
+    return (truth for truth in truths if truth != first)
+
+
+def with_truths(
+    messages: Iterable[SensorMessage], truths: Iterator[FoundationTruth]
+) -> Iterator[Message]:
+    """The truths among the messages, each before the first block that lies behind it."""
+    waiting = next(truths, None)
+    for message in messages:
+        if isinstance(message, AccelerationBlock):
+            while waiting is not None and waiting.time_ns < message.end_ns:
+                yield waiting
+                waiting = next(truths, None)
+        yield message
+
+
+def stored_truth(metadata: Metadata, turbine: str) -> FoundationTruth | None:
+    """What a recording's metadata says of the truth; None where it is not known."""
+    truth = metadata.get("truth")
+    if not truth:
+        return None
+    return FoundationTruth(
+        turbine,
+        int(truth["time_ns"]),
+        k11=float(truth["k11"]),
+        k22=float(truth["k22"]),
+        k12=float(truth["k12"]),
+    )

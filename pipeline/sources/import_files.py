@@ -1,0 +1,189 @@
+"""Files of measurements → a recording: `pilewatch import`, and `pilewatch run --source FILE`.
+
+CSV │ Parquet │ NPZ │ HDF5 │ TDMS │ miniSEED │ plugged in
+    ──► in order of time ──► channels of the layout ──► blocks of a second ──► MCAP
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+
+from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, whole_recording
+from pipeline.runtime.runner import with_end
+from pipeline.scenario import Scenario, load_scenario, scenario_from_text, scenario_metadata
+from pipeline.sources.sources import COMPACT
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.files.block_builder import (
+    BlockCutter,
+    MeasurementFile,
+    in_order_of_time,
+    opened,
+    stamped,
+)
+from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
+from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError
+
+MODES_ONLY = """
+title = "Modes of a structure of which no model is known"
+[turbine]
+id = "{turbine}"
+description = "none"
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Files that belong together, and how they are understood."""
+
+    files: tuple[MeasurementFile, ...]  # in order of time
+    mapping: LayoutFile
+    layout: SensorLayout
+    sampling_rate: float  # [Hz]
+    counted: bool  # the samples are counted from a file's start; its stamps are not looked at
+
+    def blocks(self) -> Iterator[AccelerationBlock]:
+        """The samples as an acquisition unit would have sent them.
+
+        Raises FileError where a file turns out to be damaged, or to overlap with another.
+        """
+        cutter = BlockCutter(self.layout, self.sampling_rate)
+        for piece in stamped(self.files, self._pieces(), self.sampling_rate):
+            yield from cutter.push(piece)
+        yield from cutter.finish()
+
+    def _pieces(self) -> Iterator[tuple[int, ChannelTable]]:
+        for number, file in enumerate(self.files):
+            for piece in file.pieces():
+                chosen = self.mapping.chosen(piece)
+                yield number, replace(chosen, times=None) if self.counted else chosen
+
+
+def open_measurement(
+    paths: Sequence[Path],
+    *,
+    layout: LayoutFile | None = None,
+    turbine: str = "turbine",
+    sampling_rate: float | None = None,
+    reader: str | None = None,
+) -> Measurement:
+    """The files as one measurement, before its samples are read.
+
+    layout          where the channels were; None: their names say it ("z145-fa")
+    turbine         what it is called where no layout says
+    sampling_rate   [Hz]; samples are counted from each file's start instead of by its time stamps
+    reader          "package.module:function" that gives SEP005 channels; None: by the suffixes
+
+    Raises FileError, LayoutError: a file that cannot be read; a channel without a place; channels
+    of several quantities; no sampling rate; files that differ or do not say when they begin.
+    """
+    if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
+        raise FileError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
+    wanted = EVERYTHING if layout is None else layout.wanted()
+    wanted = replace(wanted, stamps=sampling_rate is None)
+    begun = [opened(path, reader, wanted) for path in paths]
+    files = in_order_of_time([file for file, _ in begun])
+    first = next(table for file, table in begun if file.path == files[0].path)
+    mapping = layout or layout_by_names(first.names, turbine=turbine)
+    if mapping is None:
+        raise FileError(
+            f"{files[0].path}: where on the tower are {', '.join(first.names)}? A layout file "
+            "says it (--layout FILE.toml); --template prints one to fill in"
+        )
+    table = mapping.chosen(first)
+    _require_one_quantity(table, files[0].path)
+    rate = sampling_rate or files[0].sampling_rate
+    if rate is None and first.times is not None:
+        raise FileError(STANDING.format(path=files[0].path))
+    if rate is None:
+        raise FileError(
+            f"{files[0].path} says neither its sampling rate nor the time of its samples: give "
+            "--sampling-rate HZ"
+        )
+    return Measurement(
+        tuple(files), mapping, mapping.sensor_layout(table), rate, sampling_rate is not None
+    )
+
+
+def _require_one_quantity(table: ChannelTable, path: Path) -> None:
+    """Blocks hold accelerations, or channels alike: mixed ones cannot be told apart in them."""
+    quantities = table.quantities
+    if quantities is not None and len(set(quantities)) > 1:
+        said = ", ".join(
+            f"{name} {each}" for name, each in zip(table.names, quantities, strict=True)
+        )
+        raise FileError(
+            f"{path} mixes quantities ({said}); a layout file (--layout) that lists channels of "
+            "one quantity chooses them"
+        )
+
+
+def modes_only(turbine: str) -> Scenario:
+    """The scenario of a structure without a model: modes are tracked, nothing is updated."""
+    text = MODES_ONLY.format(turbine=turbine)
+    return replace(scenario_from_text(text, "modes-only"), name="modes-only")
+
+
+def record_measurement(
+    measurement: Measurement,
+    path: Path,
+    *,
+    scenario: Scenario | None = None,
+    report: Callable[[AccelerationBlock], None] | None = None,
+) -> None:
+    """Write a measurement to an MCAP recording.
+
+    scenario   under which the recording is run later; None: modes alone are tracked
+    report     called with every block
+
+    Raises FileError as the files are read, RecordingError where the recording exists or cannot be
+    written. What was begun is removed where reading fails.
+    """
+    chosen = scenario or modes_only(measurement.layout.turbine)
+    metadata = _metadata(measurement, chosen)
+    with whole_recording(path, metadata=metadata, settings=COMPACT) as recorder:
+        recorder.handle(measurement.layout)
+        for message in with_end(measurement.blocks()):
+            recorder.handle(message)
+            if report and isinstance(message, AccelerationBlock):
+                report(message)
+
+
+def _metadata(measurement: Measurement, scenario: Scenario) -> Metadata:
+    names = ", ".join(file.path.name for file in measurement.files)
+    return {
+        "pilewatch": {"version": version("pilewatch"), "source": f"import: {names}"},
+        "scenario": scenario_metadata(scenario),
+    }
+
+
+def imported_source(
+    path: Path,
+    folder: Path,
+    *,
+    layout: Path | None = None,
+    scenario: str | None = None,
+    report: Callable[[AccelerationBlock], None] | None = None,
+) -> str:
+    """The `--source` that a file stands for: the replay of a recording, or of a file's import.
+
+    folder   where the import is written, beside earlier ones
+    layout   where the file's channels were
+
+    Raises what `open_measurement` and `record_measurement` do.
+    """
+    if path.suffix == ".mcap":
+        return f"replay:{path}"
+    chosen = None if scenario is None else load_scenario(scenario)
+    measurement = open_measurement(
+        [path],
+        layout=None if layout is None else load_layout(layout),
+        turbine="turbine" if chosen is None else chosen.turbine.id,
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    names = (f"{path.stem}{again}.mcap" for again in ("", *(f"-{i}" for i in range(2, 1000))))
+    begun = {each.name.removesuffix(ACTIVE_SUFFIX) for each in folder.iterdir()}
+    recording = next(folder / name for name in names if name not in begun)
+    record_measurement(measurement, recording, scenario=chosen, report=report)
+    return f"replay:{recording}"

@@ -1,0 +1,49 @@
+"""A source that publishes and does nothing else: what runs on a tower, or stands in for one."""
+
+import logging
+import threading
+from collections.abc import Callable
+
+from pipeline.runtime.runner import open_session, with_end
+from pipeline.sources.recorded_stream import SourceError
+from pipeline.sources.replay_control import KEY, ReplayControl
+from pipeline.sources.sources import Source
+from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
+from sensors.acquisition.blocks import AccelerationBlock
+
+logger = logging.getLogger(__name__)
+
+LINGER = 5.0  # after the last block, for subscribers that ask for what they missed [s]
+
+
+def publish_source(
+    source: Source,
+    settings: ZenohSettings,
+    *,
+    speed: float,
+    stopping: threading.Event,
+    report: Callable[[AccelerationBlock], None] | None = None,
+) -> int:
+    """Publish a recorded or simulated source at a speed; gives the number of blocks.
+
+    Raises SourceError for a live source, TransportError where nobody can be reached.
+    """
+    if source.is_live:
+        raise SourceError(
+            "--source live is what others publish; choose replay:FILE or simulate:SCENARIO"
+        )
+    control = ReplayControl(source, speed, stopping)
+    published = 0
+    with open_session(lambda: ZenohBus(settings)) as bus:
+        assert isinstance(bus, ZenohBus)
+        bus.answer(f"{KEY}/{source.layout.turbine}", control.answer)
+        for message in with_end(control.messages()):
+            if stopping.is_set():
+                break
+            bus.publish(message)
+            if isinstance(message, AccelerationBlock):
+                published += 1
+                if report:
+                    report(message)
+        stopping.wait(LINGER)
+    return published

@@ -1,0 +1,30 @@
+"""Which files a recorded session consists of."""
+
+from pathlib import Path
+
+from pipeline.recording.rotation import next_part, part_of, results_of
+from pipeline.recording.writer import ACTIVE_SUFFIX
+from pipeline.sources.recorded_stream import recordings_in
+
+SESSION = "session.mcap"  # the first part of what `pilewatch run` records
+
+
+def session_files(path: Path) -> list[Path]:
+    """The closed parts of a session in order of recording, results where samples have gone.
+
+    path   a file, which is then the only one; a folder: of the session in it, or, where there is
+           none, every recording in it
+
+    Raises SourceError for a folder without recordings.
+    """
+    if not path.is_dir():
+        return [path]
+    first = path / SESSION
+    parts = [part_of(first, number) for number in range(1, next_part(first))]
+    found = [file for part in parts for file in (part, results_of(part)) if file.exists()]
+    return found or recordings_in(path)
+
+
+def unfinished_files(path: Path) -> list[Path]:
+    """The parts in a session's folder that are still being written."""
+    return sorted(path.glob(f"{Path(SESSION).stem}*{ACTIVE_SUFFIX}")) if path.is_dir() else []

@@ -1,0 +1,282 @@
+"""What a session listens to: a recording, a simulation, or instruments that publish."""
+
+import heapq
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline.messages import FoundationTruth, Message
+from pipeline.recording.info import RecordingInfo, recording_info
+from pipeline.recording.writer import Metadata, RecorderSettings, whole_recording
+from pipeline.runtime.runner import with_end
+from pipeline.scenario import (
+    DEFAULT_SCENARIO,
+    Scenario,
+    farm_members,
+    load_scenario,
+    scenario_from_metadata,
+    scenario_metadata,
+    with_sampler,
+)
+from pipeline.sources.ground_truth import (
+    later_truths,
+    recorded_truths,
+    simulated_truths,
+    stored_truth,
+    with_truths,
+)
+from pipeline.sources.playback import Playback
+from pipeline.sources.recorded_stream import SourceError, recorded_stream, recordings_in
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout, joined_layout
+from sensors.acquisition.pacing import Pace, paced
+from sensors.acquisition.replayed import due_time
+from sensors.acquisition.scada import ScadaSample
+from sensors.simulation.tower import SimulatedTower
+
+if TYPE_CHECKING:
+    from sensors.feeds.live import LiveFeed
+
+DEFAULT_RECORDING = Path("recordings/parked.mcap")
+COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing is at risk here
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where a session's messages come from, and what is known of them beforehand."""
+
+    text: str  # as `--source` says it
+    scenario: Scenario
+    layout: SensorLayout
+    truth: FoundationTruth | None  # of a simulated turbine
+    duration: float | None  # [s]; None: live, without end
+    recording: Path | None = None  # of a replay: a file, or a folder of files
+    playback: Playback = field(default_factory=Playback)  # which part of it
+    layouts: Mapping[str, SensorLayout] = field(default_factory=dict)  # turbine → of a recording
+    feed: "LiveFeed | None" = None  # of an instrument that the session listens to itself
+
+    @property
+    def is_live(self) -> bool:
+        return self.duration is None
+
+    @property
+    def turbines(self) -> tuple[str, ...]:
+        """Those that are known beforehand, in their order: a recording's, or the scenario's."""
+        return tuple(self.layouts) or tuple(m.turbine.id for m in farm_members(self.scenario))
+
+    @property
+    def metadata(self) -> Metadata:
+        """What is stored in a recording, so that it can be run again."""
+        truth = (
+            {}
+            if self.truth is None
+            else {
+                name: repr(getattr(self.truth, name)) for name in ("k11", "k22", "k12", "time_ns")
+            }
+        )
+        return {
+            "pilewatch": {"version": version("pilewatch"), "source": self.text},
+            "scenario": scenario_metadata(self.scenario),
+        } | ({"truth": truth} if truth else {})
+
+    def messages(
+        self, speed: float = float("inf"), stopping: threading.Event | None = None
+    ) -> Iterator[Message]:
+        """Layout, truth where known, then blocks and SCADA samples, each when it is due.
+
+        speed      1 is real time; infinity never waits
+        stopping   ends the waiting when set
+        """
+        pace = Pace(speed, MonotonicClock(stopping or threading.Event()))
+        if self.truth is not None:
+            yield self.truth
+        yield from paced(self._sensor_messages(), pace=pace, time_of=due_of)
+
+    def with_sampler(self, method: str | None) -> "Source":
+        """The same under another sampler of the posterior; None: the scenario's.
+
+        Raises UpdatingError for a sampler that does not exist.
+        """
+        return (
+            self if method is None else replace(self, scenario=with_sampler(self.scenario, method))
+        )
+
+    def with_playback(self, playback: Playback) -> "Source":
+        """A part of the same replay, or several rounds of it.
+
+        Raises SourceError where there is nothing recorded, or nothing in the range.
+        """
+        if playback == Playback():
+            return self
+        if self.recording is None or self.duration is None:
+            raise SourceError(f"--from, --to and --loop are for replay:FILE, not for {self.text}")
+        duration = playback.duration(self.duration)
+        if duration <= 0:
+            raise SourceError(
+                f"--from {playback.start:g} lies behind the end of {self.recording}, which is "
+                f"{self.duration:g} s long"
+            )
+        return replace(self, playback=playback, duration=duration)
+
+    def with_recording(self, path: Path) -> "Source":
+        """The same replay from a file that was moved."""
+        return replace(self, recording=path)
+
+    def _sensor_messages(self) -> Iterator[Message]:
+        if self.recording is not None:
+            measured = self.playback.of(partial(recorded_stream, self.recording))
+            later = later_truths(recorded_truths(self.recording), self.truth)
+            yield from with_truths(measured, later)
+            return
+        towers = [simulated_tower(member) for member in farm_members(self.scenario)]
+        yield from (layout for tower in towers for layout in tower.layouts)
+        yield from heapq.merge(*(self._simulated(tower) for tower in towers), key=_begin)
+
+    def _simulated(self, tower: SimulatedTower) -> Iterator[Message]:
+        """Everything of one turbine but its layout and the truth that was said already."""
+        return with_truths(tower.messages(), later_truths(simulated_truths(tower), self.truth))
+
+
+def _begin(message: Message) -> int:
+    """Where a message stands among those of other turbines [ns]."""
+    match message:
+        case AccelerationBlock():
+            return message.start_ns
+        case FoundationTruth() | ScadaSample():
+            return message.time_ns
+        case _:
+            return 0
+
+
+def due_of(message: Message) -> int | None:
+    """When a message is given [ns]; None: at once."""
+    if isinstance(message, AccelerationBlock | SensorLayout | ScadaSample):
+        return due_time(message)
+    return None
+
+
+class MonotonicClock:
+    """The machine's own clock, for pacing; a wait ends early when the session is to end."""
+
+    def __init__(self, stopping: threading.Event) -> None:
+        self._stopping = stopping
+
+    def now(self) -> float:
+        """[s]"""
+        return time.monotonic()
+
+    def wait(self, seconds: float) -> None:
+        """Return after that time, or when the session is to end."""
+        self._stopping.wait(seconds)
+
+
+def open_source(text: str | None, scenario: str | None = None) -> Source:
+    """The source that `--source` names: replay:FILE, simulate:SCENARIO or live.
+
+    text       None: replay the recording that comes with the project
+    scenario   name or path; None: the recording's own, the simulated one, or the default
+
+    Raises SourceError, ScenarioError, RecordingError.
+    """
+    if text is None:
+        return _default_source(scenario)
+    kind, _, name = text.partition(":")
+    if kind == "replay" and name:
+        return replayed(Path(name), scenario)
+    if kind == "simulate":
+        return simulated(load_scenario(name or scenario or DEFAULT_SCENARIO))
+    if kind == "live" and not name:
+        chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+        first = farm_members(chosen)[0]
+        return Source("live", chosen, first.layout, truth=None, duration=None)
+    raise SourceError(
+        f"--source {text!r} is none of replay:FILE, simulate:SCENARIO, live and a file that exists"
+    )
+
+
+def _default_source(scenario: str | None) -> Source:
+    if DEFAULT_RECORDING.exists():
+        return replayed(DEFAULT_RECORDING, scenario)
+    raise SourceError(
+        f"there is no {DEFAULT_RECORDING} in this folder; make one with "
+        f"`pilewatch simulate {DEFAULT_SCENARIO} -o {DEFAULT_RECORDING}`, "
+        "or choose --source replay:FILE or --source simulate:SCENARIO"
+    )
+
+
+def replayed(path: Path, scenario: str | None = None) -> Source:
+    """A recording, or all of a folder as one, as a source; under its own (the newest's) scenario
+    unless another is named."""
+    infos = [recording_info(file) for file in recordings_in(path)]
+    info = infos[-1]
+    if not info.units or not info.layouts:
+        raise SourceError(f"{path} holds no acceleration blocks with their layout")
+    stored = info.metadata.get("scenario")
+    if scenario is not None:
+        chosen = load_scenario(scenario)
+    elif stored:
+        chosen = scenario_from_metadata(stored, f"scenario in {path}")
+    else:
+        chosen = load_scenario(DEFAULT_SCENARIO)
+    layout = joined_layout(_units_of(info.layouts, info.layouts[0].turbine))
+    return Source(
+        text=f"replay:{path}",
+        scenario=chosen,
+        layout=layout,
+        truth=stored_truth(info.metadata, layout.turbine),
+        duration=_duration(infos),
+        recording=path,
+        layouts={
+            each: joined_layout(_units_of(info.layouts, each))
+            for each in dict.fromkeys(layout.turbine for layout in info.layouts)
+        },
+    )
+
+
+def _duration(infos: Sequence[RecordingInfo]) -> float:
+    units = [unit for info in infos for unit in info.units]
+    span_ns = max(unit.end_ns for unit in units) - min(unit.start_ns for unit in units)
+    return span_ns / NANOSECONDS
+
+
+def _units_of(layouts: Sequence[SensorLayout], turbine: str) -> list[SensorLayout]:
+    """The newest layout of each of the turbine's units, in their order."""
+    newest = {layout.unit: layout for layout in layouts if layout.turbine == turbine}
+    return [newest[unit] for unit in sorted(newest)]
+
+
+def simulated(scenario: Scenario) -> Source:
+    """The scenario's simulated turbine as a source."""
+    first = farm_members(scenario)[0]
+    return Source(
+        text=f"simulate:{scenario.name}",
+        scenario=scenario,
+        layout=first.layout,
+        truth=next(simulated_truths(simulated_tower(first))),
+        duration=scenario.simulation.duration,
+    )
+
+
+def simulated_tower(scenario: Scenario) -> SimulatedTower:
+    """The turbine that a scenario simulates, its random numbers from the scenario's seed."""
+    settings = replace(scenario.simulation, seed=scenario.seed)
+    return SimulatedTower(scenario.structure, scenario.layout, settings)
+
+
+def record_simulation(
+    source: Source, path: Path, *, report: Callable[[AccelerationBlock], None] | None = None
+) -> None:
+    """Write a simulated source to an MCAP file; the same scenario gives the same file.
+
+    Raises RecordingError where the file exists or cannot be written.
+    """
+    with whole_recording(path, metadata=source.metadata, settings=COMPACT) as recorder:
+        for message in with_end(source.messages()):
+            recorder.handle(message)
+            if report and isinstance(message, AccelerationBlock):
+                report(message)

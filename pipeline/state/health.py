@@ -1,0 +1,117 @@
+"""Who is alive, what is late, what is missing: from the table of streams alone."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal
+
+from pipeline.messages import Message, NodeStatus, StreamEnd, StreamGap
+from pipeline.streams import key_of, stream_of
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+
+LATE_AFTER = 3.0  # a stream is late when so many of its periods have gone by in silence [-]
+LATEST_GAPS = 1000  # that are remembered
+
+Condition = Literal["alive", "late", "ended"]
+
+
+@dataclass(frozen=True, slots=True)
+class StreamHealth:
+    """How one key does."""
+
+    key: str
+    condition: Condition  # a stream without a period is never late
+    silence: float  # since the last message [s]
+    messages: int
+    rate: float = float("nan")  # of messages since the first [1/s]; NaN before the second
+
+
+@dataclass(frozen=True, slots=True)
+class NodeHealth:
+    """How one node does."""
+
+    condition: Condition  # late: it has not said anything for too long; ended: it has said so
+    silence: float  # since its last status [s]
+    status: NodeStatus  # the last
+
+
+@dataclass(slots=True)
+class _Seen:
+    message: Message  # the last
+    time_ns: int
+    count: int
+    first_ns: int
+
+    @property
+    def rate(self) -> float:
+        """Messages in a second since the first."""
+        duration = (self.time_ns - self.first_ns) / NANOSECONDS
+        return (self.count - 1) / duration if duration > 0 else float("nan")
+
+
+class Health:
+    """Watches messages go by.
+
+    All times are of the watcher's own clock [ns]: when a message came, and when it is asked.
+    """
+
+    def __init__(self) -> None:
+        self._seen: dict[str, _Seen] = {}
+        self._ended: dict[tuple[str, str], str] = {}  # (turbine, unit) → session
+        self._gaps: deque[StreamGap] = deque(maxlen=LATEST_GAPS)
+
+    def observe(self, message: Message, now_ns: int) -> None:
+        """Take note of one message that has just come."""
+        key = key_of(message)
+        before = self._seen.get(key)
+        count, first_ns = (before.count, before.first_ns) if before else (0, now_ns)
+        self._seen[key] = _Seen(message, now_ns, count + 1, first_ns)
+        if isinstance(message, StreamEnd):
+            self._ended[message.turbine, message.unit] = message.session
+        elif isinstance(message, StreamGap):
+            self._gaps.append(message)
+        elif isinstance(message, AccelerationBlock):
+            self._note_session(message)
+
+    @property
+    def gaps(self) -> tuple[StreamGap, ...]:
+        """The latest gaps that were reported, in the order of reporting."""
+        return tuple(self._gaps)
+
+    def streams(self, now_ns: int) -> tuple[StreamHealth, ...]:
+        """Every key on which something has come, statuses left out."""
+        return tuple(
+            StreamHealth(
+                key, self._condition(seen, now_ns), _silence(seen, now_ns), seen.count, seen.rate
+            )
+            for key, seen in self._seen.items()
+            if not isinstance(seen.message, NodeStatus)
+        )
+
+    def nodes(self, now_ns: int) -> tuple[NodeHealth, ...]:
+        """Every node that has said anything."""
+        return tuple(
+            NodeHealth(self._condition(seen, now_ns), _silence(seen, now_ns), seen.message)
+            for seen in self._seen.values()
+            if isinstance(seen.message, NodeStatus)
+        )
+
+    def _note_session(self, block: AccelerationBlock) -> None:
+        unit = (block.turbine, block.unit)
+        if self._ended.get(unit, block.session) != block.session:
+            del self._ended[unit]  # the unit has started again
+
+    def _condition(self, seen: _Seen, now_ns: int) -> Condition:
+        if self._has_ended(seen.message):
+            return "ended"
+        period = stream_of(type(seen.message)).period
+        late = period is not None and _silence(seen, now_ns) > LATE_AFTER * period
+        return "late" if late else "alive"
+
+    def _has_ended(self, message: Message) -> bool:
+        if isinstance(message, NodeStatus):
+            return message.state == "stopped"
+        return (message.turbine, getattr(message, "unit", "")) in self._ended
+
+
+def _silence(seen: _Seen, now_ns: int) -> float:
+    return (now_ns - seen.time_ns) / NANOSECONDS

@@ -1,0 +1,73 @@
+"""A posterior in the figures of `summary.json`: ratios to nominal, the truth where it is known."""
+
+from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
+from pipeline.state.json_values import Json, known
+
+
+def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | None = None) -> Json:
+    """The `posterior` entry: k11, k22, k12, sigma, correlation, ess, rhat; unknown values None.
+
+    figures       of the structure that are uncertain as well, by name; {} where none is
+    correlation   3 × 3, order k11, k22, k12
+    ess, rhat     the smallest and the largest over the parameters
+    change_probability   that the modes have changed since the last event
+    """
+    summary: Json = {
+        name: stiffness_summary(
+            posterior.parameter(name), None if truth is None else getattr(truth, name)
+        )
+        for name in ("k11", "k22", "k12")
+    }
+    sigma = posterior.parameter("sigma")
+    summary["sigma"] = {"median": sigma.median, "p95": sigma.p95}
+    summary["figures"] = {each.name: figure_summary(each) for each in posterior.figures}
+    summary["correlation"] = [[known(each) for each in row] for row in posterior.correlation]
+    summary["ess"] = known(posterior.ess)
+    summary["rhat"] = known(posterior.rhat)
+    summary["change_probability"] = known(posterior.change_probability)
+    return summary
+
+
+def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -> Json:
+    """One stiffness in its unit and as ratios to nominal. truth: in the same unit."""
+    ratios = sorted(each / parameter.nominal for each in (parameter.p05, parameter.p95))
+    return {
+        "unit": parameter.unit,
+        "median": parameter.median,
+        "p05": parameter.p05,
+        "p95": parameter.p95,
+        "ratio_median": parameter.median / parameter.nominal,
+        "ratio_p05": ratios[0],
+        "ratio_p95": ratios[1],
+        "truth_ratio": None if truth is None else truth / parameter.nominal,
+    }
+
+
+def figure_summary(figure: ParameterSummary) -> Json:
+    """A figure of the structure: as a factor to the described one, scour in metres."""
+    return {
+        "unit": figure.unit,
+        "median": figure.median,
+        "p05": figure.p05,
+        "p95": figure.p95,
+        "contraction": known(figure.contraction),
+    }
+
+
+def empty_summary() -> Json:
+    """The same entry where no window gave a posterior: every value None."""
+    nothing = ("median", "p05", "p95", "ratio_median", "ratio_p05", "ratio_p95", "truth_ratio")
+    units = {"k11": "N/m", "k22": "N·m/rad", "k12": "N/rad"}
+    summary: Json = {name: {"unit": unit, **dict.fromkeys(nothing)} for name, unit in units.items()}
+    summary["sigma"] = {"median": None, "p95": None}
+    summary.update(figures={}, correlation=None, ess=None, rhat=None)
+    summary["change_probability"] = None
+    return summary
+
+
+def truth_covered(posterior: FoundationPosterior, truth: FoundationTruth) -> dict[str, bool]:
+    """For each stiffness whether the 90 % interval holds the truth."""
+    return {
+        name: posterior.parameter(name).p05 <= getattr(truth, name) <= posterior.parameter(name).p95
+        for name in ("k11", "k22", "k12")
+    }

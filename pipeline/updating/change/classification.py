@@ -1,0 +1,97 @@
+"""Was it the foundation? Two explanations of one change weighed against each other.
+
+The alarm counts errors cut, so that a single wild estimate cannot raise it; a change that is large
+is cut as well and then no longer looks like what it is. So the kind is judged once, at the most
+probable start, on the frequencies as they were. Under a change of the springs each mode may still,
+with a very small chance p, have a step of its own: one mode taken for its sister must not acquit
+the foundation, and costs it fourteen nats instead of any number. With δ_j = S_jᵀ κ and g, h as in
+the package's docstring,
+
+    p(g | κ) / p(g | 0) = Π_j exp(g_j δ_j − ½ h_j δ_j²) (1 − p + p L(g_j − h_j δ_j, h_j; τ_o²))
+
+integrated over κ ~ N(0, τ² 1) by Laplace's approximation around its peak, mixed over τ. A mode that
+is paired with none of the model's (its frequency may lie above the model's highest) moves with the
+foundation too, nobody knows by how much: by τ times what the paired ones are sensitive on average,
+up or down. Against all this stands the modal drift, in closed form.
+Source: Kass and Raftery (1995), Journal of the American Statistical Association 90.
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from pipeline.updating.change.likelihood_ratio import log_mean, log_step
+from pipeline.updating.change.modal_drift import LARGEST, SHIFTS, log_drift
+from pipeline.updating.change.settings import ChangeSettings
+from pipeline.updating.change.stiffness_change import ITERATIONS, STIFFNESS_SHIFTS
+from pipeline.updating.change.sufficient_statistics import Steps
+from sensors.arrays import FloatArray
+
+Kind = Literal["foundation", "modal-drift", "undecided"]
+
+MISTAKEN = 1e-6  # p of a mode that moves on its own while the foundation changes [-]
+MISTAKE = float(SHIFTS[-1])  # τ_o of its ln f [-]
+
+
+def foundation_probability(step: Steps, stiffness: FloatArray, settings: ChangeSettings) -> float:
+    """That a change was the foundation's, from its steps on frequencies uncut, (1, J) each.
+
+    stiffness   S, (J, 3); zeros for a track that is paired with no mode of the model
+
+        P = π E_foundation / (π E_foundation + (1 − π) E_drift),   π = settings.foundation_share
+    """
+    foundation = log_foundation_with_mistakes(step, stiffness) + np.log(settings.foundation_share)
+    drift = float(log_drift(step)[0]) + np.log(1 - settings.foundation_share)
+    return float(np.exp(foundation - np.logaddexp(foundation, drift)))
+
+
+def kind_of(probability: float, settings: ChangeSettings) -> Kind:
+    """What to call a change that is the foundation's with this probability."""
+    if probability >= settings.certainty:
+        return "foundation"
+    if probability <= 1 - settings.certainty:
+        return "modal-drift"
+    return "undecided"
+
+
+def log_foundation_with_mistakes(step: Steps, stiffness: FloatArray) -> float:
+    """log likelihood ratio of a change of the springs against none."""
+    g, h, paired = step.g[0], step.h[0], stiffness.any(axis=1)
+    if not paired.any():
+        return 0.0
+    typical = float(np.mean((stiffness[paired] ** 2).sum(axis=1)))  # variance of ln f over τ²
+    sizes = [
+        _log_integral(g[paired], h[paired], stiffness[paired], size)
+        + _log_unpaired(g[~paired], h[~paired], size**2 * typical)
+        for size in STIFFNESS_SHIFTS
+    ]
+    return float(log_mean(np.array(sizes)))
+
+
+def _log_unpaired(g: FloatArray, h: FloatArray, variance: float) -> float:
+    """The same of modes that move by steps of this variance with the foundation."""
+    along, alone = log_step(g, h, np.array([variance, MISTAKE**2]))
+    return float(np.logaddexp(np.log1p(-MISTAKEN) + along, np.log(MISTAKEN) + alone).sum())
+
+
+def _log_integral(g: FloatArray, h: FloatArray, stiffness: FloatArray, size: float) -> float:
+    """log ∫ p(g | κ) / p(g | 0) N(κ; 0, size²) dκ
+
+    The peak by iterated least squares; its weights are what each mode's errors leave of it when
+    it may be mistaken.
+    """
+    weights = np.ones(len(g))
+    for _ in range(ITERATIONS):
+        hessian = (stiffness.T * (weights * h)) @ stiffness + np.eye(3) / size**2
+        ratios = np.linalg.solve(hessian, stiffness.T @ (weights * g))
+        steps = stiffness @ ratios
+        mistaken = log_step(g - h * steps, h, np.array([MISTAKE**2]))[0]
+        own = MISTAKEN * np.exp(np.minimum(mistaken, LARGEST))
+        weights = (1 - MISTAKEN + own / (1 + MISTAKE**2 * h)) / (1 - MISTAKEN + own)
+    logs = (
+        g * steps
+        - 0.5 * h * steps**2
+        + np.logaddexp(np.log(MISTAKEN) + mistaken, np.log1p(-MISTAKEN))
+    )
+    prior = -0.5 * ratios @ ratios / size**2 - 3 * np.log(size)
+    return float(logs.sum() + prior - 0.5 * np.linalg.slogdet(hessian)[1])

@@ -1,0 +1,174 @@
+"""Between the updater and the change detectors: what they are told, what is said of a change."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.messages import FoundationEvent, FrequencyShift, ModalEstimate, StiffnessChange
+from pipeline.updating.change.detector import Change, ChangeState, Verdict
+from pipeline.updating.change.random_walk import deviation
+from pipeline.updating.change.sufficient_statistics import (
+    WIND_REFERENCE,
+    SeenFrequency,
+    Sensitivities,
+    WatchedWindow,
+)
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.prior import PARAMETER_NAMES
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.arrays import FloatArray
+
+QUANTILE = 1.6449  # of the standard normal distribution at 95 %
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackSensitivity:
+    """How a tracked mode's frequency depends on springs and water, by its model mode."""
+
+    track: int
+    model: str  # the model mode's label
+    slopes: FloatArray  # ∂ ln f / ∂ ratio, (3,) [-]
+    water: FloatArray  # ∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (2,) [1/m, 1/m²]
+
+
+def watched_window(
+    evidence: ModalEvidence, estimate: ModalEstimate, water_level: float = 0.0
+) -> WatchedWindow:
+    """The frequencies of the window that entered the evidence last, by track.
+
+    water_level   above the model's [m]
+    """
+    latest = {
+        mode.track: SeenFrequency(
+            track=mode.track,
+            log_frequency=float(np.log(mode.last_frequency)),
+            std=mode.last_frequency_std / mode.last_frequency,
+        )
+        for mode in evidence.modes
+        if mode.last_window == evidence.n_windows
+    }
+    return WatchedWindow(
+        start_ns=estimate.start_ns,
+        duration=estimate.duration,
+        seen=tuple(latest.values()),
+        weight=estimate.weight,
+        water_level=water_level,
+        wind=float(np.nan_to_num(estimate.wind_speed - WIND_REFERENCE)),
+    )
+
+
+def sensitivities_of(tracks: Sequence[int], known: Sequence[TrackSensitivity]) -> Sensitivities:
+    """By the order of the tracks; zero for those that are paired with no mode of the model."""
+    found = Sensitivities.unknown(len(tracks))
+    row_of = {track: row for row, track in enumerate(tracks)}
+    present = [each for each in known if each.track in row_of]
+    if present:
+        rows = [row_of[each.track] for each in present]
+        found.stiffness[rows] = [each.slopes for each in present]
+        found.water[rows] = [each.water for each in present]
+    return found
+
+
+def event_of(
+    change: Change,
+    verdict: Verdict,
+    state: ChangeState,
+    estimate: ModalEstimate,
+    *,
+    before: FloatArray,
+    pairs: Sequence[TrackSensitivity],
+) -> FoundationEvent:
+    """The message of a change.
+
+    before   (3,) ratios k / nominal before it
+    pairs    which tracks are which modes of the model
+    """
+    starts = state.sums.starts_ns
+    drifted = change.kind == "modal-drift"
+    changes = () if drifted else _stiffness_changes(change, state, before)
+    return FoundationEvent(
+        turbine=estimate.turbine,
+        window=estimate.window,
+        time_ns=estimate.end_ns,
+        kind=change.kind,
+        probability=verdict.probability,
+        since_ns=starts[change.candidate],
+        since_earliest_ns=starts[change.earliest],
+        since_latest_ns=starts[change.latest],
+        changes=changes,
+        shifts=_frequency_shifts(change, state, pairs),
+        text=_sentence(change, changes, verdict, estimate, starts[change.candidate]),
+    )
+
+
+def _stiffness_changes(
+    change: Change, state: ChangeState, before: FloatArray
+) -> tuple[StiffnessChange, ...]:
+    ratios, walked = change.step.ratios, deviation(state.walk)
+    stds = np.sqrt(np.diag(change.step.covariance))
+    walk_stds = np.sqrt(np.diag(walked.covariance))
+    return tuple(
+        StiffnessChange(
+            name=name,
+            median=float(ratios[i] / before[i]),
+            p05=float((ratios[i] - QUANTILE * stds[i]) / before[i]),
+            p95=float((ratios[i] + QUANTILE * stds[i]) / before[i]),
+            random_walk=float(walked.mean[i] / before[i]),
+            random_walk_std=float(walk_stds[i] / before[i]),
+        )
+        for i, name in enumerate(PARAMETER_NAMES)
+    )
+
+
+def _frequency_shifts(
+    change: Change, state: ChangeState, pairs: Sequence[TrackSensitivity]
+) -> tuple[FrequencyShift, ...]:
+    labels = {each.track: each.model for each in pairs}
+    return tuple(
+        FrequencyShift(
+            model=labels.get(state.sums.tracks[column], ""),
+            frequency=float(np.exp(change.log_frequencies[column])),
+            change=float(np.expm1(change.shifts[column])),
+            change_std=float(change.shift_stds[column]),
+        )
+        for column in np.flatnonzero(np.isfinite(change.shifts) & (change.shift_stds < 1.0))
+    )
+
+
+def _sentence(
+    change: Change,
+    changes: Sequence[StiffnessChange],
+    verdict: Verdict,
+    estimate: ModalEstimate,
+    since_ns: int,
+) -> str:
+    ago = (estimate.end_ns - since_ns) / NANOSECONDS / 60
+    begun = f"since about {ago:.0f} min before the end of window {estimate.window}"
+    chance = f"with probability {verdict.probability:.3f}"
+    if change.kind == "foundation":
+        return f"the foundation has changed {begun} {chance}: {_sizes(changes)}"
+    most = _most_shifted(change)
+    if change.kind == "modal-drift":
+        return (
+            f"the modes have changed {begun} {chance}, in a way that no foundation explains; most "
+            f"of all the one at {most}"
+        )
+    return (
+        f"the modes have changed {begun} {chance}, most of all the one at {most}; that it was the "
+        f"foundation has a probability of {change.foundation_probability:.2f}, and would then be "
+        f"{_sizes(changes)}"
+    )
+
+
+def _sizes(changes: Sequence[StiffnessChange]) -> str:
+    return ", ".join(
+        f"{each.name} {each.median:+.1%} ({each.p05:+.1%} to {each.p95:+.1%})" for each in changes
+    )
+
+
+def _most_shifted(change: Change) -> str:
+    """The mode whose shift is the surest, with it."""
+    shares = np.abs(change.shifts) / change.shift_stds
+    most = int(np.nanargmax(np.nan_to_num(shares, nan=-1.0)))
+    return f"{np.exp(change.log_frequencies[most]):.4g} Hz, by {np.expm1(change.shifts[most]):+.2%}"

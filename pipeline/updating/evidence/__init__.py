@@ -1,0 +1,1 @@
+"""What the windows have shown: observed modes and their sums over the windows."""

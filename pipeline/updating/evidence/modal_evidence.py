@@ -1,0 +1,223 @@
+"""What the windows have said so far, mode by mode, without any model of the structure.
+
+Windows are combined before a model is asked: each mode keeps the precision-weighted mean of its
+estimates and their summed information, so the state stays the same size for years, and a pairing
+that was wrong after the first window does no harm after the second.
+
+Why summed information is enough: with the model's discrepancy b one vector shared by all windows,
+    d_t = m(θ) + b + e_t,   e_t ~ N(0, Σ_t),   b ~ N(0, Σ_G(σ)),
+the likelihood of all windows in θ and σ is exactly, up to a constant,
+    N(d̄; m(θ), Σ_G(σ) + S),   S = (Σ_t w_t Σ_t⁻¹)⁻¹,   d̄ = S Σ_t w_t Σ_t⁻¹ d_t.
+w_t = hop / window duration counts samples shared by overlapping windows once.
+
+The same holds for what is known to differ between windows. With the water l_t above the model's
+level, frequency and shape of a mode are m_t(θ) = m(θ) + v₁ l_t + v₂ l_t²; then
+    d̄ = m(θ) + b + S (Σ_t w_t l_t Σ_t⁻¹ v₁ + Σ_t w_t l_t² Σ_t⁻¹ v₂) + ē,
+so that two more sums for each mode bring the combined estimate to the model's level, whichever mode
+of the model turns out to be its partner.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from pipeline.messages import ModalEstimate
+from pipeline.updating.evidence.mode_evidence import ModeEvidence, PartnerInWater
+from pipeline.updating.evidence.observations import ModeObservation, sightings
+from sensors.arrays import FloatArray
+
+FOLLOWING_FREQUENCY_STD = 0.003  # relative scatter of one mode's f between windows [-]
+WIDEST_FREQUENCY_STD = 0.01  # however uncertain both are [-]
+FOLLOWING_MAC_SCALE = 0.15  # of 1 − MAC between windows [-]
+FOLLOWING_REJECTION = 9.0  # three standard deviations: beyond, it is another mode
+
+JUMP = 0.05  # largest relative change of f by which a mode may be the same after a jump [-]
+JUMP_MAC = 0.9  # least MAC for that
+ESTABLISHED = 3  # windows from which a mode can be missed
+
+
+def jumped_from(
+    modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation], followed: Sequence[int]
+) -> list[int]:
+    """For each sighting that continues no mode, the one of which it may be the continuation after
+    a jump of frequency, or −1.
+
+    That is the nearest established mode of like shape that this window did not see. The two stay
+    apart as evidence, since a mean over both would be neither's frequency, but share a track: on
+    it a change is detected.
+    """
+    missed = [
+        number
+        for number, mode in enumerate(modes)
+        if number not in followed and mode.n_windows >= ESTABLISHED
+    ]
+    found = [-1] * len(seen)
+    waiting = [row for row, number in enumerate(followed) if number < 0]
+    if not missed or not waiting:
+        return found
+    macs = _macs([seen[row] for row in waiting], [modes[number] for number in missed])
+    distance = np.abs(
+        np.subtract.outer(
+            np.log([seen[row].frequency for row in waiting]),
+            np.log([modes[number].frequency for number in missed]),
+        )
+    )
+    alike = [
+        [seen[row].close_pair == modes[number].close_pair for number in missed] for row in waiting
+    ]
+    cost = np.where((macs >= JUMP_MAC) & (distance <= JUMP) & alike, distance, 1.0)
+    for row, column in zip(*linear_sum_assignment(cost), strict=True):
+        if cost[row, column] < 1.0:
+            found[waiting[row]] = missed[column]
+    return found
+
+
+def followed_by(modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation]) -> list[int]:
+    """For each sighting the mode it continues, or −1 where it opens a new one.
+
+    Assignment on (Δ ln f / s)² + ((1 − MAC) / .15)², beyond 9 a new mode; s is .3 % and both
+    standard deviations together, at most 1 %. Δ is to the mean of all windows or to the last that
+    saw the mode, whichever is nearer: a tide moves some modes by 1 % and more. Names given by the
+    identification are not asked: a swap of names would mix two modes for good.
+    """
+    if not modes or not seen:
+        return [-1] * len(seen)
+    cost = _nearest_squares(seen, modes) / _following_variance(seen, modes)
+    cost += ((1 - _macs(seen, modes)) / FOLLOWING_MAC_SCALE) ** 2
+    same_kind = np.equal.outer(
+        [sighting.close_pair for sighting in seen], [mode.close_pair for mode in modes]
+    )
+    cost = np.where(same_kind, np.minimum(cost, FOLLOWING_REJECTION), FOLLOWING_REJECTION)
+    followed = [-1] * len(seen)
+    for row, column in zip(*linear_sum_assignment(cost), strict=True):
+        if cost[row, column] < FOLLOWING_REJECTION:
+            followed[row] = int(column)
+    return followed
+
+
+def _nearest_squares(seen: Sequence[ModeObservation], modes: Sequence[ModeEvidence]) -> FloatArray:
+    """(n_seen, n_modes) squared distances of ln f."""
+    logs = np.log([sighting.frequency for sighting in seen])
+    means = np.log([mode.frequency for mode in modes])
+    last = np.log([mode.last_frequency for mode in modes])
+    return np.minimum((logs[:, None] - means) ** 2, (logs[:, None] - last) ** 2)
+
+
+def _following_variance(
+    seen: Sequence[ModeObservation], modes: Sequence[ModeEvidence]
+) -> FloatArray:
+    """(n_seen, n_modes) variance of ln f between two windows of one mode."""
+    own = [np.linalg.norm(sighting.factor[0]) / sighting.frequency for sighting in seen]
+    known = [mode.frequency_std / mode.frequency for mode in modes]
+    variance = np.add.outer(np.square(own), np.square(known)) + FOLLOWING_FREQUENCY_STD**2
+    return np.minimum(variance, WIDEST_FREQUENCY_STD**2)
+
+
+def _macs(seen: Sequence[ModeObservation], modes: Sequence[ModeEvidence]) -> FloatArray:
+    """(n_seen, n_modes) MAC on the channels both have; 1 where there are none."""
+    shapes = np.array([sighting.shape for sighting in seen])[:, None]
+    known = np.array([mode.shape for mode in modes])[None]
+    common = np.isfinite(shapes) & np.isfinite(known)
+    shapes, known = np.where(common, shapes, 0.0), np.where(common, known, 0.0)
+    products = (shapes * known).sum(axis=2) ** 2
+    norms = (shapes**2).sum(axis=2) * (known**2).sum(axis=2)
+    macs = np.divide(products, norms, out=np.zeros_like(products), where=norms > 0)
+    return np.where(common.any(axis=2), macs, 1.0)
+
+
+MOST_MODES = 150  # remembered; those seen most rarely are forgotten first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModalEvidence:
+    """All that the accepted windows said: one ModeEvidence a mode, lowest frequency first.
+
+    channels           names in the order of the sensor layout; estimates are mapped by name
+    joint_covariance   whether the correlations among one mode's f and φ are kept, or only the
+                       variances as in [foundation-updating] §2.3
+    """
+
+    channels: tuple[str, ...]
+    joint_covariance: bool = False
+    modes: tuple[ModeEvidence, ...] = ()
+    n_windows: int = 0
+    n_tracks: int = 0  # begun so far
+    window_duration: float = 0.0  # of the shortest window [s]
+
+    def with_estimate(self, estimate: ModalEstimate, *, rise: float = 0.0) -> "ModalEvidence":
+        """The evidence after one more window. Raises EstimateRefused; self never changes.
+
+        rise   of the water above the model's level [m]
+        """
+        return self.with_sightings(
+            sightings(estimate, self.channels), estimate.weight, estimate.duration, rise=rise
+        )
+
+    def with_sightings(
+        self, seen: Sequence[ModeObservation], weight: float, duration: float, *, rise: float = 0.0
+    ) -> "ModalEvidence":
+        """The same from the sightings of a window of that weight and duration [s]."""
+        window = self.n_windows + 1
+        modes, n_tracks = list(self.modes), self.n_tracks
+        followed = followed_by(self.modes, seen)
+        returned = jumped_from(self.modes, seen, followed)
+        for number, jump, sighting in zip(followed, returned, seen, strict=True):
+            if number >= 0:
+                known = modes[number]
+            elif jump >= 0:
+                known = ModeEvidence.empty(sighting, modes[jump].track)
+            else:
+                known, n_tracks = ModeEvidence.empty(sighting, n_tracks), n_tracks + 1
+            updated = known.with_sighting(
+                sighting,
+                window=window,
+                weight=weight,
+                joint_covariance=self.joint_covariance,
+                rise=rise,
+            )
+            if number >= 0:
+                modes[number] = updated
+            else:
+                modes.append(updated)
+        return replace(
+            self,
+            modes=_remembered(modes, window),
+            n_windows=window,
+            n_tracks=n_tracks,
+            window_duration=min(self.window_duration or np.inf, duration),
+        )
+
+    @property
+    def level_varied(self) -> bool:
+        """Whether any window had another water level than the model's."""
+        return any(mode.level_information.any() for mode in self.modes)
+
+    def at_model_level(self, partners: Sequence["PartnerInWater | None"]) -> "ModalEvidence":
+        """The evidence as if every window had had the model's water level.
+
+        partners   of each mode; None for one that has no partner in the model
+        """
+        modes = [
+            mode if partner is None else mode.at_model_level(partner)
+            for mode, partner in zip(self.modes, partners, strict=True)
+        ]
+        return replace(self, modes=tuple(modes))
+
+    def with_tracks_of(self, other: "ModalEvidence") -> "ModalEvidence":
+        """The same modes under the tracks that `other`, of the same last window, knows them by."""
+        tracks = {mode.last_frequency: mode.track for mode in other.modes}
+        modes = [replace(m, track=tracks.get(m.last_frequency, m.track)) for m in self.modes]
+        return replace(self, modes=tuple(modes), n_tracks=max(self.n_tracks, other.n_tracks))
+
+
+def _remembered(modes: Sequence[ModeEvidence], n_windows: int) -> tuple[ModeEvidence, ...]:
+    """Those still remembered, lowest frequency first.
+
+    A spurious mode is seen once or twice; a window brings some three in ten. Forgotten after a day
+    they stay a few dozen, so that years cost what a day does.
+    """
+    kept = [mode for mode in modes if not mode.forgotten(n_windows)]
+    kept.sort(key=lambda mode: (mode.n_windows, mode.last_window), reverse=True)
+    return tuple(sorted(kept[:MOST_MODES], key=lambda mode: mode.frequency))

@@ -1,0 +1,188 @@
+"""What the windows have said of one mode: sums that give its mean and information at any time."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.updating.evidence.observations import ModeObservation
+from sensors.arrays import FloatArray
+
+PATIENCE = 144  # windows without a mode for each window with it, after which it is forgotten
+LONGEST_PATIENCE = 4320  # windows, a month of ten minutes each
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartnerInWater:
+    """A mode of the model with the water one metre lower, as it is, one metre higher."""
+
+    log_frequencies: FloatArray  # ln f, (3,)
+    shapes: FloatArray  # (3, n_channels) [-], scale arbitrary
+
+    @property
+    def curve(self) -> FloatArray:
+        """∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (2,) [1/m, 1/m²]"""
+        return _parabola(self.log_frequencies)
+
+    def parabola(self, frequency: float, unit_component: int) -> tuple[FloatArray, FloatArray]:
+        """v₁ and v₂, (1 + n_channels,) each, of f [Hz] and of φ [-] normalised to that channel."""
+        units = self.shapes[:, [unit_component]]
+        shapes = np.divide(self.shapes, units, out=np.zeros_like(self.shapes), where=units != 0)
+        ratios = np.exp(self.log_frequencies - self.log_frequencies[1])
+        slope, curvature = _parabola(np.column_stack([frequency * ratios, shapes]))
+        return slope, curvature
+
+
+def _parabola(values: FloatArray) -> FloatArray:
+    """(2, …) slope and curvature through values at −1, 0 and 1, (3, …)."""
+    low, middle, high = values
+    return np.array([(high - low) / 2, (high + low) / 2 - middle])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModeEvidence:
+    """One mode's sightings combined. Vectors have the rows f [Hz], then φ [-] of every channel.
+
+    The shape's component `unit_component` is 1 by normalisation in every window (Eq. 11) and
+    carries no information: left in Eq. 9, its zero variance makes the posterior improper at
+    σ → 0. Its index is frozen when the mode is first seen, from the identified shape; the
+    model's largest component may sit elsewhere.
+    """
+
+    name: str
+    unit_component: int  # channel index
+    information: FloatArray  # Σ w Σ_t⁻¹, (1 + n_channels, 1 + n_channels)
+    information_mean: FloatArray  # Σ w Σ_t⁻¹ d_t, (1 + n_channels,)
+    level_information: (
+        FloatArray  # Σ w l Σ_t⁻¹ and Σ w l² Σ_t⁻¹, their row of f, (2, 1 + n_channels)
+    )
+    track: int  # stays with the mode, also through a jump of its frequency
+    n_windows: int  # windows that saw this mode
+    last_window: int  # the accepted window that saw it last, counted from 1
+    last_frequency: float = np.nan  # as that window saw it [Hz]
+    last_frequency_std: float = np.nan  # [Hz]
+    close_pair: bool = False
+
+    @classmethod
+    def empty(cls, sighting: ModeObservation, track: int = 0) -> "ModeEvidence":
+        """No information yet; identity and unit component of the first sighting."""
+        n_rows = len(sighting.values)
+        return cls(
+            name=sighting.name,
+            unit_component=sighting.unit_component,
+            information=np.zeros((n_rows, n_rows)),
+            information_mean=np.zeros(n_rows),
+            level_information=np.zeros((2, n_rows, n_rows)),
+            track=track,
+            n_windows=0,
+            last_window=0,
+            close_pair=sighting.close_pair,
+        )
+
+    def with_sighting(
+        self,
+        sighting: ModeObservation,
+        *,
+        window: int,
+        weight: float,
+        joint_covariance: bool,
+        rise: float = 0.0,
+    ) -> "ModeEvidence":
+        """Evidence after one more window, its information multiplied by weight.
+
+        rise   of the water above the model's level [m]
+        """
+        sighting = sighting.normalised_to(self.unit_component)
+        known = np.flatnonzero(np.linalg.norm(sighting.factor, axis=1) > 0)
+        precision = weight * _precision(sighting.factor[known], sighting.n_blocks, joint_covariance)
+        information = self.information.copy()
+        information[np.ix_(known, known)] += precision
+        information_mean = self.information_mean.copy()
+        information_mean[known] += precision @ sighting.values[known]
+        level_information = self.level_information.copy()
+        level_information[0][np.ix_(known, known)] += rise * precision
+        level_information[1][np.ix_(known, known)] += rise**2 * precision
+        return replace(
+            self,
+            name=sighting.name or self.name,
+            information=information,
+            information_mean=information_mean,
+            level_information=level_information,
+            n_windows=self.n_windows + 1,
+            last_window=window,
+            last_frequency=sighting.frequency,
+            last_frequency_std=float(np.linalg.norm(sighting.factor[0])),
+        )
+
+    def at_model_level(self, partner: "PartnerInWater") -> "ModeEvidence":
+        """The evidence as if every window had had the model's water level."""
+        slope, curvature = partner.parabola(self.frequency, self.unit_component)
+        moved = self.level_information[0] @ slope + self.level_information[1] @ curvature
+        return replace(self, information_mean=self.information_mean - moved)
+
+    def forgotten(self, n_windows: int) -> bool:
+        """Whether it has not been seen for so long, after n_windows in all, that it was a mistake
+        or has gone for good."""
+        patience = min(PATIENCE * self.n_windows, LONGEST_PATIENCE)
+        return n_windows - self.last_window > patience
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(1 + n_channels,) components about which there is information."""
+        return np.diag(self.information) > 0
+
+    @property
+    def covariance(self) -> FloatArray:
+        """S, (1 + n_channels, 1 + n_channels), of the combined estimate; NaN where unknown."""
+        known = np.flatnonzero(self.known)
+        block = np.linalg.inv(self.information[np.ix_(known, known)])
+        covariance = np.full_like(self.information, np.nan)
+        covariance[np.ix_(known, known)] = (block + block.T) / 2
+        return covariance
+
+    @property
+    def mean(self) -> FloatArray:
+        """d̄, (1 + n_channels,): f [Hz] and φ [-]; 1 at the unit component, NaN where unknown."""
+        known = np.flatnonzero(self.known)
+        mean = np.full(len(self.information), np.nan)
+        mean[known] = np.linalg.solve(
+            self.information[np.ix_(known, known)], self.information_mean[known]
+        )
+        if not self.close_pair:
+            mean[1 + self.unit_component] = 1.0
+        return mean
+
+    @property
+    def frequency(self) -> float:
+        """Combined estimate of f [Hz]."""
+        return float(self.mean[0])
+
+    @property
+    def frequency_std(self) -> float:
+        """[Hz]"""
+        return float(np.sqrt(self.covariance[0, 0]))
+
+    @property
+    def shape(self) -> FloatArray:
+        """Combined estimate of φ, (n_channels,) [-]; NaN at channels never available."""
+        return self.mean[1:]
+
+
+def _precision(factor: FloatArray, n_blocks: int, joint: bool) -> FloatArray:
+    """Σ⁻¹, (p, p), of a covariance that was itself estimated from n_blocks blocks.
+
+    factor     F, (p, n_columns), Σ̂ = F Fᵀ
+    n_blocks   0 for a covariance that is known, not estimated
+    joint      the whole matrix where there are blocks enough to invert it, else variances only
+
+    E[Σ̂⁻¹] = Σ⁻¹ (n−1)/(n−p−2) for a Wishart Σ̂ of n blocks (p = 1 for a variance alone); without
+    the factor the intervals are too narrow. Source: Hartlap et al. (2007), A&A 464.
+    """
+    p = len(factor)
+    if joint and (n_blocks == 0 or n_blocks > p + 3):
+        return np.asarray(np.linalg.inv(factor @ factor.T) * _wishart_bias(n_blocks, p))
+    return np.diag(_wishart_bias(n_blocks, 1) / (factor**2).sum(axis=1))
+
+
+def _wishart_bias(n_blocks: int, p: int) -> float:
+    return 1.0 if n_blocks == 0 else max(n_blocks - p - 2, 1) / max(n_blocks - 1, 1)

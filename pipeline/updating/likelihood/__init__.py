@@ -1,0 +1,1 @@
+"""How likely the identified modes are: pairing, errors, density and its peak."""

@@ -1,0 +1,108 @@
+"""The peak of the posterior and the curvature there: where chains start, never the answer."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.updating.forward_model import ForwardModel
+from pipeline.updating.likelihood.likelihood import ModalLikelihood
+from pipeline.updating.likelihood.pairing import DIFFERENCE, STEP_LENGTHS
+from pipeline.updating.prior import Prior
+from sensors.arrays import FloatArray
+
+WIDEST = 1.0  # standard deviation of a ratio beyond which a Gaussian says nothing [-]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Peak:
+    """Gaussian approximation of the posterior in the ratios k / nominal."""
+
+    ratios: FloatArray  # (3,); what else is uncertain follows (`uncertain`)
+    covariance: FloatArray  # (3, 3)
+
+
+def laplace_peak(
+    likelihood: ModalLikelihood,
+    forward: ForwardModel,
+    prior: Prior,
+    start: FloatArray,
+    *,
+    most_steps: int = 12,
+) -> Peak:
+    """Gauss-Newton from start, (3,) ratios, at the σ that is most likely on the way.
+
+    H = Jᵀ Σ(σ)⁻¹ J,   J = dη/dr by differences;   covariance = H⁻¹
+    """
+    ratios = start
+    hessian = np.eye(3)
+    for _ in range(most_steps):
+        points = ratios + DIFFERENCE * np.vstack([np.zeros(3), np.eye(3)])
+        modes = forward.modal(prior.stiffness(points))
+        whitened = likelihood.whitened(modes)
+        jacobian = (whitened[1:] - whitened[0]).T / DIFFERENCE
+        weights = likelihood.weights(whitened[0] ** 2)
+        gradient = jacobian.T @ (weights * whitened[0])
+        hessian = (jacobian.T * weights) @ jacobian
+        if not np.all(np.isfinite(hessian)):
+            return Peak(ratios, np.eye(3) * WIDEST**2)
+        step = -np.linalg.pinv(hessian, rcond=1e-12) @ gradient
+        better = _best_on_line(likelihood, forward, prior, ratios, step)
+        if better is None:
+            break
+        ratios = better
+        if np.abs(jacobian @ step).max() < 0.02:
+            break
+    return Peak(ratios, bounded_inverse(hessian))
+
+
+def _best_on_line(
+    likelihood: ModalLikelihood,
+    forward: ForwardModel,
+    prior: Prior,
+    ratios: FloatArray,
+    step: FloatArray,
+) -> FloatArray | None:
+    """The most likely of a few points along the step; None where standing still is best."""
+    trials = np.vstack([ratios, ratios + STEP_LENGTHS[:, None] * step])
+    trials = trials[prior.supports(trials)]
+    if not len(trials):
+        return None
+    values = likelihood.log_likelihood(forward.modal(prior.stiffness(trials))).max(axis=1)
+    best = int(np.argmax(values))
+    return None if np.array_equal(trials[best], ratios) else trials[best]
+
+
+def bounded_inverse(hessian: FloatArray) -> FloatArray:
+    """H⁻¹ with every direction's standard deviation at most WIDEST."""
+    values, directions = np.linalg.eigh(hessian)
+    variances = 1 / np.maximum(values, 1 / WIDEST**2)
+    return (directions * variances) @ directions.T
+
+
+def starting_points(
+    peak: Peak,
+    density: Callable[[FloatArray], FloatArray],
+    prior: Prior,
+    n_points: int,
+    generator: np.random.Generator,
+    *,
+    spread: float = 1.5,
+) -> FloatArray:
+    """(n_points, 3) ratios of positive density around the peak, wider than the posterior.
+
+    Wider, because chains that start apart and come together show that they have converged. Where
+    most of the Gaussian lies outside the prior, draws of the prior fill up.
+    """
+    factor = spread * np.linalg.cholesky(peak.covariance)
+    found = np.empty((0, 3))
+    for _ in range(5):
+        candidates = peak.ratios + generator.standard_normal((n_points, 3)) @ factor.T
+        candidates = candidates[prior.supports(candidates)]
+        found = np.vstack([found, candidates[np.isfinite(density(candidates))]])
+        if len(found) >= n_points:
+            return found[:n_points]
+    while len(found) < n_points:
+        candidates = prior.draws(n_points, generator)
+        found = np.vstack([found, candidates[np.isfinite(density(candidates))]])
+    return found[:n_points]

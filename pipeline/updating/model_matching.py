@@ -1,0 +1,161 @@
+"""What is compared with what: the windows' modes paired with the model's, and their likelihood."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.evidence.mode_evidence import PartnerInWater
+from pipeline.updating.evidence.observations import EstimateRefused
+from pipeline.updating.forward_model import ForwardModel
+from pipeline.updating.likelihood.laplace import Peak, laplace_peak
+from pipeline.updating.likelihood.likelihood import (
+    LikelihoodSettings,
+    ModalLikelihood,
+    Observation,
+    observations,
+)
+from pipeline.updating.likelihood.pairing import (
+    Pairing,
+    PairingSearch,
+    PairingSettings,
+    PairingTargets,
+    macs,
+)
+from pipeline.updating.prior import Prior, UpdatingError
+from sensors.arrays import FloatArray
+
+WATER_ROUNDS = 6  # at most, of taking the water out of the windows
+SETTLED = 0.001  # change of a ratio k / nominal at which no further round is needed [-]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """Evidence tied to the model: what is compared with what, and how well it can fit."""
+
+    pairing: Pairing
+    evidence: ModalEvidence  # at the water level that the model stands in
+    used: tuple[Observation, ...]
+    likelihood: ModalLikelihood
+    all_modes: ForwardModel  # every visible mode, followed from the pairing's stiffness
+    forward: ForwardModel  # only those that the likelihood asks for
+    peak: Peak
+
+
+class Matcher:
+    """Pairs the evidence with the model over the whole prior; the likelihood is of these pairs."""
+
+    def __init__(
+        self,
+        forward: ForwardModel,
+        prior: Prior,
+        *,
+        pairing: PairingSettings,
+        likelihood: LikelihoodSettings,
+        generator: np.random.Generator,
+    ) -> None:
+        """forward: the structure at the layout's sensors. generator: for the search's draws.
+
+        Raises UpdatingError where the settings name a mode that the model doesn't have.
+        """
+        _check_labels(likelihood.modes, forward.labels)
+        self._forward = forward
+        self._prior = prior
+        self._settings = likelihood
+        self._reach = float(np.max(forward.modal(prior.nominal[None]).frequencies))
+        self._search = PairingSearch(forward, prior, pairing, generator)
+
+    def matched(self, evidence: ModalEvidence, start: FloatArray | None = None) -> Match:
+        """Pairing, likelihood and its peak; the pairing is made once more at the peak.
+
+        start   (3,) ratios to look at as well, e.g. the last posterior's median
+
+        Raises EstimateRefused where no mode of the last window has a partner in the model.
+        """
+        match = self._match(evidence, self._search.best(self._targets(evidence), start))
+        again, first = self._search.refined(self._targets(match.evidence), match.peak.ratios), match
+        other = again.model_modes != first.pairing.model_modes
+        if other and again.total_cost <= first.pairing.total_cost:
+            match = self._match(evidence, again)
+        latest = [mode.last_window == evidence.n_windows for mode in evidence.modes]
+        if not any(latest[each.identified] for each in match.used):
+            raise _without_partner(sum(latest))
+        return match
+
+    def _targets(self, evidence: ModalEvidence) -> PairingTargets:
+        return PairingTargets.of(evidence.modes, evidence.n_windows, reach=self._reach)
+
+    def _match(self, measured: ModalEvidence, pairing: Pairing) -> Match:
+        local = self._forward.following(self._prior.stiffness(pairing.ratios))
+        evidence = measured
+        if measured.level_varied:
+            pairing, local, evidence = self._out_of_water(measured, pairing, local)
+        targets = self._targets(evidence)
+        modes = local.modal(self._prior.stiffness(pairing.ratios[None]))
+        mac = macs(targets, modes.shapes)[0]
+        frequencies = modes.frequencies[0]
+        used = self._compared(observations(evidence, pairing, frequencies, self._settings, mac=mac))
+        if not used:
+            raise _without_partner(len(evidence.modes))
+        columns = sorted({mode for each in used for mode in each.model_modes})
+        forward = local.subset([local.labels[mode] for mode in columns])
+        likelihood = ModalLikelihood(
+            evidence,
+            used,
+            model_columns=columns,
+            settings=self._settings,
+            highest_sigma=self._prior.settings.highest_sigma,
+        )
+        peak = laplace_peak(likelihood, forward, self._prior, pairing.ratios)
+        return Match(pairing, evidence, used, likelihood, local, forward, peak)
+
+    def _out_of_water(
+        self, measured: ModalEvidence, pairing: Pairing, local: ForwardModel
+    ) -> tuple[Pairing, ForwardModel, ModalEvidence]:
+        """The evidence as at the model's level, paired there, and the modes followed from there.
+
+        What the water does to a shape depends on the stiffness, by a quarter for a few percent of
+        it; and the first pairing's stiffness is that of windows with water in them. So the water is
+        taken out until the stiffness stays.
+        """
+        for _ in range(WATER_ROUNDS):
+            partners, begun = partners_in_water(local), pairing.ratios
+            evidence = measured.at_model_level(_of_each(partners, pairing))
+            pairing = self._search.refined(self._targets(evidence), begun)
+            local = self._forward.following(self._prior.stiffness(pairing.ratios))
+            if np.abs(pairing.ratios - begun).max() < SETTLED:
+                break
+        return pairing, local, measured.at_model_level(_of_each(partners, pairing))
+
+    def _compared(self, found: Sequence[Observation]) -> tuple[Observation, ...]:
+        """Those of the modes that the settings name; all where they name none."""
+        named, labels = self._settings.modes, self._forward.labels
+        return tuple(each for each in found if not named or labels[each.model_modes[0]] in named)
+
+
+def partners_in_water(forward: ForwardModel) -> list[PartnerInWater]:
+    """Each mode of the model in deeper and shallower water."""
+    modes = forward.in_water([-1.0, 0.0, 1.0])
+    logs = np.log(modes.frequencies)
+    return [PartnerInWater(logs[:, j], modes.shapes[:, j]) for j in range(len(forward.labels))]
+
+
+def _of_each(partners: Sequence[PartnerInWater], pairing: Pairing) -> list[PartnerInWater | None]:
+    """Each identified mode's partner."""
+    return [partners[mode] if mode >= 0 else None for mode in pairing.model_modes]
+
+
+def _without_partner(n_modes: int) -> EstimateRefused:
+    return EstimateRefused(
+        "no-paired-mode", f"none of the {n_modes} identified modes is a mode of the model"
+    )
+
+
+def _check_labels(named: Sequence[str], labels: Sequence[str]) -> None:
+    for name in named:
+        if name not in labels:
+            raise UpdatingError(
+                f"likelihood modes name {name!r}; the model's modes that these sensors see are "
+                f"{', '.join(labels)}"
+            )

@@ -1,0 +1,1 @@
+"""The samplers of the posterior behind one interface."""

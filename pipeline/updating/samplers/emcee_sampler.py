@@ -1,0 +1,143 @@
+"""Markov chains through emcee: an ensemble that proposes from a density fitted to itself."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import emcee
+import numpy as np
+
+from pipeline.updating.prior import UpdatingError
+from pipeline.updating.samplers.convergence import (
+    autocorrelation_time,
+    effective_sample_size,
+    split_rhat,
+)
+from pipeline.updating.samplers.interface import LogDensity
+from sensors.arrays import FloatArray
+
+DEGREES_OF_FREEDOM = 5.0  # of the proposal: tails heavy enough to fetch a walker that lags behind
+
+
+class FittedStudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee has no types
+    """Independent draws from a Student-t with mean and covariance of the other half's walkers.
+
+    A Gaussian kernel density of the same walkers (emcee's KDEMove) has light tails: a walker that
+    starts further out than its fellows is hardly ever proposed a way back, and stays. The step
+    obeys detailed balance because the other half stands still while this one moves
+    (Foreman-Mackey et al. 2013, §2).
+    """
+
+    def get_proposal(
+        self, moving: FloatArray, standing: list[FloatArray], random: np.random.RandomState
+    ) -> tuple[FloatArray, FloatArray]:
+        """Proposed points, (n, n_dim), and log q(old) − log q(new), (n,). Called by emcee."""
+        others = np.concatenate(standing, axis=0)
+        mean = others.mean(axis=0)
+        factor = np.asarray(np.linalg.cholesky(np.cov(others.T)))
+        scale = random.chisquare(DEGREES_OF_FREEDOM, size=len(moving)) / DEGREES_OF_FREEDOM
+        normal = random.standard_normal(moving.shape)
+        proposed = mean + (normal / np.sqrt(scale)[:, None]) @ factor.T
+        return proposed, _log_student(moving, mean, factor) - _log_student(proposed, mean, factor)
+
+
+def _log_student(points: FloatArray, mean: FloatArray, factor: FloatArray) -> FloatArray:
+    """Log density of the multivariate Student-t at points, (n, n_dim), constant dropped."""
+    squares = np.asarray(np.linalg.solve(factor, (points - mean).T) ** 2).sum(axis=0)
+    return -(DEGREES_OF_FREEDOM + points.shape[1]) / 2 * np.log1p(squares / DEGREES_OF_FREEDOM)
+
+
+def fitting_moves() -> list[tuple[Any, float]]:
+    """Moves with their shares: the Student-t mostly; the kernel density where the density is
+    bent; differences of two walkers for one that both proposals have left behind."""
+    return [(FittedStudentMove(), 0.7), (emcee.moves.KDEMove(), 0.25), (emcee.moves.DEMove(), 0.05)]
+
+
+@dataclass(frozen=True, slots=True)
+class SamplerSettings:
+    """How long the chains are."""
+
+    walkers: int = 40
+    burn_in: int = 25  # steps that are thrown away
+    block: int = 25  # steps between two looks at the autocorrelation
+    most_steps: int = 600  # where a chain that is still too short is given up
+    chain_in_autocorrelation_times: float = 50.0  # shortest chain that is trusted [τ]
+    effective_draws: float = 1000.0
+
+    def __post_init__(self) -> None:
+        if self.walkers < 16 or self.walkers % 2:
+            raise UpdatingError(f"walkers is {self.walkers}; an even number from 16 is needed")
+        if not 4 <= self.block <= self.most_steps:
+            raise UpdatingError(
+                f"block is {self.block} and most_steps {self.most_steps}; 4 <= block <= most_steps"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chains:
+    """An ensemble's walk after burn-in."""
+
+    points: FloatArray  # (n_steps, n_walkers, n_dim)
+    companions: FloatArray  # (n_steps, n_walkers)
+    acceptance: float  # mean share of accepted proposals [-]
+    autocorrelation_time: float  # largest over dimensions and companion [steps]
+    ess: float  # smallest effective sample size
+    rhat: float  # largest split R̂
+    long_enough: bool  # at least 50 τ and the wanted effective draws
+
+    @property
+    def flat(self) -> FloatArray:
+        """(n_steps · n_walkers, n_dim + 1) points with their companion, step by step."""
+        joined = np.concatenate([self.points, self.companions[..., None]], axis=2)
+        return joined.reshape(-1, joined.shape[2])
+
+    @property
+    def ensemble(self) -> FloatArray:
+        """(n_walkers, n_dim) where the walkers stand at the end."""
+        return self.points[-1]
+
+
+def walked(
+    log_density: LogDensity,
+    start: FloatArray,
+    settings: SamplerSettings,
+    generator: np.random.Generator,
+) -> Chains:
+    """Chains of an ensemble sampler from start, (n_walkers, n_dim), all of finite density.
+
+    Each half of the walkers proposes from a density fitted to the other half (`moves`). On sharp,
+    strongly correlated posteriors such chains forget within a few steps where the stretch move
+    needs fifty. The chain grows by blocks until it is 50 autocorrelation times long.
+    """
+    sampler = emcee.EnsembleSampler(
+        *start.shape,
+        lambda points: np.column_stack(log_density(points)),
+        moves=fitting_moves(),
+        vectorize=True,
+    )
+    seed = generator.integers(2**32, size=4, dtype=np.uint32)
+    state = emcee.State(start, random_state=np.random.RandomState(seed).get_state())
+    state = sampler.run_mcmc(state, settings.burn_in, store=False)
+    while True:
+        state = sampler.run_mcmc(state, settings.block)
+        chains = _assessed(sampler, settings)
+        n_steps = len(chains.points)
+        if chains.long_enough or n_steps + settings.block > settings.most_steps:
+            return chains
+
+
+def _assessed(sampler: emcee.EnsembleSampler, settings: SamplerSettings) -> Chains:
+    points = sampler.get_chain()
+    companions = np.asarray(sampler.get_blobs(), dtype=float)
+    quantities = [*np.moveaxis(points, 2, 0), companions]
+    tau = max(autocorrelation_time(each) for each in quantities)
+    ess = min(effective_sample_size(each) for each in quantities)
+    wanted = settings.chain_in_autocorrelation_times * tau
+    return Chains(
+        points=points,
+        companions=companions,
+        acceptance=float(np.mean(sampler.acceptance_fraction)),
+        autocorrelation_time=tau,
+        ess=ess,
+        rhat=max(split_rhat(each) for each in quantities),
+        long_enough=bool(len(points) >= wanted and ess >= settings.effective_draws),
+    )

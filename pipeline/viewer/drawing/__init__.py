@@ -1,0 +1,1 @@
+"""What is drawn into Rerun: tower, tracks, foundation, plane plots."""

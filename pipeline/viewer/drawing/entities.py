@@ -1,0 +1,163 @@
+"""Where everything lies in Rerun: entity paths, the timeline, the styles that several views share.
+
+Everything of a turbine lies below /{turbine}:
+
+    tower/…                           the turbine at rest, sea, mudline, sensors
+    signals/{unit}/acceleration       n scalars a row, one per channel [m/s²], 20 Hz
+    frequencies/identified/{mode}     what each window found [Hz]
+    modes/{label}/identified          median, ±2 standard deviations [Hz]
+    modes/{label}/model               where the updated model has it [Hz]
+    modes/{label}/damping             median, ±2 standard deviations [% of critical]
+    shapes/{label}/motion/…           the identified shape on the model's, swinging
+    foundation/{parameter}/posterior  5 %, 50 %, 95 %, stiffness ÷ nominal [-]; /truth
+    foundation/joint/…, /pile/…       corner plot of the stiffnesses; the tower on its springs
+    learned/{parameter}               what is left of the prior's 90 % interval [%]
+    change/probability                that the modes have changed since the last event [-]
+    change/noticed, /size/{k}         of every change that was noticed [-], [%]
+    spectrum/…, stabilisation/…, mac/…
+                                      pictures of the last window: spectra, poles, MAC matrix
+    health/lost, health/behind        blocks lost [-], seconds behind, a series a node; /text
+    lamps, status, events             the verdict: as lights, as text, line by line
+
+Of several turbines /all-turbines holds what is said of all:
+
+    lamps/…, table, events            of every turbine; events are warnings only
+    {parameter}/{turbine}             median, stiffness ÷ nominal [-]
+
+Everything lies on one timeline, `time`: the sensor clock, UTC.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from pipeline.viewer.pictures import colours
+from pipeline.viewer.pictures.colours import Colour
+from pipeline.viewer.pictures.corner import Text
+from pipeline.viewer.pictures.status_text import StatusIndicator
+
+TIMELINE = "time"
+FARM = "/all-turbines"
+
+
+def turbine_path(turbine: str) -> str:
+    """Entity below which everything of one turbine lies."""
+    return f"/{entity_part(turbine)}"
+
+
+def entity_part(name: str) -> str:
+    """One part of an entity path, whatever characters a name has."""
+    return rr.escape_entity_path_part(name)
+
+
+def signal_path(root: str, unit: str) -> str:
+    """Entity of a unit's accelerations."""
+    return f"{root}/signals/{entity_part(unit)}/acceleration"
+
+
+def mode_path(root: str, label: str) -> str:
+    """Entity below which the tracks of one model mode lie."""
+    return f"{root}/modes/{entity_part(label)}"
+
+
+def shape_path(root: str, label: str) -> str:
+    """Entity below which one mode's shape hangs."""
+    return f"{root}/shapes/{entity_part(label)}"
+
+
+def parameter_path(root: str, name: str) -> str:
+    """Entity below which one parameter's bands and truth lie."""
+    return f"{root}/foundation/{entity_part(name)}"
+
+
+def learned_path(root: str, name: str) -> str:
+    """Entity of what is left of one parameter's prior interval."""
+    return f"{root}/learned/{entity_part(name)}"
+
+
+def median_path(name: str, turbine: str) -> str:
+    """Entity of one turbine's median among all turbines'."""
+    return f"{FARM}/{entity_part(name)}/{entity_part(turbine)}"
+
+
+def at(recording: rr.RecordingStream, time_ns: int) -> None:
+    """What is logged next happened at this sensor time."""
+    recording.set_time(TIMELINE, timestamp=np.datetime64(time_ns, "ns"))
+
+
+def time_column(times_ns: NDArray[np.int64]) -> rr.TimeColumn:
+    """Sensor times of a chunk's rows."""
+    return rr.TimeColumn(TIMELINE, timestamp=times_ns.astype("datetime64[ns]"))
+
+
+def log_band_style(
+    recording: rr.RecordingStream, path: str, names: tuple[str, str, str], colour: Colour
+) -> None:
+    """Three series: thin lower and upper ends, a thick middle; points keep a lone one visible."""
+    low, middle, high = names
+    faint = tuple(int(0.72 * part) for part in colour)
+    recording.log(
+        path,
+        rr.SeriesLines(
+            names=[low, middle, high], colors=[faint, colour, faint], widths=[1.2, 2.5, 1.2]
+        ),
+        rr.SeriesPoints(
+            names=[low, middle, high],
+            colors=[faint, colour, faint],
+            markers=["up", "circle", "down"],
+            marker_sizes=[2.0, 3.0, 2.0],
+        ),
+        static=True,
+    )
+
+
+def log_line_style(
+    recording: rr.RecordingStream,
+    path: str,
+    name: str,
+    colour: Colour,
+    *,
+    width: float = 2.0,
+    marker: Literal["diamond", "square"] = "diamond",
+) -> None:
+    """One series, as a line with small points."""
+    recording.log(
+        path,
+        rr.SeriesLines(names=[name], colors=[colour], widths=[width]),
+        rr.SeriesPoints(
+            names=[name], colors=[colour], markers=[marker], marker_sizes=[width + 1.0]
+        ),
+        static=True,
+    )
+
+
+def log_lights(
+    recording: rr.RecordingStream,
+    path: str,
+    places: Sequence[tuple[float, float]],
+    lamps: Sequence[StatusIndicator],
+) -> None:
+    """A lamp at each place of a picture; place and word say it as well as the colour."""
+    shades = {"good": colours.TRUTH, "doubt": colours.MODEL, "bad": colours.TROUBLE}
+    palette = [shades.get(lamp.state, colours.QUIET) for lamp in lamps]
+    recording.log(path, rr.Points2D(places, radii=0.3, colors=palette))
+
+
+def strips(lines: Iterable[NDArray[np.float64]]) -> Any:
+    """Lines as Rerun takes them fastest: one array where all have as many points."""
+    small = [line.astype(np.float32) for line in lines]
+    return np.stack(small) if len({len(line) for line in small}) == 1 else small
+
+
+def words(texts: Sequence[Text]) -> rr.Points2D:
+    """Words of a picture in the plane, each centred on its place."""
+    return rr.Points2D(
+        [text.position for text in texts],
+        radii=rr.Radius.ui_points(0.1),
+        colors=colours.QUIET,
+        labels=[text.text for text in texts],
+        show_labels=True,
+    )

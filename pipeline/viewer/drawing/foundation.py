@@ -1,0 +1,192 @@
+"""How sure the foundation's stiffness is: bands over time, the joint posterior, words, events."""
+
+import numpy as np
+import rerun as rr
+
+from pipeline.messages import FoundationEvent, FoundationPosterior, FoundationTruth, NodeStatus
+from pipeline.viewer.drawing.entities import (
+    entity_part,
+    learned_path,
+    log_band_style,
+    log_line_style,
+    median_path,
+    parameter_path,
+    strips,
+    words,
+)
+from pipeline.viewer.pictures import colours
+from pipeline.viewer.pictures.corner import CornerPlot, corner_plot
+from pipeline.viewer.pictures.pile import PilePicture
+from pipeline.viewer.pictures.status_text import STIFFNESSES
+
+PERCENT = 100.0
+
+
+def log_foundation_styles(recording: rr.RecordingStream, root: str) -> None:
+    """Names, units and colours of the posterior's bands; static."""
+    for name in STIFFNESSES:
+        names = (f"{name} 5 % [-]", f"{name} median [-]", f"{name} 95 % [-]")
+        path = parameter_path(root, name)
+        log_band_style(recording, f"{path}/posterior", names, colours.POSTERIOR)
+        log_line_style(recording, f"{path}/truth", f"{name} truth [-]", colours.TRUTH)
+    for slot, name in enumerate((*STIFFNESSES, "sigma")):
+        shown = f"{'σ' if name == 'sigma' else name} [%]"
+        log_line_style(recording, learned_path(root, name), shown, colours.LEVELS[slot])
+    log_line_style(
+        recording, f"{root}/change/probability", "probability [-]", colours.POSTERIOR, width=1.5
+    )
+    log_line_style(
+        recording, f"{root}/change/noticed", "a change noticed [-]", colours.TROUBLE, width=4.0
+    )
+    names = ("σ 5 % [-]", "σ median [-]", "σ 95 % [-]")
+    log_band_style(
+        recording, f"{parameter_path(root, 'sigma')}/posterior", names, colours.POSTERIOR
+    )
+
+
+def log_posterior_bands(
+    recording: rr.RecordingStream,
+    root: str,
+    posterior: FoundationPosterior,
+    truth: FoundationTruth | None,
+) -> None:
+    """5 %, 50 % and 95 % of each parameter, stiffness as ratio to nominal, with the truth."""
+    for parameter in posterior.parameters:
+        quantiles = np.array([parameter.p05, parameter.median, parameter.p95]) / parameter.nominal
+        path = parameter_path(root, parameter.name)
+        recording.log(f"{path}/posterior", rr.Scalars(quantiles))
+        if truth is not None and parameter.name in STIFFNESSES:
+            ratio = getattr(truth, parameter.name) / parameter.nominal
+            recording.log(f"{path}/truth", rr.Scalars(ratio))
+
+
+def log_medians(recording: rr.RecordingStream, posterior: FoundationPosterior) -> None:
+    """The medians of one turbine of several, stiffness ÷ nominal, for the tab of all."""
+    for name in STIFFNESSES:
+        parameter = posterior.parameter(name)
+        ratio = parameter.median / parameter.nominal
+        recording.log(median_path(name, posterior.turbine), rr.Scalars(ratio))
+
+
+def log_median_styles(recording: rr.RecordingStream, turbine: str) -> None:
+    """A turbine's name among all turbines'; static."""
+    for name in STIFFNESSES:
+        log_line_style(recording, median_path(name, turbine), f"{turbine} [-]", colours.POSTERIOR)
+
+
+def log_learned(recording: rr.RecordingStream, root: str, posterior: FoundationPosterior) -> None:
+    """How much of the prior's 90 % interval is left of each parameter [%]."""
+    for parameter in posterior.parameters:
+        if np.isfinite(parameter.contraction):
+            left = PERCENT * (1.0 - parameter.contraction)
+            recording.log(learned_path(root, parameter.name), rr.Scalars(left))
+
+
+def log_pile(recording: rr.RecordingStream, root: str, picture: PilePicture) -> None:
+    """The tower leaning on its springs: nominal, posterior, truth."""
+    path = f"{root}/foundation/pile"
+    for name, lines, colour, radius in (
+        ("fixed", picture.fixed, colours.QUIET, 0.7),
+        ("springs", picture.springs, colours.POSTERIOR, 1.0),
+        ("nominal", (picture.nominal,), colours.MODEL, 1.2),
+        ("posterior", picture.posterior, colours.POSTERIOR, 1.0),
+        ("truth", picture.truth, colours.TRUTH, 1.0),
+    ):
+        width = rr.Radius.ui_points(radius)
+        recording.log(f"{path}/{name}", rr.LineStrips2D(strips(lines), radii=width, colors=colour))
+    recording.log(f"{path}/text", words(picture.texts))
+
+
+def log_change_probability(
+    recording: rr.RecordingStream, root: str, posterior: FoundationPosterior
+) -> None:
+    """How probable it is that the modes have changed since the last event."""
+    recording.log(f"{root}/change/probability", rr.Scalars(posterior.change_probability))
+
+
+def log_change_styles(recording: rr.RecordingStream, root: str) -> None:
+    """Names, units and colours of the size of changes; static."""
+    path = f"{root}/change"
+    for slot, name in enumerate(STIFFNESSES):
+        names = (f"{name} 5 % [%]", f"{name} change [%]", f"{name} 95 % [%]")
+        log_band_style(recording, f"{path}/size/{name}", names, colours.LEVELS[slot])
+
+
+def log_change(recording: rr.RecordingStream, root: str, event: FoundationEvent) -> None:
+    """How probable a change is and how large, at the end of the window that showed it."""
+    recording.log(f"{root}/change/noticed", rr.Scalars(event.probability))
+    for change in event.changes:
+        sizes = PERCENT * np.array([change.p05, change.median, change.p95])
+        recording.log(f"{root}/change/size/{change.name}", rr.Scalars(sizes))
+
+
+def log_joint_posterior(
+    recording: rr.RecordingStream,
+    root: str,
+    posterior: FoundationPosterior,
+    truth: FoundationTruth | None,
+) -> None:
+    """The corner plot of k11, k22, k12, with the truth where it is known."""
+    nominal = np.array([posterior.parameter(name).nominal for name in STIFFNESSES])
+    ratios = posterior.draws[:, : len(STIFFNESSES)] / nominal
+    known = np.array([truth.k11, truth.k22, truth.k12]) / nominal if truth else None
+    contraction = np.array([posterior.parameter(name).contraction for name in STIFFNESSES])
+    plot = corner_plot(
+        *(ratios, STIFFNESSES),
+        truth=known,
+        contraction=contraction,
+        flat_prior=not posterior.population,
+    )
+    _log_corner(recording, f"{root}/foundation/joint", plot)
+
+
+def _log_corner(recording: rr.RecordingStream, path: str, plot: CornerPlot) -> None:
+    recording.log(
+        f"{path}/draws",
+        rr.Points2D(plot.draws, radii=rr.Radius.ui_points(1.3), colors=colours.POSTERIOR),
+    )
+    hair, stroke = rr.Radius.ui_points(0.5), rr.Radius.ui_points(1.0)
+    recording.log(
+        f"{path}/frames", rr.LineStrips2D(strips(plot.frames), radii=hair, colors=colours.QUIET)
+    )
+    recording.log(
+        f"{path}/marginals",
+        rr.LineStrips2D(strips(plot.histograms), radii=stroke, colors=colours.POSTERIOR),
+    )
+    for name, lines, colour in (
+        ("prior", plot.priors, colours.MODEL),
+        ("truth", plot.truth, colours.TRUTH),
+    ):
+        drawn = rr.LineStrips2D(strips(lines) if lines else [], radii=stroke, colors=colour)
+        recording.log(f"{path}/{name}", drawn)
+    recording.log(f"{path}/text", words(plot.texts))
+
+
+def log_status(recording: rr.RecordingStream, root: str, markdown: str) -> None:
+    """The status text as it stands."""
+    recording.log(f"{root}/status", rr.TextDocument(markdown, media_type="text/markdown"))
+
+
+def log_health(recording: rr.RecordingStream, root: str, markdown: str) -> None:
+    """The text about windows, gaps and nodes as it stands."""
+    recording.log(f"{root}/health/text", rr.TextDocument(markdown, media_type="text/markdown"))
+
+
+def log_node_styles(recording: rr.RecordingStream, root: str, name: str, slot: int) -> None:
+    """Name and colour of one node's series; static."""
+    colour = colours.LEVELS[slot % len(colours.LEVELS)]
+    for quantity, unit in (("behind", "s"), ("lost", "-")):
+        path = f"{root}/health/{quantity}/{entity_part(name)}"
+        log_line_style(recording, path, f"{name} [{unit}]", colour, width=1.5)
+
+
+def log_node(recording: rr.RecordingStream, root: str, node: NodeStatus, *, behind: float) -> None:
+    """A node's losses so far and how far it is behind the newest block [s of measurement]."""
+    part = entity_part(node.node)
+    recording.log(f"{root}/health/behind/{part}", rr.Scalars(behind))
+    recording.log(f"{root}/health/lost/{part}", rr.Scalars(node.lost + node.late))
+
+
+def log_event(recording: rr.RecordingStream, root: str, text: str, *, level: str = "INFO") -> None:
+    """One line of the event list; level is INFO, WARN or ERROR."""
+    recording.log(f"{root}/events", rr.TextLog(text, level=level))

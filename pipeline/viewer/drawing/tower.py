@@ -1,0 +1,198 @@
+"""The turbine in space: at rest, its sensors, its mode shapes swinging in a row."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+
+from pipeline.viewer.drawing.entities import entity_part, shape_path, time_column
+from pipeline.viewer.pictures import colours
+from pipeline.viewer.pictures.scene import (
+    NACELLE_SIZE,
+    Deflection,
+    Outline,
+    SwingFrames,
+    TriangleMesh,
+    disc,
+)
+from sensors.acquisition.layout import SensorLayout
+
+AMPLITUDE = 20.0  # swing of a shape's largest component in the picture [m]
+SPACING = 52.0  # between two shapes [m]: room for their labels
+ROW_DIRECTION = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)  # seen from (1, 1): FA and SS both show
+
+
+def log_tower(recording: rr.RecordingStream, root: str, turbine: Outline) -> None:
+    """Tubes, rotor-nacelle assembly, sea and mudline; static."""
+    recording.log(f"{root}/tower", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    recording.log(
+        f"{root}/tower/structure", _mesh(turbine.structure, (205, 205, 200, 255)), static=True
+    )
+    recording.log(
+        f"{root}/tower/nacelle",
+        rr.Boxes3D(
+            centers=[turbine.nacelle_centre],
+            sizes=[NACELLE_SIZE],
+            colors=[(205, 205, 200)],
+            fill_mode="solid",
+        ),
+        static=True,
+    )
+    if turbine.blades:
+        recording.log(
+            f"{root}/tower/blades",
+            rr.LineStrips3D(turbine.blades, radii=1.6, colors=[(225, 225, 220)]),
+            static=True,
+        )
+    seabed = disc(turbine.mudline)
+    recording.log(f"{root}/tower/mudline", _mesh(seabed, (150, 115, 75, 255)), static=True)
+    if turbine.water_level is not None:
+        sea = disc(turbine.water_level)
+        recording.log(f"{root}/tower/sea", _mesh(sea, (*colours.SKY_BLUE, 90)), static=True)
+    _log_elevation_marks(recording, root, turbine)
+
+
+def _mesh(mesh: TriangleMesh, colour: tuple[int, int, int, int]) -> rr.Mesh3D:
+    return rr.Mesh3D(
+        vertex_positions=mesh.vertices.astype(np.float32),
+        triangle_indices=mesh.triangles,
+        vertex_normals=mesh.normals.astype(np.float32),
+        albedo_factor=colour,
+    )
+
+
+def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outline) -> None:
+    marks = [(turbine.mudline, "mudline"), (turbine.tower_top, "tower top")]
+    if turbine.water_level is not None:
+        marks.append((turbine.water_level, "sea"))
+    recording.log(
+        f"{root}/tower/elevations",
+        rr.Points3D(
+            [(0.0, 45.0, elevation) for elevation, _ in marks],
+            radii=0.5,
+            colors=colours.QUIET,
+            labels=[f"{name} {elevation:.0f} m" for elevation, name in marks],
+            show_labels=True,
+        ),
+        static=True,
+    )
+
+
+def sensor_path(root: str, unit: str) -> str:
+    """Entity of the accelerometers of one unit."""
+    return f"{root}/tower/sensors/{entity_part(unit)}"
+
+
+def sensor_levels(layout: SensorLayout) -> list[float]:
+    """Elevations that have a sensor, lowest first [m]."""
+    return sorted({channel.elevation for channel in layout.channels})
+
+
+def log_sensors(recording: rr.RecordingStream, root: str, layout: SensorLayout) -> None:
+    """Where the accelerometers of one unit sit, one dot a level; static."""
+    levels = sensor_levels(layout)
+    recording.log(
+        sensor_path(root, layout.unit),
+        rr.Points3D.from_fields(positions=[(6.0, 3.0, level) for level in levels], radii=2.8),
+        static=True,
+    )
+    recording.log(
+        f"{sensor_path(root, layout.unit)}/labels",
+        rr.Points3D(
+            [(0.0, -34.0, level + 6.0) for level in levels],
+            radii=0.1,
+            colors=colours.MEASURED,
+            labels=[f"{level:g} m" for level in levels],
+            show_labels=True,
+        ),
+        static=True,
+    )
+
+
+def log_sensor_health(
+    recording: rr.RecordingStream, root: str, layout: SensorLayout, *, faulty: frozenset[str]
+) -> None:
+    """The levels with a faulty channel in the colour of trouble, from here on."""
+    troubled = {channel.elevation for channel in layout.channels if channel.name in faulty}
+    shades = [
+        colours.TROUBLE if level in troubled else colours.MEASURED
+        for level in sensor_levels(layout)
+    ]
+    recording.log(sensor_path(root, layout.unit), rr.Points3D.from_fields(colors=shades))
+
+
+def log_shape_place(
+    recording: rr.RecordingStream, root: str, label: str, slot: int, turbine: Outline
+) -> None:
+    """Where in the row a mode's shape stands, and the tower at rest there; static."""
+    path = shape_path(root, label)
+    offset = ROW_DIRECTION * SPACING * slot
+    axis = [(0.0, 0.0, turbine.mudline), (0.0, 0.0, turbine.tower_top)]
+    recording.log(path, rr.Transform3D(translation=offset), static=True)
+    recording.log(f"{path}/name", _caption([turbine.tower_top + 24.0], [label]), static=True)
+    recording.log(
+        f"{path}/rest", rr.LineStrips3D([axis], radii=0.4, colors=colours.QUIET), static=True
+    )
+    # What stays the same is written once: it costs as much as what moves.
+    line = rr.LineStrips3D.from_fields(radii=1.0, colors=colours.MODEL)
+    recording.log(f"{path}/motion/model", line, static=True)
+    dots = rr.Points3D.from_fields(radii=3.2, colors=colours.MEASURED)
+    recording.log(f"{path}/motion/identified", dots, static=True)
+    words = rr.Points3D.from_fields(radii=0.1, colors=colours.QUIET, show_labels=True)
+    recording.log(f"{path}/caption", words, static=True)
+
+
+def log_model_shape(
+    recording: rr.RecordingStream, root: str, label: str, shape: Deflection
+) -> None:
+    """The updated model's shape of one mode as a line, at full swing."""
+    line = rr.LineStrips3D.from_fields(strips=shape.line(AMPLITUDE)[None].astype(np.float32))
+    recording.log(f"{shape_path(root, label)}/motion/model", line)
+
+
+def log_identified_shape(
+    recording: rr.RecordingStream, root: str, label: str, shape: Deflection | None
+) -> None:
+    """The identified shape as dots at the sensors, at full swing; none where it was not found."""
+    line = np.empty((0, 3)) if shape is None else shape.line(AMPLITUDE)
+    dots = rr.Points3D.from_fields(positions=line)
+    recording.log(f"{shape_path(root, label)}/motion/identified", dots)
+
+
+def log_shape_caption(
+    recording: rr.RecordingStream, root: str, label: str, words: Sequence[str], *, foot: float
+) -> None:
+    """Words below a shape, one below the other from elevation `foot` [m]."""
+    heights = [foot - 20.0 * line for line in range(len(words))]
+    below = rr.Points3D.from_fields(positions=_on_axis(heights), labels=words)
+    recording.log(f"{shape_path(root, label)}/caption", below)
+
+
+def _caption(heights: Sequence[float], words: Sequence[str]) -> rr.Points3D:
+    """Words above each other on the axis of a shape; a label has one line only."""
+    return rr.Points3D(
+        _on_axis(heights),
+        radii=0.1,
+        colors=colours.QUIET,
+        labels=words,
+        show_labels=True,
+    )
+
+
+def _on_axis(heights: Sequence[float]) -> list[tuple[float, float, float]]:
+    return [(0.0, 0.0, height) for height in heights]
+
+
+def log_swing(recording: rr.RecordingStream, root: str, label: str, frames: SwingFrames) -> None:
+    """The swing of one shape over some frames: one scale factor a frame, across the tower.
+
+    The shape itself is written once; scaling x and y by cos(2π t / T) moves it.
+    """
+    scales = np.ones((len(frames.times_ns), 3))
+    scales[:, :2] = frames.factors[:, None]
+    if len(frames.times_ns):
+        recording.send_columns(
+            f"{shape_path(root, label)}/motion",
+            [time_column(frames.times_ns)],
+            rr.Transform3D.columns(scale=scales),
+        )

@@ -1,0 +1,130 @@
+"""What is measured and identified over time: accelerations, frequencies, damping ratios."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+
+from pipeline.messages import ModalEstimate, Mode
+from pipeline.viewer.drawing.entities import (
+    entity_part,
+    log_band_style,
+    log_line_style,
+    mode_path,
+    signal_path,
+    time_column,
+)
+from pipeline.viewer.pictures import colours
+from pipeline.viewer.pictures.display_signals import DisplaySignal
+from pipeline.viewer.pictures.scene import deflection
+from sensors.acquisition.layout import SensorLayout
+
+PERCENT = 100.0
+BAND = 2.0  # standard deviations either side
+
+
+def log_signal_style(recording: rr.RecordingStream, root: str, layout: SensorLayout) -> None:
+    """Names with units and a colour for each level."""
+    levels = sorted({channel.elevation for channel in layout.channels})
+    palette = [
+        colours.LEVELS[levels.index(channel.elevation) % len(colours.LEVELS)]
+        for channel in layout.channels
+    ]
+    names = [f"{channel.name} [{channel.unit}]" for channel in layout.channels]
+    recording.log(
+        signal_path(root, layout.unit),
+        rr.SeriesLines(
+            names=names, colors=palette, widths=[1.0] * len(names), aggregation_policy="MinMax"
+        ),
+        static=True,
+    )
+
+
+def log_signal(
+    recording: rr.RecordingStream, root: str, unit: str, signals: Sequence[DisplaySignal]
+) -> None:
+    """Display samples of consecutive blocks as one chunk."""
+    times = np.concatenate([signal.times_ns for signal in signals])
+    samples = np.concatenate([signal.samples for signal in signals])
+    if len(times):
+        recording.send_columns(
+            signal_path(root, unit), [time_column(times)], rr.Scalars.columns(scalars=samples)
+        )
+
+
+def log_estimate(
+    recording: rr.RecordingStream,
+    root: str,
+    estimate: ModalEstimate,
+    layout: SensorLayout | None,
+    *,
+    styled: set[str],
+) -> None:
+    """Every identified frequency as a point; untracked modes share entities by rank.
+
+    `styled` holds the entities whose colour and name are already written; it grows here.
+    """
+    for rank, mode in enumerate(estimate.modes):
+        name = mode.name or f"untracked {rank}"
+        path = f"{root}/frequencies/identified/{entity_part(name)}"
+        if path not in styled:
+            styled.add(path)
+            _log_identified_style(recording, path, name, _direction(mode, estimate, layout))
+        recording.log(path, rr.Scalars(mode.frequency))
+
+
+def _direction(mode: Mode, estimate: ModalEstimate, layout: SensorLayout | None) -> str:
+    return deflection(layout, estimate.channels, mode.shape).direction if layout else ""
+
+
+def _log_identified_style(
+    recording: rr.RecordingStream, path: str, name: str, direction: str
+) -> None:
+    colour = {"FA": colours.SKY_BLUE, "SS": colours.REDDISH_PURPLE}.get(direction, colours.QUIET)
+    recording.log(
+        path,
+        rr.SeriesPoints(
+            names=[f"identified {name} {direction} [Hz]"],
+            colors=[colour],
+            markers=["circle"],
+            marker_sizes=[2.5],
+        ),
+        static=True,
+    )
+
+
+def log_mode_styles(recording: rr.RecordingStream, root: str, label: str, slot: int) -> None:
+    """Names and colours of one model mode's tracks; static."""
+    path = mode_path(root, label)
+    log_band_style(
+        recording,
+        f"{path}/identified",
+        ("identified −2 std [Hz]", "identified [Hz]", "identified +2 std [Hz]"),
+        colours.MEASURED,
+    )
+    log_line_style(recording, f"{path}/model", f"model {label} [Hz]", colours.MODEL, width=1.5)
+    log_band_style(
+        recording,
+        f"{path}/damping",
+        (f"mode {label} −2 std [%]", f"mode {label} [%]", f"mode {label} +2 std [%]"),
+        colours.LEVELS[slot % len(colours.LEVELS)],
+    )
+
+
+def log_model_frequency(
+    recording: rr.RecordingStream, root: str, label: str, frequency: float
+) -> None:
+    """Where the updated model has one mode [Hz]."""
+    recording.log(f"{mode_path(root, label)}/model", rr.Scalars(frequency))
+
+
+def log_identified(recording: rr.RecordingStream, root: str, label: str, mode: Mode) -> None:
+    """An identified mode over the model's of that label: frequency and damping with bands."""
+    path = mode_path(root, label)
+    recording.log(f"{path}/identified", _band(mode.frequency, mode.frequency_std))
+    damping, std = mode.damping_ratio * PERCENT, mode.damping_ratio_std * PERCENT
+    recording.log(f"{path}/damping", _band(damping, std))
+
+
+def _band(value: float, std: float) -> rr.Scalars:
+    return rr.Scalars([value - BAND * std, value, value + BAND * std])

@@ -1,0 +1,145 @@
+"""What the stiffness means: how far the foundation gives way under a load at the tower's top.
+
+The springs at the mudline carry the lateral force H and the moment H·h of a load at the height h:
+
+    [ k11 ±k12] [u]   [ H ]
+    [±k12  k22] [ψ] = [H·h]
+
+u, displacement along the load [m], ψ = dv/dz, rotation [rad]; + is the sign as published, by which
+the mudline moves against a load from high above, − an embedded pile's. The tower's own bending is
+left out, so that the picture shows the foundation alone. Picture units, y down, the mudline at 0.
+No rerun here.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.messages import FoundationPosterior, FoundationTruth
+from pipeline.viewer.pictures.corner import Text
+from pipeline.viewer.pictures.status_text import STIFFNESSES
+from sensors.arrays import FloatArray
+from sensors.structure.description import TurbineDescription
+from sensors.structure.foundation import SpringSign, spring_matrix
+
+LOAD = 1e6  # H [N]
+TALL = 2.0  # the tower and what stands in the water [picture units]
+LEAN = 0.5  # of the nominal foundation's at the top [picture units]
+WALL = -0.7  # where the lateral spring is held [picture units]
+STUB = 0.55  # of the pile below the mudline [picture units]
+COILS = 6  # of the lateral spring
+QUANTILES = (0.05, 0.5, 0.95)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PilePicture:
+    """Everything to draw, in picture units."""
+
+    fixed: tuple[FloatArray, ...]  # ground, unloaded axis, load
+    springs: tuple[FloatArray, ...]  # lateral and rotational
+    nominal: FloatArray  # (2, 2) axis of the tower on the nominal foundation
+    posterior: tuple[FloatArray, ...]  # (2, 2) at 5, 50 and 95 % of displacement and rotation
+    truth: tuple[FloatArray, ...]  # (2, 2); empty where it is not known
+    texts: tuple[Text, ...]
+
+
+def mudline_response(theta: FloatArray, height: float, sign: SpringSign) -> FloatArray:
+    """(..., 2) u [m] and ψ [rad] at the mudline under LOAD at the tower's top.
+
+    theta    (..., 3) k11 [N/m], k22 [N·m/rad], k12 [N/rad]
+    height   h, of the top above the mudline [m]
+    """
+    load = np.array([[LOAD], [LOAD * height]])  # H [N], H·h [N·m]
+    return np.linalg.solve(spring_matrix(theta, sign), load)[..., 0]
+
+
+def pile_picture(
+    posterior: FoundationPosterior,
+    description: TurbineDescription,
+    truth: FoundationTruth | None = None,
+) -> PilePicture:
+    """The tower leaning on its foundation, much exaggerated."""
+    height = description.tower_top - description.mudline
+
+    def response(theta: FloatArray) -> FloatArray:
+        return mudline_response(theta, height, description.foundation.sign)
+
+    nominal = response(np.array([posterior.parameter(name).nominal for name in STIFFNESSES]))
+    scale = LEAN / abs(_at_top(nominal, height))  # picture units a metre
+    responses = response(posterior.draws[:, :3])
+    quantiles = np.quantile(responses, QUANTILES, axis=0)
+    true = () if truth is None else (response(np.array([truth.k11, truth.k22, truth.k12])),)
+    return PilePicture(
+        fixed=_fixed(),
+        springs=(_coil(), _spiral()),
+        nominal=_axis(nominal, height, scale),
+        posterior=tuple(_axis(each, height, scale) for each in quantiles),
+        truth=tuple(_axis(each, height, scale) for each in true),
+        texts=_spring_texts(posterior) + _response_texts(responses, height, scale * height / TALL),
+    )
+
+
+def _at_top(response: FloatArray, height: float) -> float:
+    """Displacement of the top [m]."""
+    u, psi = response
+    return float(u + height * psi)
+
+
+def _axis(response: FloatArray, height: float, scale: float) -> FloatArray:
+    """From the mudline to the top."""
+    return np.array([[scale * response[0], 0.0], [scale * _at_top(response, height), -TALL]])
+
+
+def _fixed() -> tuple[FloatArray, ...]:
+    ground = np.array([[-1.2, 0.0], [1.2, 0.0]])
+    stub = np.array([[-0.08, 0.0], [-0.08, STUB], [0.08, STUB], [0.08, 0.0]])
+    wall = np.array([[WALL, 0.02], [WALL, 0.22]])
+    unloaded = np.array([[0.0, 0.0], [0.0, -TALL]])
+    load = np.array([[-0.45, 0.0], [-0.05, 0.0], [-0.12, -0.04], [-0.05, 0.0], [-0.12, 0.04]])
+    return ground, stub, wall, unloaded, load - [0.0, TALL]
+
+
+def _coil() -> FloatArray:
+    """The lateral spring, from the wall to the pile."""
+    x = np.linspace(WALL + 0.1, -0.18, 2 * COILS)
+    y = np.where(np.arange(2 * COILS) % 2 == 0, 0.06, 0.18)
+    middle = 0.12
+    return np.array([[WALL, middle], *np.stack([x, y], axis=1), [-0.08, middle]])
+
+
+def _spiral() -> FloatArray:
+    """The rotational spring, round the pile's head."""
+    angle = np.linspace(0.0, 4 * np.pi, 80)
+    radius = 0.04 + 0.16 * angle / angle[-1]
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def _spring_texts(posterior: FoundationPosterior) -> tuple[Text, ...]:
+    places = ((-0.75, 0.32), (0.78, 0.14), (0.78, 0.32))
+    texts = []
+    for name, place in zip(STIFFNESSES, places, strict=True):
+        k = posterior.parameter(name)
+        texts.append(Text(place, f"{name} {k.median:.4g} {k.unit}, {k.median / k.nominal:.3f} ×"))
+    return (*texts, Text((-0.95, -0.07), "mudline"))
+
+
+def _response_texts(responses: FloatArray, height: float, exaggeration: float) -> tuple[Text, ...]:
+    u, psi = responses.T
+    told = (
+        f"mudline moves {_spread(1e3 * u)} mm",
+        f"and turns {_spread(1e3 * psi)} mrad",
+        f"top moves {_spread(1e3 * (u + height * psi))} mm by this alone",
+        f"median (5 to 95 %); drawn × {_rounded(exaggeration):,.0f}",
+    )
+    lines = [Text((0.0, 0.72 + 0.13 * row), text) for row, text in enumerate(told)]
+    return (Text((-0.6, -TALL - 0.1), f"{LOAD / 1e6:g} MN"), *lines)
+
+
+def _spread(values: FloatArray) -> str:
+    low, middle, high = np.quantile(values, QUANTILES)
+    return f"{middle:.4g} ({low:.4g} to {high:.4g})"
+
+
+def _rounded(number: float) -> float:
+    """To two digits."""
+    return float(f"{number:.1e}")

@@ -1,0 +1,174 @@
+"""The turbine's outline in space [m]: what a picture of it is drawn from. No rerun here.
+
+Axes as in `sensors.acquisition.layout`:
+x downwind (fore-aft), y to the side (side-side), z up from mean water.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
+from sensors.structure.description import Blades, RotorNacelle, Tube, TurbineDescription
+
+SECTORS = 24  # flat faces round a tube
+GROUND_RADIUS = 70.0  # of the discs that stand for sea and sea bed [m]
+NACELLE_SIZE = (16.0, 8.0, 8.0)  # for the picture only [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TriangleMesh:
+    """A surface of triangles."""
+
+    vertices: FloatArray  # (n, 3) [m]
+    triangles: NDArray[np.uint32]  # (m, 3) indices of vertices
+    normals: FloatArray  # (n, 3) unit vectors, outwards [-]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """The turbine at rest."""
+
+    structure: TriangleMesh  # monopile and tower
+    tower_top: float  # [m]
+    mudline: float  # [m]
+    water_level: float | None  # None on land [m]
+    blades: tuple[FloatArray, ...]  # (2, 3) each: root and tip [m]
+    nacelle_centre: FloatArray  # (3,) [m]
+
+
+def outline(description: TurbineDescription) -> Outline:
+    """What can be drawn of a described turbine."""
+    top = description.tower_top
+    machine = description.rotor_nacelle
+    blades = blade_lines(description.blades, machine, top) if description.blades else ()
+    centre = np.array([0.3 * machine.overhang, 0.0, top + machine.tower_to_shaft])
+    return Outline(
+        structure=tube_mesh(description.tubes),
+        tower_top=top,
+        mudline=description.mudline,
+        water_level=description.water.level if description.water else None,
+        blades=blades,
+        nacelle_centre=centre,
+    )
+
+
+def tube_mesh(tubes: Sequence[Tube], *, sectors: int = SECTORS) -> TriangleMesh:
+    """The outer faces of upright tubes round the z axis."""
+    angles = np.arange(sectors) * (2 * np.pi / sectors)
+    outwards = np.stack([np.cos(angles), np.sin(angles), np.zeros(sectors)], axis=1)
+    rings = [
+        outwards * (tube.diameter / 2) + np.array([0.0, 0.0, elevation])
+        for tube in tubes
+        for elevation in (tube.bottom, tube.top)
+    ]
+    faces = [_ring_faces(2 * i * sectors, sectors) for i in range(len(tubes))]
+    return TriangleMesh(
+        np.concatenate(rings), np.concatenate(faces), np.tile(outwards, (len(rings), 1))
+    )
+
+
+def _ring_faces(first: int, sectors: int) -> NDArray[np.uint32]:
+    here = np.arange(sectors)
+    there = (here + 1) % sectors
+    lower = np.stack([here, there, here + sectors], axis=1)
+    upper = np.stack([there, there + sectors, here + sectors], axis=1)
+    return (first + np.concatenate([lower, upper])).astype(np.uint32)
+
+
+def disc(elevation: float, *, radius: float = GROUND_RADIUS, sectors: int = 48) -> TriangleMesh:
+    """A horizontal disc round the z axis, facing up."""
+    angles = np.arange(sectors) * (2 * np.pi / sectors)
+    rim = np.stack([np.cos(angles) * radius, np.sin(angles) * radius, np.zeros(sectors)], axis=1)
+    vertices = np.concatenate([np.zeros((1, 3)), rim]) + np.array([0.0, 0.0, elevation])
+    here = np.arange(sectors)
+    fan = np.stack([np.zeros_like(here), here + 1, (here + 1) % sectors + 1], axis=1)
+    up = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
+    return TriangleMesh(vertices, fan.astype(np.uint32), up)
+
+
+def blade_lines(blades: Blades, machine: RotorNacelle, top: float) -> tuple[FloatArray, ...]:
+    """Root and tip of every blade, (2, 3) each [m]: straight lines in the coned, tilted rotor."""
+    tilt, cone = np.radians([machine.tilt, blades.cone])
+    upwind = np.array([-np.cos(tilt), 0.0, np.sin(tilt)])
+    up = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
+    side = np.array([0.0, 1.0, 0.0])
+    apex = np.array([0.0, 0.0, top + machine.tower_to_shaft]) - machine.overhang * upwind
+    span = np.array([blades.hub_radius, blades.hub_radius + blades.elements[-1].outer])
+    azimuths = np.radians(blades.azimuth) + np.arange(blades.number) * (2 * np.pi / blades.number)
+    radial = [np.cos(azimuth) * up + np.sin(azimuth) * side for azimuth in azimuths]
+    return tuple(
+        apex + span[:, None] * (np.cos(cone) * direction + np.sin(cone) * upwind)
+        for direction in radial
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deflection:
+    """A mode shape as horizontal displacements at the sensors, lowest first."""
+
+    elevations: FloatArray  # (n_levels,) [m]
+    displacements: FloatArray  # (n_levels, 3) x, y, z [-]
+
+    def line(self, amplitude: float) -> FloatArray:
+        """(n_levels, 3) the deflected axis of the tower for a largest component of 1 [m]."""
+        upright = np.zeros((len(self.elevations), 3))
+        upright[:, 2] = self.elevations
+        return upright + amplitude * self.displacements
+
+    @property
+    def direction(self) -> str:
+        """'FA' where more of the motion is along x than along y, else 'SS'."""
+        fore_aft, side_side, _ = (self.displacements**2).sum(axis=0)
+        return "FA" if fore_aft >= side_side else "SS"
+
+
+def deflection(layout: SensorLayout, channels: Sequence[str], shape: FloatArray) -> Deflection:
+    """A shape's components put back to where their sensors sit and point.
+
+    shape      φ, (n_channels,) [-], in the order of `channels`, names of the layout's channels
+    """
+    by_name = {channel.name: channel for channel in layout.channels}
+    used = [by_name[name] for name in channels]
+    elevations = np.unique([channel.elevation for channel in used])
+    displacements = np.zeros((len(elevations), 3))
+    for channel, component in zip(used, shape, strict=True):
+        level = np.searchsorted(elevations, channel.elevation)
+        displacements[level] += component * np.array(channel.direction)
+    return Deflection(elevations, displacements)
+
+
+def scaled_onto(shape: FloatArray, target: FloatArray) -> FloatArray:
+    """A shape times the factor that brings it nearest to another: s φ, s = φ·τ / φ·φ.
+
+    Two shapes of one mode then lie on each other, whichever component each is normalised to.
+    """
+    return shape * (shape @ target) / (shape @ shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SwingFrames:
+    """Frames of a swinging shape: its size at each instant, 1 at full swing."""
+
+    times_ns: NDArray[np.int64]  # (n,) sensor clock [ns]
+    factors: FloatArray  # (n,) cos(2π (t − t₀) / T) [-]
+
+
+def swing_frames(
+    start_ns: int, end_ns: int, *, full_swing_ns: int, period: float, per_swing: int = 18
+) -> SwingFrames:
+    """The frames in start_ns <= t < end_ns, counted from t₀ = full_swing_ns.
+
+    period      T, of one swing in session time [s]
+    per_swing   frames in T; 18 has none at a standstill, where the picture would be flat
+    """
+    step = period * NANOSECONDS / per_swing  # [ns], not a whole number
+    first, last = (int((time_ns - full_swing_ns) // step) for time_ns in (start_ns, end_ns))
+    index = np.arange(first, last + 2)
+    times = full_swing_ns + np.round(index * step).astype(np.int64)
+    inside = (times >= start_ns) & (times < end_ns)
+    return SwingFrames(times[inside], np.cos(index[inside] * (2 * np.pi / per_swing)))

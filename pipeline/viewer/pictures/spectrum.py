@@ -1,0 +1,147 @@
+"""Spectra of a window with the modes identified in it, as a picture. No rerun here.
+
+One panel for the fore-aft channels, one for the side-side channels; picture units, y down.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.fft import rfft, rfftfreq
+
+from pipeline.viewer.pictures.corner import Text
+from pipeline.viewer.pictures.frequency_axis import LOWEST, WIDTH, FrequencyAxis, frame, hair
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
+
+HEIGHT, PITCH = 1.0, 1.25  # of a panel, and from one to the next [picture units]
+SEGMENT = 100.0  # of Welch's method [s]: a resolution of 0.01 Hz
+BINS = 400  # of the logarithmic axis; the highest value of each is drawn
+DECADES = 6.0  # of spectral density shown below the highest
+KEPT = 3600.0  # of samples held for windows still to come [s]
+AXES = ("fore-aft", "side-side")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpectrumPicture:
+    """Everything to draw, in picture units."""
+
+    spectra: tuple[FloatArray, ...]  # (n, 2) a line a channel
+    levels: tuple[int, ...]  # which level of the tower each line belongs to, lowest 0
+    modes: tuple[FloatArray, ...]  # (2, 2) an upright hair at every identified frequency
+    frames: tuple[FloatArray, ...]  # outlines of panels and ticks
+    texts: tuple[Text, ...]
+
+
+class RecentSamples:
+    """The samples of one unit's latest hour, for windows that are identified later."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[AccelerationBlock] = deque()
+
+    def push(self, block: AccelerationBlock) -> None:
+        """Keep one more block, and let go of those that are too old."""
+        self._blocks.append(block)
+        while self._blocks[0].start_ns < block.start_ns - KEPT * NANOSECONDS:
+            self._blocks.popleft()
+
+    def between(self, start_ns: int, end_ns: int) -> NDArray[np.float32] | None:
+        """(n, n_channels) [m/s²] samples of the blocks that begin in a window; None where there is
+        none or where they differ in their channels."""
+        inside = [block.samples for block in self._blocks if start_ns <= block.start_ns < end_ns]
+        if not inside or len({samples.shape[1] for samples in inside}) > 1:
+            return None
+        return np.concatenate(inside)
+
+
+def spectrum_picture(
+    samples: NDArray[np.float32],
+    sampling_rate: float,
+    layout: SensorLayout,
+    frequencies: Sequence[float],
+) -> SpectrumPicture:
+    """Power spectral densities of all channels over a logarithmic axis.
+
+    samples         (n, n_channels) [m/s²]
+    sampling_rate   [Hz]
+    frequencies     of the identified modes [Hz]
+
+    A missing sample counts as the channel's mean.
+    """
+    finite = np.where(np.isfinite(samples), samples, np.nan)
+    steady = np.nan_to_num(finite - np.nanmean(finite, axis=0))
+    f, densities = power_spectral_densities(steady, sampling_rate)
+    axis = FrequencyAxis(LOWEST, sampling_rate / 2)
+    by_panel = [_along(layout, direction) for direction in range(2)]
+    top = float(np.log10(max(densities[f >= LOWEST].max(), 1e-30)))
+    elevations = sorted({channel.elevation for channel in layout.channels})
+    curves = _curves(axis, f, densities, top)
+    lines = [
+        (curves[channel] + [0.0, panel * PITCH], channel)
+        for panel, channels in enumerate(by_panel)
+        for channel in channels
+    ]
+    shown = axis.shown(frequencies)
+    panels = [(panel * PITCH, panel * PITCH + HEIGHT) for panel in range(2)]
+    return SpectrumPicture(
+        spectra=tuple(line for line, _ in lines),
+        levels=tuple(elevations.index(layout.channels[channel].elevation) for _, channel in lines),
+        modes=tuple(hair(axis, frequency, *panel) for panel in panels for frequency in shown),
+        frames=tuple(frame(*panel) for panel in panels),
+        texts=_axis_texts(axis, top) + axis.mode_texts(shown, -0.06),
+    )
+
+
+def _along(layout: SensorLayout, axis: int) -> list[int]:
+    return [i for i, channel in enumerate(layout.channels) if abs(channel.direction[axis]) > 0.7]
+
+
+def power_spectral_densities(
+    samples: NDArray[np.float32], sampling_rate: float
+) -> tuple[FloatArray, NDArray[np.float32]]:
+    """Welch's estimate: frequencies (n,) [Hz] and one-sided densities (n, n_channels) [(m/s²)²/Hz].
+
+    Hann segments of SEGMENT [s] that overlap by half, each without its mean. In the samples' own
+    single precision, whose rounding lies some 13 decades below the signal: DECADES are shown.
+    """
+    length = min(len(samples), round(SEGMENT * sampling_rate))
+    window = (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)).astype(np.float32)
+    columns = np.ascontiguousarray(samples.T)
+    segments = sliding_window_view(columns, length, axis=1)[:, :: max(1, length - length // 2)]
+    spectra = rfft((segments - segments.mean(axis=2, keepdims=True)) * window, axis=2)
+    densities = np.mean(np.abs(spectra) ** 2, axis=1).T
+    densities *= 2 / (sampling_rate * np.sum(window**2))
+    densities[0] /= 2
+    if length % 2 == 0:
+        densities[-1] /= 2
+    return rfftfreq(length, 1 / sampling_rate), densities
+
+
+def _curves(
+    axis: FrequencyAxis, f: FloatArray, densities: NDArray[np.float32], top: float
+) -> list[FloatArray]:
+    """Every channel's spectrum in the first panel: the highest value in each bin of the axis."""
+    edges = np.geomspace(axis.low, axis.high, BINS + 1)
+    inside = (f >= axis.low) & (f < axis.high)
+    bins, first = np.unique(np.digitize(f[inside], edges) - 1, return_index=True)
+    highest = np.maximum(np.maximum.reduceat(densities[inside], first, axis=0), 1e-30)
+    x = axis.position(np.sqrt(edges[bins] * edges[bins + 1]))
+    y = np.clip((np.log10(highest) - top) / DECADES + 1.0, 0.0, 1.0)
+    return [np.stack([x, 1.0 - 0.96 * y[:, i]], axis=1) for i in range(y.shape[1])]
+
+
+def _axis_texts(axis: FrequencyAxis, top: float) -> tuple[Text, ...]:
+    texts = [text for panel in range(2) for text in axis.tick_texts(panel * PITCH + HEIGHT + 0.05)]
+    texts += [
+        Text((-0.13, panel * PITCH + 1.0 - 0.96 * (1.0 - below / DECADES)), f"1e{top - below:.0f}")
+        for panel in range(2)
+        for below in range(0, int(DECADES), 2)
+    ]
+    for panel, name in enumerate(AXES):
+        middle = (WIDTH / 2, panel * PITCH + HEIGHT + 0.13)
+        texts.append(Text(middle, f"frequency [Hz], {name}; density [(m/s²)²/Hz]"))
+    return tuple(texts)

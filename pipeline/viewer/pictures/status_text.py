@@ -1,0 +1,267 @@
+"""What the session says in words: a running summary of one turbine, as Markdown. No rerun here."""
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Literal
+
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    Mode,
+    NodeStatus,
+    StreamGap,
+    WindowRejected,
+)
+from sensors.acquisition.blocks import NANOSECONDS
+
+STIFFNESSES = ("k11", "k22", "k12")
+CHANGED = {  # what a change is called, by its kind
+    "foundation": "foundation: changed",
+    "modal-drift": "foundation: known, but the modes changed",
+    "undecided": "foundation: perhaps changed",
+}
+_LISTED = 5  # rejected windows and gaps shown, the newest
+CUT_SHORT = "short"  # why a window is rejected in which the session ended: nothing is wrong
+
+
+@dataclass(frozen=True, slots=True)
+class StatusIndicator:
+    """One light of the three that say how things are, and in words."""
+
+    state: Literal["good", "doubt", "bad", "unknown"]
+    text: str
+
+
+class SessionStatus:
+    """Remembers, for one turbine, what the status text needs; bounded, however long the session."""
+
+    def __init__(self, turbine: str, *, title: str = "") -> None:
+        self.turbine = turbine
+        self._heading = f"{title} ({turbine})" if title and title != turbine else turbine
+        self._n_identified = 0
+        self._rejections: Counter[str] = Counter()  # windows by why
+        self._n_gaps = 0
+        self._missing_s = 0.0
+        self._estimate: ModalEstimate | None = None
+        self._posterior: FoundationPosterior | None = None
+        self._truth: FoundationTruth | None = None
+        self._rejected: deque[WindowRejected] = deque(maxlen=_LISTED)
+        self._gaps: deque[StreamGap] = deque(maxlen=_LISTED)
+        self._nodes: dict[str, NodeStatus] = {}
+        self._last_rejected = False  # whether the latest window was
+        self._event: FoundationEvent | None = None
+
+    def take(self, message: Message) -> None:
+        """Remember one message; types that say nothing about the state are passed over."""
+        match message:
+            case ModalEstimate():
+                self._n_identified += 1
+                self._estimate = message
+                self._last_rejected = False
+            case WindowRejected():
+                self._rejections[message.code] += 1
+                self._last_rejected = message.code != CUT_SHORT
+                self._rejected.append(message)
+            case FoundationPosterior():
+                self._posterior = message
+            case FoundationTruth():
+                self._truth = message
+            case FoundationEvent():
+                self._event = message
+            case StreamGap():
+                self._n_gaps += 1
+                self._missing_s += (message.end_ns - message.start_ns) / NANOSECONDS
+                self._gaps.append(message)
+
+    def take_node(self, node: NodeStatus) -> bool:
+        """Remember a node's status; True where its state, its counts of trouble or the kinds of its
+        doubts are new."""
+        before = self._nodes.get(node.node)
+        self._nodes[node.node] = node
+        return before is None or _news(before) != _news(node)
+
+    @property
+    def posterior(self) -> FoundationPosterior | None:
+        """The latest."""
+        return self._posterior
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """Of the latest window that was identified."""
+        return () if self._estimate is None else self._estimate.modes
+
+    @property
+    def n_rejected(self) -> int:
+        """Windows that gave no estimate."""
+        return self._rejections.total()
+
+    @property
+    def n_gaps(self) -> int:
+        """In the stream."""
+        return self._n_gaps
+
+    @property
+    def lamps(self) -> tuple[StatusIndicator, StatusIndicator, StatusIndicator]:
+        """Measurements, modes, foundation."""
+        return self._measurements_lamp(), self._modes_lamp(), self._foundation_lamp()
+
+    def markdown(self) -> str:
+        """How the foundation is: verdict, figures, doubts, what changed."""
+        parts = (
+            [f"### {self._heading}", f"**{self._verdict()}**"],
+            [] if self._event is None else [f"**Changed:** {self._event.text}"],
+            self._foundation(),
+            self._doubts(),
+        )
+        return "\n\n".join(paragraph for part in parts for paragraph in part)
+
+    def health_markdown(self) -> str:
+        """How the measuring is: windows, gaps, nodes."""
+        return "\n\n".join([*self._windows(), *self._node_table()])
+
+    def _measurements_lamp(self) -> StatusIndicator:
+        lost = sum(node.lost for node in self._nodes.values())
+        if self._n_gaps or lost:
+            return StatusIndicator(
+                "doubt", f"measurements: {counted(self._n_gaps, 'gap')}, {lost} lost"
+            )
+        if self._estimate is None and not self._rejections:
+            return StatusIndicator("unknown", "measurements: no whole window yet")
+        return StatusIndicator("good", "measurements: whole")
+
+    def _modes_lamp(self) -> StatusIndicator:
+        if self._last_rejected:
+            return StatusIndicator("bad", "modes: the last window was rejected")
+        if self._estimate is None:
+            return StatusIndicator("unknown", "modes: none yet")
+        found = counted(len(self._estimate.modes), "mode")
+        if self._estimate.warnings:
+            return StatusIndicator("doubt", f"{found}, with a doubt")
+        return StatusIndicator("good", f"{found} in the last window")
+
+    def _foundation_lamp(self) -> StatusIndicator:
+        if self._posterior is None:
+            return StatusIndicator("unknown", "foundation: no posterior yet")
+        if not self._posterior.trusted:
+            return StatusIndicator("bad", "foundation: NOT TRUSTED")
+        if self._event is not None:
+            return StatusIndicator("doubt", CHANGED.get(self._event.kind, CHANGED["undecided"]))
+        return StatusIndicator("good", "foundation: known")
+
+    def _verdict(self) -> str:
+        posterior = self._posterior
+        if posterior is None:
+            return "No posterior yet: the first needs one identified window."
+        if not posterior.trusted:
+            return "NOT TRUSTED: the data contradict the model; do not use these stiffnesses."
+        k22 = posterior.parameter("k22")
+        return (
+            f"Foundation known: rotational stiffness k22 is {k22.median / k22.nominal:.3f} × "
+            f"nominal, 90 % sure between {k22.p05 / k22.nominal:.3f} and "
+            f"{k22.p95 / k22.nominal:.3f}."
+        )
+
+    def _foundation(self) -> list[str]:
+        posterior = self._posterior
+        if posterior is None:
+            return []
+        rows = ["| ÷ nominal | median | 90 % interval | truth |", "|---|---|---|---|"]
+        for name in STIFFNESSES:
+            k = posterior.parameter(name)
+            truth = f"{getattr(self._truth, name) / k.nominal:.3f}" if self._truth else "–"
+            interval = f"{k.p05 / k.nominal:.3f} … {k.p95 / k.nominal:.3f}"
+            rows.append(f"| {name} | {k.median / k.nominal:.3f} | {interval} | {truth} |")
+        sigma = posterior.parameter("sigma")
+        rows.append(f"| σ [-] | {sigma.median:.4f} | below {sigma.p95:.4f} (95 %) | – |")
+        fit = (
+            f"{counted(posterior.n_windows, 'window')}, until {clock_time(posterior.time_ns)} UTC. "
+            f"Fit: χ² {posterior.reduced_chi_square:.2f}, "
+            f"{posterior.paired_share:.0%} of identified modes paired. "
+            f"Sampler: R̂ {posterior.rhat:.3f}, ESS {posterior.ess:.0f}."
+        )
+        return ["\n".join(rows), fit]
+
+    def _windows(self) -> list[str]:
+        found = f", {len(self._estimate.modes)} modes in the last" if self._estimate else ""
+        lines = [f"- {self._n_identified} identified{found}", self._rejected_line()]
+        lines += [
+            f"  - {clock_time(window.start_ns)}: {window.reason}" for window in self._rejected
+        ]
+        lines.append(
+            f"- {counted(self._n_gaps, 'gap')} in the stream, {self._missing_s:.1f} s in all"
+        )
+        lines += [f"  - {gap_text(gap)}" for gap in self._gaps]
+        return ["#### Windows", "\n".join(lines)]
+
+    def _rejected_line(self) -> str:
+        """'- 7 rejected: 3 × gap, 4 × constant; the last 5:'."""
+        reasons = ", ".join(f"{count} × {code}" for code, count in self._rejections.most_common())
+        listed = f"; the last {_LISTED}:" if self.n_rejected > _LISTED else ""
+        return f"- {self.n_rejected} rejected" + (f": {reasons}{listed}" if reasons else "")
+
+    def _doubts(self) -> list[str]:
+        results = (self._estimate, self._posterior)
+        doubts = [doubt for result in results if result for doubt in result.warnings]
+        if not doubts:
+            return []
+        return ["#### Doubts", "\n".join(f"- {doubt.code}: {doubt.text}" for doubt in doubts)]
+
+    def _node_table(self) -> list[str]:
+        if not self._nodes:
+            return []
+        rows = ["| node | state | lost | late | twice | malformed | busy |", "|---" * 7 + "|"]
+        rows += [
+            f"| {node.node} | {node.state} | {node.lost} | {node.late} | {node.duplicate} "
+            f"| {node.malformed} | {node.busy_s:.1f} s |"
+            for _, node in sorted(self._nodes.items())
+        ]
+        said = [  # as code: a stranger's words are neither links nor pictures
+            f"- {node.node}: `{doubt.text.replace('`', '´')}`"
+            for _, node in sorted(self._nodes.items())
+            for doubt in node.warnings
+        ]
+        return ["#### Nodes", "\n".join(rows), *(["\n".join(said)] if said else [])]
+
+
+def _news(node: NodeStatus) -> tuple[object, ...]:
+    """What of a status is worth drawing anew."""
+    return node.state, node.lost, node.late, {doubt.code for doubt in node.warnings}
+
+
+def clock_time(time_ns: int) -> str:
+    """Hours, minutes, seconds of a sensor time, UTC."""
+    return datetime.fromtimestamp(time_ns // NANOSECONDS, UTC).strftime("%H:%M:%S")
+
+
+def gap_text(gap: StreamGap) -> str:
+    """One line about missing blocks."""
+    length = (gap.end_ns - gap.start_ns) / NANOSECONDS
+    return f"{clock_time(gap.start_ns)}: {gap.n_blocks} blocks ({length:.1f} s) of unit {gap.unit}"
+
+
+def counted(number: int, noun: str) -> str:
+    """'1 window', '2 windows'."""
+    return f"{number} {noun}" + "s" * (number != 1)
+
+
+def posterior_text(posterior: FoundationPosterior) -> str:
+    """One line about a refreshed posterior: medians and half the 90 % intervals' widths."""
+    parts = []
+    for name in STIFFNESSES:
+        k = posterior.parameter(name)
+        half_width = (k.p95 - k.p05) / 2 / k.nominal
+        parts.append(f"{name} {k.median / k.nominal:.3f} ± {half_width:.3f}")
+    trust = "" if posterior.trusted else "NOT TRUSTED: "
+    return f"{trust}{', '.join(parts)} × nominal, from {counted(posterior.n_windows, 'window')}"
+
+
+def frequencies_text(frequencies: Sequence[float]) -> str:
+    """'12 modes, 0.158 to 11.9 Hz', or 'no modes'."""
+    if not frequencies:
+        return "no modes"
+    return f"{len(frequencies)} modes, {min(frequencies):.3f} to {max(frequencies):.2f} Hz"

@@ -1,0 +1,103 @@
+"""Viewer: the sink node that shows a session in Rerun while it runs, or writes it to a .rrd."""
+
+from collections.abc import Iterable, Sequence
+
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    NodeStatus,
+    StabilisationDiagram,
+    StreamGap,
+    WindowRejected,
+)
+from pipeline.viewer.outputs.drawing_thread import DirectDrawing, DrawingThread
+from pipeline.viewer.outputs.outputs import (
+    ConnectedViewer,
+    RrdFile,
+    SpawnedViewer,
+    ViewerOutput,
+    require_rerun,
+)
+from pipeline.viewer.outputs.reconnecting_viewer import ReconnectingViewer
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.structure.description import TurbineDescription
+
+
+class Viewer:
+    """Shows every message; answers with none, and fails with none.
+
+    outputs       files and viewers; each has a recording stream of its own, so that a viewer that
+                  hangs holds neither a file nor the session. A viewer may come late and come back
+    description   the turbine's geometry and its reference modes
+    session       names the recording in the viewer
+    unhurried     True: a viewer, which must be there, is waited for as a file is, so that nothing
+                  is left out. Only where no measurement can be held up: a recording that is drawn
+                  afterwards
+    strict        True (tests): an exception while drawing to a file goes to the caller; else it
+                  is logged once and that output stays as it is
+
+    Raises ViewerError, one line, where rerun is missing or an output cannot be had.
+    """
+
+    name = "viewer"
+    inputs: tuple[type, ...] = (
+        AccelerationBlock,
+        SensorLayout,
+        ModalEstimate,
+        StabilisationDiagram,
+        WindowRejected,
+        FoundationPosterior,
+        FoundationTruth,
+        StreamGap,
+        FoundationEvent,
+        NodeStatus,
+    )
+
+    def __init__(
+        self,
+        outputs: Sequence[ViewerOutput],
+        description: TurbineDescription,
+        *,
+        session: str,
+        unhurried: bool = False,
+        strict: bool = False,
+    ) -> None:
+        require_rerun(tuple(outputs))
+        from pipeline.viewer.rerun_stream import (
+            RerunStream,  # here, so that all but pictures runs without rerun
+        )
+
+        self._stages: tuple[DirectDrawing | DrawingThread, ...] = tuple(
+            DirectDrawing(RerunStream(output, description, session=session), strict=strict)
+            if unhurried or isinstance(output, RrdFile)
+            else DrawingThread(_late_show(output, description, session=session))
+            for output in outputs
+        )
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        """Draw one message, or leave it to be drawn; returns nothing."""
+        for stage in self._stages:
+            stage.take(message)
+        return ()
+
+    def close(self) -> None:
+        """Draw what waits and let go of files and viewers; a second call does nothing."""
+        stages, self._stages = self._stages, ()
+        for stage in stages:
+            stage.close()
+
+
+def _late_show(
+    output: SpawnedViewer | ConnectedViewer, description: TurbineDescription, *, session: str
+) -> ReconnectingViewer:
+    """A show on a viewer that may go; one to be started is started here, once."""
+    from pipeline.viewer.outputs.viewer_process import spawn_viewer
+    from pipeline.viewer.rerun_stream import RerunStream
+
+    if isinstance(output, SpawnedViewer):
+        output = ConnectedViewer(spawn_viewer(output.port))
+    return ReconnectingViewer(output.url, lambda: RerunStream(output, description, session=session))

@@ -1,0 +1,1 @@
+"""What instruments send: blocks of samples, layouts, SCADA, pacing and resampling."""

@@ -1,0 +1,352 @@
+"""Natural frequencies and mode shapes, as accelerometers read them, for many foundations at once.
+
+The structure separates into groups (see `whole`). In a basis of a group's mass-normalised modes at
+a reference θ the springs' change ΔS is all that changes with θ, and it acts on the mudline's two
+coordinates y of each plane:
+
+    K(θ) = Λ + Yᵀ ΔS Y,   Y = mudline rows of the basis
+
+Modes to beyond the highest frequency that is followed, completed by the static and the first
+dynamic response to mudline loads (residual attachment vectors), represent every θ of the prior
+box; `mudline` solves what remains.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import eigh
+from scipy.optimize import linear_sum_assignment
+
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray, IndexArray
+from sensors.dynamics.description_variants import responses
+from sensors.dynamics.full_model_modes import FullModes, decoupled_groups, full_modes, solved_modes
+from sensors.dynamics.mudline_condensation import (
+    MudlineCondensation,
+    SpringEigenproblem,
+    spring_modes_solver,
+)
+from sensors.dynamics.reference_modes import ReferenceModes, visible_modes
+from sensors.dynamics.water_level import modes_in_water
+from sensors.structure.assembly import PLANE, StructuralModel, assemble
+from sensors.structure.description import TurbineDescription
+from sensors.structure.foundation import positive_definite, spring_matrix
+from sensors.structure.sensor_readings import Observation
+from sensors.structure.winkler_springs import PileInSoil
+
+__all__ = ["FullModes", "ModalModel", "ModalParameters", "followed_by_overlap", "full_modes"]
+
+
+_CHUNK = 64  # foundations solved together: what fits in a processor's cache
+_BASIS_MARGIN = 1.5  # a basis holds the modes to this multiple of the highest followed one [-]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModalParameters:
+    """Modes of the model for n foundations; NaN where the foundation is not admissible."""
+
+    labels: tuple[str, ...]  # (n_modes,)
+    frequencies: FloatArray  # f, undamped (n, n_modes) [Hz]
+    shapes: FloatArray  # φ as read, (n, n_modes, n_channels), largest component exactly 1 [-]
+    admissible: NDArray[np.bool_]  # (n,): springs positive definite, structure stable
+    damping_ratios: FloatArray | None = None  # ζ, (n, n_modes) [-], where asked for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ReducedGroup:
+    """One decoupled group in a small basis, and what is wanted from its modes."""
+
+    solver: MudlineCondensation | SpringEigenproblem
+    outputs: IndexArray  # (n_followed,): places of the followed modes among the labels
+    channels: IndexArray  # (n_read,): channels of the layout that see the group
+    observation: Observation  # of these channels, in the solver's coordinates
+    overlap: FloatArray  # φ_refᵀ M, (n_followed, n_coordinates)
+
+    def modes(self, springs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Squares ω² (n, n_followed) and shapes (n, n_followed, n_read) of the followed modes.
+
+        springs   S, (n, 2, 2)
+        """
+        found = self.solver.modes(springs)
+        places = followed_by_overlap((found.coordinates @ self.overlap.T).swapaxes(1, 2) ** 2)
+        squares = np.take_along_axis(found.squares, places, axis=1)
+        coordinates = np.take_along_axis(found.coordinates, places[:, :, None], axis=1)
+        return squares, self.observation.shapes(coordinates, squares)
+
+
+def followed_by_overlap(overlap: FloatArray) -> IndexArray:
+    """Which mode continues each reference mode.
+
+    overlap   squared mass-weighted products (φ_refᵀ M φ)² in [0, 1], (n, n_reference, n_modes)
+    returns   (n, n_reference): no mode twice, the sum of the overlaps as large as can be
+
+    Where every reference mode has a best successor of its own, that is the optimum; an
+    assignment is solved only for the others.
+    """
+    best = np.argmax(overlap, axis=2)
+    ordered = np.sort(best, axis=1)
+    for row in np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1)):
+        best[row] = linear_sum_assignment(overlap[row], maximize=True)[1]
+    return best
+
+
+def _reduced_group(
+    model: StructuralModel, basis: FloatArray, observation: Observation, reference: ReferenceModes
+) -> _ReducedGroup | None:
+    """The group's reduced model, at the θ of the reference; None where it has no mode to follow."""
+    mass, stiffness = basis.T @ model.mass @ basis, basis.T @ model.stiffness @ basis
+    flexibilities, vectors = eigh(mass, stiffness)  # for 1/ω², as in `whole`
+    squares, vectors = 1 / flexibilities[::-1], (vectors / np.sqrt(flexibilities))[:, ::-1]
+    overlap = np.abs(reference.vectors.T @ model.mass @ basis @ vectors)
+    outputs = np.flatnonzero(overlap.max(axis=1) > 0.5)  # 1, or 0 for modes of other groups
+    if not len(outputs):
+        return None
+    highest = int(overlap[outputs].argmax(axis=1).max())
+    kept = squares <= _BASIS_MARGIN**2 * squares[highest]
+    loads = basis[model.spring_dofs.ravel()]  # (4, n_group)
+    residual = _residual_vectors(vectors[:, ~kept], squares[~kept], loads)
+    complete = basis @ np.concatenate([vectors[:, kept], residual], axis=1)
+    complete, reduced = _diagonalised(model, complete)
+    springs = spring_matrix(model.theta, model.description.foundation.sign)
+    mudline = complete[model.spring_dofs]
+    solver = spring_modes_solver(reduced, mudline, springs, n_modes=highest + 1)
+    complete = complete @ solver.basis
+    channels = np.flatnonzero(np.abs(observation.displacement @ complete).max(axis=1) > 0)
+    return _ReducedGroup(
+        solver=solver,
+        outputs=outputs,
+        channels=channels,
+        observation=observation.in_basis(complete).of_channels(channels),
+        overlap=reference.vectors[:, outputs].T @ model.mass @ complete,
+    )
+
+
+def _diagonalised(model: StructuralModel, basis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same span by mass-normalised vectors that diagonalise the stiffness, and their ω²."""
+    squares, rotation = eigh(basis.T @ model.stiffness @ basis, basis.T @ model.mass @ basis)
+    return basis @ rotation, squares
+
+
+def _residual_vectors(vectors: FloatArray, squares: FloatArray, loads: FloatArray) -> FloatArray:
+    """What the left-out modes contribute to the response to mudline loads, two orders in ω².
+
+    vectors, squares   the left-out modes, mass-normalised
+    loads              (n_loads, n_group)
+
+        (K − ω² M)⁻¹ b over the left-out modes ≈ Σ φ φᵀ b / ω_j² + ω² Σ φ φᵀ b / ω_j⁴ + …
+    """
+    acting = loads[np.abs(loads).max(axis=1) > 0]
+    participation = (acting @ vectors).T  # (n_left_out, n_acting)
+    if not participation.size:
+        return vectors[:, :0]
+    orders = [participation / squares[:, None] ** order for order in (1, 2)]
+    coordinates = np.concatenate(orders, axis=1)
+    coordinates /= np.linalg.norm(coordinates, axis=0)
+    independent, strength, _ = np.linalg.svd(coordinates, full_matrices=False)
+    return vectors @ independent[:, strength > 1e-8 * strength[0]]
+
+
+class ModalModel:
+    """Modes that the sensors can see, for many foundation stiffnesses at once.
+
+    nominal              θ = (k11, k22, k12) of the description, (3,) [N/m, N·m/rad, N/rad]
+    labels               (n_modes,): the description's reference modes under their own names, then
+                         the other visible ones up to highest_frequency, numbered on by frequency
+    directions           (n_modes,) "FA" or "SS": the plane in which the tower moves most
+    blade_energy_share   (n_modes,) share of the blades in the kinetic energy at the reference [-]
+
+    A mode keeps its label by its mass-weighted overlap with the mode of that label at the
+    reference θ, which is the nominal one until `following` moves it.
+    """
+
+    def __init__(
+        self,
+        description: TurbineDescription,
+        layout: SensorLayout,
+        *,
+        highest_frequency: float = 12.5,
+        reference: ReferenceModes | None = None,
+    ) -> None:
+        """highest_frequency [Hz]; reference: modes to follow other than the nominal ones.
+
+        Raises TurbineError where the description's own foundation does not hold the structure,
+        or a sensor is not on the tower.
+        """
+        if reference is None:
+            nominal = assemble(description)
+            reference = visible_modes(nominal, layout, highest_frequency=highest_frequency)
+        self.description = description
+        self.layout = layout
+        self.highest_frequency = highest_frequency
+        self.nominal = description.nominal
+        self.labels = reference.labels
+        self.directions = reference.directions
+        self.blade_energy_share = reference.blade_energy_share
+        self._reference = reference
+        self._pile: PileInSoil | None = None  # made where scour is asked for
+        model = assemble(description, stiffness=reference.theta)
+        observation = Observation.of(model, layout)
+        self._gravity = mudline_gravity_stiffness(model)
+        groups = (
+            _reduced_group(model, basis, observation, reference)
+            for basis in decoupled_groups(model)
+        )
+        self._groups = tuple(group for group in groups if group is not None)
+
+    @property
+    def theta_reference(self) -> FloatArray:
+        """θ at which the labels are defined, (3,) [N/m, N·m/rad, N/rad]."""
+        return self._reference.theta
+
+    @property
+    def water_level(self) -> float:
+        """Of the description, above mean [m]; 0 on land."""
+        return 0.0 if self.description.water is None else self.description.water.level
+
+    def admissible(self, theta: ArrayLike) -> NDArray[np.bool_]:
+        """Whether springs are positive definite and hold the structure against gravity.
+
+        theta     θ, (n, 3) [N/m, N·m/rad, N/rad]
+        returns   (n,)
+        """
+        theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        held = positive_definite(theta)
+        total = np.tile(self._gravity, (int(held.sum()), 1, 1))
+        springs = spring_matrix(theta[held], self.description.foundation.sign)
+        for plane in PLANE.values():
+            total[:, plane, plane] += springs
+        held[held] = np.linalg.eigvalsh(total)[:, 0] > 0
+        return held
+
+    def modal(self, theta: ArrayLike, *, damping: ArrayLike | None = None) -> ModalParameters:
+        """The labelled modes for many foundations.
+
+        theta     θ = (k11, k22, k12), (n, 3) or (3,) [N/m, N·m/rad, N/rad]
+        damping   ζ to attach, one or (n_modes,) [-]
+
+        Rows that are not admissible hold NaN.
+        """
+        theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        n, n_modes, n_channels = len(theta), len(self.labels), len(self.layout.channels)
+        admissible = self.admissible(theta)
+        sign = self.description.foundation.sign
+        springs = spring_matrix(theta[admissible], sign)
+        squares = np.empty((len(springs), n_modes))
+        shapes = np.zeros((len(springs), n_modes, n_channels))
+        for start in range(0, len(springs), _CHUNK):
+            rows = slice(start, start + _CHUNK)
+            for group in self._groups:
+                found, readings = group.modes(springs[rows])
+                squares[rows, group.outputs] = found
+                shapes[rows, group.outputs[:, None], group.channels] = readings
+        parameters = ModalParameters(
+            labels=self.labels,
+            frequencies=np.full((n, n_modes), np.nan),
+            shapes=np.full((n, n_modes, n_channels), np.nan),
+            admissible=admissible,
+            damping_ratios=None if damping is None else np.full((n, n_modes), damping),
+        )
+        parameters.frequencies[admissible] = np.sqrt(squares) / (2 * np.pi)
+        parameters.shapes[admissible] = shapes
+        return parameters
+
+    def in_water(self, rises: Sequence[float]) -> ModalParameters:
+        """The modes at the reference θ with the water risen above the description's level, row by
+        row [m]; on land they stay. See `water_level`."""
+        still = self.modal(self.theta_reference)
+        rows = [
+            modes_in_water(
+                self.description, self.layout, self._reference, still.frequencies[0], rise
+            )
+            for rise in rises
+        ]
+        return ModalParameters(
+            labels=self.labels,
+            frequencies=np.array([frequencies for frequencies, _ in rows]),
+            shapes=np.array([shapes for _, shapes in rows]),
+            admissible=np.full(len(rows), bool(still.admissible[0])),
+        )
+
+    def responses(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """How the modes at the reference θ answer to a figure of the description (`variation`).
+
+        returns   ∂ ln f / ∂ ln (figure), (n_modes,) [-], and ∂ φ / ∂ ln (figure), largest
+                  component 1, (n_modes, n_channels) [-]
+
+        Raises TurbineError: no such figure, or one that the turbine does not have.
+        """
+        return responses(
+            self.description,
+            self.layout,
+            self._reference,
+            name,
+            highest_frequency=_BASIS_MARGIN * self.highest_frequency,
+        )
+
+    def scoured(self, theta: ArrayLike, depths: ArrayLike) -> FloatArray:
+        """Springs after scour, (n, 3), from θ before it, (n, 3), and its depth, (n,) [m]; by a pile
+        on Winkler springs (`winkler`).
+
+        Raises TurbineError where the description has no embedded length.
+        """
+        if self._pile is None:
+            self._pile = PileInSoil.of(self.description)
+        return np.asarray(theta) * self._pile.scoured(depths)
+
+    def following(self, theta_reference: ArrayLike) -> "ModalModel":
+        """The same modes, followed by overlap from another θ, (3,), instead of the present one.
+
+        Raises TurbineError where that θ is not admissible.
+        """
+        model = assemble(self.description, stiffness=theta_reference)
+        modes = solved_modes(
+            model,
+            Observation.of(model, self.layout),
+            highest_frequency=_BASIS_MARGIN * self.highest_frequency,
+        )
+        overlap = (self._reference.vectors.T @ model.mass @ modes.vectors) ** 2
+        successors = followed_by_overlap(overlap[None])[0]
+        reference = ReferenceModes(
+            theta=model.theta,
+            labels=self.labels,
+            directions=self.directions,
+            blade_energy_share=modes.blade_energy_share[successors],
+            vectors=modes.vectors[:, successors],
+        )
+        return ModalModel(
+            self.description,
+            self.layout,
+            highest_frequency=self.highest_frequency,
+            reference=reference,
+        )
+
+    def subset(self, labels: Sequence[str]) -> "ModalModel":
+        """A cheaper model with some of the modes only, in the given order; KeyError for a label
+        that there is not."""
+        for label in labels:
+            if label not in self.labels:
+                raise KeyError(f"no mode {label!r}; there are {', '.join(self.labels)}")
+        return ModalModel(
+            self.description,
+            self.layout,
+            highest_frequency=self.highest_frequency,
+            reference=self._reference.take([self.labels.index(label) for label in labels]),
+        )
+
+
+def mudline_gravity_stiffness(model: StructuralModel) -> FloatArray:
+    """Static stiffness of everything above the springs, seen from the mudline.
+
+    returns   (4, 4) on (u_x, ψ_x, u_y, ψ_y) [N/m, N, N·m/rad]
+
+    Without gravity it is zero (the structure would just move along); with it, the weight tips.
+    The whole stands where this plus the springs is positive definite.
+    """
+    mudline = model.spring_dofs.ravel()
+    above = np.setdiff1d(np.arange(model.n_dofs), mudline)
+    free = model.stiffness_at(np.zeros(3))
+    coupling = free[np.ix_(above, mudline)]
+    inner = np.linalg.solve(free[np.ix_(above, above)], coupling)
+    return free[np.ix_(mudline, mudline)] - coupling.T @ inner

@@ -1,0 +1,1 @@
+"""Channel samples put together by time → blocks of a second."""

@@ -1,0 +1,96 @@
+"""Which column of a unit's blocks a channel of the instrument is, and what turns it into m/s²."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sensors.acquisition.layout import Accelerometer, SensorLayout
+from sensors.arrays import FloatArray
+from sensors.feeds.protocol import ChannelSamples
+from sensors.files.layout_file import LayoutFile, MappedChannel
+from sensors.files.table import in_standard_unit
+
+FeedLayout = LayoutFile
+LARGEST = float(np.finfo(np.float32).max)  # that a block can hold, in its unit
+UNSAID = "m/s²"  # what samples are in where neither layout nor message says it
+
+
+class Columns:
+    """The channels of a layout as the columns of a unit's blocks."""
+
+    def __init__(self, layout: FeedLayout) -> None:
+        self._channels = {channel.name: channel for channel in layout.channels}
+        self._numbers = {channel.name: i for i, channel in enumerate(layout.channels)}
+        self.layout = sensor_layout(layout)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def has(self, name: str) -> bool:
+        """Whether the layout lists a channel of this name."""
+        return name in self._numbers
+
+    def listed(self, piece: ChannelSamples) -> ChannelSamples:
+        """The piece with its listed channels alone."""
+        keep = [i for i, name in enumerate(piece.names) if name in self._numbers]
+        if len(keep) == len(piece.names):
+            return piece
+        names = tuple(piece.names[i] for i in keep)
+        return replace(piece, names=names, samples=piece.samples[:, keep])
+
+    def complaint(self, piece: ChannelSamples) -> str:
+        """Why the piece's unit is none for its channels; "" where it is."""
+        for name in piece.names:
+            if self._channels[name].unit is None and factor_to(piece.unit) is None:
+                return (
+                    f"{piece.stream}: channel {name!r} comes in {piece.unit!r:.20}, which is no "
+                    "acceleration; say in the layout what it is, e.g. unit = 'm/s'"
+                )
+        return ""
+
+    def of(self, piece: ChannelSamples) -> tuple[list[int], FloatArray]:
+        """Columns of the channels of a piece that has listed ones alone, and their samples in the
+        layout's units, (n_samples, n_names); NaN where a number is none that a block can hold."""
+        factors = [factor_of(self._channels[name], piece.unit) for name in piece.names]
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = piece.samples * np.array(factors)
+            scaled[~(np.abs(scaled) <= LARGEST)] = np.nan
+        return [self._numbers[name] for name in piece.names], scaled
+
+
+def sensor_layout(layout: FeedLayout) -> SensorLayout:
+    """The layout that is published: every channel in its standard unit."""
+    return SensorLayout(
+        layout.layout_id,
+        turbine=layout.turbine,
+        unit=layout.unit,
+        channels=tuple(_accelerometer(channel) for channel in layout.channels),
+    )
+
+
+def _accelerometer(channel: MappedChannel) -> Accelerometer:
+    x, y, z = (np.array(channel.direction) / np.linalg.norm(channel.direction)).tolist()
+    return Accelerometer(
+        channel.name,
+        channel.elevation,
+        (x, y, z),
+        channel.coupling,
+        channel.corner_frequency,
+        channel.serial,
+        unit=in_standard_unit(channel.unit or UNSAID)[0],
+    )
+
+
+def factor_of(channel: MappedChannel, said: str) -> float:
+    """What a sample is multiplied by to be in the channel's standard unit.
+
+    said   unit of the samples by the message's own words; what the layout says goes before
+    """
+    _, factor = in_standard_unit(channel.unit or said or UNSAID)
+    return factor / (channel.sensitivity or 1.0)
+
+
+def factor_to(said: str) -> float | None:
+    """What turns a unit into m/s²; None for one that is of no acceleration."""
+    unit, factor = in_standard_unit(said or UNSAID)
+    return factor if unit == UNSAID else None

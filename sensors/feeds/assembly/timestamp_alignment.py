@@ -1,0 +1,177 @@
+"""Where on a unit's clock each message belongs, and which stamps are believed.
+
+A stamp that leaps is believed when the two behind it agree: one wild stamp costs its own message
+and nothing else. A leap ahead is a gap; a clock that is set (back, by more than ten minutes, or
+while the numbers go on) begins another session.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.feeds.assembly.block_builder import RowCutter, SessionNames
+from sensors.feeds.assembly.channel_map import Columns
+from sensors.feeds.assembly.channel_source import ChannelSources
+from sensors.feeds.assembly.clock_estimate import UnitClock
+from sensors.feeds.assembly.row_buffer import WaitingRows
+from sensors.feeds.lru import LruCache
+from sensors.feeds.protocol import ChannelSamples, FeedCounts
+
+AGREEING = 3  # messages in a row whose stamps leap to the same place
+JITTER = 0.5  # of a stamp [samples]
+FEW = 64  # samples, before which the first stamp's own jitter is still in the clock
+CLOCK_STEP = 0.5  # of the stamps, while the numbers go on: the clock was set [s]
+RESTARTED = 600.0  # a unit that was silent that long begins a new session [s]
+
+
+@dataclass(slots=True)
+class _Stream:
+    """One succession of stamps."""
+
+    next: int | None = None  # index behind its last sample; None before the first of a session
+    last_ns: int = 0  # its last stamp [ns]
+    held: list[ChannelSamples] = field(default_factory=list)  # whose stamps leap
+
+
+class TimestampAligner:
+    """Puts the messages of one unit where they belong.
+
+    first     the first message: index 0 is its first sample
+    columns   of the channels
+    counts    takes what is late, duplicate or wild
+    rate      [Hz]
+    size      of a block [samples]
+    wait      for a channel that is late [s of sensor time]
+    sessions  names them
+    """
+
+    def __init__(
+        self,
+        first: ChannelSamples,
+        columns: Columns,
+        counts: FeedCounts,
+        *,
+        rate: float,
+        size: int,
+        wait: float,
+        sessions: SessionNames,
+    ) -> None:
+        self._columns, self._counts = columns, counts
+        self._rate, self._wait = rate, round(wait * rate)
+        self._cutter = RowCutter(columns.layout, rate, size, sessions)
+        self._streams: LruCache[_Stream] = LruCache()
+        self._owners = ChannelSources()
+        self._begin(first)
+
+    @property
+    def missing_blocks(self) -> int:
+        """Blocks that the gaps so far cost."""
+        return self._cutter.missing_blocks
+
+    def knows(self, stream: str) -> bool:
+        """Whether samples of a topic or a sender were taken."""
+        return stream in self._streams
+
+    def push(self, piece: ChannelSamples) -> Iterator[AccelerationBlock]:
+        """Take what a message brought; give the blocks that it completes."""
+        complaint = self._owners.complaint(piece)
+        if complaint:
+            self._counts.refuse(complaint)
+            return
+        stream = self._stream(piece.stream)
+        if self._fits(piece, stream):
+            self._drop_held(stream)
+            yield from self._place(piece, stream)
+            return
+        if stream.held and not self._agree(stream.held[-1], piece):
+            self._drop_held(stream)
+        stream.held.append(piece)
+        if len(stream.held) >= AGREEING:
+            yield from self._believe(stream)
+
+    def _stream(self, name: str) -> _Stream:
+        stream = self._streams.get(name)
+        if stream is None:
+            stream = _Stream()
+            forgotten = self._streams.put(name, stream)
+            if forgotten is not None:
+                self._drop_held(forgotten)
+        return stream
+
+    def finish(self) -> Iterator[AccelerationBlock]:
+        """Nothing more will come: give what is left."""
+        for stream in self._streams.values():
+            self._drop_held(stream)
+        yield from self._rows.part(self._clock)
+
+    def _begin(self, first: ChannelSamples) -> None:
+        """The clock of a session."""
+        self._clock = UnitClock(first.start_ns, self._rate)
+        wait = max(self._wait, 2 * len(first.samples))
+        self._rows = WaitingRows(self._cutter, len(self._columns), wait)
+        for stream in self._streams.values():
+            stream.next = None
+
+    def _fits(self, piece: ChannelSamples, stream: _Stream) -> bool:
+        """Whether a piece can belong where its stamp says."""
+        position = self._clock.position(piece.start_ns)
+        if piece.follows and stream.next is not None:
+            return abs(position - stream.next) <= CLOCK_STEP * self._rate
+        rows = self._rows
+        return position <= rows.newest + rows.wait and position + len(piece.samples) > rows.base
+
+    def _agree(self, last: ChannelSamples, piece: ChannelSamples) -> bool:
+        """Whether the stamps of two pieces can be of one clock."""
+        apart = (piece.start_ns - last.start_ns) * self._rate / NANOSECONDS - len(last.samples)
+        if piece.follows:
+            return abs(apart) <= CLOCK_STEP * self._rate
+        return -2 * JITTER <= apart <= self._rows.wait
+
+    def _place(self, piece: ChannelSamples, stream: _Stream) -> Iterator[AccelerationBlock]:
+        index = self._index_of(piece, stream)
+        columns, samples = self._columns.of(piece)
+        end = index + len(samples)
+        self._rows.wait = max(self._rows.wait, 2 * len(samples))
+        yield from self._rows.wait_until(end, self._clock)
+        if not self._rows.put(index, columns, samples, piece.status):
+            self._counts.duplicate += 1
+            return
+        stream.next = end if stream.next is None else max(end, stream.next)
+        stream.last_ns = piece.start_ns
+        self._clock.follow(index, piece.start_ns, len(samples))
+        yield from self._rows.complete(self._clock)
+
+    def _index_of(self, piece: ChannelSamples, stream: _Stream) -> int:
+        """Index of a piece's first sample: behind the stream's last one unless its stamp is too
+        far from there, else where the stamp says."""
+        position = self._clock.position(piece.start_ns)
+        if stream.next is None or piece.start_ns == stream.last_ns:
+            return round(position)
+        near = JITTER if stream.next > FEW else 2 * JITTER - 0.05
+        return (
+            stream.next if piece.follows or abs(position - stream.next) <= near else round(position)
+        )
+
+    def _believe(self, stream: _Stream) -> Iterator[AccelerationBlock]:
+        """What the stamps of a stream have leapt to is so."""
+        first = stream.held[0]
+        ahead = self._clock.position(first.start_ns) - self._rows.newest
+        if first.follows or not 0 < ahead <= RESTARTED * self._rate:
+            yield from self._rows.part(self._clock)
+            self._begin(first)
+        else:
+            yield from self._rows.wait_until(self._rows.newest + int(ahead), self._clock)
+        held = [piece for each in self._streams.values() for piece in each.held]
+        for each in self._streams.values():
+            each.held = []
+        for piece in sorted(held, key=lambda piece: piece.start_ns):  # all that leapt there fit now
+            yield from self.push(piece)
+
+    def _drop_held(self, stream: _Stream) -> None:
+        """What did not fit came late, or its stamp was wild."""
+        for piece in stream.held:
+            if self._clock.position(piece.start_ns) < self._rows.newest:
+                self._counts.late += 1
+            else:
+                self._counts.refuse(f"{piece.stream}: a stamp far ahead of those around it")
+        stream.held = []

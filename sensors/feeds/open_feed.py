@@ -1,0 +1,71 @@
+"""The feed that an address names, and the unit that is put together of it."""
+
+from dataclasses import replace
+
+from sensors.acquisition.layout import SensorLayout
+from sensors.feeds.address import FeedAddress, parsed
+from sensors.feeds.assembly.assembler import WAIT, Assembler
+from sensors.feeds.csv_tail import CsvTailFeed
+from sensors.feeds.live import LiveFeed
+from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages
+from sensors.feeds.payloads.scada import ScadaReader
+from sensors.feeds.protocol import Feed, FeedCounts
+from sensors.feeds.seedlink import SeedLinkFeed
+from sensors.feeds.udp import UdpFeed
+from sensors.files.layout_file import LayoutFile, MappedChannel
+
+
+def open_feed(
+    text: str, layout: LayoutFile, *, turbine: str | None = None, once: bool = False
+) -> LiveFeed:
+    """The feed that a URL names; nothing is connected before it is read.
+
+    layout    of its channels
+    turbine   that it belongs to; None: the layout's
+    once      give up where nobody can be reached at the start
+
+    Raises FeedError for a URL that cannot be understood, and for a package that is missing.
+    """
+    address = parsed(text)
+    layout = layout if turbine is None else replace(layout, turbine=turbine)
+    feed = _feed(address, layout, once=once)
+    if address.scheme.startswith("scada"):
+        return LiveFeed(feed, None)
+    wait = address.number("wait", WAIT)
+    assert wait is not None
+    rate = address.number("rate")
+    return LiveFeed(feed, Assembler(layout, feed.counts, sampling_rate=rate, wait=wait))
+
+
+def _feed(address: FeedAddress, layout: LayoutFile, *, once: bool) -> Feed:
+    names = tuple(channel.name for channel in layout.channels)
+    match address.scheme:
+        case "udp":
+            return UdpFeed(address, names)
+        case "mqtt":
+            counts = FeedCounts()
+            return MqttFeed(address, SamplesReader(address, names, counts), counts, once=once)
+        case "scada+mqtt":
+            counts = FeedCounts()
+            reader = ScadaMessages(ScadaReader(address, layout.turbine), counts)
+            return MqttFeed(address, reader, counts, once=once)
+        case "seedlink":
+            return SeedLinkFeed(address, once=once)
+        case _:
+            return CsvTailFeed(address, ScadaReader(address, layout.turbine), once=once)
+
+
+def layout_file_of(layout: SensorLayout) -> LayoutFile:
+    """A sensor layout as a layout file would say it: the instrument uses its names and units."""
+    channels = tuple(
+        MappedChannel(
+            channel.name,
+            channel.elevation,
+            channel.direction,
+            coupling=channel.coupling,
+            corner_frequency=channel.corner_frequency,
+            serial=channel.serial,
+        )
+        for channel in layout.channels
+    )
+    return LayoutFile(channels, layout.turbine, layout.unit, layout.layout_id)

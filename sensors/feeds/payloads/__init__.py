@@ -1,0 +1,1 @@
+"""What instruments send → samples: one module a payload format."""

@@ -1,0 +1,110 @@
+"""Which of a sender's numbered messages never came, came twice, or in another order."""
+
+from enum import Enum
+
+from sensors.feeds.lru import LruCache
+from sensors.feeds.protocol import FeedCounts
+
+WATCHED = 4096  # newest numbers of which it is known one by one whether they came
+FARTHEST = 1_000_000  # a number so far ahead is no loss but nonsense, or another start
+
+
+class Place(Enum):
+    """Where a message stands among the others of its sender."""
+
+    NEXT = "next"  # directly behind the newest
+    AHEAD = "ahead"  # others are missing in between; also the first of all
+    BEHIND = "behind"  # one of those that were missing
+    DUPLICATE = "duplicate"
+    OLD = "old"  # behind what is watched, or of an earlier session
+
+
+class SequenceMonitor:
+    """Counts what is missing of one sender's numbers.
+
+    A sender counts its messages from any number on, one by one; each of its starts is a session of
+    its own. What came before the first message is not missing.
+
+    rising   a session's number is above those before it; an earlier one is OLD. Otherwise any
+             other number that was not one of the last few begins a session, and so does a lower
+             number with a later time: a sender that does not number its starts has started again.
+    """
+
+    def __init__(self, *, rising: bool = False) -> None:
+        self.lost = 0  # numbers that have not come, of all sessions
+        self._rising = rising
+        self._session: int | None = None
+        self._earlier: list[int] = []  # sessions, newest last
+        self._newest = -1
+        self._newest_ns = 0
+        self._missing: set[int] = set()
+
+    def place(self, sequence: int, session: int = 0, *, time_ns: int = 0) -> Place:
+        """Take note of a message.
+
+        time_ns   its own time [ns]; rises with the numbers of a start
+        """
+        if session != self._session:
+            if self._is_earlier(session):
+                return Place.OLD
+            self._begin(session, sequence, time_ns)
+            return Place.AHEAD
+        step = sequence - self._newest
+        if step > FARTHEST:
+            return Place.OLD
+        if step > 0:
+            self._advance(sequence, time_ns)
+            return Place.NEXT if step == 1 else Place.AHEAD
+        if sequence in self._missing:
+            self._missing.discard(sequence)
+            self.lost -= 1
+            return Place.BEHIND
+        if time_ns > self._newest_ns and not self._rising:
+            self._begin(session, sequence, time_ns)
+            return Place.AHEAD
+        return Place.DUPLICATE if -step < WATCHED else Place.OLD
+
+    def _is_earlier(self, session: int) -> bool:
+        if self._session is None:
+            return False
+        return session < self._session if self._rising else session in self._earlier
+
+    def _begin(self, session: int, sequence: int, time_ns: int) -> None:
+        if self._session not in (None, session):
+            self._earlier = [*self._earlier[-3:], self._session]
+        self._session, self._newest, self._newest_ns = session, sequence, time_ns
+        self._missing.clear()
+
+    def _advance(self, sequence: int, time_ns: int) -> None:
+        first = self._newest + 1
+        self.lost += sequence - first
+        self._missing.update(range(max(first, sequence - WATCHED), sequence))
+        self._newest, self._newest_ns = sequence, time_ns
+        if len(self._missing) > WATCHED:
+            self._missing = {each for each in self._missing if sequence - each <= WATCHED}
+
+
+class SenderNumbers:
+    """The numbers of all senders of one feed.
+
+    counts   takes what is lost, late or duplicate
+    rising   see SequenceMonitor
+    """
+
+    def __init__(self, counts: FeedCounts, *, rising: bool = False) -> None:
+        self._counts, self._rising = counts, rising
+        self._watches: LruCache[SequenceMonitor] = LruCache()
+
+    def follows(self, sender: str, sequence: int, session: int = 0, *, time_ns: int) -> bool | None:
+        """Whether a message is directly behind its sender's last; None: it is not to be taken,
+        and counted."""
+        watch = self._watches.get(sender)
+        if watch is None:
+            watch = SequenceMonitor(rising=self._rising)
+            self._watches.put(sender, watch)
+        before = watch.lost
+        place = watch.place(sequence, session, time_ns=time_ns)
+        self._counts.lost += watch.lost - before
+        self._counts.duplicate += place is Place.DUPLICATE
+        self._counts.late += place is Place.OLD
+        return None if place in (Place.DUPLICATE, Place.OLD) else place is Place.NEXT

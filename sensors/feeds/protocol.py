@@ -1,0 +1,112 @@
+"""What a feed is: something that gives samples as they are measured, for as long as it is let."""
+
+import asyncio
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from sensors.acquisition.blocks import BlockStatus
+from sensors.acquisition.scada import ScadaSample
+from sensors.arrays import FloatArray
+from sensors.errors import InputError
+
+INBOX_ARRIVALS = 10_000  # that wait to be taken out; then a feed is held up, or drops (UDP)
+NAMED_UNKNOWN = 20  # channels that no layout lists: so many are remembered by name
+LONGEST_NAME, LONGEST_SENTENCE = 60, 240  # of what strangers call things [characters]
+
+
+class FeedError(InputError):
+    """A feed that cannot be understood, opened or reached."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChannelSamples:
+    """Consecutive samples of some channels of an instrument, as one message brought them."""
+
+    stream: str  # whose numbering and time they belong to: a topic, a SEED channel, a sender
+    names: tuple[str, ...]  # of the channels, as the instrument has them
+    samples: FloatArray  # (n_samples, n_names), in the instrument's unit
+    start_ns: int  # the instrument's clock at the first sample [ns since 1970-01-01 UTC]
+    sampling_rate: float | None = None  # [Hz]; None: the message does not say
+    follows: bool | None = None  # directly on the stream's last one, by their numbers; None: no
+    # numbers, or not the next one
+    unit: str = ""  # of the samples, where the message says it
+    status: BlockStatus = BlockStatus.OK
+
+
+Arrival = ChannelSamples | ScadaSample
+
+
+@dataclass(slots=True)
+class FeedCounts:
+    """What a feed received, and what it did not; written by the feed, read by whoever serves it."""
+
+    connected: bool = False
+    connections: int = 0  # how often the link was made
+    received: int = 0  # messages
+    lost: int = 0  # messages that never came, by their numbers
+    late: int = 0  # messages that came too late to be used
+    duplicate: int = 0  # messages that came twice
+    malformed: int = 0  # messages that were dropped: broken, oversized, stamped by a wild clock
+    forged: int = 0  # messages without the right signature
+    retained: int = 0  # measurements that a broker had kept from before; left out
+    unknown: Counter[str] = field(default_factory=Counter)  # channels that the layout does not list
+    refusal: str = ""  # of the last malformed message: what was wrong
+    trouble: str = ""  # of the link: why it is down, or went down last
+
+    def connect(self) -> bool:
+        """Count that the link was made; whether it was there before."""
+        self.connected = True
+        self.connections += 1
+        return self.connections > 1
+
+    def refuse(self, sentence: str) -> None:
+        """Count a message that is dropped, and keep why."""
+        self.malformed += 1
+        self.refusal = printable(sentence, LONGEST_SENTENCE)
+
+    def refuse_forged(self, sentence: str) -> None:
+        """Count a message without the right signature."""
+        self.forged += 1
+        self.refusal = printable(sentence, LONGEST_SENTENCE)
+
+    def miss(self, channel: str) -> None:
+        """Count samples of a channel that the layout does not list."""
+        name = printable(channel, LONGEST_NAME)
+        if name in self.unknown or len(self.unknown) < NAMED_UNKNOWN:
+            self.unknown[name] += 1
+
+
+def printable(text: str, longest: int) -> str:
+    """What a stranger wrote, fit for a terminal and a status: no control characters, no more than
+    so many characters."""
+    if len(text) > longest:
+        text = f"{text[: longest - 1]}…"
+    return "".join(letter if letter.isprintable() else "�" for letter in text)
+
+
+class Inbox(asyncio.Queue[Arrival]):
+    """Bounded queue between a feed and whoever takes its arrivals."""
+
+    def __init__(self, capacity: int = INBOX_ARRIVALS) -> None:
+        super().__init__(capacity)
+
+
+class Feed(Protocol):
+    """One live source.
+
+    `run` puts what arrives into the inbox until it is cancelled, and connects again by itself
+    whenever its link is cut. It raises FeedError where a person must act: nothing can be bound, a
+    package is missing, a password is refused; with `once`, also where nobody can be reached at the
+    start.
+    """
+
+    @property
+    def name(self) -> str:
+        """What to call it: its address without secrets."""
+        ...
+
+    @property
+    def counts(self) -> FeedCounts: ...
+
+    async def run(self, inbox: Inbox) -> None: ...

@@ -1,0 +1,260 @@
+"""Files of measurements → AccelerationBlocks, as an acquisition unit would have sent them.
+
+file 1  |‾‾‾‾‾‾‾‾‾‾‾|           pieces with their stamps
+file 2                  |‾‾‾‾|  in order of time, never two at once
+          │ BlockCutter
+blocks  |0|1|2|3|4|5|   |9|10|  a second each; a gap ends one, numbers go on behind it
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray, IntArray
+from sensors.files.formats import file_pieces
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
+
+BLOCK = 1.0  # [s]
+RATE_TOLERANCE = 1e-3  # between two files, or a rate that is stated and the stamps', relative
+GAP = 0.5  # a clock that is so far behind for good has lost a sample [samples]
+LATE_STAMPS = 16  # so many stamps in a row may be late without a sample being lost
+RESTARTED = 600.0  # a unit that was silent that long begins a new session [s]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StampedSamples:
+    """Some consecutive samples of a measurement and when each was taken."""
+
+    times_ns: IntArray  # (n,) [ns since 1970-01-01 UTC], rising
+    samples: FloatArray  # (n, n_channels)
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementFile:
+    """One file and what its beginning tells."""
+
+    path: Path
+    reader: str | None  # None: the one of its suffix
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    sampling_rate: float | None  # [Hz]; None: it does not say
+    start_ns: int  # [ns since 1970-01-01 UTC]; 0: it does not say
+    wanted: Wanted = EVERYTHING
+
+    def pieces(self) -> Iterator[ChannelTable]:
+        """Its samples, its channels in the order of `names`."""
+        for piece in file_pieces(self.path, self.reader, self.wanted):
+            if piece.names == self.names:
+                yield piece
+            else:
+                columns = [piece.names.index(name) for name in self.names]
+                yield replace(piece, names=self.names, samples=piece.samples[:, columns])
+
+
+def opened(
+    path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
+) -> tuple[MeasurementFile, ChannelTable]:
+    """A file and its first piece. Raises FileError."""
+    first = next(file_pieces(path, reader, wanted), None)
+    if first is None:
+        raise FileError(f"{path}: 0 samples; at least two are needed")
+    rate = first.sampling_rate
+    known = first.names, first.units, rate, first.start_ns
+    return MeasurementFile(path, reader, *known, wanted), first
+
+
+def in_order_of_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
+    """Files that begin one after the other, with the same channels at the same rate.
+
+    Raises FileError for one of several that does not say when it begins, or differs from the first.
+    """
+    if len(files) == 1:
+        return list(files)
+    for file in files:
+        if not file.start_ns:
+            raise FileError(
+                f"{file.path} does not say when it begins; several files are joined by the date "
+                "and time in them"
+            )
+    ordered = sorted(files, key=lambda file: file.start_ns)
+    return [ordered[0], *(_like(ordered[0], other) for other in ordered[1:])]
+
+
+def _like(first: MeasurementFile, other: MeasurementFile) -> MeasurementFile:
+    """The other file with its channels in the first one's order."""
+    units = dict(zip(other.names, other.units, strict=True))
+    if units != dict(zip(first.names, first.units, strict=True)):
+        raise FileError(
+            f"{other.path} has the channels {_titled(other)}, {first.path} {_titled(first)}; files "
+            "of one measurement have the same"
+        )
+    rates = first.sampling_rate, other.sampling_rate
+    if rates[0] and rates[1] and abs(rates[1] / rates[0] - 1) > RATE_TOLERANCE:
+        raise FileError(
+            f"{other.path} is sampled at {rates[1]:g} Hz, {first.path} at {rates[0]:g} Hz; files "
+            "of one measurement have the same rate"
+        )
+    return replace(other, names=first.names, units=first.units)
+
+
+def _titled(file: MeasurementFile) -> str:
+    titles = zip(file.names, file.units, strict=True)
+    return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in titles)
+
+
+def stamped(
+    files: Sequence[MeasurementFile], pieces: Iterable[tuple[int, ChannelTable]], rate: float
+) -> Iterator[StampedSamples]:
+    """The pieces with every sample's time; rows without any number are left out as missing.
+
+    files    in order of time
+    pieces   of all of them, each with the number of its file
+    rate     [Hz], of what has no stamps
+
+    Raises FileError where time stands still or goes back, within a file or from one to the next.
+    """
+    counted, current, last_ns, last_file = 0, -1, None, 0
+    for number, piece in pieces:
+        counted = counted if number == current else 0
+        current = number
+        times = piece.times
+        if times is None:
+            times = (counted + np.arange(len(piece.samples))) / rate
+        counted += len(piece.samples)
+        times_ns = piece.start_ns + np.round(times * NANOSECONDS).astype(np.int64)
+        if times_ns[0] < 0:
+            raise FileError(
+                f"{files[number].path} begins at {moment(int(times_ns[0]))}, before 1970: its "
+                "clock was not set"
+            )
+        if last_ns is not None and times_ns[0] <= last_ns and number != last_file:
+            raise FileError(
+                f"{files[number].path} begins at {moment(int(times_ns[0]))}, before "
+                f"{files[last_file].path} ends at {moment(last_ns)}; files must not overlap"
+            )
+        steps = np.diff(times_ns, prepend=times_ns[0] - 1 if last_ns is None else last_ns)
+        if (steps <= 0).any():
+            raise FileError(
+                f"{files[number].path}: time stands still or goes back at "
+                f"{moment(int(times_ns[np.argmax(steps <= 0)]))}; --sampling-rate HZ counts the "
+                "samples instead"
+            )
+        last_ns, last_file = int(times_ns[-1]), number
+        present = ~np.isnan(piece.samples).all(axis=1)
+        if present.any():
+            yield StampedSamples(times_ns[present], piece.samples[present])
+
+
+def moment(time_ns: int) -> str:
+    """A time in words: "2024-03-01 12:00:00.250" (UTC)."""
+    seconds, rest = divmod(time_ns, NANOSECONDS)
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d}"
+
+
+class BlockCutter:
+    """Cuts stamped samples into blocks of a second.
+
+    layout          of the channels
+    sampling_rate   [Hz]
+
+    A gap is where the stamps leap ahead of an even clock for good: by half a sample or more, for
+    longer than some late stamps in a row. It ends a block; the sample and block numbers behind it
+    count what is missing. After a silence of ten minutes a new session begins.
+    """
+
+    def __init__(self, layout: SensorLayout, sampling_rate: float) -> None:
+        self._layout = layout
+        self._rate = sampling_rate
+        self._size = max(1, round(BLOCK * sampling_rate))
+        self._held: StampedSamples | None = None  # not yet in a block
+        self._session = ""
+        self._first_sample = 0  # of what is held
+        self._sequence = 0
+        self._end_ns: int | None = None  # one sample after the last one given [ns]
+
+    def push(self, piece: StampedSamples) -> Iterator[AccelerationBlock]:
+        """Take more samples; give the blocks that are complete."""
+        self._held = piece if self._held is None else _joined(self._held, piece)
+        yield from self._cut(final=False)
+
+    def finish(self) -> Iterator[AccelerationBlock]:
+        """Nothing more will come: give what is left."""
+        yield from self._cut(final=True)
+
+    def _cut(self, *, final: bool) -> Iterator[AccelerationBlock]:
+        held = self._held
+        if held is None or not len(held.times_ns):
+            return
+        times_ns, lost = self._even(held.times_ns)
+        sure = len(times_ns) if final else len(times_ns) - LATE_STAMPS
+        edges = [0, *np.flatnonzero(lost[1:]) + 1, len(times_ns)]
+        done = 0
+        for begin, end in pairwise(edges):
+            if begin >= sure:
+                break
+            if lost[begin]:
+                self._skip(int(lost[begin]))
+            whole = (
+                end if end < sure or final else begin + (sure - begin) // self._size * self._size
+            )
+            for first in range(begin, whole, self._size):
+                last = min(first + self._size, whole)
+                yield self._block(int(times_ns[first]), held.samples[first:last])
+            done = whole
+            if whole < end:
+                break
+        self._held = StampedSamples(held.times_ns[done:], held.samples[done:])
+        if final:
+            self._held = None
+
+    def _even(self, times_ns: IntArray) -> tuple[IntArray, IntArray]:
+        """When the samples were taken by a clock that late stamps do not move, (n,) [ns], and how
+        many samples are lost before each, (n,)."""
+        expected = times_ns[0] if self._end_ns is None else self._end_ns
+        ahead = (times_ns - expected) * (self._rate / NANOSECONDS) - np.arange(len(times_ns))
+        padded = np.append(ahead, np.full(LATE_STAMPS - 1, np.inf))
+        settled = np.lib.stride_tricks.sliding_window_view(padded, LATE_STAMPS).min(axis=1)
+        leaps = np.diff(settled, prepend=0.0)
+        lost = np.where(leaps > GAP, np.maximum(1, np.round(leaps)), 0).astype(np.int64)
+        late = np.round((ahead - settled) * (NANOSECONDS / self._rate)).astype(np.int64)
+        return times_ns - late, lost
+
+    def _skip(self, lost: int) -> None:
+        if lost / self._rate > RESTARTED:
+            self._session = ""
+        elif lost:
+            self._first_sample += lost
+            self._sequence += max(1, round(lost / self._size))
+
+    def _block(self, start_ns: int, samples: FloatArray) -> AccelerationBlock:
+        if not self._session:
+            seconds = datetime.fromtimestamp(start_ns / NANOSECONDS, UTC)
+            self._session = f"{seconds:%Y%m%dT%H%M%SZ}"
+            self._first_sample = self._sequence = 0
+        block = AccelerationBlock(
+            turbine=self._layout.turbine,
+            unit=self._layout.unit,
+            session=self._session,
+            layout_id=self._layout.layout_id,
+            sequence=self._sequence,
+            first_sample=self._first_sample,
+            start_ns=max(0, start_ns),  # a first stamp of 0 may be late
+            sampling_rate=self._rate,
+            samples=samples.astype(np.float32),
+        )
+        self._sequence += 1
+        self._first_sample += len(samples)
+        self._end_ns = block.end_ns
+        return block
+
+
+def _joined(a: StampedSamples, b: StampedSamples) -> StampedSamples:
+    return StampedSamples(
+        np.concatenate([a.times_ns, b.times_ns]), np.concatenate([a.samples, b.samples])
+    )

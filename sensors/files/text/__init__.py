@@ -1,0 +1,1 @@
+"""Text files of measurements: dialect, preamble, column titles, dates and the columns' values."""

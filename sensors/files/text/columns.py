@@ -1,0 +1,222 @@
+"""Columns of a table (of a text file, of a Parquet file) → ChannelTables, piece by piece.
+
+A column's title holds its unit in brackets. One of the columns may hold the time, or two of them
+date and time of day; columns that only number the samples, and columns of text, are left out; the
+others are channels.
+"""
+
+import logging
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from sensors.arrays import FloatArray
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, in_standard_unit
+from sensors.files.text.column_titles import distinct, is_number_title, is_time_title, time_unit
+from sensors.files.text.time_column import Clock, ClockError
+
+logger = logging.getLogger(__name__)
+
+ColumnKind = Literal["number", "moment", "date", "time of day", "text", "empty"]
+
+EVEN = 1e-3  # a column that rises by steps so much alike is a clock, relative
+FEWEST = 10  # rows from which that can be said
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """One column of a table, and what its first rows hold."""
+
+    name: str
+    unit: str  # "": not said
+    kind: ColumnKind
+    first: Sequence[Any]  # its first values: floats of a number column, texts of others
+    titled: bool = True  # False: it has a number for a name
+
+    @property
+    def title(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Which columns of a table are what."""
+
+    all: tuple[Column, ...]
+    channels: tuple[int, ...]
+    clock: tuple[int, ...]  # the time; date and time of day; none
+    rate: float | None = None  # [Hz], where the file says it beside the columns
+    start_ns: int = 0  # of the first sample, likewise; 0: not said
+
+    @property
+    def used(self) -> tuple[int, ...]:
+        """All that are read, in their order."""
+        return tuple(sorted((*self.clock, *self.channels)))
+
+
+def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING) -> Columns:
+    """Time, channels, and what is left out: said once a file.
+
+    Raises FileError: no channel; a column that looks like a clock under another name.
+    """
+    clock = _clock_columns(columns, path)
+    times = [i for i, each in enumerate(columns) if i not in clock and _tells_time(each)]
+    numbers = [i for i, each in enumerate(columns) if i not in clock and _counts(each)]
+    texts = [i for i, each in enumerate(columns) if i not in clock and each.kind == "text"]
+    blank = [i for i, each in enumerate(columns) if each.kind == "empty" and not each.titled]
+    left_out = {*clock, *times, *numbers, *texts, *blank}
+    channels = tuple(i for i in range(len(columns)) if i not in left_out)
+    if not channels and columns:
+        time = "time " if clock == tuple(left_out) else ""
+        raise FileError(f"{path}: no channel beside the {time}{_listed(columns, sorted(left_out))}")
+    channels = tuple(channels[i] for i in wanted.among([columns[i].name for i in channels]))
+    for number in texts if not wanted.names else ():
+        told_once(
+            f"{path}: column {columns[number].name!r} holds text "
+            f"({str(next(iter(columns[number].first), ''))!r}) and is left out"
+        )
+    if times:
+        told_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
+    return Columns(tuple(columns), channels, clock if wanted.stamps else ())
+
+
+def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
+    dates = [i for i, each in enumerate(columns) if each.kind == "date"]
+    clocks = [i for i, each in enumerate(columns) if each.kind == "time of day"]
+    if dates and clocks:
+        return dates[0], clocks[0]
+    named = [i for i, each in enumerate(columns) if _tells_time(each)]
+    if named:
+        return (named[0],)
+    _require_readable_time(columns, path)
+    first = columns[0] if columns else None
+    if first is None or not _is_even_ramp(first) or _counts(first):
+        return ()
+    if first.titled:
+        raise FileError(
+            f"{path}: column {first.name!r} rises evenly from {first.first[0]:g} by "
+            f"{first.first[1] - first.first[0]:.6g}: call it 'time [s]' where it is the time, "
+            "'sample' where it counts the samples"
+        )
+    told_once(f"{path}: no header; the first column rises evenly and is taken for seconds")
+    return (0,)
+
+
+def _require_readable_time(columns: Sequence[Column], path: Path) -> None:
+    for column in columns:
+        if column.kind == "text" and is_time_title(column.name):
+            raise FileError(
+                f"{path}: column {column.name!r} has {str(next(iter(column.first), ''))!r}; a time "
+                "is needed: a number, or 2024-12-31T23:59:59.5"
+            )
+
+
+def _tells_time(column: Column) -> bool:
+    if column.kind in ("moment", "date", "time of day"):
+        return True
+    return column.kind == "number" and is_time_title(column.name)
+
+
+def _counts(column: Column) -> bool:
+    """Whether a column numbers the samples."""
+    steps = np.diff(np.asarray(column.first[:FEWEST])) if column.kind == "number" else np.zeros(0)
+    counted = bool(len(steps)) and bool((steps == 1).all())
+    named = is_number_title(column.name) or not column.titled
+    return counted and named and (len(steps) >= FEWEST - 1 or column.titled)
+
+
+def _is_even_ramp(column: Column) -> bool:
+    if column.kind != "number" or len(column.first) < FEWEST:
+        return False
+    steps = np.diff(np.asarray(column.first, dtype=np.float64))
+    mean = float(np.mean(steps))
+    return bool(mean > 0 and (np.abs(steps - mean) <= EVEN * mean).all())
+
+
+def _listed(columns: Sequence[Column], numbers: Sequence[int]) -> str:
+    names = ", ".join(repr(columns[i].title) for i in numbers)
+    return f"column{'s' if len(numbers) > 1 else ''} {names}"
+
+
+@lru_cache(maxsize=256)
+def told_once(text: str) -> None:
+    """A file is opened more often than once; what is said of it is not."""
+    logger.warning(text)
+
+
+def tables_of_columns(
+    batches: Iterable[pa.RecordBatch], columns: Columns, path: Path
+) -> Iterator[ChannelTable]:
+    """The batches of a file as pieces; `times` of all count from the file's first sample.
+
+    batches   of the columns `columns.used`
+
+    Raises FileError: a column that holds no numbers, a time that is missing, in an unknown unit,
+    or of no known kind.
+    """
+    place = {number: i for i, number in enumerate(columns.used)}
+    chosen = [columns.all[i] for i in columns.channels]
+    units, factors = zip(*(in_standard_unit(each.unit) for each in chosen), strict=True)
+    names = tuple(distinct([each.name for each in chosen]))
+    seconds = _seconds_of(columns, place, path)
+    for batch in batches:
+        if not batch.num_rows:
+            continue
+        numbers = [
+            _numbers(batch.column(place[i]), columns.all[i].name, path) for i in columns.channels
+        ]
+        piece = ChannelTable(
+            names=names,
+            units=units,
+            samples=np.column_stack(numbers) * np.array(factors),
+            times=None,
+            stated_rate=columns.rate,
+        )
+        yield seconds(piece, batch)
+
+
+def _seconds_of(
+    columns: Columns, place: dict[int, int], path: Path
+) -> Callable[[ChannelTable, pa.RecordBatch], ChannelTable]:
+    """What puts the times beside the samples of a batch."""
+    if not columns.clock:
+        return lambda piece, _: replace(piece, start_ns=columns.start_ns)
+    titles = [columns.all[i] for i in columns.clock]
+    unit = titles[0].unit or time_unit(titles[0].name)
+    clock = Clock(" and ".join(each.name for each in titles), unit)
+
+    def timed(piece: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
+        stamps = [batch.column(place[i]) for i in columns.clock]
+        joined = stamps[0] if len(stamps) == 1 else _joined(stamps)
+        try:
+            times = clock.seconds(joined)
+        except ClockError as error:
+            raise FileError(f"{path}: the time column {clock.title!r} {error}") from error
+        return replace(piece, times=times, start_ns=clock.start_ns or columns.start_ns,
+                       stated_rate=None)  # fmt: skip
+
+    return timed
+
+
+def _joined(stamps: list[pa.Array]) -> pa.Array:
+    texts = [stamp.cast(pa.string()) for stamp in stamps]
+    return pc.binary_join_element_wise(*texts, " ")
+
+
+def _numbers(column: pa.Array, title: str, path: Path) -> FloatArray:
+    kind = column.type
+    if pa.types.is_dictionary(kind):
+        column = column.dictionary_decode()
+        kind = column.type
+    if pa.types.is_null(kind):
+        return np.full(len(column), np.nan)
+    if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
+        raise FileError(f"{path}: column {title!r} holds {kind}; numbers are needed")
+    column = column.cast(pa.float64(), safe=False)
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)

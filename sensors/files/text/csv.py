@@ -1,0 +1,118 @@
+"""Text of numbers in columns → ChannelTables, piece by piece.
+
+One row a sample and one column a channel, kept apart by commas, semicolons, tabs or blanks, with a
+decimal point or comma, in UTF-8, UTF-16 or Latin-1, perhaps zipped by gzip. A column called `t`,
+`time` or `timestamp` (or a word like it) holds the time: in the unit in brackets behind its name or
+in the row below, or as date and time. A channel's unit stands in brackets behind its name
+(`z145-fa [g]`) or in the row below; accelerations are converted to m/s², velocities to m/s,
+displacements to m; other quantities stay as they are.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+from pyarrow import csv as arrow_csv
+
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, whole
+from sensors.files.text.columns import tables_of_columns
+from sensors.files.text.decoding import UNREADABLE, arrow_stream
+from sensors.files.text.dialect import COMMENT, MISSING, TextHead, head_of
+
+PIECE_BYTES = 2**22  # of text that is read at a time
+
+_CONVERSION = re.compile(r"column #(\d+): Row #(\d+): .* invalid value '(.*)'")
+_COUNT = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
+
+
+def read_csv(path: Path) -> ChannelTable:
+    """The channels of a text file.
+
+    Raises FileError: missing or empty file, fewer than two samples, text where a number should
+    be, only NaN, a time column that ends before it starts, no channel beside the time.
+    """
+    return whole(csv_pieces(path), path)
+
+
+def csv_pieces(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
+    """The channels of a text file in pieces of some megabytes. Raises FileError as it reads."""
+    head = head_of(path, wanted)
+    yield from tables_of_columns(_batches(path, head), head.columns, path)
+
+
+def _batches(path: Path, head: TextHead) -> Iterator[pa.RecordBatch]:
+    try:
+        with (
+            arrow_stream(path, head.encoding, blanks=head.delimiter == " ") as stream,
+            arrow_csv.open_csv(
+                stream,
+                # one thread: only then do errors say the row
+                read_options=arrow_csv.ReadOptions(
+                    skip_rows=head.skipped,
+                    column_names=_unmistakable(head),
+                    use_threads=False,
+                    block_size=PIECE_BYTES,
+                ),
+                parse_options=arrow_csv.ParseOptions(
+                    delimiter=head.delimiter, invalid_row_handler=_comments_are_skipped
+                ),
+                convert_options=_conversion(head),
+            ) as reader,
+        ):
+            yield from reader
+    except pa.ArrowInvalid as error:
+        if "Empty CSV" not in str(error):
+            raise FileError(f"{path}: {_in_words(str(error), head)}") from error
+    except UNREADABLE as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FileError(f"{path}: it cannot be read to its end: {reason}") from error
+
+
+def _unmistakable(head: TextHead) -> list[str]:
+    """Names for Arrow's columns, no two alike."""
+    return [str(number) for number in range(len(head.columns.all))]
+
+
+def _comments_are_skipped(row: Any) -> str:
+    text = (row.text or "").strip()
+    return "skip" if not text or text.startswith(COMMENT) else "error"
+
+
+def _conversion(head: TextHead) -> arrow_csv.ConvertOptions:
+    columns = head.columns
+    types: dict[str, pa.DataType] = {str(i): pa.float64() for i in columns.channels}
+    for i in columns.clock:
+        is_number = columns.all[i].kind == "number"
+        exact = pa.decimal128(32, 12) if head.exact_time else pa.float64()
+        types[str(i)] = exact if is_number else pa.string()
+    spelled = {each for word in MISSING for each in (word, word.upper(), word.capitalize())}
+    return arrow_csv.ConvertOptions(
+        null_values=sorted(spelled | {"NaN", "-NaN", "#NAME?", *head.missing}),
+        strings_can_be_null=True,
+        decimal_point=head.decimal_point,
+        column_types=types,
+        include_columns=[str(i) for i in columns.used],
+    )
+
+
+def _in_words(error: str, head: TextHead) -> str:
+    """Arrow's complaint as one line that names column, line and value."""
+    uneven = _COUNT.search(error)
+    if uneven is not None:
+        return f"line {uneven[1]} has {uneven[3]} columns where {uneven[2]} are expected"
+    found = _CONVERSION.search(error)
+    if found is None:
+        return " ".join(error.split())
+    column, line, value = int(found[1]), found[2], found[3]
+    title = head.columns.all[column].title
+    if column in head.columns.clock:
+        return (
+            f"column {title!r} has {value!r} in line {line}; a time is needed: a number, or "
+            "2024-12-31T23:59:59.5, alike in every row"
+        )
+    return (
+        f"column {title!r} has {value!r} in line {line}; "
+        "a number is needed (or nothing, for a missing sample)"
+    )

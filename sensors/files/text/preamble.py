@@ -1,0 +1,66 @@
+"""What the lines above a table of samples say of the measurement: its rate, when it began."""
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.files.text.time_column import SECONDS_PER_UNIT
+
+_GAP = r"[^\d\n+-]{0,24}?"
+_VALUE = r"(?P<value>\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"
+_RATE = re.compile(
+    r"(?<![a-z])(?:fs|f_s|(?:sampl\w*|scan|data|abtast\w*|mess|acquisition)?[ _-]*"
+    r"(?:rate|freq(?:uency|uenz)?|frequenz)(?: ?\(?hz\)?)?)" + _GAP + _VALUE
+    + r"[ \t]*(?P<unit>khz|hz|ks/s|s/s|sps|1/s)?",
+    re.IGNORECASE,
+)  # fmt: skip
+_SURE = re.compile(r"fs|f_s|sampl|scan|abtast|mess|acqui", re.IGNORECASE)
+_STEP = re.compile(
+    r"(?<![a-z])(?:dt|delta[ _-]?[tx]|(?:sampl\w*|abtast)[ _-]*(?:interval\w*|period|step|time))"
+    + _GAP + _VALUE + r"[ \t]*(?P<unit>ms|us|µs|ns|s)?",
+    re.IGNORECASE,
+)  # fmt: skip
+_START = re.compile(
+    r"(?:start|begin|trigger|t0)\w*[^\d\n]{0,24}"
+    r"(?P<moment>\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2})(?P<part>\.\d+)?"
+    r"(?P<zone>Z|[+-]\d{2}:?\d{2})?",
+    re.IGNORECASE,
+)
+
+
+def stated_rate(lines: Sequence[str]) -> float | None:
+    """The sampling rate that they say, perhaps as its interval [Hz]; None: none, or several."""
+    rates = {rate for line in lines for rate in _rates_in(line) if 0 < rate < float("inf")}
+    return rates.pop() if len(rates) == 1 else None
+
+
+def _rates_in(line: str) -> list[float]:
+    found = _RATE.search(line)
+    if found is not None and (found["unit"] or _SURE.search(found[0]) or "hz" in found[0].lower()):
+        unit = (found["unit"] or "").lower()
+        kilo = unit.startswith("k") or "[khz]" in line.lower()
+        return [_number(found["value"]) * (1000.0 if kilo else 1.0)]
+    found = _STEP.search(line)
+    if found is None:
+        return []
+    step = _number(found["value"]) * SECONDS_PER_UNIT[(found["unit"] or "s").lower()]
+    return [1.0 / step] if step > 0 else []
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", "."))
+
+
+def stated_start_ns(lines: Sequence[str]) -> int:
+    """When they say that the measurement began [ns since 1970-01-01 UTC]; 0: not at all."""
+    found = next((match for line in lines if (match := _START.search(line))), None)
+    if found is None:
+        return 0
+    try:
+        moment = datetime.fromisoformat(found["moment"] + (found["zone"] or ""))
+    except ValueError:
+        return 0
+    aware = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    part = (found["part"] or ".")[1:]
+    return round(aware.timestamp()) * NANOSECONDS + int(f"{part:0<9}"[:9])

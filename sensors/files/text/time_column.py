@@ -1,0 +1,241 @@
+"""The time column of a file → seconds since its first stamp, and when that was.
+
+Numbers are read in the unit that the title says. Where it says none, their size tells what counts
+from 1970 (1.7e9 are seconds, 1.7e12 milliseconds, …) and the days of spreadsheets and of MATLAB;
+anything else is in seconds.
+"""
+
+import re
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.arrays import FloatArray
+from sensors.files.text.dates import DateError, DateStyle, kind_of_text
+
+DAY = 86400  # [s]
+SECONDS_PER_UNIT = {
+    "": 1.0,
+    "s": 1.0,
+    "sec": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "µs": 1e-6,
+    "ns": 1e-9,
+    "min": 60.0,
+    "h": 3600.0,
+    "d": 86400.0,
+}
+_SPELLED = {
+    **dict.fromkeys(("secs", "second", "seconds", "sek", "sekunden"), "s"),
+    **dict.fromkeys(("msec", "millisecond", "milliseconds", "millis"), "ms"),
+    **dict.fromkeys(("μs", "usec", "microsecond", "microseconds", "micros"), "us"),
+    **dict.fromkeys(("nsec", "nanosecond", "nanoseconds", "nanos"), "ns"),
+    **dict.fromkeys(("mins", "minute", "minutes"), "min"),
+    **dict.fromkeys(("hr", "hour", "hours"), "h"),
+    **dict.fromkeys(("day", "days"), "d"),
+}
+ABSOLUTE = 1e8  # seconds that count from 1970, not from a start: later than 1973 [s]
+LATEST = 4_102_444_800  # 2100-01-01: a later one has another unit [s since 1970]
+COUNTED_FROM_1970 = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # larger numbers than these
+# Days since another date, if they step by less than two seconds: (from, to, of 1970-01-01)
+SPREADSHEET_DAYS = (25_569, 73_050, 25_569)  # 1970 to 2100, since 1899-12-30
+MATLAB_DAYS = (719_529, 767_010, 719_529)  # since the year 0
+SHORTEST_STEP = 2.0 / DAY  # of such days [d]
+LONGEST_STEP = 2.0  # a number without a unit that steps by so much counts no seconds
+
+
+class ClockError(ValueError):
+    """A time column that cannot be understood; the message says why, not in which file."""
+
+
+def known_unit(unit: str) -> str | None:
+    """A unit of time as `SECONDS_PER_UNIT` has it; None where it is none."""
+    plain = unit.strip().lower()
+    plain = _SPELLED.get(plain, plain)
+    return plain if plain in SECONDS_PER_UNIT else None
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """What the numbers of a time column count."""
+
+    seconds: float = 1.0  # [s] per unit of the column
+    origin: int = 0  # in units of the column, at 1970-01-01
+    absolute: bool = False  # since 1970, not since a start
+
+    @classmethod
+    def of(cls, unit: str, first: float, step: float | None) -> "Scale":
+        """The scale of a column in `unit` ("": not said) that begins at `first`, with a `step`.
+
+        Raises ClockError: an unknown unit; a moment that cannot be; seconds that are unlikely.
+        """
+        known = known_unit(unit)
+        if known is None:
+            said = ", ".join(key for key in SECONDS_PER_UNIT if key)
+            raise ClockError(f"is in [{unit}]; its unit can be {said}")
+        found = _counted(first, step) if not known else None
+        scale = found or cls(SECONDS_PER_UNIT[known])
+        if (
+            not known
+            and found is None
+            and step is not None
+            and step >= LONGEST_STEP
+            and abs(first) <= ABSOLUTE
+        ):
+            raise ClockError(
+                f"steps by {step:g} and has no unit; say it in brackets, e.g. [ms] or [s]"
+            )
+        since_1970 = (first - scale.origin) * scale.seconds
+        if scale.origin == 0 and since_1970 <= ABSOLUTE:
+            return scale
+        if since_1970 > LATEST:
+            raise ClockError(
+                f"begins at {first:.12g}{f' {unit}' if unit else ''}, which would be after the "
+                "year 2100; is its unit right?"
+            )
+        return cls(scale.seconds, scale.origin, absolute=True)
+
+
+def _counted(first: float, step: float | None) -> Scale | None:
+    """What the size of a number without a unit tells."""
+    for least, unit in COUNTED_FROM_1970:
+        if first > least:
+            return Scale(SECONDS_PER_UNIT[unit])
+    for begin, end, origin in (SPREADSHEET_DAYS, MATLAB_DAYS):
+        if begin < first < end and step is not None and 0 < step < SHORTEST_STEP:
+            return Scale(DAY, origin)
+    return None
+
+
+@dataclass(slots=True)
+class Clock:
+    """The time column of a file, batch by batch.
+
+    title   of the column, for errors
+    unit    of its numbers; "" where it is not said
+    """
+
+    title: str
+    unit: str = ""
+    start_ns: int = 0  # the file's first stamp [ns since 1970]; 0 where it counts from a start
+    _first: Any = None  # that stamp as the column has it: an int, a float or a Decimal
+    _rows: int = 0  # stamps that were read
+    _scale: Scale | None = None
+    _style: DateStyle | None = field(default=None)
+
+    def seconds(self, column: pa.Array) -> FloatArray:
+        """Seconds since the file's first stamp. Raises ClockError."""
+        if pa.types.is_dictionary(column.type):
+            column = column.dictionary_decode()
+        self._require_all(column.is_null())
+        kind = column.type
+        if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+            seconds = self._of_texts(column.cast(pa.string()))
+        elif pa.types.is_timestamp(kind) or pa.types.is_date(kind):
+            seconds = self._of_nanoseconds(_nanoseconds(column, pa.timestamp("ns")), dated=True)
+        elif pa.types.is_duration(kind) or pa.types.is_time(kind):
+            whole = pa.duration("ns") if pa.types.is_duration(kind) else pa.time64("ns")
+            seconds = self._of_nanoseconds(_nanoseconds(column, whole), dated=False)
+        elif pa.types.is_decimal(kind):
+            seconds = self._of_decimals(column)
+        elif pa.types.is_integer(kind):
+            seconds = self._of_numbers(np.asarray(column.cast(pa.int64()).to_numpy()))
+        elif pa.types.is_floating(kind):
+            seconds = self._of_numbers(np.asarray(column.cast(pa.float64()).to_numpy()))
+        else:
+            raise ClockError(f"holds {kind}; numbers or dates are needed")
+        self._rows += len(column)
+        return seconds
+
+    def _require_all(self, missing: pa.Array) -> None:
+        gone = missing.to_numpy(zero_copy_only=False)
+        if gone.any():
+            raise ClockError(f"has no value in sample {self._rows + int(np.argmax(gone)) + 1}")
+
+    def _of_texts(self, texts: pa.Array) -> FloatArray:
+        try:
+            if self._style is None:
+                self._style = DateStyle.of(texts.to_pylist())
+            return self._of_nanoseconds(self._style.nanoseconds(texts), dated=self._style.dated)
+        except DateError as error:
+            raise ClockError(f"has {error}") from error
+        except pa.ArrowInvalid as error:
+            odd = next((i for i, each in enumerate(texts.to_pylist()) if not kind_of_text(each)), 0)
+            raise ClockError(
+                f"has {texts[odd].as_py()!r} in sample {self._rows + odd + 1}; a time is needed: a "
+                "number, or 2024-12-31T23:59:59.5, alike in every row"
+            ) from error
+
+    def _of_nanoseconds(self, stamps: NDArray[np.int64], *, dated: bool) -> FloatArray:
+        if self._first is None:
+            self._first = int(stamps[0])
+            self.start_ns = self._first if dated else 0
+        return np.asarray((stamps - self._first) * 1e-9, dtype=np.float64)
+
+    def _of_numbers(self, values: NDArray[Any]) -> FloatArray:
+        self._require_all(pa.array(~np.isfinite(values)))
+        scale = self._scale_of(values[0].item(), values[: min(len(values), 100)])
+        return np.asarray((values - self._first) * scale.seconds, dtype=np.float64)
+
+    def _of_decimals(self, column: pa.Array) -> FloatArray:
+        """Numbers of so many digits that a double does not hold them."""
+        some = np.array([float(each) for each in column[:100].to_pylist()])
+        scale = self._scale_of(column[0].as_py(), some)
+        since = pc.subtract(column, pa.scalar(self._first, column.type))
+        return np.asarray(since.cast(pa.float64()).to_numpy(zero_copy_only=False)) * scale.seconds
+
+    def _scale_of(self, first: int | float | Decimal, some: NDArray[Any]) -> Scale:
+        if self._scale is None:
+            step = float(np.median(np.diff(some))) if len(some) > 1 else None
+            self._scale = Scale.of(self.unit, float(first), step)
+            self._first = first
+            if self._scale.absolute:
+                self.start_ns = since_1970(first, self._scale)
+        return self._scale
+
+
+def since_1970(first: int | float | Decimal, scale: Scale) -> int:
+    """[ns], without what doubles round off."""
+    seconds = Fraction(scale.seconds).limit_denominator(NANOSECONDS)
+    return round((Fraction(first) - scale.origin) * seconds * NANOSECONDS)
+
+
+def _nanoseconds(column: pa.Array, kind: pa.DataType) -> NDArray[np.int64]:
+    if pa.types.is_timestamp(column.type):
+        kind = pa.timestamp("ns", tz=column.type.tz)
+    try:
+        whole = column.cast(kind).cast(pa.int64())
+    except pa.ArrowInvalid as error:
+        raise ClockError("has a date that 64 bits of nanoseconds do not hold") from error
+    return np.asarray(whole.to_numpy(zero_copy_only=False), dtype=np.int64)
+
+
+def stated_moment_ns(number: int | float, unit: str = "") -> int:
+    """[ns since 1970] of a number that says when a file begins; 0 where it counts from no date.
+
+    Raises ClockError: a moment that cannot be.
+    """
+    if not np.isfinite(number):
+        raise ClockError(f"is {number}; a time is needed")
+    scale = Scale.of(unit, number, None)
+    return since_1970(number, scale) if scale.absolute else 0
+
+
+def words_of(title: str) -> list[str]:
+    """A title's words in lower case: "Time_ms" gives "time" and "ms"."""
+    return [word for word in re.split(r"[\W\d_]+", title.lower()) if word]
+
+
+def iso(time_ns: int) -> str:
+    """A time in ISO 8601 to the nanosecond."""
+    seconds, rest = divmod(time_ns, NANOSECONDS)
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest:09d}"

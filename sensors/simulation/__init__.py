@@ -1,0 +1,1 @@
+"""Loads → response → what instruments with faults measure: the simulated source."""

@@ -1,0 +1,271 @@
+"""What goes wrong with instruments and links: a filter over blocks.
+
+    blocks ──► channels: dead, stuck, clipped, swapped, … ──► clock ──► link: dropped, late, … ──►
+
+A fault holds for a span of time and touches nothing outside it. The same seed gives the same
+faults whatever the block size, but for those of the link, which happen to whole blocks.
+"""
+
+import heapq
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.acquisition.layout import SensorLayout
+from sensors.errors import InputError
+
+FaultKind = Literal[
+    "dead",  # the channel reads 0
+    "stuck",  # the channel keeps the value that it had
+    "clipped",  # the channel stops at ± size [m/s²]
+    "swapped",  # the channel and `other` change places
+    "duplicate",  # the channel carries what `other` measures
+    "nan",  # one sample of the channel a second is no number
+    "spikes",  # `size` [m/s²] on one sample of the channel a minute
+    "drift",  # the channel drifts by `size` [m/s²] an hour
+    "faulty",  # the unit itself reports a faulty channel
+    "dropped",  # blocks are not sent
+    "late",  # blocks arrive `size` [s] too late
+    "repeated",  # blocks arrive twice
+    "out-of-order",  # every other block arrives after its successor
+    "clock-drift",  # time stamps run `size` [ppm] fast
+    "clock-jitter",  # time stamps scatter by `size` [s] (std)
+    "unsynchronised",  # the unit reports that it has lost its time reference
+]
+ON_CHANNEL = ("dead", "stuck", "clipped", "swapped", "duplicate", "nan", "spikes", "drift")
+SIZED = ("clipped", "spikes", "drift", "late", "clock-drift", "clock-jitter")
+_STATUS = {
+    "clipped": BlockStatus.CLIPPED,
+    "faulty": BlockStatus.SENSOR_FAULT,
+    "unsynchronised": BlockStatus.CLOCK_UNSYNCHRONISED,
+}
+Samples = NDArray[np.float32]
+
+
+class FaultError(InputError):
+    """A fault that cannot be; the message names its kind and what is wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing that goes wrong for a while."""
+
+    kind: FaultKind
+    start: float  # since the first sample [s]
+    duration: float  # [s]
+    channel: str = ""  # name in the layout, where the fault is a channel's
+    other: str = ""  # the other channel, where two are concerned
+    size: float = 0.0  # unit by kind, see `FaultKind`
+    unit: str = ""  # acquisition unit of a fault that is no channel's; empty: every unit
+
+    def __post_init__(self) -> None:
+        where = f"fault {self.kind!r} at {self.start:g} s"
+        if not (self.start >= 0 and self.duration > 0):
+            raise FaultError(f"{where} lasts {self.duration:g} s; start is 0 or more, and it lasts")
+        if (self.kind in ON_CHANNEL) != bool(self.channel):
+            needs = "needs the name of a channel" if self.kind in ON_CHANNEL else "has no channel"
+            raise FaultError(f"{where}: channel is {self.channel!r}; this kind {needs}")
+        if (self.kind in ("swapped", "duplicate")) != bool(self.other):
+            raise FaultError(f"{where}: other is {self.other!r}; swapped and duplicate need one")
+        if self.kind in SIZED and not self.size > 0:
+            raise FaultError(f"{where}: size is {self.size:g}; this kind needs a positive one")
+
+    @property
+    def end(self) -> float:
+        """[s]"""
+        return self.start + self.duration
+
+
+def with_faults(
+    blocks: Iterable[AccelerationBlock],
+    faults: tuple[Fault, ...],
+    layouts: Sequence[SensorLayout],
+    *,
+    rng: np.random.Generator,
+) -> Iterator[AccelerationBlock]:
+    """The blocks of a tower's units as they arrive when things go wrong, each unit in its turn.
+
+    Raises FaultError for a channel or a unit that no layout has.
+    """
+    channels = {layout.unit: layout.channel_names for layout in layouts}
+    _require_known(faults, channels)
+    own_rngs = rng.spawn(len(layouts)) if len(layouts) > 1 else [rng]
+    units = {
+        layout.unit: FaultyUnit(
+            tuple(fault for fault in faults if _concerns(fault, layout)),
+            layout.channel_names,
+            rng=own_rng,
+        )
+        for layout, own_rng in zip(layouts, own_rngs, strict=True)
+    }
+    for block in blocks:
+        yield from units[block.unit].push(block)
+    for unit in units.values():
+        yield from unit.finish()
+
+
+def _require_known(faults: tuple[Fault, ...], channels: dict[str, tuple[str, ...]]) -> None:
+    known = [name for names in channels.values() for name in names]
+    for fault in faults:
+        for name in (fault.channel, fault.other):
+            if name and name not in known:
+                raise FaultError(
+                    f"fault {fault.kind!r} at {fault.start:g} s: no channel {name!r}; "
+                    f"there are {', '.join(known)}"
+                )
+        if fault.unit and fault.unit not in channels:
+            raise FaultError(
+                f"fault {fault.kind!r} at {fault.start:g} s: no unit {fault.unit!r}; "
+                f"there are {', '.join(channels)}"
+            )
+
+
+def _concerns(fault: Fault, layout: SensorLayout) -> bool:
+    if fault.channel:
+        return fault.channel in layout.channel_names
+    return fault.unit in ("", layout.unit)
+
+
+class FaultyUnit:
+    """One acquisition unit and its link, when things go wrong.
+
+    faults          of this unit
+    channel_names   of its layout
+    rng             of what is random in a fault
+    """
+
+    def __init__(
+        self,
+        faults: tuple[Fault, ...],
+        channel_names: tuple[str, ...],
+        *,
+        rng: np.random.Generator,
+    ) -> None:
+        self._faults = faults
+        self._index = {name: number for number, name in enumerate(channel_names)}
+        self._rng = rng
+        self._held: dict[Fault, np.float32] = {}  # value of a stuck channel
+        self._link = FaultyLink(faults)
+
+    def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock]:
+        """What arrives by the time the next block of the session (in order) is measured."""
+        return self._link.push(self._measured(block))
+
+    def finish(self) -> Iterator[AccelerationBlock]:
+        """What is still on its way."""
+        return self._link.finish()
+
+    def _measured(self, block: AccelerationBlock) -> AccelerationBlock:
+        """The block with what goes wrong inside the unit."""
+        present = [fault for fault in self._faults if _touches(fault, block)]
+        if not present:
+            return block
+        samples = block.samples.copy()
+        instants = _instants(block)
+        times = instants[1:]
+        status, stamp = block.status, 0.0
+        for fault in present:
+            inside = (times >= fault.start) & (times < fault.end)
+            status |= _STATUS.get(fault.kind, BlockStatus.OK)
+            if fault.kind in ON_CHANNEL and inside.any():
+                self._spoil(samples, fault, inside, instants)
+            elif fault.kind == "clock-drift":
+                stamp += fault.size * 1e-6 * (times[0] - fault.start)
+            elif fault.kind == "clock-jitter":
+                stamp += fault.size * float(self._rng.standard_normal())
+        start_ns = block.start_ns + round(stamp * NANOSECONDS)
+        return replace(block, samples=samples, status=status, start_ns=start_ns)
+
+    def _spoil(
+        self,
+        samples: Samples,
+        fault: Fault,
+        inside: NDArray[np.bool_],
+        instants: NDArray[np.float64],
+    ) -> None:
+        """Write the fault into the samples of its channel; instants as from `_instants`."""
+        own = samples[:, self._index[fault.channel]]
+        match fault.kind:
+            case "dead":
+                own[inside] = 0.0
+            case "stuck":
+                own[inside] = self._held.setdefault(fault, own[inside][0])
+            case "clipped":
+                own[inside] = np.clip(own[inside], -fault.size, fault.size)
+            case "swapped":
+                other = samples[:, self._index[fault.other]]
+                own[inside], other[inside] = other[inside], own[inside].copy()
+            case "duplicate":
+                own[inside] = samples[inside, self._index[fault.other]]
+            case "nan":
+                own[inside & _once_every(1.0, instants, fault)] = np.nan
+            case "spikes":
+                own[inside & _once_every(60.0, instants, fault)] += np.float32(fault.size)
+            case "drift":
+                drift = fault.size * (instants[1:][inside] - fault.start) / 3600.0
+                own[inside] += drift.astype(np.float32)
+
+
+def _instants(block: AccelerationBlock) -> NDArray[np.float64]:
+    """Of the sample before the block and of its own, since the session's first [s]."""
+    return (block.first_sample + np.arange(-1, len(block.samples))) / block.sampling_rate
+
+
+def _touches(fault: Fault, block: AccelerationBlock) -> bool:
+    begin = block.first_sample / block.sampling_rate
+    return fault.start < begin + block.duration and begin < fault.end
+
+
+def _once_every(period: float, times: NDArray[np.float64], fault: Fault) -> NDArray[np.bool_]:
+    """Which of evenly spaced instants begin a second or minute of the fault, (n,).
+
+    times   with one more in front, (n + 1,) [s]
+    """
+    number = np.floor((times - fault.start) / period + 1e-9)
+    return np.diff(number) > 0
+
+
+class FaultyLink:
+    """Brings blocks in an order of its own, and leaves some out."""
+
+    def __init__(self, faults: tuple[Fault, ...]) -> None:
+        self._faults = faults
+        self._count = 0
+        # arrival [s], order, copy
+        self._waiting: list[tuple[float, int, int, AccelerationBlock]] = []
+
+    def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock]:
+        """The blocks that arrive by the end of this one."""
+        begin = block.first_sample / block.sampling_rate
+        for copy, arrival in enumerate(_arrivals(block, begin, self._faults)):
+            heapq.heappush(self._waiting, (arrival, self._count, copy, block))
+        self._count += 1
+        while self._waiting and self._waiting[0][0] <= begin + block.duration:
+            yield heapq.heappop(self._waiting)[-1]
+
+    def finish(self) -> Iterator[AccelerationBlock]:
+        """Those that arrive after the last one's end."""
+        while self._waiting:
+            yield heapq.heappop(self._waiting)[-1]
+
+
+def _arrivals(block: AccelerationBlock, begin: float, faults: tuple[Fault, ...]) -> list[float]:
+    """When the block arrives, none to two times [s since the first sample]."""
+    arrivals = [begin + block.duration]
+    for fault in faults:
+        if not fault.start <= begin < fault.end:
+            continue
+        match fault.kind:
+            case "dropped":
+                return []
+            case "late":
+                arrivals = [arrival + fault.size for arrival in arrivals]
+            case "repeated":
+                arrivals = [*arrivals, arrivals[0]]
+            case "out-of-order" if block.sequence % 2 == 0:
+                arrivals = [arrival + 1.5 * block.duration for arrival in arrivals]
+    return arrivals

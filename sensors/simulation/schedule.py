@@ -1,0 +1,194 @@
+"""What changes in the course of a simulation: weather, operation, tide, foundation.
+
+Everything is a function of the time since the first sample; before it, the beginning holds.
+"""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from sensors.arrays import FloatArray
+from sensors.errors import InputError
+from sensors.loads.operating_states import OperatingState, SteadyState, steady_state
+
+DAY = 86_400.0  # [s]
+
+
+class ScheduleError(InputError):
+    """A course that cannot be; the message names what and its value."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScheduleStep:
+    """What holds from a moment on. Figures run straight to the next stage that gives them; the
+    operating state holds until the next one. What a stage leaves out goes on."""
+
+    at: float = 0.0  # since the first sample [s]
+    state: OperatingState | None = None
+    wind_speed: float | None = None  # mean at the hub [m/s]
+    significant_wave_height: float | None = None  # [m]
+    peak_period: float | None = None  # [s]
+    yaw: float | None = None  # of the nacelle, from tower axis x towards y [deg]
+
+    def __post_init__(self) -> None:
+        for name in ("wind_speed", "peak_period"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ScheduleError(
+                    f"stage at {self.at:g} s: {name} is {value:g}; it must be positive"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class StiffnessEvent:
+    """A sudden change of the foundation: scour in a storm, a fill of sand."""
+
+    at: float  # since the first sample [s]
+    factors: tuple[float, float, float]  # of k11, k22, k12 from then on [-]
+
+    def __post_init__(self) -> None:
+        if not min(self.factors) > 0:
+            raise ScheduleError(
+                f"stiffness event at {self.at:g} s: factors are "
+                f"{', '.join(f'{factor:g}' for factor in self.factors)}; they must be positive"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class FoundationSchedule:
+    """How the foundation's stiffness changes."""
+
+    drift_per_day: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of k11, k22, k12, relative
+    events: tuple[StiffnessEvent, ...] = ()
+    softening: float = 0.0  # loss of all three at `softening_displacement` of rms motion [-]
+    softening_displacement: float = 0.01  # rms of the mudline over a minute [m]
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.softening < 0.5:
+            raise ScheduleError(f"foundation softening is {self.softening:g}; it is 0 to 0.5")
+        if not self.softening_displacement > 0:
+            raise ScheduleError(
+                f"foundation softening_displacement is {self.softening_displacement:g} m; "
+                "it must be positive"
+            )
+
+    def factors(self, time: float, motion: float = 0.0) -> FloatArray:
+        """k11, k22, k12 over those at the beginning, (3,) [-]; motion: rms of the mudline [m].
+
+        The softening is that of an equivalent linear spring: hysteretic soil gives way in
+        proportion to a small amplitude.
+        """
+        factors = 1.0 + np.array(self.drift_per_day) * max(time, 0.0) / DAY
+        for event in self.events:
+            if time >= event.at:
+                factors = factors * np.array(event.factors)
+        soft = self.softening * min(motion / self.softening_displacement, 1.0)
+        result: FloatArray = factors * (1.0 - soft)
+        return result
+
+
+@dataclass(frozen=True, slots=True)
+class Tide:
+    """A water level that rises and falls, and a foundation that rides with it."""
+
+    amplitude: float = 0.0  # [m]
+    period: float = 12.42 * 3600.0  # of the moon's half-daily tide [s]
+    stiffness_share: float = 0.0  # of all springs at high water, relative [-]
+
+    def __post_init__(self) -> None:
+        if not self.period > 0:
+            raise ScheduleError(f"tide period is {self.period:g} s; it must be positive")
+
+    def phase(self, time: float) -> float:
+        """−1 at low water, 1 at high water; 0 and rising at the first sample."""
+        return float(np.sin(2 * np.pi * max(time, 0.0) / self.period))
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """Everything of a simulation that depends on time alone."""
+
+    stages: tuple[ScheduleStep, ...] = ()
+    foundation: FoundationSchedule = field(default_factory=FoundationSchedule)
+    tide: Tide = field(default_factory=Tide)
+    mean_level: float = 0.0  # of the water [m]
+    wind_speed: float = 2.0  # where no stage gives one [m/s]
+    significant_wave_height: float = 0.0  # [m]
+    peak_period: float = 8.0  # [s]
+
+    def __post_init__(self) -> None:
+        times = [stage.at for stage in self.stages]
+        for before, after in pairwise(times):
+            if not after > before:
+                raise ScheduleError(
+                    f"stage at {after:g} s comes after the one at {before:g} s; "
+                    "stages are in order of time"
+                )
+
+    def figure(self, name: str, time: float) -> float:
+        """A stage's figure at a time: straight between the stages that give it."""
+        given = [
+            (stage.at, getattr(stage, name))
+            for stage in self.stages
+            if getattr(stage, name) is not None
+        ]
+        if not given:
+            return float(getattr(self, name, 0.0))
+        times, values = zip(*given, strict=True)
+        return float(np.interp(time, times, values))
+
+    def state(self, time: float) -> OperatingState:
+        """What the turbine does; parked where no stage says."""
+        state: OperatingState = "parked"
+        for stage in self.stages:
+            if stage.at <= max(time, 0.0) and stage.state is not None:
+                state = stage.state
+        return state
+
+    def running_share(self, time: float) -> float:
+        """0 with the blades feathered, 1 in operation; a start or stop takes until the next
+        stage."""
+        state = self.state(time)
+        if state in ("start", "stop"):
+            begin = max(s.at for s in self.stages if s.at <= max(time, 0.0) and s.state)
+            end = min((s.at for s in self.stages if s.at > begin and s.state), default=begin + 60.0)
+            passed = min(max((time - begin) / (end - begin), 0.0), 1.0)
+            return passed if state == "start" else 1.0 - passed
+        return 1.0 if state == "operating" else 0.0
+
+    def rotor(self, time: float) -> SteadyState:
+        """What the rotor does in the mean wind."""
+        return steady_state(
+            self.figure("wind_speed", time),
+            self.running_share(time),
+            idling=self.state(time) != "parked",
+        )
+
+    def level(self, time: float) -> float:
+        """Of the water above the mean [m]."""
+        return self.mean_level + self.tide.amplitude * self.tide.phase(time)
+
+    def stiffness_factors(self, time: float, motion: float = 0.0) -> FloatArray:
+        """k11, k22, k12 over those at the beginning, (3,) [-]; motion: rms of the mudline [m]."""
+        factors = self.foundation.factors(time, motion)
+        return factors * (1.0 + self.tide.stiffness_share * self.tide.phase(time))
+
+    @property
+    def turns(self) -> bool:
+        """Whether the rotor ever turns."""
+        return any(stage.state not in (None, "parked") for stage in self.stages)
+
+    @property
+    def yaws(self) -> bool:
+        """Whether the nacelle is ever turned."""
+        return any(stage.yaw for stage in self.stages)
+
+    @property
+    def highest_level(self) -> float:
+        return self.mean_level + abs(self.tide.amplitude)
+
+    def largest(self, name: str) -> float:
+        """A figure's largest value."""
+        given = [getattr(s, name) for s in self.stages if getattr(s, name) is not None]
+        return float(max(given or [getattr(self, name)]))

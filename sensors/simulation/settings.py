@@ -1,0 +1,98 @@
+"""What is simulated: a scenario's [simulation], checked at the door."""
+
+import math
+from dataclasses import dataclass, field
+
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.dynamics.structure_modes import ModalDamping
+from sensors.errors import InputError
+from sensors.loads import BroadbandLoad, Rotor, Sea, WaveBandLoad, Wind
+from sensors.simulation.acquisition_units import UnitSettings
+from sensors.simulation.faults import Fault
+from sensors.simulation.instruments import Instruments
+from sensors.simulation.schedule import FoundationSchedule, ScheduleStep, Tide
+
+LOWEST_INTEGRATION_RATE = 120.0  # [Hz]: loads and response hold the band to 60 Hz
+
+
+class SimulationError(InputError):
+    """A simulation that cannot be run; the message names the setting and its value."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationSettings:
+    """What is simulated: how long, under which loads, seen by which instruments.
+
+    `wind` and `sea` follow from their physics; `broadband` and `waves` have a stated rms. Any of
+    them may act together. `stages`, `foundation` and `tide` say what changes with time.
+    """
+
+    duration: float = 3600.0  # [s]
+    seed: int = 1
+    stiffness_ratios: tuple[float, float, float] = (1.0, 1.0, 1.0)  # true k11, k22, k12 / nominal
+    damping: ModalDamping = field(default_factory=ModalDamping)
+    broadband: BroadbandLoad = field(default_factory=BroadbandLoad)
+    waves: WaveBandLoad = field(default_factory=WaveBandLoad)
+    wind: Wind | None = None
+    sea: Sea | None = None
+    rotor: Rotor = field(default_factory=Rotor)  # where a stage makes it turn
+    stages: tuple[ScheduleStep, ...] = ()  # of weather and operation
+    foundation: FoundationSchedule = field(default_factory=FoundationSchedule)
+    tide: Tide = field(default_factory=Tide)
+    structure: str = ""  # a description that differs from the updater's; empty: the same
+    transient: float = 600.0  # simulated from rest and dropped before the first sample [s]
+    sampling_rate: float = 40.0  # [Hz]
+    block_duration: float = 1.0  # [s]
+    noise_share: float = 0.03  # of each channel's rms by linear theory, white [-]
+    instruments: Instruments = field(default_factory=Instruments)
+    faults: tuple[Fault, ...] = ()
+    units: tuple[UnitSettings, ...] = ()  # acquisition units; empty: one reads every channel
+    scada_period: float = 0.0  # between two SCADA samples [s]; 0: there are none
+    quantisation_step: float = 2.0**-12  # [m/s²]: 16 bits over ±8 m/s²; 0: no converter
+    start_ns: int = 1_767_225_600 * NANOSECONDS  # sensor clock at the first sample: 2026-01-01
+    session: str = ""  # empty: "simulated-" and the seed
+    tube_refinement: int = 2  # elements in each of the description's tubes
+
+    def __post_init__(self) -> None:
+        for name in ("duration", "sampling_rate", "block_duration"):
+            if not getattr(self, name) > 0:
+                raise SimulationError(f"{name} is {getattr(self, name):g}; it must be positive")
+        for name in ("transient", "noise_share", "quantisation_step", "scada_period"):
+            if not getattr(self, name) >= 0:
+                raise SimulationError(f"{name} is {getattr(self, name):g}; it must be 0 or more")
+        if self.seed < 0:
+            raise SimulationError(f"seed is {self.seed}; it must be 0 or more")
+        if abs(self.block_duration * self.sampling_rate - self.samples_per_block) > 1e-6:
+            raise SimulationError(
+                f"block_duration is {self.block_duration:g} s; at {self.sampling_rate:g} Hz it "
+                "must hold a whole number of samples"
+            )
+        if self.tube_refinement < 1:
+            raise SimulationError(
+                f"tube_refinement is {self.tube_refinement}; it must be 1 or more"
+            )
+
+        turning = [stage for stage in self.stages if stage.state not in (None, "parked")]
+        if turning and self.wind is None:
+            raise SimulationError(
+                f"the stage at {turning[0].at:g} s is {turning[0].state!r}; a rotor that turns "
+                "needs [simulation.wind]"
+            )
+
+    @property
+    def samples_per_block(self) -> int:
+        return max(1, round(self.block_duration * self.sampling_rate))
+
+    @property
+    def n_samples(self) -> int:
+        """Samples of the session."""
+        return round(self.duration * self.sampling_rate)
+
+    @property
+    def decimation(self) -> int:
+        """Integration steps a sample."""
+        return math.ceil(LOWEST_INTEGRATION_RATE / self.sampling_rate - 1e-9)
+
+    @property
+    def session_id(self) -> str:
+        return self.session or f"simulated-{self.seed}"

@@ -1,0 +1,309 @@
+"""SimulatedTower: loads → response → noisy blocks, as one acquisition unit would send them."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
+from sensors.arrays import FloatArray
+from sensors.dynamics.damped_modes import DampedSystem
+from sensors.dynamics.damped_response import DampedResponse
+from sensors.dynamics.modal_response import AccelerationResponse
+from sensors.dynamics.structure_modes import StructureModes
+from sensors.loads import RandomStream, generator
+from sensors.simulation.acquisition_units import read_by_units, unit_layouts
+from sensors.simulation.chunks import in_blocks, made_ahead, trimmed
+from sensors.simulation.faults import with_faults
+from sensors.simulation.instruments import Decimator, MountedAxes, quantised
+from sensors.simulation.loads_over_time import course_of, loads_on, true_springs
+from sensors.simulation.scada_samples import scada_samples
+from sensors.simulation.settings import (
+    LOWEST_INTEGRATION_RATE,
+    SimulationError,
+    SimulationSettings,
+)
+from sensors.simulation.structure_over_time import ChangingStructure
+from sensors.structure.description import TurbineDescription, load_turbine
+from sensors.structure.foundation import FoundationSprings
+
+__all__ = [
+    "LOWEST_INTEGRATION_RATE",
+    "SensedModes",
+    "SimulatedTower",
+    "SimulationError",
+    "SimulationSettings",
+    "resonance_grid",
+]
+
+
+SPECTRUM_CHUNK = 256  # frequencies at a time, to stay in the processor's cache
+CHUNK_DURATION = 60.0  # [s] integrated at a time; fixed, so that the blocks do not change it
+CHUNKS_AHEAD = 8  # of each load: a wind or a sea is drawn ten chunks at once meanwhile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensedModes:
+    """The simulated structure's modes in free motion, as the accelerometers read them."""
+
+    frequencies: FloatArray  # |λ| / 2π, rising, (n_modes,) [Hz]
+    damping_ratios: FloatArray  # (n_modes,) [-]
+    shapes: NDArray[np.complex128]  # (n_modes, n_channels), of any scale and phase
+
+
+class SimulatedTower:
+    """A turbine under random loads; iterate for its AccelerationBlocks, from the start.
+
+    The structure is the full finite-element model on `tube_refinement` times the tube elements
+    (never the updater's reduced basis), integrated exactly at 120 Hz or a little more, filtered
+    and decimated. The blades keep the description's elements. Noise is a share of the rms that
+    linear theory gives each channel at the beginning, not of the record's: it does not depend on
+    the seed. The same settings give the same samples whatever the block size; memory is flat in
+    the duration.
+    """
+
+    def __init__(
+        self,
+        description: TurbineDescription,
+        layout: SensorLayout,
+        settings: SimulationSettings | None = None,
+    ) -> None:
+        self.layout = layout
+        self.settings = settings = settings or SimulationSettings()
+        self.layouts = unit_layouts(layout, settings.units)  # of each acquisition unit
+        self._springs = true_springs(description, settings.stiffness_ratios)
+        if settings.structure:
+            differing = load_turbine(settings.structure)
+            description = differing.with_sign(description.foundation.sign)
+        self.course = course_of(settings, description)
+        self._rate = settings.sampling_rate * settings.decimation
+        turns = self.course.yaws or bool(settings.instruments.misalignment)
+        self._axes = MountedAxes(layout, settings.instruments.misalignment) if turns else None
+        self._structure = ChangingStructure(
+            description,
+            self._axes.in_nacelle if self._axes else layout,
+            springs=self._springs,
+            course=self.course,
+            damping=settings.damping,
+            wind=settings.wind,
+            rotor=settings.rotor,
+            tube_refinement=settings.tube_refinement,
+            highest_frequency=0.5 * self._rate,
+        )
+        self._loads = loads_on(self._structure.model, settings, self.course, self._rate)
+        self._structure.bear(np.concatenate([load.distribution for load in self._loads], axis=1))
+
+    @property
+    def truth(self) -> FoundationSprings:
+        """The stiffness that the simulated foundation has at the first sample."""
+        return self._springs
+
+    def truth_at(self, time: float) -> FoundationSprings:
+        """The stiffness at a time [s] without the softening by motion."""
+        k11, k22, k12 = (self._springs.stiffness * self.course.stiffness_factors(time)).tolist()
+        return FoundationSprings(k11, k22, k12, sign=self._springs.sign)
+
+    @property
+    def modes(self) -> StructureModes:
+        """Undamped modes at the first sample."""
+        return self._structure.modes
+
+    @property
+    def system(self) -> DampedSystem:
+        """The modal model at the first sample, with the air's damping."""
+        return self._structure.at(0.0)
+
+    @property
+    def sensed_modes(self) -> SensedModes:
+        """Every mode at the first sample as the instruments feel it: the truth of the
+        identification, with the air's damping and the axes as they were mounted."""
+        system = self.system
+        shapes = system.readings
+        if self._axes is not None:
+            yaw = np.full(len(shapes), self.course.figure("yaw", 0.0))
+            real, imaginary = (
+                self._axes.readings(part, yaw) for part in (shapes.real, shapes.imag)
+            )
+            shapes = real + 1j * imaginary
+        return SensedModes(system.frequencies, system.damping_ratios, shapes)
+
+    def messages(self) -> Iterator[AccelerationBlock | ScadaSample]:
+        """Blocks as the link brings them, and SCADA samples, each before the block that it is of.
+
+        Raises FaultError for a fault on a channel that the layout has not.
+        """
+        settings = self.settings
+        blocks: Iterator[AccelerationBlock] = iter(self)
+        if settings.units:
+            blocks = read_by_units(blocks, self.layout, settings.units)
+        if settings.faults:
+            rng = generator(settings.seed, RandomStream.FAULTS)
+            blocks = with_faults(blocks, settings.faults, self.layouts, rng=rng)
+        if settings.scada_period == 0:
+            return blocks
+        samples = scada_samples(
+            self.course,
+            turbine=self.layout.turbine,
+            start_ns=settings.start_ns,
+            period=settings.scada_period,
+            duration=settings.duration,
+        )
+        return in_time(samples, blocks)
+
+    def __iter__(self) -> Iterator[AccelerationBlock]:
+        settings, layout = self.settings, self.layout
+        size = settings.samples_per_block
+        for sequence, samples in enumerate(in_blocks(self.samples(), size)):
+            first = sequence * size
+            yield AccelerationBlock(
+                turbine=layout.turbine,
+                unit=layout.unit,
+                session=settings.session_id,
+                layout_id=layout.layout_id,
+                sequence=sequence,
+                first_sample=first,
+                start_ns=settings.start_ns + round(first / settings.sampling_rate * NANOSECONDS),
+                sampling_rate=settings.sampling_rate,
+                samples=samples,
+            )
+
+    def samples(self) -> Iterator[NDArray[np.float32]]:
+        """The session's samples as the converter gives them, in pieces of any length.
+
+        Each (n, n_channels) [m/s²].
+        """
+        settings = self.settings
+        noise = generator(settings.seed, RandomStream.SENSOR_NOISE)
+        noise_rms = self.noise_rms()
+        dropped = round(settings.transient * settings.sampling_rate)
+        first = 0
+        needed = self.readings(settings.transient + settings.duration)
+        for readings in trimmed(needed, first=dropped, count=settings.n_samples):
+            times = (first + np.arange(len(readings))) / settings.sampling_rate
+            first += len(readings)
+            if self._axes is not None:
+                readings = self._axes.readings(readings, self._yaw(times))
+            noisy = readings + noise_rms * noise.standard_normal(readings.shape)
+            if settings.instruments.drift_per_hour:
+                noisy += settings.instruments.drift(times, noisy.shape[1])
+            yield quantised(settings.instruments.limited(noisy), settings.quantisation_step)
+
+    def _yaw(self, times: FloatArray) -> FloatArray:
+        return np.array([self.course.figure("yaw", time) for time in times.tolist()])
+
+    def readings(self, duration: float | None = None) -> Iterator[FloatArray]:
+        """What perfect accelerometers read at the sampling rate, from rest.
+
+        duration   that is needed at least [s]; None: without end
+        yields     (n, n_channels) [m/s²]; where the axes turn against the nacelle, readings in x
+                   and then in y of the nacelle at every channel's place
+        """
+        response = self.response()
+        decimator = Decimator(self.settings.decimation, response.n_channels)
+        chunk = round(CHUNK_DURATION * self._rate)
+        time, motion = -self.settings.transient, 0.0
+        # one chunk more, for the decimator's delay
+        n_chunks = None if duration is None else int(duration // CHUNK_DURATION) + 2
+        for forces in self._forces(chunk, n_chunks):
+            if isinstance(response, DampedResponse):
+                self._structure.update(response, time, motion)
+            yield decimator.advance(response.advance(forces))
+            time += CHUNK_DURATION
+            if isinstance(response, DampedResponse) and self.course.foundation.softening:
+                motion = self._structure.mudline_motion(response)
+
+    def _forces(self, chunk: int, n_chunks: int | None) -> Iterator[FloatArray]:
+        """Of all loads, (chunk, n_series) each; every load is made in a thread of its own."""
+        with ExitStack() as threads:
+            series = []
+            for load in self._loads:
+                own = islice(load.series(self.settings.seed, chunk), n_chunks)
+                series.append(threads.enter_context(closing(made_ahead(own, CHUNKS_AHEAD))))
+            for parts in zip(*series, strict=True):
+                yield np.concatenate(parts, axis=1)
+
+    def response(self) -> AccelerationResponse | DampedResponse:
+        """The integrator, at rest; modes one by one where nothing couples or changes them."""
+        if self._structure.is_simple:
+            return AccelerationResponse(self._structure.observed, self._rate)
+        return DampedResponse(self._structure.at(-self.settings.transient), self._rate)
+
+    def readings_per_mode(self, frequencies: FloatArray) -> NDArray[np.complex128]:
+        """Reading of each channel per unit harmonic force in each of `modes`, before decimation.
+
+        frequencies   (n_frequencies,) [Hz]
+        returns       (n_frequencies, n_channels, n_modes) [m/s² per N/kg^½]
+        """
+        response = AccelerationResponse(self._structure.observed, self._rate)
+        return response.frequency_response(frequencies)
+
+    def spectrum(self, frequencies: FloatArray) -> FloatArray:
+        """One-sided spectral density of the readings by linear theory, without noise, at the
+        beginning; axes as for `readings`.
+
+        frequencies   up to half the sampling rate, (n_frequencies,) [Hz]
+        returns       (n_frequencies, n_channels) [(m/s²)²/Hz]
+
+            S_y(f) = Σ_l H_l(f) S_l(f) H_l(f)ᴴ |D(f)|²,   H the recursion's own response, D the
+            filter's, S_l the cross-spectrum of the linear part of load l
+        """
+        response = self.response()
+        decimator = Decimator(self.settings.decimation, response.n_channels)
+        columns = np.cumsum([load.n_series for load in self._loads])[:-1]
+        spectrum = np.zeros((len(frequencies), response.n_channels))
+        for start in range(0, len(frequencies), SPECTRUM_CHUNK):
+            part = slice(start, start + SPECTRUM_CHUNK)
+            gains = np.split(response.gains(frequencies[part]), columns, axis=2)
+            for load, own in zip(self._loads, gains, strict=True):
+                spectrum[part] += load.response_spectrum(frequencies[part], own)
+        return spectrum * decimator.gain(frequencies, self._rate)[:, None] ** 2
+
+    def stationary_rms(self) -> FloatArray:
+        """Root mean square of the channels' readings by linear theory, (n_channels,) [m/s²]."""
+        grid = resonance_grid(self.modes, 0.5 * self.settings.sampling_rate)
+        variances: FloatArray = np.asarray(np.trapezoid(self.spectrum(grid), grid, axis=0))
+        if self._axes is not None:  # fore-aft and side-side taken as independent
+            variances = self._axes.variances(variances, self.course.figure("yaw", 0.0))
+        return np.sqrt(variances)
+
+    def noise_rms(self) -> FloatArray:
+        """Standard deviation of each channel's white noise, (n_channels,) [m/s²]."""
+        settings = self.settings
+        share = np.zeros(len(self.layout.channels))
+        if settings.noise_share > 0:
+            share = settings.noise_share * self.stationary_rms()
+        white = settings.instruments.noise_deviation(settings.sampling_rate)
+        return np.hypot(share, white) if white else share
+
+
+def resonance_grid(modes: StructureModes, highest_frequency: float) -> FloatArray:
+    """Rising frequencies up to a limit that resolve every resonance for integration [Hz].
+
+    Even steps of 0.01 Hz (0.001 Hz in the wave band), and round each mode points spaced like
+    tan(x) in half-bandwidths ζf, on which the trapezoid rule integrates a resonance curve exactly.
+    """
+    spread = np.tan(np.linspace(-0.5, 0.5, 49) * np.pi * 0.995)
+    near = modes.frequencies[:, None] * (1.0 + modes.damping_ratios[:, None] * spread)
+    even = np.concatenate([np.arange(0.0, 1.0, 0.001), np.arange(1.0, highest_frequency, 0.01)])
+    grid = np.concatenate([even, near.ravel(), [highest_frequency]])
+    return np.unique(grid[(grid >= 0.0) & (grid <= highest_frequency)])
+
+
+def in_time(
+    samples: Iterator[ScadaSample], blocks: Iterator[AccelerationBlock]
+) -> Iterator[AccelerationBlock | ScadaSample]:
+    """Both streams in one; a SCADA sample comes before the block during which it was taken."""
+    waiting = next(samples, None)
+    for block in blocks:
+        while waiting is not None and waiting.time_ns < block.end_ns:
+            yield waiting
+            waiting = next(samples, None)
+        yield block
+    while waiting is not None:
+        yield waiting
+        waiting = next(samples, None)

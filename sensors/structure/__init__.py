@@ -1,0 +1,1 @@
+"""The structure: its description and its finite elements; beams, rotor-nacelle, foundation."""

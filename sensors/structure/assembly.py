@@ -1,0 +1,429 @@
+"""assemble(description) → StructuralModel: mass and stiffness of tower, rotor-nacelle and blades.
+
+Small motions about the parked position:  M q'' + K(θ) q = Hᵀ F,  reading u = H q.
+
+Every tower node has (u_x, ψ_x, u_y, ψ_y, u_z, θ_z): displacement [m] and slope [rad] in the
+fore-aft and the side-side plane, heave [m] and twist [rad]. Heave and twist are fixed at the
+mudline. Every blade node has displacement and slope flapwise and edgewise, absolute but along the
+blade's own axes; axially and in twist a blade follows its root.
+Source of the mesh: [foundation-updating] §3.1; what is not said there stands in the docstrings.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sensors.arrays import FloatArray, IndexArray
+from sensors.structure import beam
+from sensors.structure.description import (
+    TOUCHING,
+    Direction,
+    PointMass,
+    Tube,
+    TurbineDescription,
+    Water,
+)
+from sensors.structure.foundation import TurbineError, spring_matrix
+from sensors.structure.rotor_nacelle import (
+    ROTATION,
+    BladeAxes,
+    BladeDirection,
+    blade_axes,
+    blade_bending,
+    hanging_stiffness,
+    nacelle_mass,
+    rigid_bodies,
+    rigid_displacement,
+    twisted_blade_bending,
+)
+
+Interpolation = Callable[[float, float], FloatArray]  # (ξ, element length [m]) → (4,)
+
+PLANE: dict[Direction, slice] = {"FA": slice(0, 2), "SS": slice(2, 4)}  # (u, ψ) of a tower node
+HEAVE, TWIST = 4, 5
+BLADE_PLANE: dict[BladeDirection, slice] = {"flap": slice(0, 2), "edge": slice(2, 4)}
+FIXED = -1  # index of a degree of freedom that is held
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StructuralModel:
+    """Mass and stiffness of the whole turbine, and where its degrees of freedom are.
+
+    mass, stiffness   (n_dofs, n_dofs); SI: kg, kg·m, kg·m², N/m, N, N·m
+    """
+
+    description: TurbineDescription
+    theta: FloatArray  # θ = (k11, k22, k12) in `stiffness`, (3,) [N/m, N·m/rad, N/rad]
+    mass: FloatArray
+    stiffness: FloatArray  # elastic + gravity + springs of θ
+    blade_mass: FloatArray  # the blades' part of `mass`
+    elevations: FloatArray  # of the tower's nodes, from the mudline up, (n_nodes,) [m]
+    tower_dofs: IndexArray  # (n_nodes, 6) in the order (u_x, ψ_x, u_y, ψ_y, u_z, θ_z); −1: fixed
+    blade_dofs: IndexArray  # (n_blades, n_blade_nodes − 1, 4): flap v, v', edge v, v'; no root
+    blade_inner_dofs: IndexArray  # (n_blades, n): clamped-clamped amplitudes, flap first, then edge
+
+    @property
+    def n_dofs(self) -> int:
+        return len(self.mass)
+
+    @property
+    def spring_dofs(self) -> IndexArray:
+        """(2, 2): (u, ψ) of the mudline, fore-aft then side-side."""
+        return self.tower_dofs[0, :4].reshape(2, 2)
+
+    @property
+    def blade_coordinates(self) -> IndexArray:
+        """(n_blades, n): every coordinate of each blade, in the same order for all."""
+        n_blades = len(self.blade_dofs)
+        return np.concatenate(
+            [self.blade_dofs.reshape(n_blades, -1), self.blade_inner_dofs], axis=1
+        )
+
+    def stiffness_at(self, theta: ArrayLike) -> FloatArray:
+        """(n_dofs, n_dofs) stiffness with other springs θ, (3,) [N/m, N·m/rad, N/rad]."""
+        sign = self.description.foundation.sign
+        change = spring_matrix(theta, sign) - spring_matrix(self.theta, sign)
+        stiffness = self.stiffness.copy()
+        for dofs in self.spring_dofs:
+            stiffness[np.ix_(dofs, dofs)] += change
+        return stiffness
+
+    def tower_displacement(self, elevation: float, direction: Sequence[float]) -> FloatArray:
+        """(n_dofs,) row h: displacement of the tower's axis along a direction, u = h q [m].
+
+        elevation   above mean water level [m]; cubic between the nodes
+        direction   cosines (x, y, z) [-]
+        The same row places a force F [N] there: the load vector is h F.
+        """
+        x, y, z = direction
+        row = x * self._tower_row(elevation, "FA", beam.hermite)
+        row += y * self._tower_row(elevation, "SS", beam.hermite)
+        return row + z * self._heave_row(elevation)
+
+    def tower_slope(self, elevation: float, direction: Sequence[float]) -> FloatArray:
+        """(n_dofs,) row: slope ψ = d_x du_x/dz + d_y du_y/dz of the tower's axis [rad]."""
+        x, y, _ = direction
+        row = x * self._tower_row(elevation, "FA", beam.hermite_slope)
+        return row + y * self._tower_row(elevation, "SS", beam.hermite_slope)
+
+    def blade_displacement(self, blade: int, node: int, direction: Sequence[float]) -> FloatArray:
+        """(n_dofs,) row: displacement of a blade's node along (x, y, z) in tower axes [m].
+
+        node   1 (outer end of the innermost element) to the tip's number
+        The same row places a force there.
+        """
+        blades = self.description.blades
+        assert blades is not None
+        axes = blade_axes(self.description.rotor_nacelle, blades, blade)
+        d = np.asarray(direction, dtype=np.float64)
+        row = np.zeros(self.n_dofs)
+        flap, _, edge, _ = self.blade_dofs[blade, node - 1]
+        row[flap], row[edge] = axes.flap @ d, axes.edge @ d
+        row[self.tower_dofs[-1]] += (axes.span @ d) * (axes.span @ rigid_displacement(axes.root))
+        return row
+
+    def _tower_row(
+        self, elevation: float, plane: Direction, interpolation: Interpolation
+    ) -> FloatArray:
+        element, xi, length = self._element_at(elevation)
+        dofs = self.tower_dofs[element : element + 2, PLANE[plane]].ravel()
+        row = np.zeros(self.n_dofs)
+        row[dofs] = interpolation(xi, length)
+        return row
+
+    def _heave_row(self, elevation: float) -> FloatArray:
+        element, xi, _ = self._element_at(elevation)
+        row = np.zeros(self.n_dofs)
+        for dof, share in zip(
+            self.tower_dofs[element : element + 2, HEAVE], (1 - xi, xi), strict=True
+        ):
+            if dof != FIXED:
+                row[dof] = share
+        return row
+
+    def _element_at(self, elevation: float) -> tuple[int, float, float]:
+        """Tube that holds the elevation, the place ξ in it, its length [m]."""
+        bottom, top = self.elevations[0], self.elevations[-1]
+        if not bottom - 1e-9 <= elevation <= top + 1e-9:
+            raise TurbineError(
+                f"elevation {elevation:g} m is outside the tower of {self.description.name}, "
+                f"{bottom:g} to {top:g} m"
+            )
+        last = len(self.elevations) - 2
+        element = int(np.clip(np.searchsorted(self.elevations, elevation) - 1, 0, last))
+        length = float(self.elevations[element + 1] - self.elevations[element])
+        return element, float((elevation - self.elevations[element]) / length), length
+
+
+def assemble(
+    description: TurbineDescription,
+    *,
+    stiffness: ArrayLike | None = None,
+    tube_refinement: int = 1,
+) -> StructuralModel:
+    """The finite-element model of a turbine.
+
+    stiffness         θ = (k11, k22, k12), (3,) [N/m, N·m/rad, N/rad]; None: the description's
+    tube_refinement   elements for each tube; the blades keep their elements
+    """
+    turbine = description.refined(tube_refinement)
+    theta = turbine.nominal if stiffness is None else np.asarray(stiffness, dtype=np.float64)
+    tower_dofs, blade_dofs, blade_inner_dofs, n_dofs = _number_dofs(turbine)
+    system = _System(np.zeros((n_dofs, n_dofs)), np.zeros((n_dofs, n_dofs)))
+    _add_tubes(system, turbine, tower_dofs)
+    _add_point_masses(system, turbine, tower_dofs)
+    _add_springs(system, turbine, theta, tower_dofs)
+    system.add(
+        tower_dofs[-1],
+        mass=nacelle_mass(turbine.rotor_nacelle),
+        stiffness=_top_hanging_stiffness(turbine),
+    )
+    without_blades = system.mass.copy()
+    _add_blades(system, turbine, tower_dofs, blade_dofs, blade_inner_dofs)
+    return StructuralModel(
+        description=turbine,
+        theta=theta,
+        mass=system.mass,
+        stiffness=system.stiffness,
+        blade_mass=system.mass - without_blades,
+        elevations=np.array([turbine.mudline, *(tube.top for tube in turbine.tubes)]),
+        tower_dofs=tower_dofs,
+        blade_dofs=blade_dofs,
+        blade_inner_dofs=blade_inner_dofs,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _System:
+    """Mass and stiffness while they are being assembled."""
+
+    mass: FloatArray
+    stiffness: FloatArray
+
+    def add(
+        self,
+        dofs: IndexArray,
+        *,
+        mass: FloatArray | None = None,
+        stiffness: FloatArray | None = None,
+    ) -> None:
+        """Add an element on these degrees of freedom; fixed ones drop out."""
+        free = dofs != FIXED
+        where, kept = np.ix_(dofs[free], dofs[free]), np.ix_(free, free)
+        if mass is not None:
+            self.mass[where] += mass[kept]
+        if stiffness is not None:
+            self.stiffness[where] += stiffness[kept]
+
+
+def _number_dofs(turbine: TurbineDescription) -> tuple[IndexArray, IndexArray, IndexArray, int]:
+    """Tower nodes from the mudline up, then blade after blade; the mudline's heave and twist
+    are fixed."""
+    n_nodes = len(turbine.tubes) + 1
+    tower = np.arange(-2, 6 * n_nodes - 2).reshape(n_nodes, 6)
+    tower[0] = [0, 1, 2, 3, FIXED, FIXED]
+    first = 6 * n_nodes - 2
+    if turbine.blades is None:
+        return tower, np.zeros((0, 0, 4), np.intp), np.zeros((0, 0), np.intp), first
+    number, n_elements = turbine.blades.number, len(turbine.blades.elements)
+    inner = 2 * turbine.blades.modes_per_element * n_elements
+    dofs = first + np.arange(number * (4 * n_elements + inner)).reshape(number, -1)
+    nodes = dofs[:, : 4 * n_elements].reshape(number, n_elements, 4)
+    return tower, nodes, dofs[:, 4 * n_elements :], first + dofs.size
+
+
+def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IndexArray) -> None:
+    compression = _compression(turbine)
+    for i, tube in enumerate(turbine.tubes):
+        bending = beam.bending_stiffness(tube.bending_rigidity, tube.length)
+        bending += beam.geometric_stiffness(-compression[i][0], -compression[i][1], tube.length)
+        wet = wetted_share(tube, turbine.water)
+        mass = beam.bending_mass(tube.mass_per_length, tube.length)
+        mass += beam.bending_mass(added_mass(tube, turbine.water), tube.length, end=wet)
+        overgrown = overgrown_share(tube, turbine.water)
+        mass += beam.bending_mass(growth_mass(tube, turbine.water), tube.length, end=overgrown)
+        for plane in PLANE.values():
+            system.add(tower_dofs[i : i + 2, plane].ravel(), mass=mass, stiffness=bending)
+        system.add(
+            tower_dofs[i : i + 2, HEAVE],
+            mass=beam.rod_mass(tube.mass_per_length, tube.length),
+            stiffness=beam.rod_stiffness(tube.youngs_modulus * tube.area, tube.length),
+        )
+        system.add(
+            tower_dofs[i : i + 2, TWIST],
+            mass=beam.rod_mass(2 * tube.density * tube.second_moment, tube.length),
+            stiffness=beam.rod_stiffness(tube.torsional_rigidity, tube.length),
+        )
+
+
+def _add_point_masses(system: _System, turbine: TurbineDescription, tower_dofs: IndexArray) -> None:
+    """On the element that holds each, by the same cubics as its displacement."""
+    for point in turbine.point_masses:
+        number = next(i for i, t in enumerate(turbine.tubes) if point.elevation <= t.top + TOUCHING)
+        tube = turbine.tubes[number]
+        xi = (point.elevation - tube.bottom) / tube.length
+        N, along = beam.hermite(xi, tube.length), np.array([1 - xi, xi])
+        for plane in PLANE.values():
+            dofs = tower_dofs[number : number + 2, plane].ravel()
+            system.add(dofs, mass=point.mass * np.outer(N, N))
+        system.add(tower_dofs[number : number + 2, HEAVE], mass=point.mass * np.outer(along, along))
+
+
+def wetted_share(tube: Tube, water: Water | None) -> float:
+    """Share of the tube's length, from below, that stands in water, in [0, 1]."""
+    if water is None:
+        return 0.0
+    return float(np.clip((water.level - tube.bottom) / tube.length, 0.0, 1.0))
+
+
+def added_mass(tube: Tube, water: Water | None) -> float:
+    """Mass of water that moves with a wetted metre of the tube, C_a ρ π D²/4 and what is
+    inside [kg/m]."""
+    if water is None:
+        return 0.0
+    mass = water.added_mass_coefficient * water.density * np.pi * tube.diameter**2 / 4
+    if water.inside:
+        mass += water.density * np.pi * (tube.diameter - 2 * tube.thickness) ** 2 / 4
+    return mass
+
+
+def overgrown_share(tube: Tube, water: Water | None) -> float:
+    """Share of the tube's length, from below, that lies under the mean water level, in [0, 1]."""
+    return float(np.clip((0.0 - tube.bottom) / tube.length, 0.0, 1.0)) if water else 0.0
+
+
+def growth_mass(tube: Tube, water: Water | None) -> float:
+    """Mass of marine growth h thick and of the further water that it takes along [kg/m].
+
+    π (D h + h²) ρ_g + C_a ρ π ((D + 2h)² − D²) / 4, the same in both horizontal directions
+    """
+    if water is None or water.growth == 0:
+        return 0.0
+    ring = np.pi * (tube.diameter + water.growth) * water.growth
+    return float(ring * (water.growth_density + water.added_mass_coefficient * water.density))
+
+
+def _compression(turbine: TurbineDescription) -> list[tuple[float, float]]:
+    """Axial compression of each tube at its bottom and its top [N]: the weight above."""
+    carried = sum(body.mass for body in rigid_bodies(turbine.rotor_nacelle)) + _blade_masses(
+        turbine
+    )
+    forces = []
+    for tube in reversed(turbine.tubes):
+        carried += sum(each.mass for each in turbine.point_masses if _at_top(each, tube))
+        below = carried + tube.mass_per_length * tube.length
+        below += sum(each.mass for each in turbine.point_masses if _inside(each, tube))
+        forces.append((turbine.gravity * below, turbine.gravity * carried))
+        carried = below
+    return forces[::-1]
+
+
+def _at_top(point: PointMass, tube: Tube) -> bool:
+    return abs(point.elevation - tube.top) < TOUCHING
+
+
+def _inside(point: PointMass, tube: Tube) -> bool:
+    return tube.bottom + TOUCHING <= point.elevation <= tube.top - TOUCHING
+
+
+def _blade_masses(turbine: TurbineDescription) -> float:
+    """Mass of all blades [kg]."""
+    if turbine.blades is None:
+        return 0.0
+    one = sum(part.mass_per_length * part.length for part in turbine.blades.elements)
+    return turbine.blades.number * one
+
+
+def _add_springs(
+    system: _System, turbine: TurbineDescription, theta: FloatArray, tower_dofs: IndexArray
+) -> None:
+    springs = spring_matrix(theta, turbine.foundation.sign)
+    for plane in PLANE.values():
+        system.add(tower_dofs[0, plane], stiffness=springs)
+
+
+def _top_hanging_stiffness(turbine: TurbineDescription) -> FloatArray:
+    """(6, 6) gravity stiffness of everything on the tower's top, the blades as if rigid.
+
+    What gravity does to the bending of a blade is left out: at standstill it moves a blade's own
+    frequency by less than 1 %, upwards or downwards with its azimuth.
+    """
+    moment = sum(body.mass * body.centre[2] for body in rigid_bodies(turbine.rotor_nacelle))
+    if turbine.blades is not None:
+        for number in range(turbine.blades.number):
+            axes = blade_axes(turbine.rotor_nacelle, turbine.blades, number)
+            for part in turbine.blades.elements:
+                middle = axes.root + (part.inner + part.outer) / 2 * axes.span
+                moment += part.mass_per_length * part.length * middle[2]
+    return hanging_stiffness(turbine.gravity * moment)
+
+
+def _add_blades(
+    system: _System,
+    turbine: TurbineDescription,
+    tower_dofs: IndexArray,
+    blade_dofs: IndexArray,
+    blade_inner_dofs: IndexArray,
+) -> None:
+    blades = turbine.blades
+    if blades is None:
+        return
+    whole = twisted_blade_bending(blades) if blades.is_twisted else None
+    bending = {direction: blade_bending(blades, direction) for direction in BLADE_PLANE}
+    for number in range(blades.number):
+        axes = blade_axes(turbine.rotor_nacelle, blades, number)
+        inner = dict(zip(BLADE_PLANE, np.split(blade_inner_dofs[number], 2), strict=True))
+        along_span = axes.span @ rigid_displacement(axes.root)
+        axial_mass = _blade_masses(turbine) / blades.number * np.outer(along_span, along_span)
+        system.add(tower_dofs[-1], mass=axial_mass)
+        if whole is not None:
+            halves = [
+                _attachment(_root_motion(axes, direction), len(whole.mass) // 2)
+                for direction in BLADE_PLANE
+            ]
+            attach = _side_by_side(*halves)
+            own_dofs = [
+                np.concatenate([blade_dofs[number, :, columns].ravel(), inner[direction]])
+                for direction, columns in BLADE_PLANE.items()
+            ]
+            system.add(
+                np.concatenate([tower_dofs[-1], *own_dofs]),
+                mass=attach.T @ whole.mass @ attach,
+                stiffness=attach.T @ whole.stiffness @ attach,
+            )
+            continue
+        for direction, columns in BLADE_PLANE.items():
+            own = bending[direction]
+            attach = _attachment(_root_motion(axes, direction), len(own.mass))
+            nodes = blade_dofs[number, :, columns].ravel()
+            system.add(
+                np.concatenate([tower_dofs[-1], nodes, inner[direction]]),
+                mass=attach.T @ own.mass @ attach,
+                stiffness=attach.T @ own.stiffness @ attach,
+            )
+
+
+def _root_motion(axes: BladeAxes, direction: BladeDirection) -> FloatArray:
+    """(2, 6): (v, v') of a blade's root when the tower's top moves, in one bending direction."""
+    normal = axes.flap if direction == "flap" else axes.edge
+    displacement = normal @ rigid_displacement(axes.root)
+    slope = normal @ np.cross(np.eye(3), axes.span).T @ ROTATION  # n · (θ × span)
+    return np.stack([displacement, slope])
+
+
+def _attachment(root: FloatArray, size: int) -> FloatArray:
+    """(size, 6 + size − 2): a blade's own degrees of freedom from (tower's top, nodes, inner)."""
+    attach = np.zeros((size, 6 + size - 2))
+    attach[:2, :6] = root
+    attach[2:, 6:] = np.eye(size - 2)
+    return attach
+
+
+def _side_by_side(flap: FloatArray, edge: FloatArray) -> FloatArray:
+    """Two attachments to the same tower top as one, (2 size, 6 + 2 (size − 2))."""
+    top = np.concatenate([flap[:, :6], edge[:, :6]])
+    none = np.zeros_like(flap[:, 6:])
+    own = np.block([[flap[:, 6:], none], [none, edge[:, 6:]]])
+    return np.concatenate([top, own], axis=1)

@@ -1,0 +1,93 @@
+"""The foundation at the mudline: coupled springs, and the two sign conventions of k12.
+
+In each vertical plane the displacement v and the slope ψ = +dv/dz (z up) of the mudline are held
+by
+
+    (F, M) = [[k11, k12], [k12, k22]] (v, ψ)                          [foundation-updating] Eq. 12
+
+The paper gives one unit, N/m, for all entries; they are k11 [N/m], k12 [N/rad = N·m/m] and
+k22 [N·m/rad]. It prints k12 as positive. Taken literally in the axes above (`published`), that is
+a translational spring k11 at the height k12/k11 *above* the mudline and a rotational spring
+k22 − k12²/k11; this is what reproduces the paper's Table 1. An embedded pile pushed sideways turns
+the other way: with z up its coupling is −k12 (`embedded-pile`), the spring below the mudline. The
+magnitude k12 is positive in both; the convention decides the sign with which it enters.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sensors.arrays import FloatArray
+from sensors.errors import InputError
+
+SpringSign = Literal["published", "embedded-pile"]
+SPRING_SIGNS: tuple[SpringSign, ...] = get_args(SpringSign)
+SPRING_NAMES = ("k11", "k22", "k12")
+SPRING_UNITS = ("N/m", "N·m/rad", "N/rad")
+
+
+class TurbineError(InputError):
+    """A turbine description that cannot be right; the message names the file, section and key."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundationSprings:
+    """Coupled springs of the mudline, the same in every vertical plane."""
+
+    k11: float  # translational stiffness [N/m]
+    k22: float  # rotational stiffness [N·m/rad]
+    k12: float  # magnitude of the coupling stiffness [N/rad]
+    sign: SpringSign = "published"
+    embedded_length: float = 0.0  # of the pile below the mudline; 0: not told [m]
+
+    def __post_init__(self) -> None:
+        if not self.embedded_length >= 0:
+            raise TurbineError(
+                f"foundation: embedded_length is {self.embedded_length:g} m; it must be positive"
+            )
+        if self.sign not in SPRING_SIGNS:
+            raise TurbineError(
+                f"foundation: sign {self.sign!r} is neither 'published' nor 'embedded-pile'"
+            )
+        if self.k12 < 0:
+            raise TurbineError(
+                f"foundation: k12 is {self.k12:g} N/rad; its magnitude is needed, the sign "
+                "convention says how it enters"
+            )
+        if not bool(positive_definite(self.stiffness)):
+            raise TurbineError(
+                f"foundation: k11 = {self.k11:g} N/m, k22 = {self.k22:g} N·m/rad, "
+                f"k12 = {self.k12:g} N/rad is not positive definite; it needs k11 > 0, k22 > 0 "
+                f"and k12 < sqrt(k11·k22) = {np.sqrt(max(self.k11 * self.k22, 0.0)):g} N/rad"
+            )
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """θ = (k11, k22, k12), (3,) [N/m, N·m/rad, N/rad]."""
+        return np.array([self.k11, self.k22, self.k12])
+
+
+def positive_definite(theta: ArrayLike) -> NDArray[np.bool_]:
+    """Whether springs can hold a structure at all: k11 > 0, k22 > 0 and k11 k22 > k12².
+
+    theta     θ = (k11, k22, k12), (..., 3) [N/m, N·m/rad, N/rad]
+    returns   (...,); False where θ is not finite
+    """
+    theta = np.asarray(theta, dtype=np.float64)
+    k11, k22, k12 = np.moveaxis(theta, -1, 0)
+    finite = np.isfinite(theta).all(axis=-1)
+    return finite & (k11 > 0) & (k22 > 0) & (k11 * k22 > k12**2)
+
+
+def spring_matrix(theta: ArrayLike, sign: SpringSign) -> FloatArray:
+    """Stiffness of (v, ψ) of the mudline in one plane.
+
+    theta     θ = (k11, k22, k12), (..., 3) [N/m, N·m/rad, N/rad]
+    returns   (..., 2, 2); Eq. 12 with +k12 (`published`) or −k12 (`embedded-pile`)
+    """
+    k11, k22, k12 = np.moveaxis(np.asarray(theta, dtype=np.float64), -1, 0)
+    coupling = k12 if sign == "published" else -k12
+    rows = [np.stack([k11, coupling], axis=-1), np.stack([coupling, k22], axis=-1)]
+    return np.stack(rows, axis=-2)

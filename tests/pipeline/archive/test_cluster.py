@@ -1,0 +1,147 @@
+"""Processes of this machine do what one process does; one that dies costs only what it was at."""
+
+from collections.abc import Callable, Iterator
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from distributed import LocalCluster
+from distributed.client import FutureCancelledError
+
+from pipeline.archive import cluster
+from pipeline.archive.cluster import (
+    ClusterLost,
+    DaskWorkers,
+    cluster_workers,
+    local_workers,
+)
+from pipeline.archive.reprocessing import reprocessed
+from pipeline.archive.work import Call, Failed, Workers
+from sensors.errors import InputError
+from tests.pipeline.archive.calls import killed_always, killed_once, refused, squared
+
+TABLES = ("modes", "mode_shapes", "posterior", "pairs")
+
+
+@pytest.fixture(scope="module")
+def two_workers() -> Iterator[Workers]:
+    with local_workers(2) as workers:
+        yield workers
+
+
+def test_two_processes_give_the_bits_of_one(
+    two_workers: Workers, archive: list[Path], results: Path, tmp_path: Path
+) -> None:
+    reprocessed(archive, tmp_path, two_workers)
+
+    for table in TABLES:
+        series = (results / f"{table}.parquet").read_bytes()
+        assert (tmp_path / f"{table}.parquet").read_bytes() == series
+
+
+def test_a_worker_that_is_killed_costs_only_its_task(two_workers: Workers, tmp_path: Path) -> None:
+    calls = [Call(f"square-{n}", squared, n) for n in range(8)]
+    calls.insert(3, Call("fatal once", killed_once, tmp_path / "marker"))
+
+    found = {each.call.key: each.result for each in two_workers.outcomes(calls)}
+
+    assert found.pop("fatal once") == "done"
+    assert found == {f"square-{n}": n * n for n in range(8)}
+
+
+def test_a_task_that_kills_every_worker_fails_alone(two_workers: Workers) -> None:
+    """Those that wait behind it at the same worker are blamed by Dask, and done all the same."""
+    calls = [Call("fatal", killed_always, 0), Call("wrong", refused, 7), Call("good", squared, 3)]
+
+    found = {each.call.key: each.result for each in two_workers.outcomes(calls)}
+
+    assert isinstance(found["fatal"], Failed)
+    assert "workers have died of it" in found["fatal"].text
+    assert found["wrong"] == Failed("7 is wrong")
+    assert found["good"] == 9
+
+
+def test_calls_are_pulled_only_when_there_is_room(two_workers: Workers) -> None:
+    """An archive of any size never waits in memory."""
+    pulled = []
+
+    def calls() -> Iterator[Call]:
+        for number in range(50):
+            pulled.append(number)
+            yield Call(f"lazy-{number}", squared, number)
+
+    outcomes = two_workers.outcomes(calls())
+    next(outcomes)
+
+    assert len(pulled) <= 5
+    assert len(list(outcomes)) == 49
+
+
+def test_a_worker_that_nobody_restarts_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that dies while it starts takes its guard with it."""
+    monkeypatch.setattr(cluster, "QUIET", 0.5)
+    with local_workers(1) as workers:
+        client = workers._client  # type: ignore[attr-defined]
+        (guard,) = client.cluster.workers.values()
+        client.sync(guard.close)
+
+        (outcome,) = workers.outcomes([Call("after all", squared, 5)])
+
+    assert outcome.result == 25
+
+
+def test_workers_of_a_cluster_do_the_same(two_workers: Workers) -> None:
+    address = two_workers._client.scheduler.address  # type: ignore[attr-defined]
+
+    with cluster_workers(address) as workers:
+        (outcome,) = workers.outcomes([Call("elsewhere", squared, 12)])
+
+    assert outcome.result == 144
+
+
+def test_workers_of_several_threads_are_refused() -> None:
+    """Threads of one process share how many cores linear algebra uses, and so the last bits."""
+    with (
+        LocalCluster(
+            n_workers=1,
+            threads_per_worker=2,
+            processes=False,
+            dashboard_address="127.0.0.1:0",
+            silence_logs=50,
+        ) as cluster,
+        pytest.raises(InputError, match=r"has 2 threads; start each worker with --nthreads 1"),
+        cluster_workers(cluster.scheduler_address),
+    ):
+        pass
+
+
+def test_a_scheduler_that_is_not_there_is_one_line() -> None:
+    with pytest.raises(InputError, match="no Dask scheduler answers there"):
+        cluster_workers("tcp://127.0.0.1:9", patience=0.2).__enter__()
+
+
+def test_a_scheduler_that_goes_in_the_midst_is_one_line() -> None:
+    class Lost:
+        """A call of which only the scheduler knew."""
+
+        def add_done_callback(self, told: Callable[[object], None]) -> None:
+            told(self)
+
+        def result(self) -> object:
+            raise FutureCancelledError("key", "scheduler-connection-lost")
+
+        def release(self) -> None:
+            pass
+
+    client = SimpleNamespace(nthreads=lambda: {"worker": 1}, submit=lambda *_, **__: Lost())
+    workers = DaskWorkers(client, missed=lambda _: None)
+    with pytest.raises(ClusterLost, match="what is finished is kept"):
+        list(workers.outcomes([Call("a", str, 1)]))
+
+
+def test_workers_with_another_pilewatch_or_none_are_refused() -> None:
+    for theirs, told in ((PackageNotFoundError("pilewatch"), "no pilewatch"), ("0.0.9", "0.0.9")):
+        client = SimpleNamespace(nthreads=lambda: {"w": 1}, run=lambda *_, **__: {"w": theirs})  # noqa: B023
+        with pytest.raises(InputError, match=f"worker w has .*{told}, this is pilewatch"):
+            cluster._require_alike(client, "tcp://here:1")

@@ -1,0 +1,164 @@
+"""Windows lie where one recording of the whole would have them, whatever files it came in."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.archive.plan import (
+    IdentificationTask,
+    chains_of,
+    parts_by_turbine,
+    turbine_plan,
+)
+from pipeline.archive.survey import FileSurvey, Part, archive_files, without_copies
+from pipeline.oma.settings import OmaSettings
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.errors import InputError
+
+RATE = 10.0  # [Hz]
+START_NS = 1_700_000_000 * NANOSECONDS
+TEN_SECONDS = OmaSettings(window_duration=10.0, hop=10.0)
+
+
+def part(
+    name: str, first: int, n_samples: int, *, session: str = "s", start: float | None = None
+) -> Part:
+    """A part of `n_samples` from a sample of its session on; `start` [s], None: as counted."""
+    begun = first / RATE if start is None else start
+    start_ns = START_NS + round(begun * NANOSECONDS)
+    return Part(
+        path=Path(name),
+        fingerprint=f"bytes of {name}",
+        turbine="t",
+        unit="tower",
+        session=session,
+        layout_id="l",
+        sampling_rate=RATE,
+        n_channels=8,
+        first_sample=first,
+        next_sample=first + n_samples,
+        first_sequence=first // 10,
+        last_sequence=(first + n_samples) // 10 - 1,
+        start_ns=start_ns,
+        end_ns=start_ns + round(n_samples / RATE * NANOSECONDS),
+    )
+
+
+def survey(*parts: Part) -> FileSurvey:
+    return FileSurvey(parts[0].path, parts[0].fingerprint, parts, ())
+
+
+def tasks(*parts: Part, settings: OmaSettings = TEN_SECONDS) -> tuple[IdentificationTask, ...]:
+    (found,) = parts_by_turbine([survey(each) for each in parts]).values()
+    return turbine_plan(found, settings).tasks
+
+
+def test_a_window_that_spans_two_joining_files_belongs_to_the_first() -> None:
+    first, second = tasks(part("a", 0, 250), part("b", 250, 250))
+
+    assert [piece.path.name for piece in first.pieces] == ["a", "b"]
+    assert (first.n_windows, second.n_windows) == (3, 2)
+    assert [(p.first_sample, p.end_sample) for p in first.pieces] == [(0, 250), (250, 300)]
+    assert [(p.first_sample, p.end_sample) for p in second.pieces] == [(300, 500)]
+    assert second.start_ns == START_NS + 30 * NANOSECONDS
+
+
+def test_files_with_a_gap_between_them_share_no_window() -> None:
+    first, second = tasks(part("a", 0, 250), part("b", 260, 250))
+
+    assert [piece.path.name for piece in first.pieces] == ["a"]
+    assert second.start_ns == START_NS + 26 * NANOSECONDS  # windows begin anew
+    assert (first.n_windows, second.n_windows) == (3, 3)  # the third of each is incomplete
+
+
+def test_a_new_session_goes_on_where_its_clock_is_within_half_a_sample() -> None:
+    goes_on = part("b", 0, 250, session="s2", start=25.04)
+    begins = part("b", 0, 250, session="s2", start=25.06)
+
+    assert len(chains_of([part("a", 0, 250), goes_on])) == 1
+    assert len(chains_of([part("a", 0, 250), begins])) == 2
+
+
+def test_a_new_session_is_counted_on_from_the_one_before() -> None:
+    first, second = tasks(part("a", 0, 250), part("b", 0, 250, session="s2", start=25.0))
+
+    assert first.pieces[1].shift == 250
+    assert first.pieces[1].first_sample == 0
+    assert first.pieces[1].sequence_shift == 25
+    assert second.pieces[0].first_sample == 50
+
+
+def test_samples_that_two_files_hold_are_taken_once() -> None:
+    """A recorder that was started again repeats the last blocks it had."""
+    first, second = tasks(part("a", 0, 250), part("b", 200, 300))
+
+    assert first.n_windows + second.n_windows == 5
+    assert [(p.first_sample, p.end_sample) for p in first.pieces] == [(0, 250), (250, 300)]
+
+
+def test_other_channels_or_rates_never_join() -> None:
+    other = replace(part("b", 250, 250), sampling_rate=20.0)
+
+    assert len(chains_of([part("a", 0, 250), other])) == 2
+
+
+def test_a_task_reads_on_over_files_shorter_than_a_window() -> None:
+    short = [part(name, 60 * i, 60) for i, name in enumerate("abcde")]
+
+    found = tasks(*short)
+
+    assert sum(task.n_windows for task in found) == 3
+    assert [piece.path.name for piece in found[0].pieces] == ["a", "b"]
+    assert "c" not in [task.path.name for task in found[:1]]
+
+
+def test_overlapping_windows_read_the_next_files_beginning() -> None:
+    overlapping = OmaSettings(window_duration=10.0, hop=5.0)
+
+    first, second = tasks(part("a", 0, 200), part("b", 200, 200), settings=overlapping)
+
+    assert (first.n_windows, second.n_windows) == (4, 3)
+    assert first.pieces[1].end_sample == 250
+
+
+@given(
+    lengths=st.lists(st.integers(1, 400), min_size=1, max_size=8),
+    hop=st.sampled_from([2.0, 5.0, 10.0]),
+)
+def test_however_a_recording_is_cut_every_window_has_one_task(
+    lengths: list[int], hop: float
+) -> None:
+    settings = OmaSettings(window_duration=10.0, hop=hop)
+    parts, first = [], 0
+    for number, length in enumerate(lengths):
+        parts.append(part(f"{number:02d}", first, length))
+        first += length
+    whole = tasks(part("whole", 0, first), settings=settings)
+
+    cut = tasks(*parts, settings=settings)
+
+    starts = [
+        task.start_ns + round(index * hop * NANOSECONDS)
+        for task in cut
+        for index in range(task.n_windows)
+    ]
+    expected = [START_NS + round(index * hop * NANOSECONDS) for index in range(whole[0].n_windows)]
+    assert starts == expected
+    samples = [piece.end_sample - piece.first_sample for task in cut[-1:] for piece in task.pieces]
+    assert cut[-1].end_ns == START_NS + round(first / RATE * NANOSECONDS)
+    assert all(samples)
+
+
+def test_files_with_the_same_bytes_count_once() -> None:
+    original, copy = survey(part("a", 0, 250)), survey(part("z", 0, 250))
+    copy = replace(copy, fingerprint=original.fingerprint)
+
+    assert without_copies([original, copy]) == ([original], [copy])
+
+
+def test_a_pattern_that_names_nothing_is_a_mistake_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="names no recording"):
+        archive_files([str(tmp_path / "*.mcap")])

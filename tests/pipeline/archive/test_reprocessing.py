@@ -1,0 +1,184 @@
+"""An archive gives the numbers of one recording of the whole, whoever works and however often."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pyarrow import parquet
+from typer.testing import CliRunner
+
+from pipeline.archive.reprocessing import FINISHED, ArchiveReport, reprocessed
+from pipeline.archive.survey import surveyed
+from pipeline.archive.tables import ReprocessingRecord
+from pipeline.archive.tracking import ArchiveTracking
+from pipeline.archive.turbines import archived_turbines
+from pipeline.archive.work import ThisProcess
+from pipeline.cli import app
+from pipeline.messages import Message, ModalEstimate, WindowRejected
+from pipeline.nodes.identification import IdentificationInContext
+from pipeline.runtime.runner import with_end
+from pipeline.sources.sources import replayed
+from sensors.acquisition.blocks import NANOSECONDS
+from tests.pipeline.archive.archives import Renamed, rewritten
+
+CLI = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def report(archive: list[Path], results: Path) -> ArchiveReport:
+    """Of a second run over it."""
+    return reprocessed(archive, results, ThisProcess())
+
+
+def rows(results: Path, table: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = parquet.read_table(results / f"{table}.parquet").to_pylist()
+    return found
+
+
+@pytest.fixture(scope="module")
+def live(short_recording: Path) -> list[ModalEstimate]:
+    """The whole recording by the node of a session."""
+    source = replayed(short_recording)
+    node = IdentificationInContext(source.scenario.oma)
+    answers: list[Message] = []
+    for message in with_end(source.messages()):
+        if isinstance(message, node.inputs):
+            answers += node.handle(message)
+    return [each for each in answers if isinstance(each, ModalEstimate)]
+
+
+def test_cut_files_give_the_windows_modes_and_names_of_the_whole_recording(
+    live: list[ModalEstimate], results: Path
+) -> None:
+    """A session warms its decomposition up from window to window; tasks begin anew: 1e-6."""
+    expected = [(each, mode) for each in live for mode in each.modes]
+    found = rows(results, "modes")
+
+    assert [(row["window"], row["mode"]) for row in found] == [
+        (estimate.window, mode.name) for estimate, mode in expected
+    ]
+    for column, quantity, tolerance in (
+        ("frequency [Hz]", "frequency", 1e-6),
+        ("frequency_std [Hz]", "frequency_std", 1e-3),
+    ):
+        np.testing.assert_allclose(
+            [row[column] for row in found],
+            [getattr(mode, quantity) for _, mode in expected],
+            rtol=tolerance,
+        )
+
+
+def test_every_window_has_its_posterior(results: Path) -> None:
+    posterior = rows(results, "posterior")
+
+    assert [row["window"] for row in posterior] == [0, 1]
+    assert [row["windows"] for row in posterior] == [1, 2]
+    for row in posterior:
+        assert row["k22_p05 [N·m/rad]"] < 8.238e11 < row["k22_p95 [N·m/rad]"]  # the truth
+
+
+def test_what_is_finished_is_not_done_again(report: ArchiveReport) -> None:
+    assert report.done_now == 0
+    assert report.found_finished > 0
+    assert report.posteriors == 2
+
+
+def test_a_broken_file_is_one_line_and_the_rest_goes_on(
+    archive: list[Path], results: Path, tmp_path: Path
+) -> None:
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(archive[0].read_bytes()[:50_000])
+
+    said = CLI.invoke(
+        app, ["reprocess", *map(str, archive), str(broken), "-o", str(results), "--serial"]
+    )
+
+    assert said.exit_code == 2
+    assert "2 windows identified" in said.output.replace("\n", "")
+    (line,) = [line for line in said.output.splitlines() if str(broken) in line]
+    assert "was cut off before its end" in line
+
+
+def test_a_damaged_result_is_made_again(archive: list[Path], results: Path) -> None:
+    before = (results / "posterior.parquet").read_bytes()
+    kept = sorted((results / FINISHED).rglob("*.pw"), key=lambda path: path.stat().st_size)
+    kept[0].write_bytes(kept[0].read_bytes()[:-1])
+
+    again = reprocessed(archive, results, ThisProcess())
+
+    assert again.done_now == 1
+    assert (results / "posterior.parquet").read_bytes() == before
+
+
+def test_turbines_of_one_archive_have_histories_of_their_own(
+    archive: list[Path], short_recording: Path, tmp_path: Path
+) -> None:
+    twin = rewritten(short_recording, tmp_path / "twin.mcap", Renamed("twin"))
+    surveys = [surveyed(path) for path in (*archive, twin)]
+
+    first, second = archived_turbines(surveys, None, None)
+
+    assert (first.plan.turbine, second.plan.turbine) == ("iea15mw", "twin")
+    assert sum(task.n_windows for task in first.plan.tasks) == 2
+    assert [task.n_windows for task in second.plan.tasks] == [2]
+    assert second.updating is not None
+    assert second.updating.layout.turbine == "twin"
+
+
+def test_names_of_modes_stay_over_a_gap_of_a_month(live: list[ModalEstimate]) -> None:
+    month = 30 * 86_400 * NANOSECONDS
+    later = [replace(e, start_ns=e.start_ns + month, end_ns=e.end_ns + month) for e in live]
+    tracking = ArchiveTracking(live[0].channels, 120.0)
+
+    followed = tracking.followed([*live, *later])
+    windows = [each for each in followed if isinstance(each, ModalEstimate)]
+
+    assert [each.window for each in windows] == [0, 1, 2, 3]
+    before, after = ([mode.name for mode in windows[i].modes] for i in (1, 3))
+    assert before == after  # the same samples
+
+
+def test_a_window_of_channels_that_no_layout_has_is_refused() -> None:
+    tracking = ArchiveTracking(("a", "b"), 600.0)
+    estimate = ModalEstimate("t", 0, 0, 1, "", ("a", "c"), ())
+
+    (answer,) = tracking.followed([estimate])
+
+    assert isinstance(answer, WindowRejected)
+    assert answer.reason == "no layout of the archive has a channel c"
+
+
+def test_results_are_given_on_in_order_whenever_they_come() -> None:
+    given: list[int] = []
+    windows = [WindowRejected("t", number, 0, 0, "", "") for number in range(4)]
+    ledger = ReprocessingRecord(lambda message: given.append(message.window))  # type: ignore[union-attr]
+
+    ledger.add(windows[0])
+    ledger.wait_for("slow")
+    ledger.wait_for("quick")
+    ledger.settle("quick", (windows[2],))
+    ledger.add(windows[3])
+    assert given == [0]
+
+    ledger.settle("slow", (windows[1],))
+    assert given == [0, 1, 2, 3]
+
+
+def test_an_archive_without_its_layout_in_every_file_takes_it_from_the_others(
+    archive: list[Path],
+) -> None:
+    surveys = [surveyed(path) for path in archive]
+    without = [replace(surveys[0], layouts=()), *surveys[1:]]
+
+    (turbine,) = archived_turbines(without, None, None)
+
+    assert all(call.layouts == turbine.layouts for call in turbine.identification)
+    assert len(turbine.layouts) == 1
+
+
+def test_the_ways_of_working_exclude_each_other(archive: list[Path]) -> None:
+    said = CLI.invoke(app, ["reprocess", str(archive[0]), "--serial", "--workers", "2"])
+
+    assert "--cluster, --workers and --serial exclude each other" in str(said.exception)

@@ -1,0 +1,120 @@
+"""A farm of posteriors: errors shrink, an outlier stands out, and what cannot be pooled is told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.farm.farm import FarmSettings, pooled_farm
+from pipeline.farm.members import in_order
+from pipeline.farm.settings import FarmError, GibbsSettings
+from tests.pipeline.farm.farms import (
+    NOMINAL,
+    SPREAD,
+    drawn_farm,
+    posterior_of,
+    untrusted,
+)
+
+QUICK = FarmSettings(gibbs=GibbsSettings(chains=16, burn_in=60, sweeps=80, rounds=1))
+BRIEF = FarmSettings(gibbs=GibbsSettings(chains=16, burn_in=30, sweeps=30, rounds=1))
+
+
+@pytest.fixture(scope="module")
+def farm():
+    """Twenty turbines, one of which has 15 % less k22."""
+    posteriors, _ = drawn_farm(20, seed=5, outlier=7)
+    return pooled_farm(posteriors, QUICK)
+
+
+def test_the_turbine_with_less_stiffness_is_the_only_outlier_and_says_so(farm):
+    assert [each.turbine for each in farm.turbines if each.outlying] == ["t7"]
+    assert farm.turbines[6].text.startswith("t7: k22 1")
+    assert "below the farm's, unlike the others with probability" in farm.turbines[6].text
+    assert farm.turbines[6].deviations[1].p05 < -0.15 < farm.turbines[6].deviations[1].p95
+
+
+def test_the_farm_knows_how_much_its_turbines_differ_and_about_what(farm):
+    for each in farm.spread:
+        assert each.p05 < SPREAD < each.p95
+    for spring in farm.centre:  # the truths' mean is known to SPREAD / √20
+        assert spring.median / spring.nominal == pytest.approx(1.0, abs=3 * SPREAD / np.sqrt(20))
+
+
+def test_errors_of_a_farm_fall_by_a_quarter_and_intervals_still_hold():
+    own, shrunk, held = [], [], []
+    for seed in (31, 32):
+        posteriors, truth = drawn_farm(20, seed=seed)
+        found = pooled_farm(posteriors, BRIEF)
+        for each, true in zip(found.turbines, truth, strict=True):
+            own.append([s.median / s.nominal / t - 1 for s, t in zip(each.own, true, strict=True)])
+            shrunk.append(
+                [s.median / s.nominal / t - 1 for s, t in zip(each.pooled, true, strict=True)]
+            )
+            held.append(
+                [s.p05 <= t * s.nominal <= s.p95 for s, t in zip(each.pooled, true, strict=True)]
+            )
+    assert np.median(np.abs(shrunk)) < 0.75 * np.median(np.abs(own))
+    # of 120, a turbine's three hardly apart from each other: as 50, three deviations below .9
+    assert np.mean(held) > 0.77
+
+
+def test_the_order_of_the_posteriors_makes_no_difference():
+    posteriors, _ = drawn_farm(3, seed=6)
+    one, other = (pooled_farm(each, BRIEF) for each in (posteriors, posteriors[::-1]))
+    np.testing.assert_array_equal(one.turbines[0].draws, other.turbines[0].draws)
+    assert [each.turbine for each in other.turbines] == ["t1", "t2", "t3"]
+
+
+def test_the_latest_posterior_of_a_turbine_is_the_one_that_counts():
+    posteriors, _ = drawn_farm(2, seed=7)
+    newer = replace(posteriors[0], window=3, time_ns=posteriors[0].time_ns + 1, n_windows=4)
+    found = pooled_farm([newer, *posteriors], BRIEF)
+    assert [each.n_windows for each in found.turbines] == [4, 1]
+
+
+def test_an_embedded_piles_negative_coupling_is_pooled_alike():
+    nominal = NOMINAL * [1, 1, -1]
+    posteriors, _ = drawn_farm(8, seed=8, nominal=nominal)
+    found = pooled_farm(posteriors, BRIEF)
+    coupling = found.turbines[0].pooled[2]
+    assert coupling.p05 < coupling.median < coupling.p95 < 0
+    assert abs(coupling.median / coupling.nominal - 1) < 0.1
+
+
+def test_what_cannot_be_pooled_is_left_out_with_its_reason():
+    posteriors, _ = drawn_farm(6, seed=9)
+    posteriors[1] = untrusted(posteriors[1])
+    posteriors[2] = replace(posteriors[2], population="19 turbines")
+    posteriors[3] = posterior_of("t4", np.ones((1000, 3)), nominal=2 * NOMINAL)
+    posteriors[4] = replace(posteriors[4], draws=posteriors[4].draws[:10])
+    posteriors.append(
+        posterior_of("t7", np.array([1.0, 1.0, 2.0]) + 1e-3 * np.eye(3)[np.arange(100) % 3])
+    )
+    posteriors.append(posterior_of("t8", np.exp(0.01 * np.ones((100, 3)))))
+    found = pooled_farm([*posteriors[:-1]], BRIEF)
+    reasons = {each.turbine: each.reason for each in found.left_out}
+    assert reasons.keys() == {"t2", "t3", "t4", "t5", "t7"}
+    assert "not trusted" in reasons["t2"]
+    assert "19 turbines" in reasons["t3"]
+    assert "nominal" in reasons["t4"]
+    assert "10 draws" in reasons["t5"]
+    assert "no foundation" in reasons["t7"]
+
+
+def test_one_turbine_is_no_farm():
+    posteriors, _ = drawn_farm(2, seed=10)
+    with pytest.raises(FarmError, match=r"1 of 2 turbines can be pooled.*t2: its posterior is not"):
+        pooled_farm([posteriors[0], untrusted(posteriors[1])])
+
+
+def test_turbine_two_comes_before_turbine_ten():
+    assert sorted(["t10", "t2", "b", "t1"], key=in_order) == ["b", "t1", "t2", "t10"]
+
+
+def test_the_population_is_where_the_farm_is_and_wider_than_its_mean(farm):
+    drawn = np.log(farm.population.draws(20_000, np.random.default_rng(11)))
+    middle = [s.median / s.nominal for s in farm.centre]
+    np.testing.assert_allclose(np.median(drawn, axis=0), np.log(middle), atol=0.004)
+    low, high = np.quantile(drawn, [0.16, 0.84], axis=0)
+    np.testing.assert_array_less([s.p05 for s in farm.spread], (high - low) / 2)

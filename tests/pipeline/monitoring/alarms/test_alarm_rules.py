@@ -1,0 +1,170 @@
+"""What is wrong is found in the messages, and so is that it is over."""
+
+from dataclasses import replace
+
+import pytest
+
+from pipeline.messages import FoundationEvent, NodeStatus, QualityWarning, StreamGap, WindowRejected
+from pipeline.monitoring.alarms.alarm_rules import AlarmCondition, AlarmRules
+from pipeline.monitoring.alarms.settings import AlarmLogSettings
+from sensors.acquisition.blocks import NANOSECONDS
+from tests.pipeline.example_messages import LAYOUT, START_NS, block, status
+from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
+
+SECOND = NANOSECONDS
+EVENT = FoundationEvent(
+    "t1", 7, START_NS, "foundation", 0.999, START_NS, START_NS, START_NS, (), (), "k22 fell by 10 %"
+)
+
+
+@pytest.fixture
+def finder() -> AlarmRules:
+    return AlarmRules(AlarmLogSettings())
+
+
+def wrong(causes: object) -> list[AlarmCondition]:
+    return [cause for cause in causes if not cause.over]  # type: ignore[attr-defined]
+
+
+def over(causes: object) -> list[str]:
+    return [cause.key for cause in causes if cause.over]  # type: ignore[attr-defined]
+
+
+def test_a_change_of_the_structure_has_no_end_of_its_own(finder: AlarmRules) -> None:
+    (cause,) = finder.causes(EVENT, START_NS)
+
+    assert (cause.kind, cause.text, cause.lasting) == ("change", "k22 fell by 10 %", False)
+
+
+def test_a_gap_is_worth_a_notice_from_a_minute_on_and_is_over_at_once(finder: AlarmRules) -> None:
+    short = StreamGap("t1", "tower", "s", START_NS, START_NS + 59 * SECOND, 3, 59)
+    long = replace(short, end_ns=START_NS + 60 * SECOND)
+
+    assert wrong(finder.causes(short, START_NS)) == []
+    begun, ended = finder.causes(long, START_NS + 2 * SECOND)
+    assert begun.text == (
+        "60 s of measurements of unit tower are missing, from 2023-11-14 22:13:20 UTC on"
+    )
+    assert ended.over
+    assert ended.key == begun.key
+
+
+def test_a_dead_channel_is_wrong_until_a_window_without_it(finder: AlarmRules) -> None:
+    dead = WindowRejected("t1", 0, START_NS, 1, "constant", "z41-fa is constant over the window")
+    unrelated = WindowRejected("t1", 1, 0, 1, "gap", "gap of 2 s")
+    well = replace(estimate_of(2), turbine="t1", warnings=())
+
+    (cause,) = wrong(finder.causes(dead, START_NS))
+    assert cause.text == (
+        "z41-fa is constant over the window (window from 2023-11-14 22:13:20 UTC, not used)"
+    )
+    assert over(finder.causes(unrelated, START_NS)) == []
+    assert "t1/sensor/constant" in over(finder.causes(well, START_NS))
+
+
+def test_a_second_channel_that_dies_while_one_is_dead_is_a_cause_of_its_own(
+    finder: AlarmRules,
+) -> None:
+    list(finder.causes(LAYOUT, START_NS))
+    first, second = LAYOUT.channels[0].name, LAYOUT.channels[1].name
+    reasons = (f"{first} stands still from 3 s on", f"{first} is constant", f"{second} is constant")
+    windows = [WindowRejected("t1", i, 0, 1, "constant", each) for i, each in enumerate(reasons)]
+    keys = [cause.key for each in windows for cause in wrong(finder.causes(each, START_NS))]
+    still_dead = replace(
+        estimate_of(3),
+        turbine="t1",
+        warnings=(QualityWarning("constant", f"{second} does not move"),),
+    )
+
+    assert keys == [f"t1/sensor/constant/{name}" for name in (first, first, second)]
+    assert over(finder.causes(still_dead, START_NS)) == [f"t1/sensor/constant/{first}"]
+
+
+def test_doubts_of_a_window_speak_of_instruments_only_by_their_codes(finder: AlarmRules) -> None:
+    doubts = (QualityWarning("clipped", "z41-fa"), QualityWarning("mode-birth", "a mode"))
+    estimate = replace(estimate_of(0), warnings=doubts)
+
+    assert [each.key.split("/")[-1] for each in wrong(finder.causes(estimate, 0))] == ["clipped"]
+
+
+def test_an_untrusted_posterior_is_wrong_until_a_trusted_one(finder: AlarmRules) -> None:
+    updater = updater_of()
+    _, trusted = updater.updated(updater.initial_state(), estimate_of(0))
+    doubted = replace(trusted, trusted=False, warnings=(QualityWarning("misfit", "far off"),))  # type: ignore[arg-type]
+
+    (cause,) = wrong(finder.causes(doubted, START_NS))
+    assert cause.text == "the posterior is not to be trusted: far off"
+    assert cause.key in over(finder.causes(trusted, START_NS))
+
+
+def test_a_refused_posterior_is_wrong_until_there_is_one(finder: AlarmRules) -> None:
+    refused = WindowRejected("t1", 3, 0, 1, "few-pairs", "only 20 % are modes of the model")
+
+    (cause,) = wrong(finder.causes(refused, START_NS))
+    assert cause.kind == "refused"
+    assert cause.text.startswith(
+        "no posterior of the window from 1970-01-01 00:00:00 UTC: only 20 %"
+    )
+
+
+def test_a_unit_that_falls_silent_is_noticed_while_others_speak(finder: AlarmRules) -> None:
+    list(finder.causes(block(0), START_NS))
+    alive = replace(status("recorder"), turbine="t1")
+
+    early = wrong(finder.causes(alive, START_NS + 29 * SECOND))
+    late = wrong(finder.causes(alive, START_NS + 31 * SECOND))
+    back = over(finder.causes(block(1), START_NS + 33 * SECOND))
+
+    assert [cause.key for cause in early] == []
+    assert [cause.key for cause in late] == ["t1/silence/tower"]
+    assert "t1/silence/tower" in back
+
+
+def test_a_feed_tells_why_its_unit_is_silent(finder: AlarmRules) -> None:
+    down = replace(
+        status("feed-tower"),
+        turbine="t1",
+        warnings=(QualityWarning("link-down", "udp://:5: refused"),),
+    )
+    list(finder.causes(block(0), START_NS))
+
+    (cause,) = wrong(finder.causes(down, START_NS + 300 * SECOND))
+
+    assert cause.text == (
+        "unit tower has been silent for 5 minutes; its feed says: udp://:5: refused"
+    )
+
+
+def test_a_node_that_dies_is_noticed_and_one_that_stops_is_not(finder: AlarmRules) -> None:
+    lost = replace(status("updating"), state="running")
+    stopped = replace(status("viewer"), state="stopped")
+    list(finder.causes(lost, START_NS))
+    list(finder.causes(stopped, START_NS))
+
+    busy = wrong(finder.causes(block(0), START_NS + 20 * SECOND))
+    found = wrong(finder.causes(block(1), START_NS + 70 * SECOND))
+
+    assert busy == []  # it may be at work on a window
+    assert [cause.key.split("/", 1)[1] for cause in found] == ["node/updating"]
+
+
+def test_a_recording_that_stopped_is_told_by_its_recorder(finder: AlarmRules) -> None:
+    full = replace(
+        status("recorder"),
+        warnings=(QualityWarning("recording-stopped", "recording has stopped: full"),),
+    )
+
+    (cause,) = wrong(finder.causes(full, START_NS))
+    assert (cause.kind, cause.text) == ("recorder", "recording has stopped: full")
+
+
+def test_kinds_that_nobody_wants_are_left_out() -> None:
+    finder = AlarmRules(AlarmLogSettings(kinds=("gap",)))
+
+    assert list(finder.causes(EVENT, START_NS)) == []
+
+
+def test_statuses_alone_are_no_cause(finder: AlarmRules) -> None:
+    well = NodeStatus("t1", "updating", START_NS, "running", 3)
+
+    assert wrong(finder.causes(well, START_NS)) == []

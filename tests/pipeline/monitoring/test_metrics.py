@@ -1,0 +1,162 @@
+"""What Prometheus reads is what the messages said, in the form that it asks for."""
+
+import socket
+import threading
+import urllib.request
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from pipeline.messages import StreamGap
+from pipeline.monitoring.metrics import MetricsNode, listened, served
+from pipeline.run.options import SessionOptions
+from pipeline.run.run import run_session
+from pipeline.scenario import NO_STRUCTURE, TurbineSettings
+from pipeline.sources.playback import Playback
+from pipeline.sources.sources import replayed
+from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.errors import InputError
+from tests.pipeline.example_messages import START_NS, block, rejection, status
+from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
+
+SECOND = 10**9  # [ns]
+NO_TURBINE = TurbineSettings(description=NO_STRUCTURE)
+
+Figures = dict[tuple[str, ...], float]
+
+
+class Clock:
+    now_ns = START_NS
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+@pytest.fixture(scope="module")
+def scraped() -> Figures:
+    """Over HTTP, after five blocks, a gap of 4 s, a window, its posterior and a node's status."""
+    clock = Clock()
+    desk = MetricsNode(clock)
+    for sequence in range(5):
+        clock.now_ns = START_NS + (sequence + 1) * SECOND
+        desk.handle(block(sequence))
+    desk.handle(StreamGap("t1", "tower", "s", START_NS, START_NS + 4 * SECOND, 3, 4))
+    desk.handle(status("recorder", last_sequence=2, lost=3))
+    desk.handle(rejection(0))
+    updater = updater_of()
+    desk.handle(estimate_of(0))
+    desk.handle(updater.updated(updater.initial_state(), estimate_of(0))[1])
+    clock.now_ns += 2 * SECOND
+    return figures(desk)
+
+
+def figures(desk: MetricsNode) -> Figures:
+    """(name, values of its labels in alphabetical order of their names) → figure."""
+    with served(desk, 0) as port:
+        return read(port)
+
+
+def read(port: int) -> Figures:
+    page = urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5).read()
+    return {
+        (sample.name, *(value for _, value in sorted(sample.labels.items()))): sample.value
+        for family in text_string_to_metric_families(page.decode())
+        for sample in family.samples
+    }
+
+
+def test_counters_count_what_came(scraped: Figures) -> None:
+    assert scraped["pilewatch_messages_total", "AccelerationBlock", "t1"] == 5
+    assert scraped["pilewatch_samples_total", "t1", "tower"] == 200
+    assert scraped["pilewatch_gaps_total", "t1", "tower"] == 1
+    assert scraped["pilewatch_missing_seconds_total", "t1", "tower"] == 4.0
+    assert scraped["pilewatch_windows_rejected_total", "gap", "t1"] == 1
+
+
+def test_lag_and_rates_are_of_the_newest_block(scraped: Figures) -> None:
+    key = "pilewatch/t1/tower/acceleration"
+
+    assert scraped["pilewatch_lag_seconds", "t1", "tower"] == pytest.approx(2.0)
+    assert scraped["pilewatch_stream_rate_hertz", key] == pytest.approx(1.0)
+    assert scraped["pilewatch_stream_silence_seconds", key] == pytest.approx(2.0)
+    assert scraped["pilewatch_sampling_rate_hertz", "t1", "tower"] == 40.0
+
+
+def test_nodes_are_up_and_say_what_they_lost(scraped: Figures) -> None:
+    assert scraped["pilewatch_node_up", "recorder", "t1"] == 1
+    assert scraped["pilewatch_node_blocks_total", "lost", "recorder", "t1"] == 3
+
+
+def test_modes_and_springs_are_the_newest_windows(scraped: Figures) -> None:
+    estimate = estimate_of(0)
+    updater = updater_of()
+    posterior = updater.updated(updater.initial_state(), estimate)[1]
+    k22 = posterior.parameter("k22")  # type: ignore[union-attr]
+    turbine = estimate.turbine
+
+    assert scraped["pilewatch_first_frequency_hertz", turbine] == estimate.modes[0].frequency
+    ratio = scraped["pilewatch_stiffness_ratio", "0.95", "k22", turbine]
+    assert ratio == pytest.approx(k22.p95 / k22.nominal, rel=1e-12)
+    assert scraped["pilewatch_stiffness", "k22", turbine, k22.unit] == k22.median
+    assert scraped["pilewatch_posterior_trusted", turbine] == 1
+    assert 0.0 <= scraped["pilewatch_change_probability", turbine] <= 1.0
+    assert scraped["pilewatch_events_total", turbine] == 0
+
+
+def test_what_is_not_known_is_not_there() -> None:
+    desk = MetricsNode(Clock())
+    desk.handle(block(0))
+
+    found = {name for name, *_ in figures(desk)}
+
+    assert "pilewatch_samples_total" in found
+    assert "pilewatch_stream_rate_hertz" not in found  # one message has no rate
+    assert "pilewatch_stiffness" not in found
+
+
+def test_a_port_that_is_taken_is_one_line() -> None:
+    with (
+        served(MetricsNode(), 0) as port,
+        pytest.raises(InputError, match=f"127.0.0.1:{port}: Address already in use"),
+        served(MetricsNode(), port),
+    ):
+        pass
+
+
+def test_a_session_that_runs_elsewhere_can_be_listened_to() -> None:
+    endpoint = free_endpoint()
+    desk, stopping = MetricsNode(), threading.Event()
+    reader_settings = ZenohSettings(mode="client", connect=(endpoint,))
+    with closing(ZenohBus(hub(endpoint))) as session, closing(ZenohBus(reader_settings)) as reader:
+        listening = threading.Thread(target=listened, args=(desk, reader, stopping))
+        listening.start()
+        for sequence in range(3):
+            session.publish(block(sequence))
+        while figures(desk).get(("pilewatch_samples_total", "t1", "tower"), 0.0) != 120:
+            assert listening.is_alive()
+        stopping.set()
+        listening.join()
+
+
+def test_a_lock_step_session_serves_its_figures(short_recording: Path, tmp_path: Path) -> None:
+    """Asked when the source has given its last block."""
+    seen: list[Figures] = []
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    source = replayed(short_recording).with_playback(Playback(0.0, 30.0))
+    source = replace(source, scenario=replace(source.scenario, turbine=NO_TURBINE))
+
+    def ask(asked: AccelerationBlock) -> None:
+        if asked.sequence == 29:
+            seen.append(read(port))
+
+    options = SessionOptions(out=tmp_path, way="lock-step", rrd=False, metrics=port)
+    run_session(source, options, report=ask)
+
+    (last,) = seen
+    assert last["pilewatch_messages_total", "AccelerationBlock", "iea15mw"] == 30

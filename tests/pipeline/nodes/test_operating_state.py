@@ -1,0 +1,53 @@
+"""Windows know what the turbine was doing."""
+
+import numpy as np
+import pytest
+
+from pipeline.messages import ModalEstimate
+from pipeline.nodes.operating_state import CHANGING, OperationLog, OperationSettings
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.scada import ScadaSample
+from sensors.errors import InputError
+from tests.pipeline.example_estimates import estimate
+from tests.pipeline.example_messages import START_NS
+
+
+def sample(second: float, state: str = "parked", yaw: float = 0.0) -> ScadaSample:
+    time_ns = START_NS + round(second * NANOSECONDS)
+    return ScadaSample("t1", time_ns, state, 8.0 + second / 100, 0.0, 90.0, yaw, 0.0, 0.5)
+
+
+def with_conditions(*samples: ScadaSample, number: int = 0) -> ModalEstimate:
+    log = OperationLog()
+    for each in samples:
+        log.note(each)
+    return log.with_conditions(estimate(number=number))
+
+
+def test_a_window_carries_the_state_that_held_during_all_of_it() -> None:
+    told = with_conditions(*(sample(second) for second in range(0, 600, 10)))
+    assert told.operating_state == "parked"
+    assert told.wind_speed == pytest.approx(8.0 + 2.95)
+    assert told.water_level == 0.5
+
+
+def test_a_state_holds_until_the_next_sample() -> None:
+    told = with_conditions(sample(-300.0, "idling"), number=3)
+    assert told.operating_state == "idling"
+
+
+def test_a_window_in_which_the_state_or_the_yaw_changes_is_changing() -> None:
+    assert with_conditions(sample(0), sample(300, "start")).operating_state == CHANGING
+    assert with_conditions(sample(0), sample(300, yaw=15.0)).operating_state == CHANGING
+    assert with_conditions(sample(0), sample(300, yaw=0.5)).operating_state == "parked"
+
+
+def test_a_turbine_without_a_controllers_stream_has_windows_of_unknown_state() -> None:
+    told = with_conditions()
+    assert told.operating_state == ""
+    assert np.isnan(told.yaw)
+
+
+def test_a_state_that_there_is_not_is_refused() -> None:
+    with pytest.raises(InputError, match="allowed_states has 'asleep'"):
+        OperationSettings(("asleep",))

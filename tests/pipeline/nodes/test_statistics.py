@@ -1,0 +1,59 @@
+"""What a node says of its own work is what it did."""
+
+from collections.abc import Iterator
+
+from pipeline.messages import Message
+from pipeline.nodes.statistics import NodeAccount
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from tests.pipeline.example_messages import block, rejection
+
+
+class Worker:
+    """Works for two seconds on every message, by a clock of its own."""
+
+    name = "worker"
+    inputs: tuple[type, ...] = (AccelerationBlock,)
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+
+    def work(self) -> None:
+        self.now_ns += 2 * NANOSECONDS
+
+    def close(self) -> None:
+        pass
+
+
+class Sink(Worker):
+    """Answers nothing."""
+
+    def handle(self, message: Message) -> tuple[Message, ...]:
+        self.work()
+        return ()
+
+
+class Answering(Worker):
+    """Works before its first answer, between its answers, and after the last."""
+
+    def handle(self, message: Message) -> Iterator[Message]:
+        self.work()
+        yield rejection(0)
+        self.work()
+        yield rejection(1)
+        self.work()
+
+
+def busy_after_three_blocks(node: Worker) -> float:
+    account = NodeAccount(node, "t1", lambda: node.now_ns)
+    for sequence in range(3):
+        for _ in account.handle(block(sequence)):
+            node.now_ns += 100 * NANOSECONDS  # on its way: not the node's work
+    return account.status("running").busy_s
+
+
+def test_the_work_of_a_node_that_answers_nothing_counts() -> None:
+    assert busy_after_three_blocks(Sink()) == 6.0
+
+
+def test_all_work_of_a_node_counts_and_what_others_do_with_its_answers_does_not() -> None:
+    assert busy_after_three_blocks(Answering()) == 18.0

@@ -1,0 +1,53 @@
+"""Descriptions of structures: key figures against hand calculation, the picture, the command."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.offline.describe_structure import structure_figures
+from pipeline.report.structure import draw_structure
+from sensors.structure.description import load_turbine, parse_turbine
+
+POLE = """
+name = "pole"
+[[tubes]]
+bottom = 0.0
+top = 60.0
+diameter = 3.0
+thickness = 0.03
+youngs_modulus = 210e9
+density = 7850.0
+[foundation]
+k11 = 1e15
+k22 = 1e18
+k12 = 0.0
+"""
+
+
+def test_a_clamped_pole_swings_as_the_closed_form_says() -> None:
+    """ω = (β L)² √(EI / (m L⁴)), β L = 1.8751 and 4.6941, without gravity."""
+    described = parse_turbine("gravity = 0.0\n" + POLE, source="pole.toml")
+    tube = described.tubes[0]
+    figures = structure_figures(described)
+    rigidity = tube.bending_rigidity / (tube.mass_per_length * 60.0**4)
+    expected = np.array([1.8751041, 4.6940911]) ** 2 * np.sqrt(rigidity) / (2 * np.pi)
+    found = sorted({round(f, 6) for f, direction, _ in figures.first if direction == "FA"})
+    assert found[:2] == pytest.approx(expected, rel=2e-3)
+    assert figures.tube_mass == pytest.approx(7850 * np.pi * 2.97 * 0.03 * 60)
+    assert (figures.top_mass, figures.blade_mass, figures.water_depth) == (0.0, 0.0, 0.0)
+
+
+def test_the_shipped_turbine_has_the_masses_of_its_sources() -> None:
+    """Rotor-nacelle assembly 1017 t, NREL/TP-5000-75698 Table 5-1; blades 3 × 65.25 t."""
+    figures = structure_figures(load_turbine("iea15mw_monopile"))
+    assert figures.top_mass + figures.blade_mass == pytest.approx(1017e3, rel=0.01)
+    assert figures.blade_mass == pytest.approx(3 * 65.25e3, rel=0.01)
+    assert figures.first[0][0] == pytest.approx(0.1573, rel=1e-3)
+    assert figures.as_json()["water_depth_m"] == 30.0
+
+
+def test_the_picture_is_written(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    draw_structure(structure_figures(load_turbine("iea15mw_monopile")), tmp_path / "tower.png")
+    assert (tmp_path / "tower.png").stat().st_size > 20_000

@@ -1,0 +1,141 @@
+"""Each way in which a record may be unfit has its name, and is mended, warned of or rejected."""
+
+import numpy as np
+import pytest
+
+from pipeline.messages import Mode
+from pipeline.oma.data_quality.input_checks import (
+    Finding,
+    check_samples,
+    check_timestamps,
+    is_harmonic,
+)
+from pipeline.oma.identification import hardly_damped, identify
+from tests.pipeline.oma.conftest import KnownStructure
+
+RATE = 20.0  # [Hz]
+NAMES = ["z41", "z145"]
+
+
+@pytest.fixture
+def record(two_mass_system: KnownStructure) -> np.ndarray:
+    return two_mass_system.ambient_response(sampling_rate=RATE, duration=300.0, seed=9)
+
+
+def only(findings: tuple[Finding, ...]) -> Finding:
+    assert len(findings) == 1, findings
+    return findings[0]
+
+
+def test_a_healthy_record_has_no_finding(record: np.ndarray) -> None:
+    assert check_samples(record, RATE, NAMES) == ()
+    assert check_timestamps(np.arange(len(record)) / RATE, RATE) == ()
+
+
+def test_a_doubled_channel_is_named_with_its_twin(record: np.ndarray) -> None:
+    record[:, 1] = -2 * record[:, 0]
+    finding = only(check_samples(record, RATE, NAMES))
+    assert (finding.code, finding.action) == ("duplicate-channel", "warn")
+    assert finding.text.startswith("z41 and z145")
+
+
+def test_a_converter_at_its_limit_is_clipping(record: np.ndarray) -> None:
+    limit = 0.7 * np.abs(record).max()
+    finding = check_samples(np.clip(record, -limit, limit), RATE, NAMES)[0]
+    assert (finding.code, finding.action) == ("clipped", "warn")
+
+
+def test_a_limit_reached_for_a_part_of_the_window_is_clipping(record: np.ndarray) -> None:
+    limit = 0.5 * np.abs(record).max()
+    record[2000:3000] = np.clip(record[2000:3000], -limit, limit)
+    finding = check_samples(record, RATE, NAMES)[0]
+    assert (finding.code, finding.action) == ("clipped", "warn")
+    assert "crests cut off at one height" in finding.text
+
+
+def test_a_record_of_few_digits_is_not_clipping(record: np.ndarray) -> None:
+    coarse = np.round(record, 0)
+    assert "clipped" not in {each.code for each in check_samples(coarse, RATE, NAMES)}
+
+
+def test_a_bit_error_is_mended_and_does_not_move_the_modes(record: np.ndarray) -> None:
+    clean = identify(record, RATE)
+    record[3000, 1] += 400.0
+    finding = only(check_samples(record, RATE, NAMES))
+    assert (finding.code, finding.action) == ("spikes", "mend")
+    assert "z145 has 1 spikes of one sample, the first at 150.000 s" in finding.text
+    mended = identify(record, RATE)
+    assert [m.frequency for m in mended.modes] == pytest.approx(
+        [m.frequency for m in clean.modes], rel=1e-4
+    )
+
+
+def test_a_drifting_sensor_is_mended(record: np.ndarray) -> None:
+    record[:, 0] += np.linspace(0, 30, len(record))
+    finding = only(check_samples(record, RATE, NAMES))
+    assert (finding.code, finding.action) == ("drift", "mend")
+
+
+def test_a_rotor_stop_is_not_stationary(record: np.ndarray) -> None:
+    time = np.arange(len(record)) / RATE
+    record *= (1 + 9 * np.exp(-(((time - 100) / 8) ** 2)))[:, None]
+    finding = only(check_samples(record, RATE, NAMES))
+    assert (finding.code, finding.action) == ("non-stationary", "warn")
+
+
+def test_a_machines_harmonic_is_no_mode(record: np.ndarray) -> None:
+    time = np.arange(len(record)) / RATE
+    shaken = record + 0.8 * np.sin(2 * np.pi * 2.3 * time)[:, None]
+    result = identify(shaken, RATE)
+    assert "harmonic" in [warning.code for warning in result.warnings]
+    assert not [m for m in result.modes if abs(m.frequency - 2.3) < 0.02]
+    for frequency in (1.236, 3.236):
+        assert not is_harmonic(record, RATE, frequency)
+        assert [m for m in result.modes if abs(m.frequency / frequency - 1) < 0.01]
+
+
+@pytest.mark.parametrize(
+    ("damping", "std", "harmonic"),
+    [(0.0001, 0.0008, True), (0.0004, 0.0025, True), (0.0018, 0.0023, False), (0.005, 0.0, False)],
+)
+def test_only_what_is_surely_hardly_damped_may_be_a_harmonic(
+    damping: float, std: float, harmonic: bool
+) -> None:
+    """The first two were sines in 120 s of noise, the third a mode of 1 % at 0.16 Hz in 120 s."""
+    found = Mode("", 0.16, 1e-4, damping, std, np.ones(2), np.zeros((4, 1)), 1)
+    assert hardly_damped(found) == harmonic
+
+
+def test_a_gap_in_the_stamps_is_rejected_with_its_length_and_place() -> None:
+    times = np.arange(2000) / RATE
+    times[1000:] += 0.4
+    finding = only(check_timestamps(times, RATE))
+    assert (finding.code, finding.action) == ("gap", "reject")
+    assert finding.text == "gap of 0.45 s at 49.950 s (1 in all)"
+
+
+def test_stamps_that_go_back_are_rejected() -> None:
+    times = np.arange(2000) / RATE
+    times[700] = times[600]
+    assert only(check_timestamps(times, RATE)).action == "reject"
+
+
+def test_an_uneven_clock_is_resampled_and_the_modes_stay(
+    two_mass_system: KnownStructure,
+) -> None:
+    """Sampled at 80 Hz, of which about every fourth sample is kept: steps of 3 to 5."""
+    fine = two_mass_system.ambient_response(sampling_rate=80.0, duration=300.0, seed=9, noise=0.0)
+    steps = np.random.default_rng(2).integers(3, 6, size=len(fine) // 4)
+    kept = np.cumsum(steps)
+    kept = kept[kept < len(fine)]
+    result = identify(fine[kept], RATE, times=kept / 80.0)
+    assert [warning.code for warning in result.warnings] == ["uneven-clock"]
+    for frequency in two_mass_system.frequencies:
+        nearest = min(abs(m.frequency - frequency) for m in result.modes)
+        assert nearest < 0.01 * frequency
+
+
+def test_stamps_that_contradict_the_stated_rate_are_followed(record: np.ndarray) -> None:
+    result = identify(record, 25.0, times=np.arange(len(record)) / RATE)
+    assert "sampling-rate" in [warning.code for warning in result.warnings]
+    assert min(abs(m.frequency - 1.236) for m in result.modes) < 0.0124

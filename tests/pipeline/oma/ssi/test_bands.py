@@ -1,0 +1,64 @@
+"""Bands of a record: their filters, and what a high pass brings to light."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from pipeline.oma.identification import identify
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.bands import plan_bands
+from pipeline.oma.ssi.preprocessing import (
+    HIGH_PASS_BAND,
+    HIGH_STOP_BAND,
+    decimated,
+    high_pass_taps,
+    n_decimated,
+)
+from tests.pipeline.oma.conftest import KnownStructure
+
+RATE = 40.0
+
+
+@pytest.mark.parametrize("high_passed", [False, True])
+@pytest.mark.parametrize("decimation", [1, 4, 8])
+def test_the_length_of_a_bands_record_is_known_beforehand(
+    decimation: int, high_passed: bool
+) -> None:
+    for n in (10, 97, 1000, 4321):
+        band = decimated(np.ones((n, 2)), decimation, high_passed=high_passed)
+        assert len(band) == n_decimated(n, decimation, high_passed=high_passed)
+
+
+def test_the_high_pass_is_flat_shut_and_symmetric() -> None:
+    taps = high_pass_taps()
+    f, response = signal.freqz(taps, worN=4096, fs=1.0)
+    assert np.abs(response[f >= HIGH_PASS_BAND]) == pytest.approx(1.0, abs=2e-3)
+    assert np.abs(response[f <= HIGH_STOP_BAND]).max() < 2e-3
+    assert taps.sum() == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(taps, taps[::-1], atol=1e-15)
+
+
+def test_a_window_has_slow_bands_and_a_short_one_only_what_it_carries() -> None:
+    whole = plan_bands(n_samples=24_000, n_channels=8, sampling_rate=RATE, settings=OmaSettings())
+    assert [(band.decimation, band.high_passed) for band in whole] == [
+        (8, False), (8, True), (4, False), (4, True), (1, False), (1, True),
+    ]  # fmt: skip
+    short = plan_bands(n_samples=300, n_channels=8, sampling_rate=RATE, settings=OmaSettings())
+    assert not short[0].high_passed
+    assert all(band.decimation == 1 for band in short)
+
+
+def test_a_mode_beside_a_much_stronger_sea_is_found(cantilever: KnownStructure) -> None:
+    """Swell at .1 to .3 Hz, three hundred times as strong as the modes."""
+    y = cantilever.ambient_response(
+        sampling_rate=RATE, duration=600.0, seed=31, noise=0.0, excitation=[1.0, 0.3, 1.0]
+    )
+    generator = np.random.default_rng(32)
+    sections = signal.butter(8, [0.1, 0.3], "bandpass", fs=RATE, output="sos")
+    sea = signal.sosfilt(sections, generator.standard_normal((len(y), 3)), axis=0)
+    levels = np.linspace(0.2, 1.0, y.shape[1]) ** np.arange(1, 4)[:, None]
+    record = y + 300 * sea / sea.std(axis=0) @ levels
+    record += 0.05 * generator.standard_normal(record.shape)
+    modes = identify(record, RATE).modes
+    for frequency in cantilever.frequencies[1:]:
+        assert min(abs(mode.frequency / frequency - 1) for mode in modes) < 0.01

@@ -1,0 +1,136 @@
+"""Files of a session: where they go, and that none is ever overwritten."""
+
+import errno
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pipeline.cli.run import of_a_farm
+from pipeline.run import folder
+from pipeline.run.folder import prepare_folder
+from pipeline.run.options import SessionOptions
+from pipeline.run.processes import node_command
+from pipeline.run.run import run_session
+from pipeline.sources.playback import Playback
+from pipeline.sources.recorded_stream import SourceError
+from pipeline.sources.sources import Source, open_source, replayed, simulated
+from pipeline.transport.zenoh_bus import peer_of
+from pipeline.viewer.outputs.outputs import ConnectedViewer
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.errors import InputError
+
+
+def test_an_earlier_session_is_set_aside_under_its_date(
+    tmp_path: Path, short_recording: Path
+) -> None:
+    (tmp_path / "session.mcap").write_bytes(b"first")
+    (tmp_path / "summary.json").write_text("{}")
+    prepare_folder(replayed(short_recording), tmp_path)
+    (tmp_path / "session.mcap").write_bytes(b"second")
+    prepare_folder(replayed(short_recording), tmp_path)
+    kept = sorted(tmp_path.glob("session-*.mcap"))
+    assert {path.read_bytes() for path in kept} == {b"first", b"second"}
+    assert not (tmp_path / "session.mcap").exists()
+    assert len(list(tmp_path.glob("summary-*.json"))) == 1
+
+
+def test_what_a_crash_left_is_set_aside_too(tmp_path: Path, short_recording: Path) -> None:
+    (tmp_path / "session.mcap.active").write_bytes(b"cut")
+    prepare_folder(replayed(short_recording), tmp_path)
+    (kept,) = tmp_path.glob("session-*.mcap.active")
+    assert kept.read_bytes() == b"cut"
+
+
+def test_a_session_that_is_replayed_into_its_own_folder_is_found_again(
+    tmp_path: Path, short_recording: Path
+) -> None:
+    own = tmp_path / "session.mcap"
+    own.write_bytes(short_recording.read_bytes())
+    source = prepare_folder(replayed(own), tmp_path)
+    assert source.recording is not None
+    assert source.recording.exists()
+    assert source.recording != own
+
+
+def test_a_summary_that_the_disk_refuses_is_named_and_costs_no_results(
+    tmp_path: Path,
+    short_recording: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def full(path: Path, _: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr(folder, "written_whole", full)
+    source = replayed(short_recording).with_playback(Playback(0.0, 3.0))
+    ended = run_session(source, SessionOptions(out=tmp_path, way="lock-step", rrd=False))
+    assert not ended.complete
+    assert ended.figures["duration_s"] == 3.0
+    assert caplog.messages == [f"cannot write {tmp_path / 'summary.json'}: No space left on device"]
+    assert [path.name for path in ended.files] == ["session.mcap"]
+
+
+def test_a_file_in_place_of_the_folder_is_one_line(tmp_path: Path, short_recording: Path) -> None:
+    (tmp_path / "out").write_text("")
+    with pytest.raises(InputError, match="a folder is needed"):
+        prepare_folder(replayed(short_recording), tmp_path / "out")
+
+
+def test_a_recording_brings_scenario_layout_and_truth(short_recording: Path) -> None:
+    source = open_source(f"replay:{short_recording}")
+    assert source.scenario.seed == 3
+    assert source.scenario.oma.window_duration == 120.0
+    assert source.layout.channel_names[0] == "z41-fa"
+    assert source.truth is not None
+    assert source.truth.k11 == 9.8e9
+    assert source.duration == pytest.approx(240.0)
+
+
+def test_the_same_scenario_simulates_what_was_recorded(short_recording: Path) -> None:
+    again = replayed(short_recording)
+    first = first_block(simulated(again.scenario))
+    recorded = first_block(again)
+    assert (first.samples == recorded.samples).all()
+    assert first.start_ns == recorded.start_ns
+
+
+def first_block(source: Source) -> AccelerationBlock:
+    return next(each for each in source.messages() if isinstance(each, AccelerationBlock))
+
+
+@pytest.mark.parametrize("text", ["replay:", "tape", "live:x", ""])
+def test_a_source_that_is_none_is_named(text: str) -> None:
+    with pytest.raises(SourceError, match="none of replay:FILE, simulate:SCENARIO, live and a"):
+        open_source(text)
+
+
+def test_a_node_in_another_process_is_told_the_same(short_recording: Path) -> None:
+    source = replayed(short_recording)
+    options = SessionOptions(out=Path("o"), rrd=False, view=ConnectedViewer("rerun+http://h/proxy"))
+    command = node_command("updating", source, options, peer_of("tcp/127.0.0.1:1"), None)
+    assert command[3:] == [
+        "node",
+        "updating",
+        "--tied",
+        "--connect",
+        "tcp/127.0.0.1:1",
+        "--out",
+        "o",
+        "--recording",
+        str(short_recording),
+        "--sampler",
+        "importance",
+        "--view",
+        "connect=rerun+http://h/proxy",
+        "--no-rrd",
+    ]
+    live = replace(source, recording=None)
+    assert "--scenario" in node_command("updating", live, options, peer_of("tcp/127.0.0.1:1"), None)
+
+
+def test_one_turbines_results_are_not_taken_for_the_farms() -> None:
+    assert of_a_farm(("t1", "t2", "t3"), "t1", Path("shore")) == (
+        "These are the results of t1, one of 3 turbines; all of them: pilewatch farm shore"
+    )

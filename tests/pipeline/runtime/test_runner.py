@@ -1,0 +1,171 @@
+"""Nodes that are served, that fail, and that are told to stop."""
+
+import threading
+from collections.abc import Iterable, Iterator
+from itertools import count
+
+import numpy as np
+import pytest
+
+from pipeline.messages import Message, NodeStatus, StreamEnd
+from pipeline.nodes.node import Node
+from pipeline.runtime.errors import NodeFailed
+from pipeline.runtime.runner import NodeThread, run_lock_step, run_workers, with_end
+from pipeline.transport.memory_bus import MemoryBus
+from sensors.acquisition.blocks import AccelerationBlock
+from tests.pipeline.example_messages import block as acceleration_block
+
+
+class Listener:
+    """Remembers the numbers of the blocks that it was given."""
+
+    name = "listener"
+    inputs: tuple[type, ...] = (AccelerationBlock, StreamEnd)
+
+    def __init__(self) -> None:
+        self.sequences: list[int] = []
+        self.ends: list[StreamEnd] = []
+        self.closed = False
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        if isinstance(message, AccelerationBlock):
+            self.sequences.append(message.sequence)
+        elif isinstance(message, StreamEnd):
+            self.ends.append(message)
+        return ()
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Fragile(Listener):
+    """Breaks at the fifth block."""
+
+    name = "fragile"
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        super().handle(message)
+        if len(self.sequences) == 5:
+            raise ZeroDivisionError("the fifth block")
+        return ()
+
+
+def blocks(n_blocks: int) -> Iterator[AccelerationBlock]:
+    for sequence in range(n_blocks):
+        yield acceleration_block(sequence)
+
+
+def threaded(bus: MemoryBus, *nodes: Node) -> list[NodeThread]:
+    return [NodeThread(node, lambda: bus, "t1") for node in nodes]
+
+
+def test_the_end_tells_how_many_blocks_there_were() -> None:
+    *_, end = with_end(blocks(7))
+    assert isinstance(end, StreamEnd)
+    assert end.n_blocks == 7
+    *_, last = blocks(7)
+    assert end.time_ns == last.end_ns
+
+
+def test_lock_step_gives_every_node_every_block_in_order() -> None:
+    listeners = [Listener(), Listener()]
+    run_lock_step(blocks(20), listeners, turbine="t1")
+    for listener in listeners:
+        assert listener.sequences == list(range(20))
+        assert listener.closed
+
+
+def test_a_source_never_runs_further_ahead_than_it_may() -> None:
+    bus, listener = MemoryBus(), Listener()
+    ahead = []
+
+    def measured() -> Iterator[AccelerationBlock]:
+        for block in blocks(200):
+            ahead.append(block.sequence - len(listener.sequences))
+            yield block
+
+    run_workers(measured(), threaded(bus, listener), bus, turbine="t1", unacknowledged_blocks=32)
+    assert listener.sequences == list(range(200))
+    assert [end.n_blocks for end in listener.ends] == [200]
+    assert max(ahead) <= 32
+
+
+@pytest.mark.parametrize("unacknowledged_blocks", [8, None])
+def test_a_node_that_fails_ends_the_run_and_the_others_are_closed(
+    unacknowledged_blocks: int | None,
+) -> None:
+    bus, fragile, listener = MemoryBus(), Fragile(), Listener()
+    workers = threaded(bus, fragile, listener)
+    endless = (acceleration_block(sequence) for sequence in count())
+    with pytest.raises(NodeFailed, match="node fragile failed: ZeroDivisionError"):
+        run_workers(
+            endless, workers, bus, turbine="t1", unacknowledged_blocks=unacknowledged_blocks
+        )
+    assert fragile.closed
+    assert listener.closed
+
+
+def test_a_run_that_is_stopped_handles_what_was_published() -> None:
+    bus, listener, stopping = MemoryBus(), Listener(), threading.Event()
+    published = []
+
+    def stop_at_fifty(block: AccelerationBlock) -> None:
+        published.append(block.sequence)
+        if block.sequence == 49:
+            stopping.set()
+
+    run_workers(
+        blocks(10_000),
+        threaded(bus, listener),
+        bus,
+        turbine="t1",
+        unacknowledged_blocks=64,
+        report=stop_at_fifty,
+        stopping=stopping,
+    )
+    assert listener.sequences == published
+    assert len(published) == 50
+
+
+def test_a_live_run_goes_on_until_it_is_stopped() -> None:
+    bus, listener, stopping = MemoryBus(), Listener(), threading.Event()
+
+    class Instrument(Listener):
+        """Publishes by itself once the listener is ready."""
+
+        name = "instrument"
+        inputs = (NodeStatus,)
+
+        def handle(self, message: Message) -> Iterable[Message]:
+            if isinstance(message, NodeStatus) and message.node == "listener":
+                if message.state == "ready":
+                    yield from blocks(10)
+                elif message.last_sequence == 9:
+                    stopping.set()
+
+    workers = threaded(bus, listener, Instrument())
+    run_workers(None, workers, bus, turbine="t1", unacknowledged_blocks=None, stopping=stopping)
+    assert listener.sequences == list(range(10))
+
+
+def test_what_a_node_says_of_itself_adds_up() -> None:
+    told: list[NodeStatus] = []
+
+    class Book(Listener):
+        name = "book"
+        inputs = (NodeStatus,)
+
+        def handle(self, message: Message) -> Iterable[Message]:
+            assert isinstance(message, NodeStatus)
+            told.append(message)
+            return ()
+
+    run_lock_step(blocks(12), [Listener(), Book()], turbine="t1")
+    (status,) = (each for each in told if each.node == "listener")
+    assert status.state == "stopped"
+    assert {each.message: each.count for each in status.received} == {
+        "AccelerationBlock": 12,
+        "StreamEnd": 1,
+    }
+    assert status.last_sequence == 11
+    assert np.isfinite(status.busy_s)

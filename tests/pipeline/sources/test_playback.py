@@ -1,0 +1,112 @@
+"""A part of a recording, several rounds, several files: the same blocks as one stream."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.messages import ModalEstimate
+from pipeline.nodes.identification import IdentificationInContext
+from pipeline.recording.session_recorder import SessionRecorder
+from pipeline.recording.settings import RecordingSettings
+from pipeline.runtime.runner import with_end
+from pipeline.sources.playback import Playback
+from pipeline.sources.recorded_stream import SourceError
+from pipeline.sources.sources import replayed, simulated
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.errors import InputError
+from tests.pipeline.example_messages import START_NS, same
+
+SECOND = 10**9  # [ns]
+
+
+def blocks_of(source) -> list[AccelerationBlock]:
+    return [each for each in source.messages() if isinstance(each, AccelerationBlock)]
+
+
+def same_samples(ones, others) -> bool:
+    return len(ones) == len(others) and all(
+        np.array_equal(one.samples, other.samples) for one, other in zip(ones, others, strict=True)
+    )
+
+
+def test_a_range_holds_its_blocks_and_counts_them_from_its_beginning(short_recording: Path):
+    whole = replayed(short_recording)
+    part = whole.with_playback(Playback(30.0, 90.0))
+    assert part.duration == 60.0
+    played = blocks_of(part)
+    assert same_samples(played, blocks_of(whole)[30:90])
+    assert [block.sequence for block in played] == list(range(60))
+    assert played[0].first_sample == 0
+    assert played[0].start_ns == blocks_of(whole)[30].start_ns
+
+
+def test_rounds_follow_each_other_in_time_as_sessions_of_their_own(short_recording: Path):
+    played = blocks_of(replayed(short_recording).with_playback(Playback(0.0, 20.0, rounds=3)))
+    assert len(played) == 60
+    assert len({block.session for block in played}) == 3
+    steps = np.diff([block.start_ns for block in played])
+    assert (steps == SECOND).all()
+    assert same_samples(played[:20], played[40:])
+
+
+def parts(folder: Path, recording: Path, overlap: int) -> None:
+    """The recording in parts of a minute, each begun with the last blocks of the one before."""
+    now_ns = [START_NS]
+    source = replayed(recording)
+    recorder = SessionRecorder(
+        folder / "session.mcap",
+        metadata=source.metadata,
+        clock=lambda: now_ns[0],
+        settings=RecordingSettings(rotate_after=60.0),
+        free=lambda _: 10**12,
+    )
+    latest: list[AccelerationBlock] = []
+    for message in with_end(source.messages()):
+        part = recorder.path
+        recorder.handle(message)
+        if recorder.path != part:
+            for again in latest[-overlap:]:
+                recorder.handle(again)
+        if isinstance(message, AccelerationBlock):
+            now_ns[0] += SECOND
+            latest.append(message)
+    recorder.close()
+
+
+@pytest.mark.parametrize("overlap", [1, 50])
+def test_several_files_are_one_stream_without_repeats(tmp_path, short_recording, overlap):
+    parts(tmp_path, short_recording, overlap)
+    assert len(list(tmp_path.glob("*.mcap"))) > 3
+    joined, whole = replayed(tmp_path), replayed(short_recording)
+    assert joined.duration == whole.duration
+    assert same_samples(blocks_of(joined), blocks_of(whole))
+    assert joined.truth == whole.truth
+
+
+def test_a_replay_of_the_parts_gives_the_estimates_of_the_whole_bit_for_bit(
+    tmp_path, short_recording
+):
+    parts(tmp_path, short_recording, 5)
+    one, many = (first_estimate(replayed(path)) for path in (short_recording, tmp_path))
+    assert same(one, many)
+
+
+def first_estimate(source) -> ModalEstimate:
+    """Of the first window, as the live session would have given it."""
+    node = IdentificationInContext(source.scenario.oma)
+    answers = (answer for message in source.messages() for answer in node.handle(message))
+    return next(answer for answer in answers if isinstance(answer, ModalEstimate))
+
+
+def test_what_cannot_be_played_is_one_line(short_recording: Path, tmp_path: Path):
+    with pytest.raises(InputError, match="--from 5 --to 3 is no range"):
+        Playback(5.0, 3.0)
+    with pytest.raises(InputError, match="--loop 0 plays nothing"):
+        Playback(rounds=0)
+    with pytest.raises(SourceError, match="--from 500 lies behind the end of"):
+        replayed(short_recording).with_playback(Playback(500.0))
+    with pytest.raises(SourceError, match="are for replay:FILE"):
+        simulated(replayed(short_recording).scenario).with_playback(Playback(5.0))
+    with pytest.raises(SourceError, match="holds no recording"):
+        replayed(tmp_path)

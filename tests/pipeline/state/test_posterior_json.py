@@ -1,0 +1,87 @@
+"""The figures of summary.json."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.cli.tables.posteriors import posterior_table
+from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
+from pipeline.state.posterior_json import empty_summary, posterior_summary, truth_covered
+
+POSTERIOR = FoundationPosterior(
+    turbine="small",
+    window=5,
+    time_ns=0,
+    n_windows=6,
+    parameters=(
+        ParameterSummary("k11", "N/m", 1e10, 1.1e10, 1.0e10, 1.2e10),
+        ParameterSummary("k22", "N·m/rad", 8e11, 8e11, 7.2e11, 8.8e11),
+        ParameterSummary("k12", "N/rad", -7e10, -7e10, -7.7e10, -6.3e10),
+        ParameterSummary("sigma", "-", 1.0, 0.001, 0.0, 0.003),
+    ),
+    correlation=np.eye(3),
+    draws=np.zeros((1, 4)),
+    pairs=(),
+    model_labels=(),
+    model_frequencies=np.zeros(0),
+    model_shapes=np.zeros((0, 8)),
+    sampler="emcee",
+    ess=1234.0,
+    rhat=float("nan"),
+    autocorrelation_time=2.0,
+    reduced_chi_square=1.0,
+    paired_share=1.0,
+    pairing_cost=0.5,
+)
+TRUTH = FoundationTruth("small", 0, k11=1.05e10, k22=9e11, k12=-7e10)
+
+
+def test_ratios_are_to_nominal_and_in_rising_order_for_a_negative_coupling_too():
+    k12 = posterior_summary(POSTERIOR)["k12"]
+    assert (k12["ratio_p05"], k12["ratio_median"], k12["ratio_p95"]) == pytest.approx(
+        (0.9, 1.0, 1.1)
+    )
+
+
+def test_the_truth_is_a_ratio_where_it_is_known_and_null_where_not():
+    assert posterior_summary(POSTERIOR, TRUTH)["k11"]["truth_ratio"] == pytest.approx(1.05)
+    assert posterior_summary(POSTERIOR)["k11"]["truth_ratio"] is None
+
+
+def test_the_summary_is_valid_json_with_null_for_what_is_unknown():
+    text = json.dumps(posterior_summary(POSTERIOR), allow_nan=False)
+    assert json.loads(text)["rhat"] is None
+
+
+def test_a_session_without_a_posterior_has_the_same_keys():
+    assert _keys(empty_summary()) == _keys(posterior_summary(POSTERIOR))
+
+
+def _keys(summary):
+    return {
+        name: sorted(value) if isinstance(value, dict) else None for name, value in summary.items()
+    }
+
+
+def test_how_probable_a_change_is_stands_in_it_and_is_unknown_without_a_posterior():
+    posterior = replace(POSTERIOR, change_probability=0.25)
+    assert posterior_summary(posterior)["change_probability"] == 0.25
+    assert empty_summary()["change_probability"] is None
+
+
+def test_coverage_is_judged_parameter_by_parameter():
+    assert truth_covered(POSTERIOR, TRUTH) == {"k11": True, "k22": False, "k12": True}
+
+
+def test_figures_of_the_structure_that_are_uncertain_stand_beside_the_springs():
+    mass = ParameterSummary("rna_mass", "-", 1.0, 1.02, 1.0, 1.04, contraction=0.6)
+    posterior = replace(POSTERIOR, figures=(mass,))
+    summary = posterior_summary(posterior) | {"windows": 6, "sampler": "importance", "rhat": 1.0}
+    assert summary["figures"] == {
+        "rna_mass": {"unit": "-", "median": 1.02, "p05": 1.0, "p95": 1.04, "contraction": 0.6}
+    }
+    assert posterior_summary(POSTERIOR)["figures"] == empty_summary()["figures"] == {}
+    names = list(posterior_table(summary).columns[0].cells)
+    assert names == ["k11", "k22", "k12", "σ", "rna mass"]

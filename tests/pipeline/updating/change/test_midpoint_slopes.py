@@ -1,0 +1,76 @@
+"""The size of a change: the model's frequencies before and after it, read back as stiffness."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.updating.change.detector import ChangeDetector, ChangeState
+from pipeline.updating.change.event_message import TrackSensitivity, sensitivities_of
+from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
+from pipeline.updating.change.stiffness_change import StiffnessStep
+from pipeline.updating.change.sufficient_statistics import SeenFrequency, WatchedWindow
+from pipeline.updating.prior import Prior
+from tests.pipeline.updating.small_tower import NOMINAL, SmallTower
+
+TOWER = SmallTower()
+PRIOR = Prior(NOMINAL)
+BEFORE = np.array([1.1, 0.9, 0.95])
+LOST = np.array([0.0, -0.09, 0.0])  # a tenth of k22
+PAIRS = tuple(
+    TrackSensitivity(track, label, slopes, np.zeros(2))
+    for track, (label, slopes) in enumerate(
+        zip(TOWER.labels, stiffness_slopes(TOWER, PRIOR, BEFORE), strict=True)
+    )
+)
+DETECTOR = ChangeDetector()
+
+
+def log_frequencies(ratios):
+    """(12,)"""
+    return np.log(TOWER.modal(PRIOR.stiffness(ratios)[None]).frequencies[0])
+
+
+def measured(generator, *, std, n_before=12, n_after=3, lost=LOST):
+    """The change found in drawn windows, by the slopes before it and half way."""
+    state = ChangeState()
+    for number in range(n_before + n_after):
+        truth = log_frequencies(BEFORE + lost * (number >= n_before))
+        values = truth + std * generator.standard_normal(len(truth))
+        seen = tuple(SeenFrequency(j, float(v), std) for j, v in enumerate(values))
+        known = sensitivities_of(state.sums.tracks, PAIRS)
+        state = DETECTOR.updated(state, WatchedWindow(int(number * 6e11), 600.0, seen), known)
+    known = sensitivities_of(state.sums.tracks, PAIRS)
+    found = DETECTOR.change(state, DETECTOR.verdict(state, known, window_duration=600.0), known)
+    return found, measured_half_way(
+        found, state, DETECTOR, TOWER, PRIOR, before=BEFORE, pairs=PAIRS
+    )
+
+
+def test_without_noise_the_size_is_that_of_the_model_and_by_the_slopes_before_it_is_not():
+    straight, half_way = measured(np.random.default_rng(31), std=1e-6)
+    assert half_way.step.ratios == pytest.approx(LOST, abs=0.001)
+    assert abs(straight.step.ratios[1] - LOST[1]) > 0.005
+    assert half_way.candidate == straight.candidate == 12
+
+
+def test_the_interval_of_the_size_holds_it_as_often_as_it_says():
+    """90 % of 100 streams for each spring; binomial: outside 82 to 97 once in 100."""
+    inside, errors = [], []
+    for seed in range(100):
+        _, found = measured(np.random.default_rng([32, seed]), std=0.001)
+        stds = np.sqrt(np.diag(found.step.covariance))
+        errors.append((found.step.ratios - LOST) / stds)
+        inside.append(np.abs(errors[-1]) < 1.6449)
+    assert np.all(np.sum(inside, axis=0) >= 82)
+    assert np.all(np.sum(inside, axis=0) <= 97)
+    assert np.mean(errors, axis=0) == pytest.approx(0, abs=0.3)  # three of their own std
+
+
+def test_a_change_after_which_nothing_could_stand_keeps_its_first_size():
+    """Nearly all of k22 gone: k12 would couple more than the springs hold."""
+    lost = StiffnessStep(np.array([0.0, -0.85, 0.0]), np.eye(3))
+    found = replace(measured(np.random.default_rng(33), std=1e-4)[0], step=lost)
+    state = ChangeState()
+    again = measured_half_way(found, state, DETECTOR, TOWER, PRIOR, before=BEFORE, pairs=PAIRS)
+    assert again is found

@@ -1,0 +1,47 @@
+"""The Gaussian approximation is exact where the model is linear."""
+
+import numpy as np
+import pytest
+
+from pipeline.updating.likelihood.laplace import Peak, laplace_peak, starting_points
+from pipeline.updating.prior import Prior
+from tests.pipeline.updating.likelihood.test_likelihood import TRUTH, evidence_of, likelihood_of
+from tests.pipeline.updating.small_tower import NOMINAL, LinearTower
+
+
+def test_the_peak_is_found_from_afar_within_its_own_standard_deviations():
+    evidence, _ = evidence_of(4, seed=21)
+    likelihood, prior = likelihood_of(evidence), Prior(NOMINAL)
+    peak = laplace_peak(likelihood, LinearTower(), prior, np.array([1.4, 0.8, 0.7]))
+    offset = peak.ratios - TRUTH
+    assert offset @ np.linalg.solve(peak.covariance, offset) < 16.3  # 99.9 % of chi-square(3)
+
+
+def test_nothing_nearby_is_more_likely_than_the_peak():
+    evidence, _ = evidence_of(4, seed=22)
+    likelihood, prior = likelihood_of(evidence), Prior(NOMINAL)
+    peak = laplace_peak(likelihood, LinearTower(), prior, TRUTH)
+    steps = np.random.default_rng(23).multivariate_normal(np.zeros(3), peak.covariance, 200)
+    around = np.vstack([peak.ratios, peak.ratios + steps])
+    values = likelihood.log_likelihood(LinearTower().modal(around * NOMINAL)).max(axis=1)
+    assert values[0] >= values.max() - 0.02
+
+
+def test_starting_points_lie_where_the_density_is_positive():
+    prior = Prior(NOMINAL)
+    peak = Peak(np.array([0.3, 1.0, 0.7]), np.diag([1.0, 1.0, 1.0]))  # next to the boundary
+
+    def density(ratios):
+        return np.where(ratios[:, 0] < 2, 0.0, -np.inf)
+
+    points = starting_points(peak, density, prior, 40, np.random.default_rng(24))
+    assert points.shape == (40, 3)
+    assert prior.supports(points).all()
+    assert (points[:, 0] < 2).all()
+
+
+def test_a_direction_that_the_data_do_not_constrain_keeps_a_finite_spread():
+    evidence, _ = evidence_of(1, seed=25, labels=("1",), shape_std=10.0)
+    tower = LinearTower().subset(("1",))
+    peak = laplace_peak(likelihood_of(evidence), tower, Prior(NOMINAL), TRUTH)
+    assert np.linalg.eigvalsh(peak.covariance).max() == pytest.approx(1.0, rel=0.1)

@@ -1,0 +1,98 @@
+"""Which modes are compared is the pairing's affair, and the scenario's where it names them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.evidence.observations import EstimateRefused
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings
+from pipeline.updating.likelihood.pairing import PairingSettings
+from pipeline.updating.model_matching import Matcher
+from pipeline.updating.prior import Prior, UpdatingError
+from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
+
+TOWER = LinearTower()
+TRUTH = np.array([1.1, 0.9, 0.95])
+
+
+@dataclass(frozen=True)
+class SteepTower(LinearTower):
+    """Its water's effect doubles for an eighth more stiffness."""
+
+    water: tuple[float, float] = (-0.006, -0.001)
+    followed_from: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def following(self, theta_reference):
+        return replace(self, followed_from=tuple(theta_reference / self.nominal))
+
+    def in_water(self, rises):
+        steeper = 1 + 8 * (np.mean(self.followed_from) - 1)
+        slope, curvature = steeper * self.water[0], steeper * self.water[1]
+        levels = np.array(rises)[:, None]
+        modes = self.modal(np.tile(self.followed_from, (len(rises), 1)) * self.nominal)
+        return replace(
+            modes, frequencies=modes.frequencies * np.exp(slope * levels + curvature * levels**2)
+        )
+
+
+def matcher(tower=TOWER, **likelihood):
+    return Matcher(
+        tower,
+        Prior(tower.nominal),
+        pairing=PairingSettings(search_draws=60, tried=2, refined=1),
+        likelihood=LikelihoodSettings(**likelihood),
+        generator=np.random.default_rng(1),
+    )
+
+
+def evidence_of(n_windows):
+    evidence = ModalEvidence(channels=LAYOUT.channel_names)
+    generator = np.random.default_rng(2)
+    for window in range(n_windows):
+        estimate = drawn_estimate(TRUTH, generator, window=window, tower=TOWER)
+        evidence = evidence.with_estimate(estimate)
+    return evidence
+
+
+def test_only_the_named_modes_are_compared_though_all_are_paired():
+    match = matcher(modes=("2", "5")).matched(evidence_of(2))
+    assert match.pairing.model_modes == (0, 1, 2, 3, 4, 5)
+    assert match.forward.labels == ("2", "5")
+    assert [each.identified for each in match.used] == [1, 4]
+
+
+def test_a_mode_that_the_model_does_not_have_is_refused_by_its_name():
+    with pytest.raises(UpdatingError, match=r"'12'.*1, 2, 3"):
+        matcher(modes=("2", "12"))
+
+
+def test_a_last_window_without_any_partner_is_refused_whatever_the_earlier_ones_said():
+    evidence = evidence_of(2)
+    gone = [replace(mode, last_window=1) for mode in evidence.modes]
+    with pytest.raises(EstimateRefused, match="none of the 0 identified modes"):
+        matcher().matched(replace(evidence, modes=tuple(gone)))
+
+
+def test_the_water_is_taken_out_at_the_stiffness_that_is_found_without_it():
+    """Two windows at a level of 1.5 m, springs 10 % stiffer, frequencies that the water lowers by
+    2 %: one part in thirty of it stays at most. At the stiffness of wet windows a fifth would."""
+    tower = SteepTower()
+    truth = np.full(3, 1.1)
+    wet = tower.following(truth * tower.nominal).in_water([1.5]).frequencies[0]
+    dry = tower.modal((truth * tower.nominal)[None]).frequencies[0]
+    evidence = ModalEvidence(channels=LAYOUT.channel_names)
+    for window in range(2):
+        generator = np.random.default_rng(3)
+        estimate = drawn_estimate(
+            truth, generator, window=window, tower=TOWER, frequency_std=1e-4, shape_std=1e-3
+        )
+        modes = [
+            replace(mode, frequency=frequency)
+            for mode, frequency in zip(estimate.modes, wet, strict=True)
+        ]
+        evidence = evidence.with_estimate(replace(estimate, modes=tuple(modes)), rise=1.5)
+    match = matcher(tower).matched(evidence)
+    assert [mode.frequency for mode in match.evidence.modes] == pytest.approx(dry, rel=0.02 / 30)
+    assert match.peak.ratios == pytest.approx(truth, abs=0.005)

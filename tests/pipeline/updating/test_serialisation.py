@@ -1,0 +1,116 @@
+"""A restarted updater goes on as if it had never stopped, or says why it cannot."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.updating.likelihood.pairing import PairingSettings
+from pipeline.updating.samplers.emcee_sampler import SamplerSettings
+from pipeline.updating.samplers.importance import ImportanceSettings
+from pipeline.updating.samplers.registry import SamplingSettings
+from pipeline.updating.serialisation import VERSION, CheckpointError
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.updater import FoundationUpdater
+from sensors.errors import InputError
+from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
+
+SETTINGS = UpdatingSettings(
+    pairing=PairingSettings(search_draws=60, tried=2, refined=1),
+    sampling=SamplingSettings(importance=ImportanceSettings(effective_draws=100, pilot=100)),
+    sampler=SamplerSettings(walkers=20, burn_in=10, block=20, most_steps=40),
+)
+
+
+def updater_of(**options) -> FoundationUpdater:
+    layout = options.pop("layout", LAYOUT)
+    return FoundationUpdater(options.pop("forward", LinearTower()), layout, SETTINGS, seed=1)
+
+
+def estimate_of(window):
+    generator = np.random.default_rng([41, window])
+    return drawn_estimate(np.array([1.1, 0.9, 1.0]), generator, window=window, tower=LinearTower())
+
+
+@pytest.fixture(scope="module")
+def saved():
+    """An updater's state after two windows, as bytes."""
+    updater = updater_of()
+    state = updater.initial_state()
+    for window in range(2):
+        state, _ = updater.updated(state, estimate_of(window))
+    return updater.saved(state)
+
+
+def test_a_restarted_updater_gives_the_posteriors_it_would_have_given_bit_for_bit(saved):
+    whole = updater_of()
+    state = whole.initial_state()
+    for window in range(4):
+        state, expected = whole.updated(state, estimate_of(window))
+    restarted = updater_of()
+    state = restarted.restored(saved)
+    for window in (2, 3):
+        state, continued = restarted.updated(state, estimate_of(window))
+    for field in fields(expected):
+        one, other = (getattr(each, field.name) for each in (expected, continued))
+        if isinstance(one, np.ndarray):
+            assert np.array_equal(one, other), field.name
+        else:
+            assert repr(one) == repr(other), field.name  # NaN, where there is no chain, equals NaN
+
+
+def test_a_state_in_which_nothing_was_seen_can_be_saved():
+    updater = updater_of()
+    state = updater.restored(updater.saved(updater.initial_state()))
+    assert state.evidence.modes == ()
+    assert state.ensemble is None
+    assert state.evidence.channels == LAYOUT.channel_names
+
+
+def test_what_is_restored_saves_to_the_same_bytes(saved):
+    updater = updater_of()
+    assert updater.saved(updater.restored(saved)) == saved
+
+
+def test_a_checkpoint_is_small(saved):
+    assert len(saved) < 50_000
+
+
+def test_another_version_is_named_and_refused(saved):
+    other = saved.replace(b" %d\n" % VERSION, b" %d\n" % (VERSION + 6), 1)
+    with pytest.raises(CheckpointError, match=f"a.checkpoint has version {VERSION + 6}"):
+        updater_of().restored(other, origin="a.checkpoint")
+
+
+def test_another_turbines_checkpoint_is_refused_with_both_names(saved):
+    layout = replace(LAYOUT, turbine="next-door")
+    with pytest.raises(CheckpointError, match="'small', not of 'next-door'"):
+        updater_of(layout=layout).restored(saved)
+
+
+def test_a_checkpoint_under_the_other_sign_of_the_coupling_is_refused(saved):
+    class Mirrored(LinearTower):
+        nominal = LinearTower().nominal * [1, 1, -1]
+
+    with pytest.raises(CheckpointError, match="nominal springs"):
+        updater_of(forward=Mirrored()).restored(saved)
+
+
+@pytest.mark.parametrize("payload", [b"", b"\n", b"pilewatch-updating 1\n", b"PK\x03\x04 zip"])
+def test_a_file_that_is_no_checkpoint_says_so_in_one_line(payload):
+    with pytest.raises(InputError) as raised:
+        updater_of().restored(payload, origin="x")
+    assert "\n" not in str(raised.value)
+
+
+@given(data=st.data())
+def test_a_damaged_byte_is_noticed(saved, data):
+    at = data.draw(st.integers(len(b"pilewatch-updating 1\n"), len(saved) - 1))
+    damaged = saved[:at] + bytes([saved[at] ^ data.draw(st.integers(1, 255))]) + saved[at + 1 :]
+    with pytest.raises(CheckpointError):
+        LAST.restored(damaged)
+
+
+LAST = updater_of()

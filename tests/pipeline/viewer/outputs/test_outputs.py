@@ -1,0 +1,94 @@
+"""Where pictures go, and what is said when they cannot."""
+
+import importlib.util
+import threading
+from pathlib import Path
+
+import pytest
+
+from pipeline.viewer.outputs import connection
+from pipeline.viewer.outputs.outputs import (
+    ConnectedViewer,
+    RrdFile,
+    SpawnedViewer,
+    ViewerError,
+    WebPage,
+    parse_view,
+)
+from pipeline.viewer.viewer_node import Viewer
+from tests.pipeline.viewer.session import DESCRIPTION
+
+
+def test_spawn_web_and_connect_are_understood():
+    assert parse_view("spawn") == SpawnedViewer()
+    assert parse_view("web") == WebPage()
+    address = "rerun+http://127.0.0.1:9876/proxy"
+    assert parse_view(f"connect={address}") == ConnectedViewer(address)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "window", "web=1", "connect", "connect=", "connect=127.0.0.1:9876"]
+)
+def test_any_other_word_is_one_line_that_says_what_would_be_right(text: str):
+    with pytest.raises(ViewerError) as error:
+        parse_view(text)
+    message = str(error.value)
+    assert message.startswith(f"--view {text}")
+    assert "connect=" in message
+    assert "\n" not in message
+
+
+def test_missing_rerun_is_one_line_that_names_the_option(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.setattr("pipeline.viewer.outputs.outputs.find_spec", lambda name: None)
+    outputs = [RrdFile(Path("out/session.rrd"))]
+    with pytest.raises(ViewerError) as error:
+        Viewer(outputs, DESCRIPTION, session="s")
+    assert str(error.value) == (
+        "rerun-sdk is not installed (needed for --rrd out/session.rrd): "
+        "pip install rerun-sdk, or run with --no-rrd"
+    )
+
+
+def test_opening_nothing_needs_no_rerun_at_import():
+    source = Path(importlib.util.find_spec("pipeline.viewer").origin).parent  # type: ignore[union-attr, arg-type]
+    for name in (
+        "__init__",
+        "outputs/outputs",
+        "outputs/drawing_thread",
+        "outputs/viewer_process",
+        "pictures/display_signals",
+        "pictures/scene",
+        "pictures/corner",
+        "pictures/pile",
+        "pictures/farm_overview",
+        "pictures/spectrum",
+        "pictures/stabilisation",
+        "pictures/status_text",
+        "viewer_node",
+    ):
+        assert "import rerun" not in (source / f"{name}.py").read_text("utf-8")
+
+
+def test_a_file_that_cannot_be_let_go_of_keeps_no_session_from_ending(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    never = threading.Event()
+    left_behind = []
+
+    class OnAFullDisk:
+        """As the SDK's stream is when its writing thread has met a full disk."""
+
+        def flush(self, *, timeout_sec: float) -> None:
+            raise RuntimeError("Flush timed out")
+
+        def disconnect(self) -> None:
+            never.wait()
+
+    monkeypatch.setattr(connection, "LETTING_GO", 0.01)
+    monkeypatch.setattr(connection, "forget_unfinished", lambda: left_behind.append(True))
+    connection.close_recording(OnAFullDisk(), patience=0.01)
+    assert left_behind == [True]
+    assert caplog.messages == ["the viewer did not take the last of the session: Flush timed out"]
+    never.set()

@@ -1,0 +1,187 @@
+"""Viewers that live and die as processes of their own; the session never notices."""
+
+import logging
+import socket
+import threading
+import urllib.request
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+
+from pipeline.messages import Message, NodeStatus
+from pipeline.runtime import runner
+from pipeline.transport.codec import encode
+from pipeline.viewer.outputs import viewer_process
+from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError, WebPage
+from pipeline.viewer.outputs.viewer_process import (
+    free_port,
+    is_listening,
+    proxy_address,
+    served_page,
+    spawn_viewer,
+)
+from pipeline.viewer.viewer_node import Viewer
+from tests.pipeline.viewer.content import Recorded
+from tests.pipeline.viewer.session import DESCRIPTION, TURBINE, Episode, session
+
+SIGNAL = f"/{TURBINE}/signals/tower/acceleration"
+EPISODE = Episode(n_windows=1, block=60)
+
+
+class Endpoint:
+    """Takes connections on loopback as a viewer does, and can be killed; it understands nothing."""
+
+    def __init__(self) -> None:
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._taken: list[socket.socket] = []
+        self.reached = threading.Event()  # a session has sent something
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    @property
+    def output(self) -> ConnectedViewer:
+        return ConnectedViewer(proxy_address(self._server.getsockname()[1]))
+
+    def kill(self) -> None:
+        """As the system does it: nobody listens any more, every connection is cut."""
+        self._server.shutdown(socket.SHUT_RDWR)
+        for connection in self._taken:
+            connection.close()
+        self._server.close()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                connection, _ = self._server.accept()
+            except OSError:
+                return
+            self._taken.append(connection)
+            threading.Thread(target=self._listen, args=(connection,), daemon=True).start()
+
+    def _listen(self, connection: socket.socket) -> None:
+        try:
+            if connection.recv(1):
+                self.reached.set()
+        except OSError:
+            return
+
+
+class Listener:
+    """A node beside the viewer; notes what reaches it, but for the nodes' own words."""
+
+    name = "listener"
+    inputs = tuple(kind for kind in Viewer.inputs if kind is not NodeStatus)
+
+    def __init__(self) -> None:
+        self.heard: list[bytes] = []
+
+    def handle(self, message: Message) -> tuple[Message, ...]:
+        self.heard.append(encode(message))
+        return ()
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def heard_beside(viewers: list[Viewer], messages: Iterable[Message]) -> list[bytes]:
+    """What another node of the same graph hears of a session."""
+    listener = Listener()
+    runner.run_lock_step(messages, [*viewers, listener], turbine=TURBINE)
+    return listener.heard
+
+
+def until_killed(endpoint: Endpoint) -> Iterator[Message]:
+    """The session; the viewer dies in the middle of it, once something has reached it."""
+    messages = list(session(EPISODE))
+    for number, message in enumerate(messages):
+        if number == len(messages) // 2:
+            assert endpoint.reached.wait(30.0)
+            endpoint.kill()
+        yield message
+
+
+def test_a_viewer_that_is_killed_changes_nothing_for_anybody_else(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    endpoint = Endpoint()
+    path = tmp_path / "s.rrd"
+    viewer = Viewer([RrdFile(path), endpoint.output], DESCRIPTION, session="s", strict=True)
+    with caplog.at_level(logging.ERROR):
+        beside_the_dead = heard_beside([viewer], until_killed(endpoint))
+    assert not caplog.records  # a window that somebody closed is no error
+    assert beside_the_dead == heard_beside([], session(EPISODE))
+    alone = Viewer([RrdFile(tmp_path / "alone.rrd")], DESCRIPTION, session="s", strict=True)
+    heard_beside([alone], session(EPISODE))
+    drawn, expected = Recorded(path), Recorded(tmp_path / "alone.rrd")
+    assert drawn.entities == expected.entities
+    np.testing.assert_array_equal(drawn.scalars(SIGNAL), expected.scalars(SIGNAL))
+
+
+def test_a_page_is_served_on_loopback_only_and_is_gone_afterwards():
+    with served_page(WebPage(free_port(0), free_port(0))) as shown:
+        address = urlsplit(shown.address)
+        page, headers = fetched(shown.address)
+        assert f'data-show="{shown.output.url}"' in page.decode()
+        assert (
+            f"connect-src 'self' {origin_of(shown.output.url)};"
+            in headers["Content-Security-Policy"]
+        )
+        assert fetched(f"{shown.address}re_viewer.js")[0].startswith(b"let wasm_bindgen")
+        viewer = Viewer([shown.output], DESCRIPTION, session="s", unhurried=True, strict=True)
+        for message in session(Episode(n_windows=1, block=60)):
+            viewer.handle(message)
+        viewer.close()
+        ports = [address.port, urlsplit(shown.output.url).port]
+        assert all(listening_addresses(port) == {"127.0.0.1"} for port in ports)
+    assert not any(is_listening(port) for port in ports)
+
+
+def origin_of(proxy: str) -> str:
+    """http://127.0.0.1:9876 of rerun+http://127.0.0.1:9876/proxy."""
+    return proxy.removeprefix("rerun+").removesuffix("/proxy")
+
+
+def fetched(url: str) -> tuple[bytes, Mapping[str, str]]:
+    """What a browser gets: content and headers."""
+    with urllib.request.urlopen(url, timeout=20.0) as answer:
+        return answer.read(), answer.headers
+
+
+def listening_addresses(port: int) -> set[str]:
+    """Local addresses on which somebody listens at that port, as Linux lists them."""
+    found = set()
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        for line in Path(table).read_text("ascii").splitlines()[1:]:
+            address, listening_port = line.split()[1].split(":")
+            if line.split()[3] == "0A" and int(listening_port, 16) == port:
+                found.add(
+                    socket.inet_ntoa(bytes.fromhex(address)[::-1]) if len(address) == 8 else "v6"
+                )
+    return found
+
+
+def test_a_port_that_another_program_has_is_replaced_for_a_page():
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        taken = other.getsockname()[1]
+        assert free_port(taken) != taken
+    assert free_port(taken) == taken
+
+
+def test_a_window_on_a_port_that_is_taken_is_one_line_that_says_what_else_can_be_done():
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(ViewerError, match=rf"port {port} is in use; .*--view connect=rerun"):
+            spawn_viewer(port)
+
+
+def test_a_viewer_that_ends_at_once_is_one_line(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(viewer_process.sys, "executable", "/bin/false")
+    with pytest.raises(ViewerError, match=r"--view spawn: the viewer ended at once.*display\?"):
+        spawn_viewer(free_port(0))
+    with (
+        pytest.raises(ViewerError, match=r"--view web: the viewer ended at once"),
+        served_page(WebPage(free_port(0), free_port(0))),
+    ):
+        pass

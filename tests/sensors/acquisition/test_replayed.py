@@ -1,0 +1,51 @@
+"""A replayed tower gives what was measured, in the order of its clock, and invents nothing."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.replayed import ReplayedTower, due_time
+from tests.pipeline.example_messages import LAYOUT, block
+
+
+def sequences(tower: ReplayedTower) -> list[int]:
+    return [message.sequence for message in tower if isinstance(message, AccelerationBlock)]
+
+
+def test_a_recording_in_order_is_given_as_it_is() -> None:
+    recorded = [LAYOUT, *map(block, range(20))]
+    assert list(ReplayedTower(recorded)) == recorded
+
+
+def test_a_gap_stays_a_gap() -> None:
+    recorded = [block(sequence) for sequence in (0, 1, 2, 7, 8)]
+    assert list(ReplayedTower(recorded)) == recorded
+
+
+def test_blocks_that_a_mended_link_delivered_late_come_in_their_place() -> None:
+    # sequence   0 1 2 6 7 3 4 5 8      the link was cut for three blocks
+    recorded = [block(sequence) for sequence in (0, 1, 2, 6, 7, 3, 4, 5, 8)]
+    assert sequences(ReplayedTower(recorded)) == list(range(9))
+
+
+@given(st.permutations(range(12)))
+def test_any_order_within_the_cache_becomes_the_order_of_time(order: list[int]) -> None:
+    recorded = [block(sequence) for sequence in order]
+    assert sequences(ReplayedTower(recorded, latest_blocks=12)) == list(range(12))
+
+
+def test_two_units_are_interleaved_on_one_clock() -> None:
+    one = [block(sequence) for sequence in range(3)]
+    other = [block(sequence, unit="jacket") for sequence in range(3)]
+    replayed = list(ReplayedTower([*one, *other]))
+    assert [message.unit for message in replayed] == ["tower", "jacket"] * 3
+
+
+def test_a_layout_comes_before_the_blocks_it_describes() -> None:
+    assert isinstance(next(iter(ReplayedTower([LAYOUT, block(0)]))), SensorLayout)
+
+
+def test_a_block_is_due_when_its_last_sample_is_taken() -> None:
+    assert due_time(block(0)) == block(1).start_ns
+    assert due_time(LAYOUT) is None

@@ -1,0 +1,107 @@
+"""What changes with time: weather and operation between stages, tide, foundation."""
+
+import numpy as np
+import pytest
+
+from sensors.loads.operating_states import RATED_SPEED, steady_state
+from sensors.simulation.scada_samples import scada_samples
+from sensors.simulation.schedule import (
+    FoundationSchedule,
+    Schedule,
+    ScheduleError,
+    ScheduleStep,
+    StiffnessEvent,
+    Tide,
+)
+
+STAGES = (
+    ScheduleStep(at=0.0, state="parked", wind_speed=6.0),
+    ScheduleStep(at=100.0, state="start", wind_speed=10.0, yaw=0.0),
+    ScheduleStep(at=160.0, state="operating"),
+    ScheduleStep(at=300.0, state="stop"),
+    ScheduleStep(at=330.0, state="idling", wind_speed=8.0, yaw=20.0),
+)
+
+
+def test_weather_runs_straight_from_stage_to_stage_that_gives_it() -> None:
+    course = Schedule(stages=STAGES)
+    winds = [course.figure("wind_speed", time) for time in (-50.0, 50.0, 100.0, 215.0, 900.0)]
+    assert winds == pytest.approx([6.0, 8.0, 10.0, 9.0, 8.0])
+
+
+def test_the_state_holds_until_the_next_one() -> None:
+    course = Schedule(stages=STAGES)
+    states = [course.state(time) for time in (-1.0, 99.0, 100.0, 200.0, 310.0, 400.0)]
+    assert states == ["parked", "parked", "start", "operating", "stop", "idling"]
+
+
+def test_a_rotor_gathers_speed_in_a_start_and_loses_it_in_a_stop() -> None:
+    course = Schedule(stages=STAGES)
+    shares = [course.running_share(time) for time in (0.0, 130.0, 200.0, 315.0, 400.0)]
+    assert shares == pytest.approx([0.0, 0.5, 1.0, 0.5, 0.0])
+    assert course.rotor(50.0).rotor_speed == 0.0
+    assert 0 < course.rotor(400.0).rotor_speed < 1.0
+
+
+def test_a_turbine_at_rated_wind_turns_at_rated_speed_and_gives_its_power() -> None:
+    steady = steady_state(12.0, share=1.0)
+    assert (steady.rotor_speed, steady.power) == pytest.approx((RATED_SPEED, 15e6))
+    assert steady_state(12.0, share=0.0).pitch == 90.0
+
+
+def test_scour_takes_its_share_at_once_and_for_good() -> None:
+    foundation = FoundationSchedule(events=(StiffnessEvent(100.0, (1.0, 0.9, 1.0)),))
+    assert foundation.factors(99.9) == pytest.approx([1.0, 1.0, 1.0])
+    assert foundation.factors(100.0) == pytest.approx([1.0, 0.9, 1.0])
+    assert foundation.factors(1e6) == pytest.approx([1.0, 0.9, 1.0])
+
+
+def test_a_drift_is_that_of_the_days_gone_by() -> None:
+    foundation = FoundationSchedule(drift_per_day=(0.01, -0.02, 0.0))
+    assert foundation.factors(43_200.0) == pytest.approx([1.005, 0.99, 1.0])
+
+
+def test_soil_that_moves_more_is_softer() -> None:
+    foundation = FoundationSchedule(softening=0.1, softening_displacement=0.02)
+    assert foundation.factors(0.0, motion=0.01) == pytest.approx([0.95] * 3)
+    assert foundation.factors(0.0, motion=1.0) == pytest.approx([0.9] * 3)
+
+
+def test_the_foundation_rides_with_the_tide() -> None:
+    course = Schedule(tide=Tide(amplitude=1.5, period=400.0, stiffness_share=0.02))
+    assert course.level(100.0) == pytest.approx(1.5)
+    assert course.stiffness_factors(100.0) == pytest.approx([1.02] * 3)
+    assert course.level(300.0) == pytest.approx(-1.5)
+    assert course.highest_level == 1.5
+
+
+def test_scada_reports_what_the_course_does() -> None:
+    course = Schedule(stages=STAGES, tide=Tide(amplitude=1.0, period=400.0))
+    samples = list(scada_samples(course, turbine="t", start_ns=10**18, period=10.0, duration=400.0))
+    assert len(samples) == 40
+    assert [sample.time_ns - 10**18 for sample in samples[:2]] == [0, 10**10]
+    assert samples[20].state == "operating"
+    assert samples[20].rotor_speed > 5.0
+    assert samples[10].water_level == pytest.approx(1.0)
+    assert samples[-1].yaw == 20.0
+
+
+def test_stages_come_in_order_of_time() -> None:
+    with pytest.raises(ScheduleError, match="stage at 5 s comes after the one at 9 s"):
+        Schedule(stages=(ScheduleStep(at=9.0), ScheduleStep(at=5.0)))
+
+
+def test_a_stage_without_wind_is_refused() -> None:
+    with pytest.raises(ScheduleError, match="wind_speed is 0"):
+        ScheduleStep(wind_speed=0.0)
+
+
+def test_a_stiffness_that_is_not_positive_is_refused() -> None:
+    with pytest.raises(ScheduleError, match="factors are 1, 0, 1"):
+        StiffnessEvent(0.0, (1.0, 0.0, 1.0))
+
+
+def test_factors_do_not_depend_on_the_order_of_events_after_both() -> None:
+    events = (StiffnessEvent(1.0, (0.9, 1, 1)), StiffnessEvent(2.0, (0.8, 1, 1)))
+    forward = FoundationSchedule(events=events).factors(3.0)
+    np.testing.assert_allclose(forward, FoundationSchedule(events=events[::-1]).factors(3.0))

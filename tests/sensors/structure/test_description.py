@@ -1,0 +1,169 @@
+"""Descriptions of turbines: what ships, a user's own, and mistakes in it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from sensors.structure.assembly import assemble
+from sensors.structure.description import (
+    TurbineDescription,
+    Water,
+    load_turbine,
+    parse_turbine,
+    shipped_text,
+)
+from sensors.structure.foundation import TurbineError
+from tests.sensors.structure.towers import parked_turbine
+
+SMALL = """
+name = "mast"
+tubes = [
+  { bottom = 0.0, top = 20, diameter = 3.0, thickness = 0.03, material = "steel" },
+  { bottom = 20, top = 40, diameter = 2.5, thickness = 0.02, material = "steel", density = 8500.0 },
+]
+[materials.steel]
+youngs_modulus = 210e9
+density = 7850
+[foundation]
+k11 = 1e9
+k22 = 1e11
+k12 = 0.0
+"""
+
+
+def test_the_shipped_turbine_is_the_iea_15_mw_on_its_monopile() -> None:
+    turbine = parked_turbine()
+    assert (turbine.mudline, turbine.tower_top, len(turbine.tubes)) == (-30.0, 145.0, 20)
+    assert turbine.nominal == pytest.approx([0.098e11, 8.238e11, 0.678e11])
+    assert turbine.foundation.sign == "published"
+    assert [mode.name for mode in turbine.reference_modes] == [str(i) for i in range(1, 12)]
+
+
+def test_the_rotor_nacelle_assembly_weighs_1017_tonnes() -> None:
+    turbine = parked_turbine()
+    assert turbine.blades is not None
+    blade = sum(part.mass_per_length * part.length for part in turbine.blades.elements)
+    bodies = sum(body.mass for body in turbine.rotor_nacelle.bodies)
+    total = bodies + turbine.rotor_nacelle.hub_mass + turbine.blades.number * blade
+    assert blade == pytest.approx(65.23e3, rel=0.01)  # NREL/TP-5000-75698: 65.25 t
+    assert total == pytest.approx(1017e3, rel=0.005)  # the same: 1017 t
+
+
+def test_a_small_description_of_ones_own_is_read_from_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "mast.toml"
+    path.write_text(SMALL)
+    mast = load_turbine(path)
+    assert (mast.name, mast.water, mast.blades) == ("mast", None, None)
+    assert [tube.density for tube in mast.tubes] == [7850.0] * 6 + [8500.0] * 6  # its own key wins
+    assert mast.tubes[0].second_moment == pytest.approx(np.pi / 64 * (3.0**4 - 2.94**4))
+
+
+def test_long_tubes_are_cut_until_the_frequencies_are_those_of_many_elements(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "mast.toml"
+    path.write_text(SMALL)
+    mast = load_turbine(path)
+    assert max(tube.length for tube in mast.tubes) <= (mast.tower_top - mast.mudline) / 12 + 1e-9
+
+    def first(refinement: int) -> np.ndarray:
+        model = assemble(mast, tube_refinement=refinement)
+        squares = eigh(model.stiffness, model.mass, eigvals_only=True, subset_by_index=[0, 9])
+        return np.sqrt(squares)
+
+    assert first(1) == pytest.approx(first(4), rel=2e-3)
+
+
+def test_a_shipped_description_can_be_started_from() -> None:
+    text = shipped_text("iea15mw_monopile").replace('"iea15mw_monopile"', '"mine"')
+    assert parse_turbine(text, source="mine.toml").name == "mine"
+
+
+def test_refining_keeps_the_tubes_and_cuts_them() -> None:
+    turbine = parked_turbine()
+    finer = turbine.refined(3)
+    assert len(finer.tubes) == 60
+    assert (finer.mudline, finer.tower_top) == (turbine.mudline, turbine.tower_top)
+    assert sum(t.mass_per_length * t.length for t in finer.tubes) == pytest.approx(
+        sum(t.mass_per_length * t.length for t in turbine.tubes)
+    )
+    assert finer.blades == turbine.blades
+
+
+def test_the_water_level_and_the_sign_can_be_changed_without_the_rest() -> None:
+    turbine = parked_turbine()
+    assert turbine.with_water_level(1.5).water == Water(level=1.5, density=1025.0)
+    assert turbine.with_sign("embedded-pile").foundation.sign == "embedded-pile"
+    assert turbine.with_sign("embedded-pile").tubes == turbine.tubes
+
+
+MISTAKES = [
+    ("thickness = 0.03", "thickness = -0.03", r"tubes\[0\].*thickness is -0.03; it must be pos"),
+    ("thickness = 0.03", "thickness = 2.0", r"a tube of 3 m has at most 1.5 m"),
+    ("diameter = 3.0", "diameter = 0", r"diameter is 0; it must be positive"),
+    ("top = 20", "top = 22", r"an overlap between the element that ends at 22 m and .* 20 m"),
+    ("top = 20", "top = 19", r"a gap between the element that ends at 19 m"),
+    ("top = 40", "top = 10", r"tube from 20 to 10 m: top must lie above bottom"),
+    ("diameter = 3.0", "diametre = 3.0", r"unknown key 'diametre'; did you mean 'diameter'\?"),
+    ("k22 = 1e11", "", r"mast.toml \[foundation\]: the key 'k22' is missing"),
+    ("k22 = 1e11", "k22 = 'stiff'", r"\[foundation\]: k22 is 'stiff'; a number is needed"),
+    ("k22 = 1e11", "k22 = true", r"k22 is True; a number is needed"),
+    ("k22 = 1e11", "k22 = nan", r"k22 is nan; a finite number is needed"),
+    ("k22 = 1e11", "k22 = -1e11", r"\[foundation\]: .*not positive definite"),
+    ("k12 = 0.0", "k12 = 2e10", r"k12 < sqrt\(k11·k22\) = 1e\+10 N/rad"),
+    ("k12 = 0.0", "k12 = 0.0\nsign = 'pile'", r"sign is 'pile'; it can be 'published' or 'emb"),
+    ('material = "steel" }', 'material = "iron" }', r"material 'iron' is not in \[materials\]"),
+    ('name = "mast"', 'name = "mast', r"mast.toml: not valid TOML"),
+    ('name = "mast"', 'name = "mast"\ngravitation = 9.81', r"mast.toml: unknown key 'gravitation'"),
+    ('name = "mast"', "", r"mast.toml: the key 'name' is missing"),
+    ('name = "mast"', 'name = "mast"\nwater = 3', r"water is 3; a table of keys is needed"),
+    ('name = "mast"', 'name = "mast"\nreference_modes = 1', r"reference_modes is 1; a list"),
+]
+
+
+@pytest.mark.parametrize(("right", "wrong", "message"), MISTAKES)
+def test_a_mistake_is_named_in_one_line(right: str, wrong: str, message: str) -> None:
+    assert right in SMALL
+    with pytest.raises(TurbineError, match=message) as caught:
+        parse_turbine(SMALL.replace(right, wrong, 1), source="mast.toml")
+    assert "mast.toml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+ROTOR_MISTAKES = [
+    ("number = 3", "number = 0", r"\[blades\].*number is 0; at least 1"),
+    ("inner = 19.5", "inner = 20.5", r"a gap between the element that ends at 19.5 m"),
+    ("modes_per_element = 1", "modes_per_element = 4", r"modes_per_element is 4; 0 to 3"),
+    ("mass = 530887.918", "mass = -1.0", r"\[rotor_nacelle.bodies\[0\]\].*mass is -1"),
+    ("centre = [-4.688, 0.0, 4.240]", "centre = [1.0, 2.0]", r"centre has 2 values; 3 are needed"),
+    ('name = "2", direction = "FA"', 'name = "1", direction = "FA"', r"'1' is listed more than"),
+    ('direction = "SS"', 'direction = "SW"', r"direction is 'SW'; it can be 'FA' or 'SS'"),
+]
+
+
+@pytest.mark.parametrize(("right", "wrong", "message"), ROTOR_MISTAKES)
+def test_a_mistake_in_the_rotor_is_named_too(right: str, wrong: str, message: str) -> None:
+    text = shipped_text("iea15mw_monopile")
+    assert right in text
+    with pytest.raises(TurbineError, match=message):
+        parse_turbine(text.replace(right, wrong, 1), source="mine.toml")
+
+
+def test_a_turbine_that_does_not_exist_is_told_from_one_that_does() -> None:
+    with pytest.raises(TurbineError, match="nrel5mw: no such file; a turbine is one of iea15mw"):
+        load_turbine("nrel5mw")
+
+
+def test_a_file_that_is_no_text_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "picture.toml"
+    path.write_bytes(b"\xff\xd8\xff\xe0")
+    with pytest.raises(TurbineError, match="cannot be read as text"):
+        load_turbine(path)
+
+
+def test_a_turbine_without_tubes_is_refused() -> None:
+    foundation = parked_turbine().foundation
+    with pytest.raises(TurbineError, match="tubes: at least one element is needed"):
+        TurbineDescription(name="none", tubes=(), foundation=foundation)

@@ -1,0 +1,100 @@
+"""The rotor-nacelle assembly as a rigid body, and its blades clamped at the root."""
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from sensors.structure.description import RotorNacelle
+from sensors.structure.rotor_nacelle import (
+    ROTATION,
+    BladeDirection,
+    apex,
+    blade_axes,
+    blade_bending,
+    nacelle_mass,
+    rigid_body_mass,
+    rigid_displacement,
+)
+from tests.sensors.structure.towers import parked_turbine
+
+
+def test_a_point_moves_by_u_plus_theta_cross_r() -> None:
+    motion = np.array([0.1, 0.02, -0.3, 0.05, 0.2, -0.01])  # u_x, ψ_x, u_y, ψ_y, u_z, θ_z
+    rotation = np.array([-0.05, 0.02, -0.01])  # round x, y, z
+    arm = np.array([-4.0, 1.5, 3.0])
+    expected = np.array([0.1, -0.3, 0.2]) + np.cross(rotation, arm)
+    assert pytest.approx(rotation) == ROTATION @ motion
+    assert rigid_displacement(arm) @ motion == pytest.approx(expected)
+
+
+def test_the_parallel_axis_theorem_holds() -> None:
+    mass = rigid_body_mass(530e3, (-4.688, 0.0, 4.24), (7e6, 8e6, 9e6))
+    nodding, yawing = np.eye(6)[1], np.eye(6)[5]
+    assert nodding @ mass @ nodding == pytest.approx(8e6 + 530e3 * (4.688**2 + 4.24**2))
+    assert yawing @ mass @ yawing == pytest.approx(9e6 + 530e3 * 4.688**2)
+
+
+def test_the_nacelle_weighs_what_its_parts_weigh() -> None:
+    mass = nacelle_mass(parked_turbine().rotor_nacelle)
+    for axis in (0, 2, 4):
+        assert mass[axis, axis] == pytest.approx(190000.0 + 530887.918 + 100000.0)
+    assert np.all(np.linalg.eigvalsh(mass) > 0)
+
+
+def test_the_yaw_inertia_of_the_nacelle_is_the_published_one() -> None:
+    nacelle = parked_turbine().rotor_nacelle
+    bodies_only = RotorNacelle(bodies=nacelle.bodies)
+    assert nacelle_mass(bodies_only)[5, 5] == pytest.approx(18886965.482)
+
+
+def test_the_apex_is_upwind_of_the_tower_and_up_the_tilted_shaft() -> None:
+    x, y, z = apex(parked_turbine().rotor_nacelle)
+    assert (x, y) == (pytest.approx(-11.075 * np.cos(np.radians(6))), 0.0)
+    assert z == pytest.approx(4.3478 + 11.075 * np.sin(np.radians(6)))
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_blade_axes_are_orthonormal_and_feathered_edges_lie_along_the_shaft(number: int) -> None:
+    turbine = parked_turbine()
+    assert turbine.blades is not None
+    axes = blade_axes(turbine.rotor_nacelle, turbine.blades, number)
+    triad = np.array([axes.span, axes.flap, axes.edge])
+    assert triad @ triad.T == pytest.approx(np.eye(3), abs=1e-12)
+    shaft = np.array([-np.cos(np.radians(6)), 0.0, np.sin(np.radians(6))])
+    assert abs(axes.edge @ shaft) == pytest.approx(np.cos(np.radians(4)))
+
+
+def test_the_first_blade_stands_up_and_the_cone_points_upwind() -> None:
+    turbine = parked_turbine()
+    assert turbine.blades is not None
+    span = blade_axes(turbine.rotor_nacelle, turbine.blades, 0).span
+    lean = np.radians(6 - 4)  # tilt leans the rotor's top downwind, the cone back upwind
+    assert span == pytest.approx([np.sin(lean), 0.0, np.cos(lean)])
+
+
+@pytest.mark.parametrize(("direction", "distributed"), [("flap", 0.555), ("edge", 0.642)])
+def test_six_averaged_elements_make_a_clamped_blade_three_to_five_percent_softer(
+    direction: BladeDirection, distributed: float
+) -> None:
+    """Against the distributed blade of NREL/TP-5000-75698: .555 Hz flapwise, .642 Hz edgewise."""
+    blades = parked_turbine().blades
+    assert blades is not None
+    bending = blade_bending(blades, direction)
+    squares = eigh(bending.stiffness[2:, 2:], bending.mass[2:, 2:], eigvals_only=True)
+    ratio = np.sqrt(squares[0]) / (2 * np.pi) / distributed
+    assert 0.95 < ratio < 0.97
+
+
+def test_a_blade_that_nobody_holds_bends_in_no_rigid_motion() -> None:
+    blades = parked_turbine().blades
+    assert blades is not None
+    bending = blade_bending(blades, "flap")
+    places = np.array([0.0, *(part.outer for part in blades.elements)])
+    inner = np.zeros(len(blades.elements) * blades.modes_per_element)
+    turning = np.concatenate([np.stack([places, np.ones_like(places)], axis=1).ravel(), inner])
+    largest = np.abs(bending.stiffness).max()
+    assert bending.stiffness @ turning == pytest.approx(0, abs=1e-9 * largest)
+    inertia = sum(
+        part.mass_per_length * (part.outer**3 - part.inner**3) / 3 for part in blades.elements
+    )
+    assert turning @ bending.mass @ turning == pytest.approx(inertia)
