@@ -17,17 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, eigh
 
-from sensors.layout import SensorLayout
-from sensors.turbine.assembly import StructuralModel, assemble
-from sensors.turbine.description import TurbineDescription
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from sensors.dynamics.figure_terms import RELATIVE, FigureTerms, Term, figure_terms
-from sensors.structure.figures import BY_NAME, LEVEL
-from sensors.turbine.foundation import positive_definite, spring_matrix
-from sensors.turbine.observation import Observation
-from sensors.turbine.reference import VISIBLE_SHARE
-from sensors.turbine.whole import decoupled_groups
-
-FloatArray = NDArray[np.float64]
+from sensors.dynamics.full_model_modes import decoupled_groups
+from sensors.dynamics.reference_modes import VISIBLE_SHARE
+from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.description import TurbineDescription
+from sensors.structure.figures import BY_NAME
+from sensors.structure.foundation import positive_definite, spring_matrix
+from sensors.structure.sensor_readings import Observation
 
 TUBE_REFINEMENT = 2  # elements in each described tube
 BLADE_MODES = 2  # at least, of each blade element in each direction
@@ -284,7 +283,9 @@ class FigureModel:
         levels       (n,) of the water above the description's [m]
         """
         admissible = positive_definite(theta)
-        parts = [self._solved(group, theta, departures, levels, admissible) for group in self._groups]
+        parts = [
+            self._solved(group, theta, departures, levels, admissible) for group in self._groups
+        ]
         squares = np.concatenate([squares for squares, _ in parts], axis=1)
         readings = np.concatenate([readings for _, readings in parts], axis=1)
         admissible &= np.isfinite(squares).any(axis=1)
@@ -315,9 +316,7 @@ class FigureModel:
             kept = int(np.searchsorted(values, highest))
             squares[row, :kept] = values[:kept]
             V = vectors[:, :kept]
-            readings[row, :kept] = (
-                group.displacement @ V + group.slope @ V / values[:kept]
-            ).T
+            readings[row, :kept] = (group.displacement @ V + group.slope @ V / values[:kept]).T
         return squares, readings
 
     def _visible(

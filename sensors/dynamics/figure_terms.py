@@ -12,14 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sensors.turbine.assembly import StructuralModel, assemble
-from sensors.turbine.description import TurbineDescription
+from sensors.arrays import FloatArray
+from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import varied
-from sensors.turbine.foundation import spring_matrix
+from sensors.structure.foundation import spring_matrix
 
-FloatArray = NDArray[np.float64]
 Powers = Mapping[str, int]
 
 WALL_STEP = 0.1  # of the wall, for its quadratic [-]
@@ -243,9 +242,7 @@ def _dried(turbine: TurbineDescription) -> TurbineDescription:
     return replace(turbine, water=None)
 
 
-def _coefficient(
-    values: Sequence[FloatArray], steps: Sequence[float], power: int
-) -> FloatArray:
+def _coefficient(values: Sequence[FloatArray], steps: Sequence[float], power: int) -> FloatArray:
     """Coefficient of step^power of the parabola through three values."""
     weights = np.linalg.inv(np.vander(np.array(steps), 3, increasing=True))[power]
     return np.asarray(sum(w * value for w, value in zip(weights, values, strict=True)))

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from sensors.turbine.description import (
+from sensors.structure.description import (
     BladeElement,
     PointMass,
     RigidBody,
@@ -18,7 +18,7 @@ from sensors.turbine.description import (
     Vector,
     Water,
 )
-from sensors.turbine.foundation import TurbineError
+from sensors.structure.foundation import TurbineError
 
 Change = Callable[[TurbineDescription, float], TurbineDescription]
 Distribution = Literal["normal", "half-normal"]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pipeline.updating.evidence import ModalEvidence
 from pipeline.updating.likelihood import LikelihoodSettings, Observation, observations
-from pipeline.updating.pairing import (
+from pipeline.updating.likelihood.pairing import (
     Pairing,
     PairingSettings,
     PairingTargets,
@@ -30,9 +30,8 @@ from pipeline.updating.pairing import (
 )
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
+from sensors.arrays import FloatArray
 from sensors.dynamics.figure_model import FigureModel, FigureModes, Linearisation
-
-FloatArray = NDArray[np.float64]
 
 # extra standard deviations of ln f and of shapes, and the pairing's tolerance of ln f, in turn [-]
 ANNEALING = (
@@ -101,6 +100,7 @@ class Comparison:
         squares, members, counts = self.squares(variances)
         weights = np.minimum((TAIL_DEGREES + counts) / (TAIL_DEGREES + squares), 1.0)
         return np.asarray(weights[members])
+
     linearisation: Linearisation
 
 
@@ -183,9 +183,7 @@ class JointFit:
                 break
         return best
 
-    def _starts(
-        self, targets: PairingTargets, given: Sequence[FloatArray]
-    ) -> Iterable[FloatArray]:
+    def _starts(self, targets: PairingTargets, given: Sequence[FloatArray]) -> Iterable[FloatArray]:
         yield from given
         origin = self.coordinates.origin
         names = self.coordinates.names
@@ -202,9 +200,7 @@ class JointFit:
 
     def _cheapest(self, targets: PairingTargets) -> list[int]:
         """The draws of lowest pairing cost, cheapest first, by each mode's nearest partner."""
-        costs = pairing_costs(
-            targets, self._drawn_modes, ANNEALING[0][2], self._pairing.mac_scale
-        )
+        costs = pairing_costs(targets, self._drawn_modes, ANNEALING[0][2], self._pairing.mac_scale)
         bounds = np.minimum(costs.min(axis=2), self._pairing.rejection) @ targets.weights
         return [int(row) for row in np.argsort(bounds, kind="stable")[: self.settings.most_starts]]
 

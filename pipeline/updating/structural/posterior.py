@@ -11,13 +11,11 @@ exact in σ. Source: Rue, Martino and Chopin, JRSS B 71 (2009) 319, with one hyp
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.updating.likelihood import sigma_grid
 from pipeline.updating.structural.joint_fit import Comparison, JointPeak
 from pipeline.updating.structural.prior import JointCoordinates
-
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +79,9 @@ def joint_posterior(
         gradient = J.T @ (eta / D) + prior * off
         covariance = np.linalg.inv(hessian)
         step = -covariance @ gradient
-        cost = float((eta**2 / D).sum() + (prior * off**2).sum()) - float(gradient @ covariance @ gradient)
+        cost = float((eta**2 / D).sum() + (prior * off**2).sum()) - float(
+            gradient @ covariance @ gradient
+        )
         logs.append(-0.5 * (np.log(D).sum() + np.linalg.slogdet(hessian)[1] + cost))
         means.append(peak.u + step)
         covariances.append(covariance)

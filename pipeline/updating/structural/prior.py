@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit, logit, ndtr, ndtri
 
+from sensors.arrays import FloatArray
 from sensors.structure.figures import (
     BY_NAME,
     KNOWN_LEVEL_STD,
@@ -20,8 +20,6 @@ from sensors.structure.figures import (
     UNKNOWN_LEVEL_STD,
     Figure,
 )
-
-FloatArray = NDArray[np.float64]
 
 N_SPRINGS = 3
 SPRING_STDS = np.array([1.0, 1.0, 2.0])  # of a normal prior so wide that it only bounds what no

@@ -136,6 +136,6 @@ class PageRequest(BaseHTTPRequestHandler):
         self.end_headers()
         shutil.copyfileobj(content, self.wfile)
 
-    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 (its name)
+    def log_message(self, format: str, *args: object) -> None:
         """Requests are nobody's news."""
         _log.debug(format, *args)

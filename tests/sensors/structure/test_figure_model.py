@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from sensors.layout import biaxial_layout
-from sensors.turbine.assembly import assemble
-from sensors.turbine.description import load_turbine
+from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.figure_model import FigureModel, converged
+from sensors.dynamics.full_model_modes import solved_modes
+from sensors.structure.assembly import assemble
+from sensors.structure.description import load_turbine
 from sensors.structure.figures import BY_NAME, LEVEL, figures_of, varied
-from sensors.turbine.foundation import positive_definite
-from sensors.turbine.observation import Observation
-from sensors.turbine.whole import solved_modes
+from sensors.structure.foundation import positive_definite
+from sensors.structure.sensor_readings import Observation
 
 LAYOUT = biaxial_layout("t", turbine="t", unit="u", elevations=(41.0, 80.0, 106.0, 145.0))
 TURBINE = load_turbine("iea15mw_monopile")
