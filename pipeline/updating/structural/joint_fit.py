@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.updating.evidence import ModalEvidence
-from pipeline.updating.likelihood import LikelihoodSettings, Observation, observations
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings, Observation, observations
 from pipeline.updating.likelihood.pairing import (
     Pairing,
     PairingSettings,

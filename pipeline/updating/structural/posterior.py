@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.updating.likelihood import sigma_grid
+from pipeline.updating.likelihood.likelihood import sigma_grid
 from pipeline.updating.structural.joint_fit import Comparison, JointPeak
 from pipeline.updating.structural.prior import JointCoordinates
 from sensors.arrays import FloatArray
