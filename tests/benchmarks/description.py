@@ -22,15 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from sensors.layout import biaxial_layout
-from sensors.turbine.description import RigidBody, RotorNacelle, TurbineDescription, load_turbine
-from sensors.turbine.modal import full_modes
+from sensors.acquisition.layout import biaxial_layout
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import full_modes
+from sensors.structure.description import RigidBody, RotorNacelle, TurbineDescription, load_turbine
 from tests.outside import sections as iea
 from tests.outside.figures import Figures
 from tests.outside.model import NOMINAL, Modes, SpringSign, assemble, converged, modes
 from tests.outside.peers import LUMPED_TOP, lumped_description, pybmodes_frequencies
-
-FloatArray = NDArray[np.float64]
 
 HIGHEST_FREQUENCY = 12.5  # [Hz]
 WATER_LEVEL = 1.5  # of the tower alone: the edge of a tube [m]

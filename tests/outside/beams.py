@@ -10,9 +10,9 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial import polynomial
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
+
 Property = Callable[[FloatArray], FloatArray]  # of the coordinate s [m], (n,) → (n,)
 
 POINTS = 10  # exact for the mass of a quintic element whose properties are cubics

@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sensors.layout import Accelerometer, SensorLayout
+from sensors.acquisition.layout import Accelerometer, SensorLayout
+from sensors.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 FaultKind = Literal["turned", "swapped", "flipped", "gain", "height"]
 
 

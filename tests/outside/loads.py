@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sensors.arrays import FloatArray
 from tests.outside import sections as iea
 from tests.outside.model import N_BLADES, Modes, Structure
-
-FloatArray = NDArray[np.float64]
 
 TOWER_POINTS = np.linspace(-25.0, 145.0, 18)  # elevations with forces of their own [m]
 BLADE_POINTS = np.linspace(19.5, 117.0, 6)  # distances from the root [m]

@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
-from sensors.blocks import NANOSECONDS
-from sensors.layout import SensorLayout, biaxial_layout
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
+from sensors.arrays import FloatArray
 from tests.outside.figures import Figures
 from tests.outside.instruments import Instruments, SensorFault, instruments
 from tests.outside.loads import STRONG, Loads, modal_force_spectrum
 from tests.outside.model import HIGHEST_FREQUENCY as COMPUTED_FREQUENCY
 from tests.outside.model import Description, Modes, SpringSign, assemble
-
-FloatArray = NDArray[np.float64]
 
 DAMPING = 0.007  # ζ of every mode [-]
 DURATION = 600.0  # T of a window [s]

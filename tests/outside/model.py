@@ -11,19 +11,18 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from sensors.layout import Accelerometer, SensorLayout
+from sensors.acquisition.layout import Accelerometer, SensorLayout
+from sensors.arrays import FloatArray, IntArray
 from tests.outside import sections as iea
 from tests.outside.beams import integration_points, quadratic, quintic, weighted
 from tests.outside.figures import Figures
 from tests.outside.sections import BladeSection, Can
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 SpringSign = Literal["published", "embedded-pile"]
 
 NOMINAL = np.array([0.098e11, 8.238e11, 0.678e11])

@@ -6,12 +6,11 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sensors.arrays import FloatArray
 from tests.outside import sections as iea
 from tests.outside.model import Description, SpringSign, spring_matrix
-
-FloatArray = NDArray[np.float64]
 
 CUT = 4  # of pyBModes' elements in each can
 LUMPED_TOP = (1016.6e3, 4.2, 2e8)  # mass [kg], height of its centre [m], inertia [kg·m²]

@@ -11,18 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfftfreq
 
-from sensors.blocks import NANOSECONDS, AccelerationBlock
-from sensors.layout import SensorLayout
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import ComplexArray, FloatArray
 from tests.outside.instruments import SensorFault, instruments
 from tests.outside.loads import BAND, STRONG, Loads, wave_rows, wave_spectrum, white_rows
 from tests.outside.modal_data import DAMPING, LAYOUT, NOISE_SHARE, Truth
 from tests.outside.model import Modes
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 WINDOW = 600.0  # [s]
 SAMPLING_RATE = 40.0  # [Hz]

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sensors.arrays import FloatArray
 
 GRAVITY = 9.81  # [m/s²]
 WATER_DENSITY = 1025.0  # [kg/m³]

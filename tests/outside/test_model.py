@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sensors.layout import biaxial_layout
-from sensors.turbine.description import load_turbine
-from sensors.turbine.modal import full_modes
+from sensors.acquisition.layout import biaxial_layout
+from sensors.dynamics.modal_model import full_modes
+from sensors.structure.description import load_turbine
 from tests.outside import model, sections
 from tests.outside.figures import SPREADS, Figures, draw
 from tests.outside.model import (

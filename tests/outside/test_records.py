@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from pipeline.importing import open_measurement
+from pipeline.sources.import_files import open_measurement
 from sensors.files.layout_file import load_layout
 from tests.outside.instruments import SensorFault, instruments
 from tests.outside.loads import STRONG, modal_force_spectrum
