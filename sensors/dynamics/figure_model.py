@@ -12,6 +12,7 @@ exact within the basis. Source of the sums: Fox and Kapoor, AIAA Journal 6 (1968
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ from sensors.structure.figures import BY_NAME
 from sensors.structure.foundation import positive_definite, spring_matrix
 from sensors.structure.sensor_readings import Observation
 
+BladeMesh = Literal["described", "converged"]
+
 TUBE_REFINEMENT = 2  # elements in each described tube
 BLADE_MODES = 2  # at least, of each blade element in each direction
 LEVEL_REACH = 6.0  # of the water about the description's level [m]
@@ -35,6 +38,7 @@ LEVEL_STEP = 0.5  # between the tabulated levels; cubics between them [m]
 SNAPSHOTS = 160  # points whose modes span the basis
 SNAPSHOT_SPREAD = 2.5  # of the figures there, in default standard deviations, uniform
 SNAPSHOT_TOLERANCE = 3e-5  # of the basis: share of a mode left out [-]
+SLOW = 2.0  # below, modes are held the more closely the slower they are [Hz]
 BASIS_MARGIN = 1.12  # a basis holds the modes to this multiple of the highest frequency [-]
 
 
@@ -133,22 +137,22 @@ class FigureModel:
         names: Sequence[str],
         *,
         highest_frequency: float = 12.5,
-        flooded: bool | None = None,
+        blades: BladeMesh = "converged",
         seed: int = 0,
     ) -> None:
-        """The structure's mesh is refined: the range of the modes reaches beyond what uniform tubes
-        of the description's length and one mode of a blade's element give to 5e-4.
+        """Tubes are refined; blades are converged, or as described, one mode of an element being
+        what the reduced blade of a definition has.
 
-        flooded: whether water stands inside; None: as described. Raises TurbineError."""
+        Raises TurbineError.
+        """
         self.turbine = turbine
         self.layout = layout
         self.names = tuple(names)
         self.nominal = turbine.nominal
         self.highest_frequency = highest_frequency
         self.has_water = turbine.water is not None
-        described = turbine.water is not None and turbine.water.inside
-        self._fill = float(described if flooded is None else flooded)
-        turbine = converged(turbine)
+        self.flooded = turbine.water is not None and turbine.water.inside
+        turbine = converged(turbine, blades)
         model = assemble(turbine)
         self._model = model
         self._observation = Observation.of(model, layout)
@@ -164,6 +168,12 @@ class FigureModel:
         self._groups = self._projected(model, terms, np.random.default_rng(seed))
         corners = self._observation.corner_frequencies
         self._corners = corners if np.any(corners > 0) else None
+
+    def with_flooding(self, flooded: bool) -> "FigureModel":
+        """The same structure with or without water inside; the basis serves both."""
+        other: FigureModel = object.__new__(FigureModel)
+        other.__dict__.update(self.__dict__, flooded=flooded)
+        return other
 
     # ---- basis -----------------------------------------------------------------------------
 
@@ -219,12 +229,15 @@ class FigureModel:
         lowest = (2 * np.pi * BASIS_MARGIN * self.highest_frequency) ** -2
         found = []
         for row in range(len(theta)):
-            K, M = self._matrices(full, theta[row], departures[row], float(levels[row]))
+            level, fill = float(levels[row]), row % 3 / 2
+            K, M = self._matrices(full, theta[row], departures[row], level, fill)
             try:
                 flexibilities, vectors = eigh(M, K, subset_by_value=(lowest, np.inf))
             except LinAlgError:
                 continue
-            found.append(vectors / np.sqrt(flexibilities))
+            # a slow mode's ω² is the small rest of what springs and weight do: it needs more digits
+            slowness = np.maximum(1.0, 2 * np.pi * SLOW * np.sqrt(flexibilities))
+            found.append(vectors / np.sqrt(flexibilities) * slowness)
         snapshots = np.hstack(found)
         _, M = self._matrices(full, theta[0], departures[0], 0.0)
         upper = np.linalg.cholesky(M).T
@@ -246,11 +259,17 @@ class FigureModel:
         )
 
     def _matrices(
-        self, group: _Group, theta: FloatArray, departures: FloatArray, level: float
+        self,
+        group: _Group,
+        theta: FloatArray,
+        departures: FloatArray,
+        level: float,
+        fill: float | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """K and M of a group at one point."""
+        """K and M of a group at one point; fill: share of the inner water, None: as it is."""
+        fill = float(self.flooded) if fill is None else fill
         mass, stiffness, added = self._coefficients(departures[None])
-        M = np.tensordot(mass[0], group.mass, axes=1) + self._fill * group.inner_water
+        M = np.tensordot(mass[0], group.mass, axes=1) + fill * group.inner_water
         if len(self._levels):
             M += added[0] * self._water(group, np.array([level]))[0][0]
         K = np.tensordot(stiffness[0], group.stiffness, axes=1)
@@ -446,11 +465,13 @@ class FigureModel:
         return dK, dM
 
 
-def converged(turbine: TurbineDescription) -> TurbineDescription:
+def converged(
+    turbine: TurbineDescription, blades: BladeMesh = "converged"
+) -> TurbineDescription:
     """The same structure on a mesh whose modes up to 12.5 Hz are exact to 1e-4 on average, 5e-4 at
     worst: the described one errs by up to 2e-3, more than identified frequencies do."""
     finer = turbine.refined(TUBE_REFINEMENT)
-    if finer.blades is None:
+    if finer.blades is None or blades == "described":
         return finer
     modes = max(finer.blades.modes_per_element, BLADE_MODES)
     return replace(finer, blades=replace(finer.blades, modes_per_element=modes))

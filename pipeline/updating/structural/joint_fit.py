@@ -14,6 +14,7 @@ chapter 10.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,7 @@ ANNEALING = (
 )
 TAIL_DEGREES = 4.0  # ν of Student's t, of each mode's frequency and each shape
 LARGEST_MISFIT = 9.0  # that one frequency counts in the cost; a shape's components each [-]
+FEW_STARTS = 3
 FINEST_TOLERANCE = 0.004  # of the pairing at the end [-]
 LONGEST_STEP = np.array([0.35, 0.35, 0.8])  # of the springs' coordinates [-]
 LONGEST_FIGURE_STEP = 1.5  # [prior standard deviations]
@@ -142,7 +144,7 @@ class JointFit:
         self.settings = settings or JointFitSettings()
         self._reach = float(np.nanmax(self._modes(coordinates.origin[None]).frequencies))
         self._draws = coordinates.draws(self.settings.search_draws, generator, spread=0.9)
-        self._drawn_modes = self._modes(self._draws)
+        self._drawn_modes: FigureModes | None = None  # solved when a fit needs them
 
     def with_level_std(self, level_std: float) -> "JointFit":
         """The same with another uncertainty of the water's level [m]."""
@@ -164,26 +166,65 @@ class JointFit:
         starts: Sequence[FloatArray] = (),
         *,
         sigma: float = 0.0,
-        prior_mean: FloatArray | None = None,
+        good_cost: float | None = None,
+        most_starts: int | None = None,
     ) -> JointPeak | None:
         """The cheapest end of descents from several points; None where none can be compared.
 
-        starts   (n_dim,) to be tried first, e.g. the last window's peak
-        sigma    model discrepancy beyond the floors [-]
+        starts      (n_dim,) to be tried first, e.g. the last window's peak
+        sigma       model discrepancy beyond the floors [-]
+        good_cost   per degree of freedom, at which no further start is tried; None: the settings'
         """
-        targets = PairingTargets.of(evidence.modes, evidence.n_windows, reach=self._reach)
-        best: JointPeak | None = None
-        for number, start in enumerate(self._starts(targets, starts)):
-            if number >= self.settings.most_starts:
-                break
+        return self._cheapest_end(
+            evidence,
+            self._starts(evidence, starts),
+            best=None,
+            sigma=sigma,
+            good_cost=good_cost,
+            most_starts=most_starts or self.settings.most_starts,
+        )
+
+    def improved(
+        self, evidence: ModalEvidence, peak: JointPeak, *, good_cost: float | None = None
+    ) -> JointPeak:
+        """The peak, or a cheaper one from the starts that few starts leave untried."""
+        good = self.settings.good_cost if good_cost is None else good_cost
+        if peak.relative_cost <= good:
+            return peak
+        remaining = islice(self._starts(evidence, ()), FEW_STARTS, None)
+        most = self.settings.most_starts - FEW_STARTS
+        found = self._cheapest_end(
+            evidence, remaining, best=peak, sigma=0.0, good_cost=good, most_starts=most
+        )
+        return found or peak
+
+    def _cheapest_end(
+        self,
+        evidence: ModalEvidence,
+        starts: Iterable[FloatArray],
+        *,
+        best: JointPeak | None,
+        sigma: float,
+        good_cost: float | None,
+        most_starts: int,
+    ) -> JointPeak | None:
+        targets = self.targets(evidence)
+        good = self.settings.good_cost if good_cost is None else good_cost
+        for start in islice(starts, most_starts):
             end = self.descended(evidence, targets, start, sigma=sigma)
             if end is not None and (best is None or end.cost < best.cost):
                 best = end
-            if best is not None and best.relative_cost <= self.settings.good_cost:
+            if best is not None and best.relative_cost <= good:
                 break
         return best
 
-    def _starts(self, targets: PairingTargets, given: Sequence[FloatArray]) -> Iterable[FloatArray]:
+    def targets(self, evidence: ModalEvidence) -> PairingTargets:
+        """The identified modes as the pairing sees them."""
+        return PairingTargets.of(evidence.modes, evidence.n_windows, reach=self._reach)
+
+    def _starts(
+        self, evidence: ModalEvidence, given: Sequence[FloatArray]
+    ) -> Iterable[FloatArray]:
         yield from given
         origin = self.coordinates.origin
         names = self.coordinates.names
@@ -195,11 +236,13 @@ class JointFit:
                 yield start
         else:
             yield origin
-        for row in self._cheapest(targets):
+        for row in self._cheapest(self.targets(evidence)):
             yield self._draws[row]
 
     def _cheapest(self, targets: PairingTargets) -> list[int]:
         """The draws of lowest pairing cost, cheapest first, by each mode's nearest partner."""
+        if self._drawn_modes is None:
+            self._drawn_modes = self._modes(self._draws)
         costs = pairing_costs(targets, self._drawn_modes, ANNEALING[0][2], self._pairing.mac_scale)
         bounds = np.minimum(costs.min(axis=2), self._pairing.rejection) @ targets.weights
         return [int(row) for row in np.argsort(bounds, kind="stable")[: self.settings.most_starts]]
@@ -250,6 +293,16 @@ class JointFit:
     def variances(self, found: Comparison, sigma: float) -> FloatArray:
         """(p,) S + F + σ² R."""
         return found.variances + found.floors + sigma**2 * found.reference
+
+    def judged(
+        self, peak: JointPeak, evidence: ModalEvidence, sigma: float
+    ) -> tuple[float, float]:
+        """Cost of a peak with another σ, and log |H| there: by what alternatives are weighed."""
+        cost = self._cost(peak.u, peak.comparison, self.targets(evidence), sigma)
+        D = self.variances(peak.comparison, sigma)
+        J = peak.comparison.jacobian
+        hessian = (J.T / D) @ J + np.diag(self.coordinates.prior_precision)
+        return cost, float(np.linalg.slogdet(hessian)[1])
 
     def _step(
         self,

@@ -45,6 +45,14 @@ class JointPosterior:
         within = np.tensordot(self.weights, self.covariances, axes=1)
         return np.asarray(within + (off.T * self.weights) @ off)
 
+    @property
+    def likeliest_sigma(self) -> float:
+        """Of largest density; 0 where the floors explain all errors [-]."""
+        density = self.weights / np.gradient(self.sigma)
+        density[0] = self.weights[0] / (self.sigma[1] / 2)
+        density[-1] = 2 * density[-1]
+        return float(self.sigma[int(np.argmax(density))])
+
     def draws(
         self, n: int, generator: np.random.Generator, *, widening: float = 1.0
     ) -> tuple[FloatArray, FloatArray]:
