@@ -18,7 +18,13 @@ from pipeline.nodes.operating_state import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
 from pipeline.updating.population import StiffnessPopulation, load_population
+from pipeline.updating.prior import UpdatingError
 from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.structural.settings import (
+    UNCERTAIN,
+    StructureSettings,
+    structure_settings,
+)
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
 from sensors.settings import settings_from_table
@@ -228,8 +234,37 @@ def scenario_from_text(text: str, origin: str) -> Scenario:
     for key in ("text", "origin"):  # ours, not the file's
         if key in table:
             raise ScenarioError(f"{origin}: unknown key {key!r}")
+    _check_updating(table.get("updating"), origin)
+    structure = table.pop("structure", None)
     table.setdefault("name", Path(origin).stem)
-    return settings_from_table(Scenario, table | {"text": text}, origin, ScenarioError)
+    scenario = settings_from_table(Scenario, table | {"text": text}, origin, ScenarioError)
+    return with_structure(scenario, _structure(structure, origin))
+
+
+def _structure(table: Any, origin: str) -> StructureSettings:
+    """Section [structure]; without it every figure is uncertain."""
+    if table is None:
+        return UNCERTAIN
+    try:
+        return structure_settings(table, f"{origin} [structure]")
+    except UpdatingError as error:
+        raise ScenarioError(str(error)) from error
+
+
+def _check_updating(table: Any, origin: str) -> None:
+    if isinstance(table, Mapping) and "uncertain" in table:
+        raise ScenarioError(
+            f"{origin} [updating.uncertain]: figures of the structure now stand in "
+            "[structure.uncertain], each with a default; steel_modulus, rna_mass and added_mass "
+            "keep their names"
+        )
+    if isinstance(table, Mapping) and "structure" in table:
+        raise ScenarioError(f"{origin} [updating]: unknown key 'structure'; it is a section")
+
+
+def with_structure(scenario: Scenario, structure: StructureSettings) -> Scenario:
+    """The scenario with other figures of the structure uncertain."""
+    return replace(scenario, updating=replace(scenario.updating, structure=structure))
 
 
 def with_overrides(
@@ -313,6 +348,7 @@ def with_sampler(scenario: Scenario, method: str) -> Scenario:
 def scenario_metadata(scenario: Scenario) -> dict[str, str]:
     """What a recording stores of its scenario: enough to make the same scenario again."""
     return {
+        "structure": "exact" if scenario.updating.structure.exact else "uncertain",
         "name": scenario.name,
         "seed": str(scenario.seed),
         "duration": repr(scenario.simulation.duration),
@@ -323,6 +359,9 @@ def scenario_metadata(scenario: Scenario) -> dict[str, str]:
 def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario:
     """The scenario that a recording was made under."""
     stored = scenario_from_text(metadata["toml"], origin)
+    if "structure" not in metadata and "structure" not in tomllib.loads(metadata["toml"]):
+        # made before there was a choice: its scenario meant the described structure
+        stored = with_structure(stored, StructureSettings(exact=True, stated=False))
     return with_overrides(
         replace(stored, name=metadata["name"]),
         duration=float(metadata["duration"]),

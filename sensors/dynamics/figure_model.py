@@ -35,7 +35,7 @@ TUBE_REFINEMENT = 2  # elements in each described tube
 BLADE_MODES = 2  # at least, of each blade element in each direction
 LEVEL_REACH = 6.0  # of the water about the description's level [m]
 LEVEL_STEP = 0.5  # between the tabulated levels; cubics between them [m]
-SNAPSHOTS = 160  # points whose modes span the basis
+SNAPSHOTS = 110  # points whose modes span the basis
 SNAPSHOT_SPREAD = 2.5  # of the figures there, in default standard deviations, uniform
 SNAPSHOT_TOLERANCE = 3e-5  # of the basis: share of a mode left out [-]
 SLOW = 2.0  # below, modes are held the more closely the slower they are [Hz]
@@ -70,6 +70,10 @@ class Linearisation:
     AC-coupled channel"""
     reading_slopes: FloatArray
     """(n_modes, n_channels, p) their derivatives"""
+    across: FloatArray
+    """(n_modes, n_channels) what the channels would read turned by a right angle about z"""
+    by_height: FloatArray
+    """(n_modes, n_channels) change of what they read by a metre of height [1/m]"""
     vectors: FloatArray
     """(n_modes, n_dofs) mass-normalised modes"""
 
@@ -96,6 +100,10 @@ class _Group:
     """(n_channels, m)"""
     slope: FloatArray
     """g ψ, (n_channels, m)"""
+    across: FloatArray
+    """(n_channels, m) displacement across the channels' axes, right-handed about z"""
+    across_slope: FloatArray
+    """g ψ across them, (n_channels, m)"""
 
 
 class _Monomials:
@@ -145,6 +153,7 @@ class FigureModel:
 
         Raises TurbineError.
         """
+        self.described = turbine
         self.turbine = turbine
         self.layout = layout
         self.names = tuple(names)
@@ -156,6 +165,7 @@ class FigureModel:
         model = assemble(turbine)
         self._model = model
         self._observation = Observation.of(model, layout)
+        self._across = Observation.of(model, _turned(layout))
         levels = np.arange(-LEVEL_REACH, LEVEL_REACH + LEVEL_STEP / 2, LEVEL_STEP)
         if turbine.water is not None:
             lowest = turbine.mudline + 1.0 - turbine.water.level
@@ -198,6 +208,8 @@ class FigureModel:
                 springs=_unit_springs(model, coordinates),
                 displacement=self._observation.displacement @ coordinates,
                 slope=self._observation.gravity_slope @ coordinates,
+                across=self._across.displacement @ coordinates,
+                across_slope=self._across.gravity_slope @ coordinates,
             )
             if np.abs(full.displacement).max() < 1e-9:
                 continue
@@ -379,7 +391,7 @@ class FigureModel:
             if part is None:
                 return None
             parts.append(part)
-        squares, slopes, readings, reading_slopes, vectors = (
+        squares, log_slopes, readings, reading_slopes, across, by_height, vectors = (
             np.concatenate(each) for each in zip(*parts, strict=True)
         )
         motion = np.abs(readings).max(axis=1)
@@ -387,7 +399,8 @@ class FigureModel:
         order = seen[np.argsort(squares[seen])]
         frequencies = np.sqrt(squares[order]) / (2 * np.pi)
         readings, reading_slopes = readings[order], reading_slopes[order]
-        log_slopes = slopes[order] / (2 * squares[order, None])
+        across, by_height = across[order], by_height[order]
+        log_slopes = log_slopes[order] / (2 * squares[order, None])
         if self._corners is not None:
             ratio = 1j * self._corners / frequencies[:, None]
             gain = 1 / (1 - ratio)
@@ -395,11 +408,18 @@ class FigureModel:
             reading_slopes = (
                 reading_slopes * gain[..., None] + turned[..., None] * log_slopes[:, None, :]
             )
-            readings = readings * gain
+            readings, across, by_height = readings * gain, across * gain, by_height * gain
         places = np.argmax(np.abs(readings), axis=1)[:, None]
         shapes = np.real(readings / np.take_along_axis(readings, places, axis=1))
         return Linearisation(
-            frequencies, shapes, log_slopes, readings, reading_slopes, vectors[order]
+            frequencies=frequencies,
+            shapes=shapes,
+            log_frequency_slopes=log_slopes,
+            readings=readings,
+            reading_slopes=reading_slopes,
+            across=across,
+            by_height=by_height,
+            vectors=vectors[order],
         )
 
     def _linearised_group(
@@ -424,7 +444,6 @@ class FigureModel:
         dKV = dK @ V  # (p, m, kept)
         dMV = dM @ V
         coupling = vectors.T @ (dKV - lam * dMV)  # φ_nᵀ (dK − λ_m dM) φ_m, (p, n, kept)
-        p = len(coupling)
         diagonal = np.arange(kept)
         dlam = coupling[:, diagonal, diagonal].T.copy()  # (kept, p)
         gaps = lam[None, :] - values[:, None]
@@ -438,7 +457,10 @@ class FigureModel:
         readings = (H[:, :kept] + G[:, :kept] / lam).T
         moved = np.matmul(H, mixing) + np.matmul(G, mixing) / lam  # (p, c, kept)
         moved -= G[:, :kept][None] * (dlam.T / lam**2)[:, None, :]
-        return lam, dlam, readings, np.moveaxis(moved, 0, 2).swapaxes(0, 1), (group.basis @ V).T
+        across = (group.across @ V + group.across_slope @ V / lam).T
+        by_height = (group.slope @ V).T / (self.turbine.gravity or 1.0)  # without weight no slope
+        moved = np.moveaxis(moved, 0, 2).swapaxes(0, 1)
+        return lam, dlam, readings, moved, across, by_height, (group.basis @ V).T
 
     def _matrix_slopes(
         self,
@@ -465,9 +487,7 @@ class FigureModel:
         return dK, dM
 
 
-def converged(
-    turbine: TurbineDescription, blades: BladeMesh = "converged"
-) -> TurbineDescription:
+def converged(turbine: TurbineDescription, blades: BladeMesh = "converged") -> TurbineDescription:
     """The same structure on a mesh whose modes up to 12.5 Hz are exact to 1e-4 on average, 5e-4 at
     worst: the described one errs by up to 2e-3, more than identified frequencies do."""
     finer = turbine.refined(TUBE_REFINEMENT)
@@ -475,6 +495,17 @@ def converged(
         return finer
     modes = max(finer.blades.modes_per_element, BLADE_MODES)
     return replace(finer, blades=replace(finer.blades, modes_per_element=modes))
+
+
+def _turned(layout: SensorLayout) -> SensorLayout:
+    """Every axis turned by a right angle about z: x becomes y, y becomes −x."""
+    axes = [replace(c, direction=_right_angle(c.direction)) for c in layout.channels]
+    return replace(layout, channels=tuple(axes))
+
+
+def _right_angle(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = direction
+    return (-y, x, z)
 
 
 def _congruent(matrices: FloatArray, basis: FloatArray) -> FloatArray:
@@ -500,4 +531,6 @@ def _reduced(full: _Group, basis: FloatArray) -> _Group:
         springs=_congruent(full.springs, basis),
         displacement=full.displacement @ basis,
         slope=full.slope @ basis,
+        across=full.across @ basis,
+        across_slope=full.across_slope @ basis,
     )

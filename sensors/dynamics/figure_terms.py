@@ -135,7 +135,8 @@ class _Parts:
         return mass, stiffness
 
     def _nacelle_terms(self) -> tuple[list[Term], list[Term]]:
-        mass, stiffness = [], []
+        mass: list[Term] = []
+        stiffness: list[Term] = []
         for axis in ("roll", "pitch", "yaw"):
             name = f"nacelle_{axis}_inertia"
             if name in self._names:
@@ -159,7 +160,8 @@ class _Parts:
         return mass, stiffness
 
     def _blade_terms(self) -> tuple[list[Term], list[Term]]:
-        mass, stiffness = [], []
+        mass: list[Term] = []
+        stiffness: list[Term] = []
         if "blade_mass" in self._names:
             heavier = self._matrices(varied(self._dry, {"blade_mass": 1.0}))
             mass.append(Term(heavier[0] - self._model[0], {"blade_mass": 1}))

@@ -18,7 +18,10 @@ import numpy as np
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.structural.joint_fit import FEW_STARTS, JointFit, JointPeak
 from pipeline.updating.structural.posterior import JointPosterior, joint_posterior
+from pipeline.updating.structural.prior import StructuralPrior
+from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
+from sensors.structure.description import TurbineDescription
 
 LEAST_WEIGHT = 1e-3  # of an alternative that draws are taken from [-]
 HOPELESS = 60.0  # cost above a rival's at which a structure has lost: e^-30 of its probability
@@ -41,6 +44,8 @@ class Alternative:
 class WarmStart:
     """Where an alternative's last fit ended."""
 
+    name: str
+    """Of the alternative."""
     u: FloatArray
     """(n_dim,)"""
     relative_cost: float
@@ -96,10 +101,23 @@ class JointInference:
     """All alternatives of one turbine."""
 
     def __init__(
-        self, fits: Sequence[tuple[Alternative, JointFit]], *, highest_sigma: float
+        self,
+        fits: Sequence[tuple[Alternative, JointFit]],
+        *,
+        structure: TurbineDescription,
+        layout: SensorLayout,
+        prior: StructuralPrior,
+        highest_sigma: float,
     ) -> None:
         self.fits = tuple(fits)
+        self.structure = structure
+        self.layout = layout
+        self.prior = prior
         self._highest_sigma = highest_sigma
+
+    def fit_of(self, name: str) -> JointFit:
+        """The alternative of that name; the first where none has it."""
+        return next((fit for each, fit in self.fits if each.name == name), self.fits[0][1])
 
     def result(
         self,

@@ -13,13 +13,16 @@ chapter 10.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.evidence.mode_evidence import PartnerInWater
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings, Observation, observations
 from pipeline.updating.likelihood.pairing import (
     Pairing,
@@ -31,8 +34,11 @@ from pipeline.updating.likelihood.pairing import (
 )
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
+from pipeline.updating.structural.sensor_figures import SensorReadings
 from sensors.arrays import FloatArray
 from sensors.dynamics.figure_model import FigureModel, FigureModes, Linearisation
+from sensors.structure.description import TurbineDescription
+from sensors.structure.figures import varied
 
 # extra standard deviations of ln f and of shapes, and the pairing's tolerance of ln f, in turn [-]
 ANNEALING = (
@@ -87,6 +93,10 @@ class Comparison:
     """(p,) number of the observation of each component"""
     is_frequency: NDArray[np.bool_]
     """(p,)"""
+    tracks: NDArray[np.intp]
+    """(p,) of the identified mode"""
+    rows: NDArray[np.intp]
+    """(p,) 0 for f, 1 + channel for a component of φ"""
 
     def squares(self, variances: FloatArray) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
         """χ² of each frequency and each shape, (g,), which of them every component belongs to,
@@ -94,7 +104,12 @@ class Comparison:
         members = 2 * self.groups + ~self.is_frequency
         _, members = np.unique(members, return_inverse=True)
         squares = np.bincount(members, self.errors**2 / variances)
-        return squares, members, np.bincount(members).astype(float)
+        return np.asarray(squares, dtype=float), members, np.bincount(members).astype(float)
+
+    @property
+    def keys(self) -> tuple[tuple[int, int], ...]:
+        """(p,) the track of the identified mode and the row of (f, φ) of each component."""
+        return tuple(zip(self.tracks.tolist(), self.rows.tolist(), strict=True))
 
     def robust_weights(self, variances: FloatArray) -> FloatArray:
         """(p,) (ν + n) / (ν + χ²) of Student's t: what the identification got wrong by ten
@@ -136,8 +151,11 @@ class JointFit:
         pairing: PairingSettings,
         settings: JointFitSettings | None = None,
         generator: np.random.Generator,
+        sensors: SensorReadings | None = None,
     ) -> None:
         self.model = model
+        n_channels = len(model.layout.channels)
+        self.sensors = sensors or SensorReadings((), n_channels)
         self.coordinates = coordinates
         self._likelihood = likelihood
         self._pairing = pairing
@@ -152,8 +170,7 @@ class JointFit:
             return self
         other: JointFit = object.__new__(JointFit)
         other.__dict__.update(self.__dict__)
-        old = self.coordinates
-        other.coordinates = JointCoordinates(old.nominal, old.figures, level_std)
+        other.coordinates = self.coordinates.with_level_std(level_std)
         return other
 
     def _modes(self, u: FloatArray) -> FigureModes:
@@ -222,9 +239,7 @@ class JointFit:
         """The identified modes as the pairing sees them."""
         return PairingTargets.of(evidence.modes, evidence.n_windows, reach=self._reach)
 
-    def _starts(
-        self, evidence: ModalEvidence, given: Sequence[FloatArray]
-    ) -> Iterable[FloatArray]:
+    def _starts(self, evidence: ModalEvidence, given: Sequence[FloatArray]) -> Iterable[FloatArray]:
         yield from given
         origin = self.coordinates.origin
         names = self.coordinates.names
@@ -294,14 +309,37 @@ class JointFit:
         """(p,) S + F + σ² R."""
         return found.variances + found.floors + sigma**2 * found.reference
 
-    def judged(
-        self, peak: JointPeak, evidence: ModalEvidence, sigma: float
-    ) -> tuple[float, float]:
+    def structure_at(self, u: FloatArray) -> TurbineDescription:
+        """The description with the figures of a point; its water level is the described one."""
+        described = self.model.described
+        if described.water is not None:
+            water = replace(described.water, inside=self.model.flooded)
+            described = replace(described, water=water)
+        names = [figure.name for figure in self.coordinates.figures]
+        departures = self.coordinates.departures(u).tolist()
+        return varied(described, dict(zip(names, departures, strict=True)))
+
+    def partners_in_water(self, peak: JointPeak) -> list[PartnerInWater]:
+        """Each mode of the peak's comparison with the water a metre lower and higher."""
+        point, middle = self.coordinates.point(peak.u), peak.comparison.linearisation
+        n = len(middle.frequencies)
+        logs, shapes = np.empty((3, n)), np.empty((3, n, middle.shapes.shape[1]))
+        for row, rise in enumerate((-1.0, 0.0, 1.0)):
+            there = self.model.linearised(point.theta, point.departures, point.level + rise)
+            if there is None:
+                there, places = middle, np.arange(n)
+            else:
+                there = self._as_read(there, peak.u)
+                places = continued(middle, there)
+            logs[row], shapes[row] = np.log(there.frequencies[places]), there.shapes[places]
+        return [PartnerInWater(logs[:, i], shapes[:, i]) for i in range(n)]
+
+    def judged(self, peak: JointPeak, evidence: ModalEvidence, sigma: float) -> tuple[float, float]:
         """Cost of a peak with another σ, and log |H| there: by what alternatives are weighed."""
         cost = self._cost(peak.u, peak.comparison, self.targets(evidence), sigma)
         D = self.variances(peak.comparison, sigma)
         J = peak.comparison.jacobian
-        hessian = (J.T / D) @ J + np.diag(self.coordinates.prior_precision)
+        hessian = (J.T / D) @ J + self.coordinates.prior_precision
         return cost, float(np.linalg.slogdet(hessian)[1])
 
     def _step(
@@ -315,11 +353,11 @@ class JointFit:
         variances = self.variances(found, sigma) + extra
         weights = found.robust_weights(variances) / variances
         prior = self.coordinates.prior_precision
-        hessian = (found.jacobian.T * weights) @ found.jacobian + np.diag(prior)
+        hessian = (found.jacobian.T * weights) @ found.jacobian + prior
         gradient = found.jacobian.T @ (weights * found.errors)
-        gradient += prior * (u - self.coordinates.origin)
+        gradient += prior @ (u - self.coordinates.origin)
         hessian += damping * np.diag(np.diag(hessian))
-        return -np.linalg.solve(hessian, gradient)
+        return np.asarray(-np.linalg.solve(hessian, gradient))
 
     def _bounded(self, step: FloatArray) -> FloatArray:
         longest = np.full(len(step), LONGEST_FIGURE_STEP)
@@ -329,12 +367,11 @@ class JointFit:
     def _cost(
         self, u: FloatArray, found: Comparison, targets: PairingTargets, sigma: float
     ) -> float:
-        prior = self.coordinates.prior_precision
         squares, _, counts = found.squares(self.variances(found, sigma))
         misfit = float(np.minimum(squares, LARGEST_MISFIT * counts).sum())
         alone = np.array(found.pairing.model_modes) < 0
         lost = float((targets.weights * targets.judged)[alone].sum()) * self._pairing.rejection
-        return misfit + lost + float((prior * (u - self.coordinates.origin) ** 2).sum())
+        return misfit + lost + self.coordinates.prior_cost(u)
 
     # ---- pairing and errors at one point ------------------------------------------------------
 
@@ -346,6 +383,7 @@ class JointFit:
         modes = self.model.linearised(point.theta, point.departures, point.level)
         if modes is None:
             return None
+        modes = self._as_read(modes, u)
         drawn = FigureModes(modes.frequencies[None], modes.shapes[None], np.ones(1, dtype=bool))
         costs = pairing_costs(targets, drawn, tolerance, self._pairing.mac_scale)[0]
         pairing = assigned(costs, targets, u, self._pairing.rejection)
@@ -353,7 +391,25 @@ class JointFit:
         used = observations(evidence, pairing, modes.frequencies, self._likelihood, mac=mac)
         if not used:
             return None
-        return self._comparison(evidence, pairing, used, modes, self.coordinates.slopes(u))
+        return self._comparison(evidence, pairing, used, modes)
+
+    def _as_read(self, modes: Linearisation, u: FloatArray) -> Linearisation:
+        """Modes and derivatives by u, (n_modes, n_channels, n_dim), by sensors with these figures.
+
+        A sensor's turn changes what the springs do to its reading by second order: left out.
+        """
+        z, slopes = self.coordinates.sensors(u), self.coordinates.slopes(u)
+        readings, by_sensor = self.sensors.read(z, modes.readings, modes.across, modes.by_height)
+        by_u = modes.reading_slopes @ slopes * self.sensors.derived(z)[:, None]
+        by_u[..., by_u.shape[-1] - by_sensor.shape[-1] :] += by_sensor
+        places = np.argmax(np.abs(readings), axis=1)[:, None]
+        return replace(
+            modes,
+            shapes=np.real(readings / np.take_along_axis(readings, places, axis=1)),
+            readings=readings,
+            reading_slopes=by_u,
+            log_frequency_slopes=modes.log_frequency_slopes @ slopes,
+        )
 
     def _comparison(
         self,
@@ -361,11 +417,10 @@ class JointFit:
         pairing: Pairing,
         used: tuple[Observation, ...],
         modes: Linearisation,
-        slopes: FloatArray,
     ) -> Comparison:
         settings = self._likelihood
-        log_f = modes.log_frequency_slopes @ slopes
-        parts: list[tuple[FloatArray, ...]] = []
+        log_f = modes.log_frequency_slopes
+        parts: list[tuple[NDArray[Any], ...]] = []
         for number, each in enumerate(used):
             mode = evidence.modes[each.identified]
             variance = np.diag(mode.covariance)
@@ -382,6 +437,8 @@ class JointFit:
                     (weights @ log_f[columns])[None],
                     np.array([number]),
                     np.array([True]),
+                    np.array([mode.track]),
+                    np.array([0]),
                 )
             )
             if not each.shape_used:
@@ -389,7 +446,7 @@ class JointFit:
             known = np.flatnonzero(mode.known)
             channels = known[known > 0] - 1
             read = modes.readings[columns[0]]
-            turned = modes.reading_slopes[columns[0]] @ slopes
+            turned = modes.reading_slopes[columns[0]]
             unit = mode.unit_component
             shape = read / read[unit]
             slope = (turned - shape[:, None] * turned[unit]) / read[unit]
@@ -403,9 +460,11 @@ class JointFit:
                     np.real(slope[channels]),
                     np.full(n, number),
                     np.zeros(n, dtype=bool),
+                    np.full(n, mode.track),
+                    1 + channels,
                 )
             )
-        errors, variances, floors, reference, jacobian, groups, is_frequency = (
+        errors, variances, floors, reference, jacobian, groups, is_frequency, tracks, rows = (
             np.concatenate(each) for each in zip(*parts, strict=True)
         )
         return Comparison(
@@ -418,5 +477,22 @@ class JointFit:
             jacobian=jacobian,
             groups=groups,
             is_frequency=is_frequency,
+            tracks=tracks,
+            rows=rows,
             linearisation=modes,
         )
+
+
+def continued(reference: Linearisation, other: Linearisation) -> NDArray[np.intp]:
+    """(n_modes,) which mode of a neighbouring point continues each of the reference's."""
+    products = reference.shapes @ other.shapes.T
+    norms = np.outer((reference.shapes**2).sum(axis=1), (other.shapes**2).sum(axis=1))
+    unlike = (1 - products**2 / norms) / 0.15
+    apart = np.log(reference.frequencies)[:, None] - np.log(other.frequencies)
+    cost = np.minimum(unlike**2 + (apart / 0.01) ** 2, 1e3)
+    places = np.full(len(reference.frequencies), -1)
+    rows, columns = linear_sum_assignment(cost)
+    places[rows] = columns
+    lost = places < 0  # fewer modes there: the nearest stands in
+    places[lost] = cost[lost].argmin(axis=1)
+    return places

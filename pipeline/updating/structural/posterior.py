@@ -83,13 +83,11 @@ def joint_posterior(
     for value in sigma:
         D = found.variances + found.floors + value**2 * found.reference
         D = D / found.robust_weights(D)
-        hessian = (J.T / D) @ J + np.diag(prior)
-        gradient = J.T @ (eta / D) + prior * off
+        hessian = (J.T / D) @ J + prior
+        gradient = J.T @ (eta / D) + prior @ off
         covariance = np.linalg.inv(hessian)
         step = -covariance @ gradient
-        cost = float((eta**2 / D).sum() + (prior * off**2).sum()) - float(
-            gradient @ covariance @ gradient
-        )
+        cost = float((eta**2 / D).sum() + off @ prior @ off - gradient @ covariance @ gradient)
         logs.append(-0.5 * (np.log(D).sum() + np.linalg.slogdet(hessian)[1] + cost))
         means.append(peak.u + step)
         covariances.append(covariance)

@@ -56,7 +56,8 @@ def test_derivatives_are_those_of_differences(model: FigureModel) -> None:
         step[column] = 1e-4 * scale
         ends = [point + step, point - step]
         more, less = (model.linearised(x[:3], x[3:-1], float(x[-1])) for x in ends)
-        assert more is not None and less is not None
+        assert more is not None
+        assert less is not None
         slope = np.log(more.frequencies / less.frequencies) / 2e-4
         expected = here.log_frequency_slopes[:, column] * scale
         np.testing.assert_allclose(slope, expected, atol=2e-4 * np.abs(expected).max() + 2e-5)
