@@ -108,14 +108,7 @@ def _modes(root: str, parameters: ViewParameters) -> rrb.Horizontal:
             row_shares=[4, 3, 3],
         ),
         rrb.Vertical(
-            rrb.Tabs(
-                rrb.Grid(
-                    *[_track(root, label) for label in parameters.modes],
-                    grid_columns=4,
-                    name=_tracks_title(parameters),
-                ),
-                *[_matrix(root)] * parameters.has_structure,
-            ),
+            _tracks(root, parameters),
             _shapes(root, parameters),
             row_shares=[5, 3],
         ),
@@ -124,9 +117,15 @@ def _modes(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     )
 
 
-def _tracks_title(parameters: ViewParameters) -> str:
+def _tracks(root: str, parameters: ViewParameters) -> rrb.Tabs | rrb.Grid:
+    """Return a grid of the modes' tracks, in tabs with the MAC matrix where there is a model."""
     model = ", model (orange)" * parameters.has_structure
-    return f"Natural frequencies: identified ± 2 std (blue){model}"
+    grid = rrb.Grid(
+        *[_track(root, label) for label in parameters.modes],
+        grid_columns=4,
+        name=f"Natural frequencies: identified ± 2 std (blue){model}",
+    )
+    return rrb.Tabs(grid, _matrix(root)) if parameters.has_structure else grid
 
 
 def _foundation(root: str, parameters: ViewParameters) -> rrb.Horizontal:
