@@ -252,7 +252,9 @@ def _indicators(root: str) -> rrb.Spatial2DView:
 def _tower(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin=f"{root}/tower",
-        name="Tower, sensors, sea and mudline [m]",
+        name="Tower, sensors, sea and mudline [m]"
+        if parameters.has_structure
+        else "Sensors by height [m]",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
             position=[360.0, 270.0, parameters.mid_height + 60.0],
@@ -327,7 +329,7 @@ def _frequencies(root: str, parameters: ViewParameters) -> rrb.TimeSeriesView:
     ]
     return rrb.TimeSeriesView(
         origin=root,
-        contents=[f"{root}/frequencies/**", *model],
+        contents=[f"{root}/frequencies/identified/**", *model],
         name="Natural frequencies [Hz]: blue fore-aft, purple side-side"
         + ", orange model" * parameters.has_structure,
         **whole_session(),

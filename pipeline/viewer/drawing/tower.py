@@ -60,7 +60,9 @@ def _mesh(mesh: TriangleMesh, colour: tuple[int, int, int, int]) -> rr.Mesh3D:
 
 
 def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outline) -> None:
-    marks = [(turbine.mudline, "mudline"), (turbine.tower_top, "tower top")]
+    known = turbine.nacelle_centre is not None  # a turbine, not a bare mast
+    names = ("mudline", "tower top") if known else ("foot", "top")
+    marks = [(turbine.mudline, names[0]), (turbine.tower_top, names[1])]
     if turbine.water_level is not None:
         marks.append((turbine.water_level, "sea"))
     recording.log(
