@@ -31,7 +31,7 @@ PAGE_FILES = {  # path → file of this package, its type
 VIEWER_FILES = ("/re_viewer.js", "/re_viewer_bg.wasm")  # the viewer itself, from Rerun's own server
 LOOPBACK = "127.0.0.1"
 HOST_NAMES = (LOOPBACK, "localhost")  # by which a browser on this machine may call the page
-TIMEOUT = 10.0  # for Rerun's server to answer [s]
+ANSWER_TIMEOUT = 10.0  # for Rerun's server to answer [s]
 _log = logging.getLogger(__name__)
 
 
@@ -133,7 +133,9 @@ class PageRequest(BaseHTTPRequestHandler):
             self.close_connection = True
 
     def _forward_to_rerun(self, path: str) -> None:
-        with closing(http.client.HTTPConnection(LOOPBACK, self.assets, timeout=TIMEOUT)) as rerun:
+        with closing(
+            http.client.HTTPConnection(LOOPBACK, self.assets, timeout=ANSWER_TIMEOUT)
+        ) as rerun:
             rerun.request("GET", path)
             answer = rerun.getresponse()
             self._send(answer, None, answer.headers["Content-Type"])

@@ -24,7 +24,7 @@ from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
 PERIOD = 2.0  # between two checks for the viewer, by the machine's clock [s]
-TIMEOUT = 1.0  # for an answer to a check [s]
+CHECK_TIMEOUT = 1.0  # for an answer to a check [s]
 REMEMBERED = 2000  # results kept for a late viewer: a week of one turbine, some 40 MB
 RENEWAL = 10.0  # age at which the probe reconnects: Rerun's server closes idle connections at 30 s
 _log = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ class ViewerProbe:
         self._socket.close()
 
     def _open_socket(self) -> None:
-        self._socket = socket.create_connection(self._address, timeout=TIMEOUT)
+        self._socket = socket.create_connection(self._address, timeout=CHECK_TIMEOUT)
         self._socket.setblocking(False)
         self._since = time.monotonic()
 

@@ -25,8 +25,8 @@ from pipeline.viewer.outputs.outputs import (
 from pipeline.viewer.outputs.page_server import LOOPBACK, run_page_server
 
 MEMORY = "1GiB"  # of messages kept for browsers that come late: about ten days of one turbine
-START_TIMEOUT = 20.0  # for a viewer to come up [s]
-STOP_TIMEOUT = 5.0  # for a page's server to end [s]
+VIEWER_START_TIMEOUT = 20.0  # for a viewer to come up [s]
+SERVER_STOP_TIMEOUT = 5.0  # for a page's server to end [s]
 ALTERNATIVE = "a session is written to session.rrd without --view"
 
 
@@ -119,7 +119,7 @@ def _start_process(options: list[str]) -> "subprocess.Popen[bytes]":
 def _await_listening(
     viewer: "subprocess.Popen[bytes]", port: int, option: str, warning: str = ""
 ) -> None:
-    deadline = time.monotonic() + START_TIMEOUT
+    deadline = time.monotonic() + VIEWER_START_TIMEOUT
     while not is_listening(port):
         if viewer.poll() is not None:
             raise ViewerError(
@@ -129,7 +129,7 @@ def _await_listening(
         if time.monotonic() > deadline:
             _stop(viewer)
             raise ViewerError(
-                f"{option}: no viewer on port {port} after {START_TIMEOUT:g} s; {ALTERNATIVE}"
+                f"{option}: no viewer on {port} after {VIEWER_START_TIMEOUT:g} s; {ALTERNATIVE}"
             )
         time.sleep(0.05)
 
@@ -149,10 +149,10 @@ def _stop(viewer: "subprocess.Popen[bytes]", *ports: int) -> None:
 
 
 def _has_ended(viewer: "subprocess.Popen[bytes]", ports: tuple[int, ...]) -> bool:
-    """Return whether, within STOP_TIMEOUT, it ends and its ports are free."""
-    deadline = time.monotonic() + STOP_TIMEOUT
+    """Return whether, within SERVER_STOP_TIMEOUT, it ends and its ports are free."""
+    deadline = time.monotonic() + SERVER_STOP_TIMEOUT
     try:
-        viewer.wait(STOP_TIMEOUT)
+        viewer.wait(SERVER_STOP_TIMEOUT)
     except subprocess.TimeoutExpired:
         return False
     while any(map(is_listening, ports)):
