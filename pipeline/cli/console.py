@@ -27,9 +27,10 @@ ScenarioOption = Annotated[
     str | None,
     typer.Option(help="A shipped scenario (e.g. parked) or a TOML file of your own."),
 ]
-SamplerName = Literal["importance", "emcee", "tmcmc", "tmcmc-published"]  # of the updating
+SamplerChoice = Literal["importance", "emcee", "tmcmc", "tmcmc-published"]  # of the updating
 SamplerOption = Annotated[
-    SamplerName | None, typer.Option("--sampler", help="Default: the scenario's, else importance.")
+    SamplerChoice | None,
+    typer.Option("--sampler", help="Default: the scenario's, else importance."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
