@@ -8,10 +8,10 @@ import errno
 import logging
 import sys
 from collections.abc import Callable
-from typing import Any
+from importlib.metadata import version
+from typing import Annotated, Any
 
 import typer
-from rich.logging import RichHandler
 
 from pipeline.cli.console import escape_markup, stderr
 from pipeline.cli.farm import farm, reprocess
@@ -59,12 +59,44 @@ ENVIRONMENT_ERRORS = frozenset(
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
 
+def print_version(asked: bool) -> None:
+    """Print the version and exit, where it was asked for."""
+    if asked:
+        typer.echo(f"pilewatch {version('pilewatch')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common_options(
+    verbose: Annotated[
+        int, typer.Option("-v", "--verbose", count=True, help="Log more; -vv: for debugging.")
+    ] = 0,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Log errors only.")] = False,
+    shown_version: Annotated[
+        bool,
+        typer.Option("--version", callback=print_version, is_eager=True, help="Print the version."),
+    ] = False,
+) -> None:
+    """Options before the name of a command."""
+    more = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    logging.getLogger().setLevel(logging.ERROR if quiet else more)
+
+
+class ConsoleHandler(logging.Handler):
+    """Log on the error stream beside progress bars, one unbroken line per event."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one log record."""
+        text = f"{record.levelname.lower()}: {self.format(record)}"
+        stderr.print(text, soft_wrap=True, markup=False, highlight=False)
+
+
 def main() -> None:
     """Run `pilewatch`: wrong input becomes one line and exit code 2."""
     logging.basicConfig(
         level=logging.WARNING,
         format="%(message)s",
-        handlers=[RichHandler(console=stderr, show_path=False)],
+        handlers=[ConsoleHandler()],
     )
     try:
         sys.exit(app(prog_name="pilewatch", standalone_mode=False) or 0)
@@ -94,6 +126,7 @@ def main() -> None:
 def _usage_text(error: Any) -> str:
     """Return the error of a wrong argument or option as one line; "" after the help."""
     message = " ".join(error.format_message().split()).removesuffix(".")
+    message = message.replace("Value error, ", "", 1)
     context = getattr(error, "ctx", None)
     command = (
         context.command_path if context is not None else " ".join(["pilewatch", *sys.argv[1:2]])
