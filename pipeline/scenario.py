@@ -91,7 +91,7 @@ class FlowSettings:
 
 @dataclass(frozen=True, slots=True)
 class FarmMember:
-    """What is a turbine's own where the scenario says otherwise for all; "" and () for the same."""
+    """Values of one turbine that differ from the scenario's; "" and () keep the scenario's."""
 
     number: int | None = None
     """Number from 1; None: its place in the list."""
@@ -118,7 +118,7 @@ class FarmMember:
 
 @dataclass(frozen=True, slots=True)
 class FarmSettings:
-    """Several turbines alike but for their foundations, and for what `members` says of some."""
+    """Several turbines alike but for their foundations, and for what `members` sets for some."""
 
     turbines: int = 1
     """Number of turbines; `members` may make it larger."""
@@ -153,7 +153,7 @@ class FarmSettings:
         return max(self.turbines, *(number for number, _ in self._numbered), 1)
 
     def member(self, number: int) -> FarmMember:
-        """Return what is said of the turbine of that number, from 1."""
+        """Return the values of the turbine of that number, from 1."""
         return dict(self._numbered).get(number, FarmMember())
 
 
@@ -197,7 +197,7 @@ class Scenario:
 
     @property
     def population(self) -> StiffnessPopulation | None:
-        """What a farm says of this turbine's springs; None where `[updating] population` is none.
+        """Population of the farm for this turbine's springs; None without `[updating] population`.
 
         Raises
         ------

@@ -25,7 +25,7 @@ def settings_from_table(
     Parameters
     ----------
     cls : type[T]
-        Frozen dataclass; its field types say what each key takes.
+        Frozen dataclass; its field types define what each key takes.
     table : Mapping[str, Any]
         As the TOML file has it.
     where : str

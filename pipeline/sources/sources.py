@@ -178,7 +178,7 @@ class Source:
         yield from heapq.merge(*(self._simulated(tower) for tower in towers), key=_begin)
 
     def _simulated(self, tower: SimulatedTower) -> Iterator[Message]:
-        """Everything of one turbine but its layout and the truth that was said already."""
+        """Everything of one turbine but its layout and the truth that was published already."""
         return with_truths(tower.messages(), later_truths(simulated_truths(tower), self.truth))
 
 

@@ -21,7 +21,7 @@ from sensors.structure.rotor_nacelle import apex, rigid_displacement
 
 ROTOR_RADIUS = 120.0  # of the IEA 15 MW [m]
 HIGHEST_FREQUENCY = 2.0  # of the thrust's turbulence; the rotor averages what is faster [Hz]
-CURVE_STEP = 1.0  # [s] between points of the slow course
+CURVE_STEP = 1.0  # [s] between points of the slow curves
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ class RotorLoad:
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
         """Forces without end, (chunk, 2) [N]."""
-        return in_chunks(self._pieces(seed), chunk)
+        return in_chunks(self._segments(seed), chunk)
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
         """Spectrum of what the thrust's turbulence makes a structure do; see `Load`. Of time 0;
@@ -124,7 +124,7 @@ class RotorLoad:
         density = kaimal(frequencies, wind_speed=speed, deviation=deviation, length=ALONG_LENGTH)
         return density * averaging(frequencies, speed)
 
-    def _pieces(self, seed: int) -> Iterator[FloatArray]:
+    def _segments(self, seed: int) -> Iterator[FloatArray]:
         frequencies = harmonics(HIGHEST_FREQUENCY)
 
         def coloured(time: float, white: ComplexArray) -> ComplexArray:
@@ -141,14 +141,14 @@ class RotorLoad:
         time, turns = self.start, 0.0
         for (gust,) in noise:
             times = time + np.arange(len(gust)) / self.sampling_rate
-            thrust, slope, speed, amplitude = self._course(times)
+            thrust, slope, speed, amplitude = self._curves(times)
             angle = turns + np.concatenate([[0.0], np.cumsum(speed)]) / self.sampling_rate
             turns = float(angle[-1] % 1.0)
             along, across = self._harmonics(2 * np.pi * angle[:-1], thrust, amplitude)
             yield np.stack([thrust + slope * gust + along, self.rotor.side_share * across], axis=1)
             time += len(gust) / self.sampling_rate
 
-    def _course(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def _curves(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Thrust [N], its slope [N·s/m], rotor speed [1/s] and idling imbalance [N] at the
         times.
         """

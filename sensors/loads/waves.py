@@ -81,7 +81,7 @@ class Sea:
 
 @dataclass(frozen=True, slots=True)
 class SeaState:
-    """What changes of a sea in the course of hours."""
+    """What changes of a sea over hours."""
 
     significant_wave_height: float
     """Significant wave height [m]."""
@@ -186,12 +186,12 @@ class WaveLoad:
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
         """Generalised forces without end, (chunk, n_series) [N]."""
-        return in_chunks(self._pieces(seed), chunk)
+        return in_chunks(self._segments(seed), chunk)
 
     def surface(self, seed: int) -> Iterator[FloatArray]:
-        """Yield the surface's elevation above the still water at the axis, in pieces (n,) [m]."""
-        for piece in self._kinematics(seed):
-            yield piece[0]
+        """Yield the surface's elevation above the still water at the axis, in segments (n,) [m]."""
+        for segment in self._kinematics(seed):
+            yield segment[0]
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
         """Spectrum of what the linear part (inertia, up to the still water) makes a structure do;
@@ -235,7 +235,7 @@ class WaveLoad:
     def _kinematics(self, seed: int) -> Iterator[FloatArray]:
         """η, then u and u' in x at N_HEIGHTS places each, then in y where the sea has any.
 
-        Pieces (1 + 2 or 4 N_HEIGHTS, n) [m, m/s, m/s²].
+        Segments (1 + 2 or 4 N_HEIGHTS, n) [m, m/s, m/s²].
         """
         frequencies = harmonics(self.sea.highest_frequency)
         return iter(
@@ -266,12 +266,12 @@ class WaveLoad:
 
         return coloured
 
-    def _pieces(self, seed: int) -> Iterator[FloatArray]:
+    def _segments(self, seed: int) -> Iterator[FloatArray]:
         time = self.start
-        for piece in self._kinematics(seed):
+        for segment in self._kinematics(seed):
             begin, end = self.state_at(time).level, self.state_at(time + OVERLAP).level
-            depth = np.linspace(begin, end, piece.shape[1], endpoint=False) - self.mudline
-            yield self._forces(piece[0], piece[1:].reshape(_X_AND_Y, 2, N_HEIGHTS, -1), depth)
+            depth = np.linspace(begin, end, segment.shape[1], endpoint=False) - self.mudline
+            yield self._forces(segment[0], segment[1:].reshape(_X_AND_Y, 2, N_HEIGHTS, -1), depth)
             time += OVERLAP
 
     def _forces(self, surface: FloatArray, motion: FloatArray, depth: FloatArray) -> FloatArray:

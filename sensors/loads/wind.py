@@ -246,10 +246,10 @@ class WindLoad:
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
         """Forces at the points without end, (chunk, 2 n_points) [N]."""
-        return in_chunks(self._pieces(seed), chunk)
+        return in_chunks(self._segments(seed), chunk)
 
     def turbulence(self, seed: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """u along and v across the mean wind, pieces (n_points, n) each [m/s]."""
+        """u along and v across the mean wind, segments (n_points, n) each [m/s]."""
         frequencies = harmonics(self.wind.highest_frequency)
         sources = (
             (self._along, RandomStream.WIND_ALONG),
@@ -342,7 +342,7 @@ class WindLoad:
 
         return coloured
 
-    def _pieces(self, seed: int) -> Iterator[FloatArray]:
+    def _segments(self, seed: int) -> Iterator[FloatArray]:
         time = self.start
         for along, across in self.turbulence(seed):
             duration = along.shape[1] / self.sampling_rate

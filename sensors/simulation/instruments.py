@@ -70,7 +70,7 @@ def anti_alias_taps(factor: int) -> FloatArray:
     return firwin(2 * half + 1, cutoff, window=("kaiser", beta))
 
 
-def quantised(samples: FloatArray, step: float) -> NDArray[np.float32]:
+def quantise(samples: FloatArray, step: float) -> NDArray[np.float32]:
     """Samples as the converter counts them: the nearest multiple of its step.
 
     Parameters

@@ -24,7 +24,7 @@ class SimulationSettings:
     """What is simulated: how long, under which loads, seen by which instruments.
 
     `wind` and `sea` follow from their physics; `broadband` and `waves` have a stated rms. Any of
-    them may act together. `stages`, `foundation` and `tide` say what changes with time.
+    them may act together. `stages`, `foundation` and `tide` state what changes with time.
     """
 
     duration: float = 3600.0
@@ -43,7 +43,7 @@ class SimulationSettings:
     """Forces of the rotor while a step makes it turn."""
 
     stages: tuple[ScheduleStep, ...] = ()
-    """Stages of weather and operation."""
+    """Steps of weather and operation."""
 
     foundation: FoundationSchedule = field(default_factory=FoundationSchedule)
     tide: Tide = field(default_factory=Tide)
@@ -101,7 +101,7 @@ class SimulationSettings:
                 f"tube_refinement is {self.tube_refinement}; it must be 1 or more"
             )
 
-        turning = [stage for stage in self.stages if stage.state not in (None, "parked")]
+        turning = [step for step in self.stages if step.state not in (None, "parked")]
         if turning and self.wind is None:
             raise SimulationError(
                 f"the stage at {turning[0].at:g} s is {turning[0].state!r}; a rotor that turns "

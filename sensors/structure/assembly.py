@@ -6,7 +6,7 @@ Every tower node has (u_x, ψ_x, u_y, ψ_y, u_z, θ_z): displacement [m] and slo
 fore-aft and the side-side plane, heave [m] and twist [rad]. Heave and twist are fixed at the
 mudline. Every blade node has displacement and slope flapwise and edgewise, absolute but along the
 blade's own axes; axially and in twist a blade follows its root.
-Source of the mesh: [foundation-updating] §3.1; what is not said there stands in the docstrings.
+Source of the mesh: [foundation-updating] §3.1; what is not stated there stands in the docstrings.
 """
 
 from collections.abc import Callable, Sequence

@@ -46,7 +46,7 @@ def test_the_sign_of_k12_is_the_scenarios_where_it_says_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("[oma\n", "not valid TOML"),
         ("colour = 1\n", "unknown key 'colour'"),
@@ -57,8 +57,8 @@ def test_the_sign_of_k12_is_the_scenarios_where_it_says_one() -> None:
         ("[updating.sampler]\nwalkers = 3\n", r"\[updating.sampler\]: walkers is 3"),
     ],
 )
-def test_a_mistake_is_named_with_its_section(text: str, complaint: str) -> None:
-    with pytest.raises(ScenarioError, match=complaint) as error:
+def test_a_mistake_is_named_with_its_section(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message) as error:
         scenario_from_text(text, "mine.toml")
     assert str(error.value).startswith("mine.toml")
     assert "\n" not in str(error.value)

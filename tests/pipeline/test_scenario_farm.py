@@ -86,7 +86,7 @@ def test_logarithms_of_the_springs_spread_by_the_stated_deviation() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("[[farm.members]]\nnumber = 0", "members have the numbers"),
         ("[[farm.members]]\n[[farm.members]]\nnumber = 1", "each once"),
@@ -94,8 +94,8 @@ def test_logarithms_of_the_springs_spread_by_the_stated_deviation() -> None:
         ("[farm]\nlog_std = 0.7", "log_std is 0.7"),
     ],
 )
-def test_a_farm_that_cannot_be_is_refused(text: str, complaint: str) -> None:
-    with pytest.raises(ScenarioError, match=complaint):
+def test_a_farm_that_cannot_be_is_refused(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
         scenario_from_text(text, "farm.toml")
 
 

@@ -136,7 +136,7 @@ def test_every_encoding_has_its_square(tmp_path: Path, encoding: str) -> None:
     np.testing.assert_array_equal(table.samples, SAMPLES)
 
 
-def test_a_zipped_file_is_read_and_a_cut_one_is_told(tmp_path: Path) -> None:
+def test_a_zipped_file_is_read_and_a_cut_one_is_one_line(tmp_path: Path) -> None:
     packed = gzip.compress(("t," + SI.format(",") + rows(seconds)).encode())
     (tmp_path / "a.csv.gz").write_bytes(packed)
     np.testing.assert_array_equal(read_file(tmp_path / "a.csv.gz").samples, SAMPLES)
@@ -179,7 +179,7 @@ def test_axes_in_brackets_are_no_units(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("when," + SI.format(",") + rows(seconds), "column 'when' rises evenly from 0 by 0.02"),
         ("Time,a,b\n" + rows(as_date("03/04/2024 %H:%M:%S.%f")), r"day or month first\?"),
@@ -193,8 +193,8 @@ def test_axes_in_brackets_are_no_units(tmp_path: Path) -> None:
         ("t,a,b\n" + rows(lambda i: f"12 o'clock {i}"), "a time is needed"),
     ],
 )
-def test_what_may_be_meant_otherwise_is_one_line(tmp_path: Path, text: str, complaint: str) -> None:
-    with pytest.raises(FileError, match=complaint) as error:
+def test_what_may_be_meant_otherwise_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(FileError, match=message) as error:
         read_csv(written(tmp_path / "a.csv", text))
     assert str(tmp_path / "a.csv") in str(error.value)
     assert "\n" not in str(error.value)

@@ -132,8 +132,8 @@ def test_a_series_does_not_depend_on_the_chunks_it_is_drawn_in(cuts: list[int]) 
     whole = FilteredNoise(kernel, 3, np.random.default_rng(9)).advance(500)
     noise = FilteredNoise(kernel, 3, np.random.default_rng(9))
     edges = [0, *sorted(cuts), 500]
-    pieces = [noise.advance(end - start) for start, end in pairwise(edges)]
-    np.testing.assert_allclose(np.concatenate(pieces), whole, atol=1e-12)
+    segments = [noise.advance(end - start) for start, end in pairwise(edges)]
+    np.testing.assert_allclose(np.concatenate(segments), whole, atol=1e-12)
 
 
 def test_filtered_noise_is_the_convolution_of_what_was_drawn() -> None:

@@ -30,8 +30,8 @@ def load(
     return wave_load(tower, sea, state, highest_level=0.0, largest_height=3.5, sampling_rate=RATE)
 
 
-def drawn(pieces: Iterator[np.ndarray], n: int) -> np.ndarray:
-    return np.concatenate([next(pieces) for _ in range(n)])
+def drawn(segments: Iterator[np.ndarray], n: int) -> np.ndarray:
+    return np.concatenate([next(segments) for _ in range(n)])
 
 
 @given(frequency=st.floats(0.02, 1.0), depth=st.floats(5.0, 200.0))
@@ -168,8 +168,8 @@ def test_waves_do_not_depend_on_the_chunks_they_are_drawn_in(
     tower: StructuralModel, chunk: int
 ) -> None:
     whole = next(load(tower, Sea()).series(seed=2, chunk=8400))
-    pieces = drawn(load(tower, Sea()).series(seed=2, chunk=chunk), -(-8400 // chunk))
-    np.testing.assert_array_equal(pieces[:8400], whole)
+    segments = drawn(load(tower, Sea()).series(seed=2, chunk=chunk), -(-8400 // chunk))
+    np.testing.assert_array_equal(segments[:8400], whole)
 
 
 @pytest.mark.parametrize(

@@ -31,8 +31,8 @@ def blowing(tower: StructuralModel) -> WindLoad:
 @pytest.fixture(scope="module")
 def turbulence(blowing: WindLoad) -> tuple[np.ndarray, np.ndarray]:
     """Twenty hours, seed 4: u and v, (n_points, n)."""
-    pieces = blowing.turbulence(seed=4)
-    drawn = [next(pieces) for _ in range(120)]
+    segments = blowing.turbulence(seed=4)
+    drawn = [next(segments) for _ in range(120)]
     return tuple(np.concatenate(part, axis=1) for part in zip(*drawn, strict=True))
 
 

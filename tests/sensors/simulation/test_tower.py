@@ -14,7 +14,7 @@ from sensors.dynamics.modal_model import ModalModel, full_modes
 from sensors.dynamics.modal_response import AccelerationResponse
 from sensors.dynamics.structure_modes import ModalDamping, observed_modes, structure_modes
 from sensors.loads import BroadbandLoad, WaveBandLoad, tower_pattern
-from sensors.simulation.chunks import in_blocks, trimmed
+from sensors.simulation.chunks import split_into_blocks, trim
 from sensors.simulation.instruments import Instruments
 from sensors.simulation.tower import (
     SimulatedTower,
@@ -277,16 +277,16 @@ def test_an_accelerometer_above_the_tower_is_refused() -> None:
         SimulatedTower(TURBINE, high, SHORT)
 
 
-def test_pieces_of_any_length_become_blocks_of_one_length() -> None:
+def test_chunks_of_any_length_become_blocks_of_one_length() -> None:
     stream = np.arange(23, dtype=np.float32)[:, None]
-    blocks = list(in_blocks(iter(np.split(stream, [1, 2, 9, 9, 20])), 5))
+    blocks = list(split_into_blocks(iter(np.split(stream, [1, 2, 9, 9, 20])), 5))
     assert [len(block) for block in blocks] == [5, 5, 5, 5, 3]
     np.testing.assert_array_equal(np.concatenate(blocks), stream)
 
 
 def test_trimming_takes_exactly_the_asked_samples() -> None:
     stream = np.arange(30.0)[:, None]
-    kept = list(trimmed(iter(np.split(stream, [4, 9, 15])), first=6, count=11))
+    kept = list(trim(iter(np.split(stream, [4, 9, 15])), first=6, count=11))
     np.testing.assert_array_equal(np.concatenate(kept).ravel(), np.arange(6.0, 17.0))
 
 

@@ -57,7 +57,7 @@ def test_two_columns_of_one_name_stay_two_channels(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("", "the file is empty; a header row is needed"),
         ("a,b\n", "0 sample(s)"),
@@ -70,11 +70,11 @@ def test_two_columns_of_one_name_stay_two_channels(tmp_path: Path) -> None:
         ("a,b\n1,2\n3,4,5\n", "line 3 has 3 columns where 2 are expected"),
     ],
 )
-def test_a_broken_file_gives_one_line(tmp_path: Path, text: str, complaint: str) -> None:
+def test_a_broken_file_gives_one_line(tmp_path: Path, text: str, message: str) -> None:
     path = written(tmp_path, text)
     with pytest.raises(FileError) as error:
         read_csv(path)
-    assert complaint in str(error.value)
+    assert message in str(error.value)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
 
