@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -34,7 +33,6 @@ from sensors.structure.foundation import FoundationSprings
 
 __all__ = [
     "LOWEST_INTEGRATION_RATE",
-    "SensedModes",
     "SimulatedTower",
     "SimulationError",
     "SimulationSettings",
@@ -45,20 +43,6 @@ __all__ = [
 SPECTRUM_CHUNK = 256  # frequencies at a time, to stay in the processor's cache
 CHUNK_DURATION = 60.0  # [s] integrated at a time; fixed, so that the blocks do not change it
 CHUNKS_AHEAD = 8  # of each load: a wind or a sea is drawn ten chunks at once meanwhile
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SensedModes:
-    """The simulated structure's modes in free motion, as the accelerometers read them."""
-
-    frequencies: FloatArray
-    """|λ| / 2π, rising, (n_modes,) [Hz]."""
-
-    damping_ratios: FloatArray
-    """Damping ratios, (n_modes,) [-]."""
-
-    shapes: NDArray[np.complex128]
-    """Shapes, (n_modes, n_channels), of any scale and phase."""
 
 
 class SimulatedTower:
@@ -122,21 +106,6 @@ class SimulatedTower:
     def system(self) -> DampedSystem:
         """The modal model at the first sample, with the air's damping."""
         return self._structure.at(0.0)
-
-    @property
-    def sensed_modes(self) -> SensedModes:
-        """Every mode at the first sample as the instruments feel it: the truth of the
-        identification, with the air's damping and the axes as they were mounted.
-        """
-        system = self.system
-        shapes = system.readings
-        if self._axes is not None:
-            yaw = np.full(len(shapes), self.schedule.figure("yaw", 0.0))
-            real, imaginary = (
-                self._axes.readings(part, yaw) for part in (shapes.real, shapes.imag)
-            )
-            shapes = real + 1j * imaginary
-        return SensedModes(system.frequencies, system.damping_ratios, shapes)
 
     def messages(self) -> Iterator[AccelerationBlock | ScadaSample]:
         """Blocks as the link brings them, and SCADA samples, each before the block that it is of.
@@ -255,22 +224,6 @@ class SimulatedTower:
         if self._structure.is_simple:
             return AccelerationResponse(self._structure.observed, self._rate)
         return DampedResponse(self._structure.at(-self.settings.transient), self._rate)
-
-    def readings_per_mode(self, frequencies: FloatArray) -> NDArray[np.complex128]:
-        """Reading of each channel per unit harmonic force in each of `modes`, before decimation.
-
-        Parameters
-        ----------
-        frequencies : ndarray, shape (n_frequencies,)
-            Frequencies [Hz].
-
-        Returns
-        -------
-        ndarray, shape (n_frequencies, n_channels, n_modes)
-            [m/s² per N/kg^½].
-        """
-        response = AccelerationResponse(self._structure.observed, self._rate)
-        return response.frequency_response(frequencies)
 
     def spectrum(self, frequencies: FloatArray) -> FloatArray:
         """One-sided spectral density of the readings by linear theory, without noise, at the

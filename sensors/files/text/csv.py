@@ -16,7 +16,7 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import csv as arrow_csv
 
-from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, join_chunks
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
 from sensors.files.text.columns import convert_batches
 from sensors.files.text.decoding import UNREADABLE, open_arrow_stream
 from sensors.files.text.dialect import COMMENT, MISSING, TextHead, read_head
@@ -25,22 +25,6 @@ CHUNK_BYTES = 2**22  # of text that is read at a time
 
 _CONVERSION = re.compile(r"column #(\d+): Row #(\d+): .* invalid value '(.*)'")
 _COUNT = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
-
-
-def read_csv(path: Path) -> ChannelTable:
-    """Return the channels of a text file.
-
-    Returns
-    -------
-    ChannelTable
-
-    Raises
-    ------
-    FileError
-        Missing or empty file, fewer than two samples, text where a number should be, only NaN,
-        a time column that ends before it starts, no channel beside the time.
-    """
-    return join_chunks(read_csv_chunks(path), path)
 
 
 def read_csv_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
