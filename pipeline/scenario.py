@@ -27,7 +27,7 @@ from pipeline.updating.population import (
 from pipeline.updating.settings import UpdatingSettings
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
-from sensors.settings import settings_from_table
+from sensors.settings import NO_KEY, settings_from_table
 from sensors.simulation.tower import SimulationSettings
 from sensors.structure.description import (
     SHIPPED,
@@ -79,14 +79,6 @@ class SensorSettings:
     coupling: Coupling = "dc"
     corner_frequency: float = 0.0
     """Corner frequency of AC-coupled ones [Hz]."""
-
-
-@dataclass(frozen=True, slots=True)
-class FlowSettings:
-    """How fast a replay may run ahead of the nodes."""
-
-    unacknowledged_blocks: int = 120
-    """Blocks that are published but not yet reported as handled by every node, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,15 +164,14 @@ class Scenario:
     updating: UpdatingSettings = field(default_factory=UpdatingSettings)
     operation: OperationSettings = field(default_factory=OperationSettings)
     farm: FarmSettings = field(default_factory=FarmSettings)
-    flow: FlowSettings = field(default_factory=FlowSettings)
     recording: RecordingSettings = field(default_factory=RecordingSettings)
-    text: str = ""
+    text: str = field(default="", metadata=NO_KEY)
     """The file as it was read."""
 
-    origin: str = DEFAULT_SCENARIO
+    origin: str = field(default=DEFAULT_SCENARIO, metadata=NO_KEY)
     """Shipped name or path, as the person gave it."""
 
-    files: tuple[tuple[str, str], ...] = ()
+    files: tuple[tuple[str, str], ...] = field(default=(), metadata=NO_KEY)
     """(path, text) of each file that the scenario names, from a recording."""
 
     @property
@@ -281,11 +272,12 @@ def scenario_from_text(text: str, origin: str) -> Scenario:
         table: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
-    for key in ("text", "origin", "files"):  # ours, not the file's
-        if key in table:
-            raise ScenarioError(f"{origin}: unknown key {key!r}")
+    return _scenario_from_table(table, text, origin)
+
+
+def _scenario_from_table(table: dict[str, Any], text: str, origin: str) -> Scenario:
     table.setdefault("name", Path(origin).stem)
-    return settings_from_table(Scenario, table | {"text": text}, origin, ScenarioError)
+    return replace(settings_from_table(Scenario, table, origin, ScenarioError), text=text)
 
 
 def modes_only(turbine: str) -> Scenario:
@@ -424,6 +416,39 @@ def _named_files(scenario: Scenario) -> dict[str, str]:
     return found
 
 
+# Keys of earlier versions that are constants now; recordings may have them.
+REMOVED_KEYS = (
+    "flow",
+    "simulation.seed",
+    "simulation.start_ns",
+    "simulation.session",
+    "simulation.broadband.highest_frequency",
+    "simulation.waves.peak_period",
+    "simulation.waves.peak_enhancement",
+    "simulation.waves.highest_frequency",
+    "simulation.sea.peak_enhancement",
+    "simulation.sea.highest_frequency",
+    "simulation.rotor.side_share",
+    "simulation.rotor.damping_share",
+    "simulation.wind.air_density",
+    "simulation.wind.tower_drag",
+    "simulation.wind.nacelle_drag",
+    "simulation.wind.blade_drag",
+    "simulation.wind.blade_lift_slope",
+    "simulation.wind.tower_points",
+    "simulation.wind.blade_points",
+)
+
+
+def _without_removed(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return a stored scenario's table without keys that this version no longer has."""
+    return {
+        key: _without_removed(value, f"{prefix}{key}.") if isinstance(value, dict) else value
+        for key, value in table.items()
+        if prefix + key not in REMOVED_KEYS
+    }
+
+
 def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario:
     """Return the scenario that a recording was made under, with the files that it names.
 
@@ -443,7 +468,8 @@ def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario
     ScenarioError
         If the stored text describes no scenario of this version.
     """
-    stored = scenario_from_text(metadata["toml"], origin)
+    text = metadata["toml"]
+    stored = _scenario_from_table(_without_removed(tomllib.loads(text)), text, origin)
     files = json.loads(metadata.get("files", "{}"))
     return with_overrides(
         replace(stored, name=metadata["name"], files=tuple(files.items())),

@@ -7,6 +7,7 @@ structure, though they look like very sharp ones.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,10 +38,10 @@ class Rotor:
     sixth_harmonic: float = 0.003
     """Amplitude at 6P over the mean thrust [-]."""
 
-    side_share: float = 0.3
+    side_share: ClassVar[float] = 0.3
     """Side-side over fore-aft amplitude of the harmonics [-]."""
 
-    damping_share: float = 0.5
+    damping_share: ClassVar[float] = 0.5
     """dT/dV of the controlled rotor over 2T/V, that of a fixed one [-]."""
 
     idling_imbalance: float = 2e3

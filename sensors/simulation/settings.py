@@ -7,6 +7,7 @@ from sensors.acquisition.blocks import NANOSECONDS
 from sensors.dynamics.structure_modes import ModalDamping
 from sensors.errors import InputError
 from sensors.loads import BroadbandLoad, Rotor, Sea, WaveBandLoad, Wind
+from sensors.settings import NO_KEY
 from sensors.simulation.acquisition_units import UnitSettings
 from sensors.simulation.faults import Fault
 from sensors.simulation.instruments import Instruments
@@ -30,7 +31,7 @@ class SimulationSettings:
     duration: float = 3600.0
     """Duration [s]."""
 
-    seed: int = 1
+    seed: int = field(default=1, metadata=NO_KEY)
     stiffness_ratios: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """True k11, k22, k12 / nominal."""
 
@@ -73,10 +74,10 @@ class SimulationSettings:
     quantisation_step: float = 2.0**-12
     """Quantisation step [m/s²]: 16 bits over ±8 m/s²; 0: no converter."""
 
-    start_ns: int = 1_767_225_600 * NANOSECONDS
+    start_ns: int = field(default=1_767_225_600 * NANOSECONDS, metadata=NO_KEY)
     """Sensor clock at the first sample: 2026-01-01."""
 
-    session: str = ""
+    session: str = field(default="", metadata=NO_KEY)
     """Name of the session; empty: "simulated-" and the seed."""
 
     tube_refinement: int = 2

@@ -106,3 +106,10 @@ def test_two_turbines_of_one_name_and_a_foundation_that_cannot_stand_are_refused
     soft = "[farm]\nturbines = 2\n[[farm.members]]\nstiffness = [0.1, 0.1, 1.0]\n"
     with pytest.raises(ScenarioError, match="positive definite"):
         farm_members(scenario_from_text(soft, "soft.toml"))
+
+
+def test_a_member_may_have_another_structure() -> None:
+    text = "[farm]\nturbines = 2\n[[farm.members]]\nnumber = 2\ndescription = 'iea15mw_detailed'\n"
+    first, second = farm_members(scenario_from_text(text, "farm.toml"))
+    assert first.turbine.description == "iea15mw_monopile"
+    assert second.structure.name != first.structure.name

@@ -176,8 +176,7 @@ def test_waves_do_not_depend_on_the_chunks_they_are_drawn_in(
     ("wrong", "message"),
     [
         ({"significant_wave_height": -1.0}, "significant_wave_height is -1 m"),
-        ({"highest_frequency": 3.0}, "highest_frequency is 3 Hz"),
-        ({"peak_enhancement": 0.5}, "peak_enhancement is 0.5"),
+        ({"peak_period": 1.0}, "peak_period is 1 s; the spectrum ends at 0.6 Hz"),
         ({"spreading": 0.0}, "spreading is 0"),
     ],
 )

@@ -122,6 +122,14 @@ def test_damping_by_air_is_symmetric_never_negative_and_grows_with_the_wind(
     np.testing.assert_allclose(fast, 6 * slow, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("larger", [Wind(nacelle_area=300.0), Wind(blade_chords=(12.0, 10.0))])
+def test_a_larger_nacelle_or_blade_is_damped_more_by_air(
+    tower: StructuralModel, larger: Wind
+) -> None:
+    more, shipped = (aerodynamic_damping(tower, wind, 12.0) for wind in (larger, Wind()))
+    assert np.trace(more) > 1.01 * np.trace(shipped)
+
+
 def test_damping_is_the_slope_of_the_force_with_the_relative_wind(blowing: WindLoad) -> None:
     """A structure that moves downwind with v feels less force by c v."""
     wind, points = blowing.wind, blowing.points

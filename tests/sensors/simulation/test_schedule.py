@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from sensors.loads import Wind
 from sensors.loads.operating_states import RATED_SPEED, steady_state
+from sensors.simulation.loads_over_time import build_schedule
 from sensors.simulation.scada_samples import scada_samples
 from sensors.simulation.schedule import (
     FoundationSchedule,
@@ -13,6 +15,8 @@ from sensors.simulation.schedule import (
     StiffnessEvent,
     Tide,
 )
+from sensors.simulation.settings import SimulationSettings
+from sensors.structure.description import load_turbine
 
 STAGES = (
     ScheduleStep(at=0.0, state="parked", wind_speed=6.0),
@@ -107,3 +111,9 @@ def test_factors_do_not_depend_on_the_order_of_events_after_both() -> None:
     events = (StiffnessEvent(1.0, (0.9, 1, 1)), StiffnessEvent(2.0, (0.8, 1, 1)))
     forward = FoundationSchedule(events=events).factors(3.0)
     np.testing.assert_allclose(forward, FoundationSchedule(events=events[::-1]).factors(3.0))
+
+
+def test_the_wind_of_the_settings_blows_where_no_step_gives_one() -> None:
+    settings = SimulationSettings(wind=Wind(speed=9.0))
+    description = load_turbine("iea15mw_monopile")
+    assert build_schedule(settings, description).figure("wind_speed", 60.0) == 9.0
