@@ -11,12 +11,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.runner import STATUS_PERIOD, Report, open_session, with_end
-from pipeline.scenario import DEFAULT_SCENARIO, load_scenario, modes_only
-from pipeline.sources.sources import Source, report_modes_only
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -25,6 +24,9 @@ from sensors.feeds.live import LiveFeed
 from sensors.feeds.open_feed import layout_file_of, open_feed
 from sensors.feeds.protocol import FeedError
 from sensors.files.layout_file import LayoutFile, load_layout
+
+if TYPE_CHECKING:
+    from pipeline.sources.sources import Source
 
 logger = logging.getLogger(__name__)
 
@@ -103,10 +105,13 @@ def channels_of(layout: Path | None, scenario: str | None) -> LayoutFile:
     """
     if layout is not None:
         return load_layout(layout)
+    # here and not above: a tower unit with a layout file needs no structure and no updating
+    from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
+
     return layout_file_of(load_scenario(scenario or DEFAULT_SCENARIO).layout)
 
 
-def feed_source(address: str, layout: Path | None, scenario: str | None) -> Source:
+def feed_source(address: str, layout: Path | None, scenario: str | None) -> "Source":
     """Return a live instrument as the source of a session that listens to it itself.
 
     Parameters
@@ -126,6 +131,9 @@ def feed_source(address: str, layout: Path | None, scenario: str | None) -> Sour
     LayoutError
     ScenarioError
     """
+    from pipeline.scenario import load_scenario, modes_only
+    from pipeline.sources.sources import Source, report_modes_only
+
     channels = channels_of(layout, scenario)
     live = open_feed(address, channels)
     if not live.gives_blocks:

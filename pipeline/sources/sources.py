@@ -269,6 +269,9 @@ def report_modes_only(source: str) -> None:
 def _default_source(scenario: str | None) -> Source:
     if DEFAULT_RECORDING.exists():
         return replayed(DEFAULT_RECORDING, scenario)
+    own = sorted(DEFAULT_RECORDING.parent.glob("*.mcap"))
+    if len(own) == 1:  # a folder that `pilewatch new` made
+        return replayed(own[0], scenario)
     raise SourceError(
         f"there is no {DEFAULT_RECORDING} in this folder; make one with "
         f"`pilewatch simulate {DEFAULT_SCENARIO} -o {DEFAULT_RECORDING}`, "

@@ -20,22 +20,23 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import halfnorm, norm
+from scipy.special import ndtri
 
 from pipeline.messages import ParameterSummary
 from pipeline.updating.diagnostics import contraction
 from pipeline.updating.forward_model import ForwardModel, ModesOfStiffness
-from pipeline.updating.likelihood.laplace import Peak, bounded_inverse
+from pipeline.updating.likelihood.laplace import bounded_inverse
 from pipeline.updating.likelihood.pairing import DIFFERENCE
 from pipeline.updating.model_matching import Match
 from pipeline.updating.prior import Prior, PriorSettings, UpdatingError
+from pipeline.updating.samplers.interface import Peak
 from sensors.arrays import FloatArray
 
 SCOUR = "scour_depth"
 WITHIN = 5.0  # standard deviations of a figure's prior that are looked at [-]
 SCOUR_START = 0.5  # where the search for the peak leaves scour, in its prior's std [-]
-NORMAL_90 = float(np.ptp(norm.ppf([0.05, 0.95])))  # width of its 90 % interval [std]
-HALF_NORMAL_90 = float(np.ptp(halfnorm.ppf([0.05, 0.95])))  # the same of a half-normal one
+NORMAL_90 = float(np.ptp(ndtri([0.05, 0.95])))  # width of its 90 % interval [std]
+HALF_NORMAL_90 = float(np.ptp(ndtri([0.525, 0.975])))  # the same of a half-normal one
 
 
 @dataclass(frozen=True, slots=True)

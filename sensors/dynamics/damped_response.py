@@ -4,7 +4,6 @@ Exact for forces that run straight from sample to sample, like `response`.
 """
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sensors.arrays import ComplexArray, FloatArray
 from sensors.dynamics.damped_modes import DampedSystem
@@ -77,6 +76,8 @@ class DampedResponse:
         ndarray, shape (n_samples, n_channels)
             [m/s²].
         """
+        from scipy.signal import lfilter  # 75 MB that only a simulation needs
+
         n_modes = len(self._state)
         parts = self._input_parts @ forces.T  # real times real, half the work of complex times real
         driven = np.empty((n_modes, len(forces)), dtype=np.complex128)

@@ -4,7 +4,6 @@ error: the matrix exponential as a recursion.
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 from sensors.arrays import ComplexArray, FloatArray
 
@@ -54,6 +53,8 @@ class ModalOscillators:
         ndarray, shape (n_modes, 2 + n_samples)
             w.
         """
+        from scipy.signal import lfilter  # 75 MB that only a simulation needs
+
         filtered = np.empty((len(modal_forces), modal_forces.shape[1] + 2))
         filtered[:, :2] = self._tail
         one = np.ones(1)

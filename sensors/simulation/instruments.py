@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve, firwin, kaiserord
 
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE, SensorLayout
 from sensors.arrays import FloatArray
@@ -42,6 +41,8 @@ class Decimator:
         ndarray, shape (n_out, n_channels)
             n_out n_in / factor on average.
         """
+        from scipy.signal import fftconvolve  # 75 MB that only a simulation needs
+
         pending = np.concatenate([self._pending, samples])
         n_out = max(0, (len(pending) - len(self._taps)) // self._factor + 1)
         self._pending = pending[n_out * self._factor :].copy()
@@ -61,6 +62,8 @@ def anti_alias_taps(factor: int) -> FloatArray:
 
     Flat to PASS_BAND and empty beyond STOP_BAND, both over the output rate.
     """
+    from scipy.signal import firwin, kaiserord  # 75 MB that only a simulation needs
+
     if factor == 1:
         return np.ones(1)
     nyquist = factor / 2.0  # of the input, over the output rate

@@ -1,7 +1,6 @@
 """AC-coupled accelerometers: each channel's high-pass, as a filter that carries its memory."""
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sensors.arrays import ComplexArray, FloatArray
 
@@ -23,6 +22,8 @@ class ChannelCoupling:
 
     def advance(self, readings: FloatArray) -> None:
         """Filter the next samples in place, (n_channels, n_samples)."""
+        from scipy.signal import lfilter  # 75 MB that only a simulation needs
+
         for channel in self._coupled:
             numerator, denominator = self._filters[channel]
             readings[channel], self._memory[channel] = lfilter(

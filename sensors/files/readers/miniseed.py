@@ -53,7 +53,7 @@ def _read(obspy: Any, path: Path) -> Any:
         try:
             stream = obspy.read(str(path), format="MSEED", check_compression=False)
             cut = import_module("obspy.io.mseed.util").get_record_information(str(path))
-        except Exception as error:  # obspy raises bare Exceptions, and struct's
+        except Exception as error:  # obspy raises bare Exceptions
             reason = " ".join(str(error).split())
             raise FileError(f"{path}: no readable miniSEED file: {reason}") from error
     if cut["excess_bytes"]:

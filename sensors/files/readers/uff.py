@@ -17,7 +17,7 @@ from sensors.files.table import FileError, require_file, require_module
 
 DELIMITER = b"    -1"  # before and behind every dataset
 TIME_RESPONSE = 1  # `func_type`
-EVEN = 1  # `abscissa_spacing`
+EVEN_SPACING = 1  # `abscissa_spacing`
 DIRECTIONS = {
     **{0: "", 1: "+X", 2: "+Y", 3: "+Z", 4: "+RX", 5: "+RY", 6: "+RZ"},
     **{-1: "-X", -2: "-Y", -3: "-Z", -4: "-RX", -5: "-RY", -6: "-RZ"},
@@ -75,7 +75,7 @@ def _channel(dataset: dict[str, Any]) -> Channel:
         unit_str="" if unit.upper() == "NONE" else unit,
         quantity=QUANTITIES.get(int(dataset["ordinate_spec_data_type"])),
     )
-    if int(dataset["abscissa_spacing"]) == EVEN and dataset["abscissa_inc"] > 0:
+    if int(dataset["abscissa_spacing"]) == EVEN_SPACING and dataset["abscissa_inc"] > 0:
         channel["fs"] = 1.0 / float(dataset["abscissa_inc"])
     else:
         channel["time"] = np.asarray(dataset["x"], dtype=np.float64)
