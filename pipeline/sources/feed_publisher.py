@@ -172,8 +172,9 @@ class FeedAccount:
         self._named: set[str] = set()  # channels that no layout lists, and that were logged
 
     def messages(self, stopping: threading.Event) -> Iterator[Message]:
-        """Layout, then what is measured as it comes, with a status at the beginning, every second
-        and at the end.
+        """Yield the layout, then what is measured as it comes.
+
+        A status comes at the beginning, every second and at the end.
         """
         if self._live.gives_blocks:
             yield self._layout

@@ -55,6 +55,7 @@ def _springs(truth: FoundationTruth) -> tuple[float, float, float]:
 def later_truths(
     truths: Iterator[FoundationTruth], first: FoundationTruth | None
 ) -> Iterator[FoundationTruth]:
+    """Return the truths without the one that is published already."""
     return (truth for truth in truths if truth != first)
 
 

@@ -49,8 +49,9 @@ def recordings_in(path: Path) -> list[Path]:
 
 
 def recorded_stream(path: Path) -> Iterator[SensorMessage]:
-    """Everything measured in a file, or in all files of a folder as one stream, in order of
-    time.
+    """Yield everything measured in a file, or in all files of a folder as one stream.
+
+    The messages come in order of time.
     """
     files = recordings_in(path)
     if len(files) == 1:

@@ -80,6 +80,7 @@ class Source:
 
     @property
     def is_live(self) -> bool:
+        """Whether the source goes on without end."""
         return self.duration is None
 
     @property
@@ -207,7 +208,7 @@ class MonotonicClock:
         self._stopping = stopping
 
     def now(self) -> float:
-        """[s]"""
+        """Time of a clock that never goes back [s]."""
         return time.monotonic()
 
     def wait(self, seconds: float) -> None:

@@ -27,6 +27,7 @@ class DampedResponse:
 
     @property
     def n_channels(self) -> int:
+        """Number of channels."""
         return len(self._system.modes.corner_frequencies)
 
     @property

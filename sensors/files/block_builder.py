@@ -257,8 +257,9 @@ class BlockCutter:
             self._held = None
 
     def _even(self, times_ns: IntArray) -> tuple[IntArray, IntArray]:
-        """When the samples were taken by a clock that late stamps do not move, (n,) [ns], and how
-        many samples are lost before each, (n,).
+        """Return the samples' times by a clock that late stamps do not move, (n,) [ns].
+
+        The second array, (n,), counts the samples that are lost before each.
         """
         expected = times_ns[0] if self._end_ns is None else self._end_ns
         ahead = (times_ns - expected) * (self._rate / NANOSECONDS) - np.arange(len(times_ns))

@@ -68,10 +68,12 @@ class NamedArray:
 
     @property
     def group(self) -> str:
+        """Names of its groups, joined by slashes."""
         return self.name.partition("[")[0].rpartition("/")[0]
 
     @property
     def is_time(self) -> bool:
+        """Whether the title names a time."""
         return self.values.ndim == 1 and is_time_title(split_unit(self.title)[0])
 
 

@@ -170,8 +170,10 @@ def _samples(channel: Channel, path: Path) -> FloatArray:
 def _on_one_clock(
     channels: Sequence[Channel], columns: list[FloatArray], path: Path
 ) -> tuple[FloatArray | None, int, FloatArray]:
-    """Seconds since the first sample (None: unknown), that sample [ns since 1970; 0: unknown],
-    and (n, n_channels) samples.
+    """Return times, start and samples of all channels on one clock.
+
+    Seconds since the first sample (None: unknown), that sample [ns since 1970; 0: unknown], and
+    (n, n_channels) samples.
     """
     rates = {channel.get("fs") for channel in channels}
     if len(rates) > 1:

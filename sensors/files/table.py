@@ -224,8 +224,9 @@ def join_chunks(chunks: Iterable[ChannelTable], path: Path) -> ChannelTable:
 
 
 def in_standard_unit(unit: str) -> tuple[str, float]:
-    """Unit after conversion, and the factor to it: accelerations become m/s², velocities m/s,
-    displacements m; the rest stays.
+    """Return the unit after conversion and the factor to it.
+
+    Accelerations become m/s², velocities m/s, displacements m; the rest stays.
     """
     for standard, factors in (
         ("m/s²", ACCELERATION_UNITS),

@@ -125,8 +125,9 @@ def tower_pattern(model: StructuralModel, rms: float) -> FloatArray:
 
 
 def blade_pattern(model: StructuralModel, rms: float) -> FloatArray:
-    """Return a force at every blade node but the root, flapwise and edgewise, independent of the
-    others.
+    """Return a force at every blade node but the root, flapwise and edgewise.
+
+    Each is independent of the others.
 
     Parameters
     ----------

@@ -103,6 +103,7 @@ class RotorLoad:
 
     @property
     def n_series(self) -> int:
+        """Number of series."""
         return 2
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
@@ -110,8 +111,9 @@ class RotorLoad:
         return in_chunks(self._segments(seed), chunk)
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
-        """Spectrum of what the thrust's turbulence makes a structure do; see `Load`. Of time 0;
-        the harmonics are lines and have none.
+        """Return the spectrum of a structure's response to the thrust's turbulence; see `Load`.
+
+        It is that of time 0; the harmonics are lines and have none.
         """
         speed = self.speed_at(0.0)
         slope = thrust_slope(self.rotor, self.steady_at(0.0), speed)
@@ -150,8 +152,9 @@ class RotorLoad:
             time += len(gust) / self.sampling_rate
 
     def _curves(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Thrust [N], its slope [N·s/m], rotor speed [1/s] and idling imbalance [N] at the
-        times.
+        """Return thrust, its slope, rotor speed and idling imbalance at the times.
+
+        In [N], [N·s/m], [1/s] and [N].
         """
         knots = np.arange(times[0], times[-1] + 2 * CURVE_STEP, CURVE_STEP)
         rows = []

@@ -179,6 +179,7 @@ class WaveLoad:
 
     @property
     def n_series(self) -> int:
+        """Number of series."""
         return self.distribution.shape[1]
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
@@ -191,8 +192,9 @@ class WaveLoad:
             yield segment[0]
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
-        """Spectrum of what the linear part (inertia, up to the still water) makes a structure do;
-        see `Load`. Of the sea at time 0.
+        """Return the spectrum of the response to the linear part of the force; see `Load`.
+
+        The linear part is the inertia up to the still water, of the sea at time 0.
         """
         state = self.state_at(0.0)
         positive = np.maximum(frequencies, 1e-3)  # S(0) = 0
@@ -360,8 +362,9 @@ def wave_load(
 
 
 def _column() -> tuple[FloatArray, FloatArray]:
-    """Places in a water column of height 1 and their weights: denser towards the surface, where
-    short waves are.
+    """Return places in a water column of height 1 and their weights.
+
+    They are denser towards the surface, where short waves are.
     """
     points, weights = legendre.leggauss(N_HEIGHTS)
     s = 0.5 * (points + 1)

@@ -236,6 +236,7 @@ class WindLoad:
 
     @property
     def n_series(self) -> int:
+        """Number of series."""
         return 2 * len(self.points.positions)
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
@@ -265,8 +266,9 @@ class WindLoad:
         )
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
-        """Spectrum of what the linear part of the force (in u and v) makes a structure do; see
-        `Load`. Of the wind at time 0.
+        """Return the spectrum of the response to the linear part of the force; see `Load`.
+
+        The linear part is that in u and v, of the wind at time 0.
         """
         speed = self.speed_at(0.0)
         along, across = np.split(gains, 2, axis=2)
@@ -319,8 +321,9 @@ class WindLoad:
         return coloured
 
     def _coherence_factor(self, frequencies: FloatArray, speed: float) -> FloatArray:
-        """Cholesky factors of the coherence up to where the points are coherent,
-        (n, n_points, n_points).
+        """Return Cholesky factors of the coherence, (n, n_points, n_points).
+
+        They go up to the frequency at which the points are no longer coherent.
         """
         apart = self.points.positions[:, None] - self.points.positions[None]
         nearest = np.min(np.linalg.norm(apart, axis=2) + 1e9 * np.eye(len(apart)), initial=1e9)

@@ -1,5 +1,6 @@
-"""What instruments make of accelerations: anti-alias decimation, axes as they were mounted, noise,
-drift, and the counts of a converter.
+"""What instruments make of accelerations.
+
+Anti-alias decimation, axes as they were mounted, noise, drift, and the counts of a converter.
 """
 
 from dataclasses import dataclass, replace

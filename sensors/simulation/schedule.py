@@ -179,8 +179,9 @@ class Schedule:
         return state
 
     def running_share(self, time: float) -> float:
-        """0 with the blades feathered, 1 in operation; a start or stop takes until the next
-        step.
+        """0 with the blades feathered, 1 in operation.
+
+        A start or stop takes until the next step.
         """
         state = self.state(time)
         if state in ("start", "stop"):
@@ -219,6 +220,7 @@ class Schedule:
 
     @property
     def highest_level(self) -> float:
+        """Highest water level of the tide [m]."""
         return self.mean_level + abs(self.tide.amplitude)
 
     def largest(self, name: str) -> float:

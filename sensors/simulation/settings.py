@@ -111,6 +111,7 @@ class SimulationSettings:
 
     @property
     def samples_per_block(self) -> int:
+        """Number of samples in a block."""
         return max(1, round(self.block_duration * self.sampling_rate))
 
     @property
@@ -125,4 +126,5 @@ class SimulationSettings:
 
     @property
     def session_id(self) -> str:
+        """Name of the session in every block."""
         return self.session or f"simulated-{self.seed}"

@@ -226,8 +226,9 @@ class SimulatedTower:
         return DampedResponse(self._structure.at(-self.settings.transient), self._rate)
 
     def spectrum(self, frequencies: FloatArray) -> FloatArray:
-        """One-sided spectral density of the readings by linear theory, without noise, at the
-        beginning; axes as for `readings`.
+        """Return the one-sided spectral density of the readings by linear theory, without noise.
+
+        It is that at the beginning; axes as for `readings`.
 
         Parameters
         ----------

@@ -54,6 +54,7 @@ class Column:
 
     @property
     def title(self) -> str:
+        """Name and unit in brackets."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 

@@ -82,9 +82,11 @@ class RewrittenText(io.RawIOBase):
         self._ready = b""
 
     def readable(self) -> bool:
+        """Return True: the file is open for reading."""
         return True
 
     def readinto(self, buffer: Any) -> int:
+        """Fill the buffer; return the number of bytes, 0 at the end."""
         while not self._ready:
             raw = self._file.read(2**20)
             self._ready = self._rewritten(self._decoder.decode(raw, final=not raw), last=not raw)
@@ -95,6 +97,7 @@ class RewrittenText(io.RawIOBase):
         return count
 
     def close(self) -> None:
+        """Close the file below, too."""
         self._file.close()
         super().close()
 

@@ -141,6 +141,7 @@ class Form:
     decimal_point: str
 
     def cells(self, line: str) -> list[str]:
+        """Return the cells of a line."""
         if self.delimiter == " ":
             return line.split()
         if '"' in line:
@@ -164,15 +165,18 @@ class Form:
         return cells if len(cells) == count else None
 
     def is_number(self, cell: str) -> bool:
+        """Return whether a cell is a number."""
         text = cell.strip()
         return bool(_NUMBER[self.decimal_point].fullmatch(text) or _INFINITE.fullmatch(text))
 
     def kind(self, cell: str) -> ColumnKind:
+        """Return what a cell holds."""
         if cell.strip().lower() in MISSING:
             return "empty"
         return "number" if self.is_number(cell) else kind_of_text(cell) or "text"
 
     def value(self, cell: str) -> float:
+        """Return the number in a cell."""
         return float(cell.strip().replace(self.decimal_point, "."))
 
 
