@@ -24,7 +24,13 @@ from pipeline.updating.population import (
     load_population,
     population_from_json,
 )
+from pipeline.updating.prior import UpdatingError
 from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.structural.settings import (
+    UNCERTAIN,
+    StructureSettings,
+    structure_settings,
+)
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
 from sensors.settings import NO_KEY, settings_from_table
@@ -276,8 +282,37 @@ def scenario_from_text(text: str, origin: str) -> Scenario:
 
 
 def _scenario_from_table(table: dict[str, Any], text: str, origin: str) -> Scenario:
+    _check_updating(table.get("updating"), origin)
+    structure = table.pop("structure", None)
     table.setdefault("name", Path(origin).stem)
-    return replace(settings_from_table(Scenario, table, origin, ScenarioError), text=text)
+    scenario = replace(settings_from_table(Scenario, table, origin, ScenarioError), text=text)
+    return with_structure(scenario, _structure(structure, origin))
+
+
+def _structure(table: Any, origin: str) -> StructureSettings:
+    """Section [structure]; without it every figure is uncertain."""
+    if table is None:
+        return UNCERTAIN
+    try:
+        return structure_settings(table, f"{origin} [structure]")
+    except UpdatingError as error:
+        raise ScenarioError(str(error)) from error
+
+
+def _check_updating(table: Any, origin: str) -> None:
+    if isinstance(table, Mapping) and "uncertain" in table:
+        raise ScenarioError(
+            f"{origin} [updating.uncertain]: figures of the structure now stand in "
+            "[structure.uncertain], each with a default; steel_modulus, rna_mass and added_mass "
+            "keep their names"
+        )
+    if isinstance(table, Mapping) and "structure" in table:
+        raise ScenarioError(f"{origin} [updating]: unknown key 'structure'; it is a section")
+
+
+def with_structure(scenario: Scenario, structure: StructureSettings) -> Scenario:
+    """Return the scenario with other figures of the structure uncertain."""
+    return replace(scenario, updating=replace(scenario.updating, structure=structure))
 
 
 def modes_only(turbine: str) -> Scenario:
@@ -387,10 +422,12 @@ def scenario_metadata(scenario: Scenario) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        Name, seed, duration, the TOML text, and, where the scenario names files of one's own
-        (descriptions, a population), their texts under `files` as JSON.
+        Name, seed, duration, whether the structure is exact, the TOML text, and, where the
+        scenario names files of one's own (descriptions, a population), their texts under `files`
+        as JSON.
     """
     metadata = {
+        "structure": "exact" if scenario.updating.structure.exact else "uncertain",
         "name": scenario.name,
         "seed": str(scenario.seed),
         "duration": repr(scenario.simulation.duration),
@@ -469,7 +506,11 @@ def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario
         If the stored text describes no scenario of this version.
     """
     text = metadata["toml"]
-    stored = _scenario_from_table(_without_removed(tomllib.loads(text)), text, origin)
+    table = tomllib.loads(text)
+    stored = _scenario_from_table(_without_removed(table), text, origin)
+    if "structure" not in metadata and "structure" not in table:
+        # made before there was a choice: its scenario meant the described structure
+        stored = with_structure(stored, StructureSettings(exact=True, stated=False))
     files = json.loads(metadata.get("files", "{}"))
     return with_overrides(
         replace(stored, name=metadata["name"], files=tuple(files.items())),

@@ -8,6 +8,8 @@ from pipeline.nodes.node import Node
 from pipeline.nodes.updating import FoundationUpdaterNode, UpdatingInContext
 from pipeline.runtime.snapshots import CheckpointedUpdating, CheckpointFolder
 from pipeline.scenario import Scenario, farm_members
+from pipeline.updating.structural.alternatives import JointInference
+from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
 from sensors.dynamics.modal_model import ModalModel
@@ -33,6 +35,7 @@ class Turbines:
         self._farm = {each.turbine.id: each for each in farm_members(scenario)}
         self._layouts = {name: each.layout for name, each in self._farm.items()} | dict(layouts)
         self._checkpoints = checkpoints
+        self._joints: dict[object, JointInference | None] = {}  # likewise
         self._models: dict[object, ModalModel] = {}  # turbines alike share one: it never changes
 
     def updating(self) -> UpdatingInContext:
@@ -47,12 +50,14 @@ class Turbines:
 
     def _updating_of_one(self, turbine: str, layout: SensorLayout) -> Node:
         scenario = self._scenario
+        member = self._farm.get(turbine, scenario)
         updater = FoundationUpdater(
-            self._model(self._farm.get(turbine, scenario), layout),
+            self._model(member, layout),
             layout,
             scenario.updating,
             seed=scenario.seed,
             population=scenario.population,
+            joint=self._joint(member, layout),
         )
         if self._checkpoints is None:
             return FoundationUpdaterNode(updater)
@@ -63,3 +68,16 @@ class Turbines:
         if kind not in self._models:
             self._models[kind] = ModalModel(member.structure, layout)
         return self._models[kind]
+
+    def _joint(self, member: Scenario, layout: SensorLayout) -> JointInference | None:
+        kind = (member.turbine.description, member.turbine.springs_sign, layout.channels)
+        if kind not in self._joints:
+            scenario = self._scenario
+            self._joints[kind] = joint_inference(
+                member.structure,
+                layout,
+                scenario.updating,
+                seed=scenario.seed,
+                population=scenario.population,
+            )
+        return self._joints[kind]
