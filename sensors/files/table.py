@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sensors.errors import InputError
 
 STANDARD_GRAVITY = 9.80665  # [m/s²], by definition (CGPM 1901)
-EXACT = 1e-9  # relative uncertainty of a rate whose stamps are exact: rounding of doubles [-]
+ROUNDING = 1e-9  # relative uncertainty of a rate whose stamps are exact: rounding of doubles [-]
 
 # Every unit as `plain_unit` writes it: lower case, no blanks, powers as digits, "u" for micro.
 ACCELERATION_UNITS = {
@@ -180,7 +180,7 @@ def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
     if not step > 0:
         return None
     clock = np.cumsum(steps - step)  # how far the stamps stray from an even clock [s]
-    tolerance = float(np.ptp(clock)) / (step * len(steps)) + EXACT
+    tolerance = float(np.ptp(clock)) / (step * len(steps)) + ROUNDING
     return _plainest(1.0 / step, tolerance)
 
 
