@@ -136,7 +136,10 @@ def certificates(
     written = write_configurations(folder, units, viewer or (), host=host, port=port)
     output.print(f"new certificates: {', '.join(made) or 'none'}", soft_wrap=True)
     output.print("Written: " + ", ".join(str(path) for path in written), soft_wrap=True)
-    output.print(f"On the shore: pilewatch run --source live --zenoh-config {folder}/{SHORE}.json5")
+    output.print(
+        "On the shore: pilewatch run --source live --scenario my.toml "
+        f"--zenoh-config {folder}/{SHORE}.json5"
+    )
 
 
 def publish(

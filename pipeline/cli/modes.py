@@ -17,9 +17,9 @@ def identify(
     file: Annotated[
         Path,
         typer.Argument(
-            help="An MCAP recording or a file of measurements: CSV, TSV, Parquet, NPZ, HDF5, TDMS "
-            "or miniSEED. A CSV has a header row; a time column called t, time or timestamp, its "
-            "unit in brackets; channel units in brackets."
+            help="An MCAP recording or a file of measurements: CSV, TSV, Parquet, NPZ, HDF5, "
+            "MATLAB, OpenFAST, TDMS, miniSEED or UFF. A CSV has a header row; a time column called "
+            "t, time or timestamp, its unit in brackets; channel units in brackets."
         ),
     ],
     sampling_rate: Annotated[

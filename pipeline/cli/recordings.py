@@ -97,8 +97,8 @@ def import_files(
     files: Annotated[
         list[Path],
         typer.Argument(
-            help="CSV, TSV, Parquet, NPZ, HDF5, TDMS or miniSEED; several are joined in order of "
-            "time."
+            help="CSV, TSV, Parquet, NPZ, HDF5, MATLAB, OpenFAST, TDMS, miniSEED or UFF; several "
+            "are joined in order of time."
         ),
     ],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The MCAP file to write.")] = None,

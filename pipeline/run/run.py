@@ -37,6 +37,7 @@ from pipeline.run.folder import (
 from pipeline.run.options import SessionOptions
 from pipeline.run.processes import SHARED, node_command, processes, require_processes
 from pipeline.runtime import runner
+from pipeline.runtime.flow_control import UNACKNOWLEDGED_BLOCKS
 from pipeline.runtime.identification_restart import FOLDER as TRACKS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.sources.feed_publisher import FeedAccount
@@ -181,7 +182,7 @@ def _run(
             workers,
             bus,
             turbine=turbine,
-            unacknowledged_blocks=source.scenario.flow.unacknowledged_blocks if follows else None,
+            unacknowledged_blocks=UNACKNOWLEDGED_BLOCKS if follows else None,
             report=report,
             stopping=stopping,
         )
