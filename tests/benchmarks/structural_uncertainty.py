@@ -277,9 +277,7 @@ class Table:
             .tolist(),
             "seconds": np.quantile([e.seconds for e in self.outcomes], [0.5, 1]).round(2).tolist(),
             "alternatives": dict(Counter(each.alternative for each in self.outcomes)),
-            "held_or_named": int(
-                sum(all(o.held) or not o.trusted for o in self.outcomes)
-            ),
+            "held_or_named": int(sum(all(o.held) or not o.trusted for o in self.outcomes)),
         }
 
 

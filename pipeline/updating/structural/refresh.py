@@ -72,12 +72,14 @@ def joint_refresh(
     generator: np.random.Generator,
     *,
     reference: ModalEvidence | None = None,
+    last_fault: str = "",
 ) -> JointRefresh | None:
     """The joint posterior; None where no mode can be compared with any structure.
 
     measured    with the windows' water levels in it
     warm        of the last refresh
     reference   evidence of a period to compare with
+    last_fault  name of the sensor's fault that the last refresh found
     """
     starts = {each.name: each for each in warm}
     level_std = _level_std(inference, measured)
@@ -92,7 +94,7 @@ def joint_refresh(
         return None
     fault = None
     if suspicious(result.best.fit, result.best.peak):
-        result, evidence, fault = _with_sensor_fault(inference, result, evidence)
+        result, evidence, fault = _with_sensor_fault(inference, result, evidence, last_fault)
     best = result.best
     coordinates = best.fit.coordinates
     u, sigma = result.draws(N_DRAWS, generator, widening=WIDENING)
@@ -119,11 +121,12 @@ def joint_refresh(
 
 
 def _with_sensor_fault(
-    inference: JointInference, result: JointResult, evidence: ModalEvidence
+    inference: JointInference, result: JointResult, evidence: ModalEvidence, last: str
 ) -> tuple[JointResult, ModalEvidence, SensorFault | None]:
     """The result with the likeliest fault of a sensor taken into account; as it was for none."""
     best = result.best
-    found = sensor_fault(best.fit, evidence, best.fit.settled(evidence, best.peak.u) or best.peak)
+    peak = best.fit.settled(evidence, best.peak.u) or best.peak  # by the floors alone
+    found = sensor_fault(best.fit, evidence, peak, last=last)
     if found is None:
         return result, evidence, None
     fault, peak = found

@@ -20,6 +20,8 @@ from sensors.acquisition.layout import SensorLayout
 WIDE = {"gain": 40.0, "heading": 30.0, "height": 30.0}  # factor on the prior's std of a fault
 LEAST_DROP = 25.0  # of the cost: 12 nats against some thirty faults tried
 SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked for
+SUSPICIOUS_COST = 1.5  # per degree of freedom, likewise
+SUSPICIOUS_PAIRS = 0.85  # share of modes with a partner, below which likewise [-]
 SUSPICIOUS_FIGURE = 3.0  # of a sensor's figure from its prior, likewise [std]
 LEAST_SIZE = {"gain": 0.03, "heading": 5.0, "height": 0.7}  # that is named [-], [deg], [m]
 
@@ -28,6 +30,8 @@ LEAST_SIZE = {"gain": 0.03, "heading": 5.0, "height": 0.7}  # that is named [-],
 class SensorFault:
     """What is wrong with one sensor, or with two."""
 
+    name: str
+    """ "heading 80 m", "flipped z80-fa", "swapped 80 106" """
     text: str
     """ "the sensor at 80 m is turned by 14°" """
     fit: JointFit
@@ -45,6 +49,8 @@ def suspicious(fit: JointFit, peak: JointPeak) -> bool:
     """Whether shapes or sensors' figures call for a search."""
     found = peak.comparison
     shapes = ~found.is_frequency
+    if peak.relative_cost > SUSPICIOUS_COST or found.pairing.paired_share < SUSPICIOUS_PAIRS:
+        return True
     if not shapes.any():
         return False
     D = fit.variances(found, 0.0)
@@ -54,15 +60,23 @@ def suspicious(fit: JointFit, peak: JointPeak) -> bool:
 
 
 def sensor_fault(
-    fit: JointFit, evidence: ModalEvidence, peak: JointPeak
+    fit: JointFit, evidence: ModalEvidence, peak: JointPeak, *, last: str = ""
 ) -> tuple[SensorFault, JointPeak] | None:
-    """The likeliest fault and the peak with it; None where none explains enough."""
+    """The likeliest fault and the peak with it; None where none explains enough.
+
+    last   name of the fault that the last refresh found: while it explains the data, no other is
+           looked for
+    """
+    faults = list(_faults(fit))
+    for fault in faults:
+        if fault.name == last and (end := _fitted(fault, evidence, peak)) is not None:
+            if end.cost < peak.cost - LEAST_DROP and (text := _sized(fault, end)):
+                return replace(fault, text=text), end
     best: tuple[SensorFault, JointPeak] | None = None
-    for fault in _faults(fit):
-        corrected = fault.corrected(evidence)
-        end = fault.fit.settled(corrected, peak.u)
-        if end is not None and (best is None or end.cost < best[1].cost):
-            best = (fault, end)
+    for fault in faults:
+        fitted = _fitted(fault, evidence, peak)
+        if fitted is not None and (best is None or fitted.cost < best[1].cost):
+            best = (fault, fitted)
     if best is None or best[1].cost > peak.cost - LEAST_DROP:
         return None
     fault, end = best
@@ -70,17 +84,24 @@ def sensor_fault(
     return None if sized.text == "" else (sized, end)
 
 
+def _fitted(fault: SensorFault, evidence: ModalEvidence, peak: JointPeak) -> JointPeak | None:
+    """The peak with a fault: near the one without it, unless channels change their meaning."""
+    corrected = fault.corrected(evidence)
+    if corrected is evidence:
+        return fault.fit.settled(corrected, peak.u)
+    return fault.fit.best(corrected, [peak.u], most_starts=2)
+
+
 def _faults(fit: JointFit) -> Iterator[SensorFault]:
     layout: SensorLayout = fit.model.layout
     n = len(layout.channels)
     order, signs = tuple(range(n)), (1.0,) * n
     for number, figure in enumerate(fit.sensors.figures):
-        yield SensorFault(figure.name, _loosened(fit, number), order, signs)
+        yield SensorFault(figure.name, figure.name, _loosened(fit, number), order, signs)
     for channel in range(n):
         flipped = tuple(-1.0 if c == channel else 1.0 for c in range(n))
-        yield SensorFault(
-            f"channel {layout.channels[channel].name} is flipped", fit, order, flipped
-        )
+        name = layout.channels[channel].name
+        yield SensorFault(f"flipped {name}", f"channel {name} is flipped", fit, order, flipped)
     elevations = sorted({channel.elevation for channel in layout.channels})
     for low, high in combinations(elevations, 2):
         here = [c for c in range(n) if layout.channels[c].elevation == low]
@@ -90,7 +111,7 @@ def _faults(fit: JointFit) -> Iterator[SensorFault]:
             for a, b in zip(here, there, strict=True):
                 swapped[a], swapped[b] = b, a
             text = f"the sensors at {low:g} m and {high:g} m are swapped"
-            yield SensorFault(text, fit, tuple(swapped), signs)
+            yield SensorFault(f"swapped {low:g} {high:g}", text, fit, tuple(swapped), signs)
 
 
 def _loosened(fit: JointFit, number: int) -> JointFit:
