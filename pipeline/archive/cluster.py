@@ -33,7 +33,7 @@ ALLOCATION = {
 }
 
 
-class ClusterLost(InputError):  # it says what happened
+class ClusterLost(InputError):  # noqa: N818  # it says what happened
     """A scheduler that is gone in the midst of the work."""
 
 

@@ -151,7 +151,7 @@ class NodeThread(threading.Thread):
         try:
             with open_session(self._open_bus) as bus:
                 serve(self._node, bus, turbine=self._turbine, stopping=self._stopping)
-        except BaseException as error:  # `check` raises it where somebody watches
+        except BaseException as error:  # noqa: BLE001  # `check` raises it where somebody watches
             self._failure = error
 
     def check(self) -> None:
@@ -234,7 +234,7 @@ class Heartbeat:
         return account.last_sequence - self._said_sequence >= STATUS_BLOCKS
 
 
-class RunEnded(Exception):  # it says what happened
+class RunEnded(Exception):  # noqa: N818  # it says what happened
     """Somebody wanted the run to end before the source did."""
 
 

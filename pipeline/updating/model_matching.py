@@ -9,7 +9,7 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.mode_evidence import PartnerInWater
 from pipeline.updating.evidence.observations import EstimateRefused
 from pipeline.updating.forward_model import ForwardModel
-from pipeline.updating.likelihood.laplace import Peak, laplace_peak
+from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
@@ -24,6 +24,7 @@ from pipeline.updating.likelihood.pairing import (
     macs,
 )
 from pipeline.updating.prior import Prior, UpdatingError
+from pipeline.updating.samplers.interface import Peak
 from sensors.arrays import FloatArray
 
 WATER_ROUNDS = 6  # at most, of taking the water out of the windows

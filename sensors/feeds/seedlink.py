@@ -184,7 +184,7 @@ class SeedLinkFeed:
             return
         try:
             traces = self._traces(record)
-        except Exception as error:  # obspy raises bare Exceptions
+        except Exception as error:  # noqa: BLE001  # obspy raises bare Exceptions
             reason = " ".join(str(error).split())
             self.counts.refuse(f"packet {sequence:06X} is no readable miniSEED: {reason}")
             return

@@ -55,14 +55,27 @@ class StructuralModel:
     """
 
     description: TurbineDescription
-    theta: FloatArray  # θ = (k11, k22, k12) in `stiffness`, (3,) [N/m, N·m/rad, N/rad]
+    theta: FloatArray
+    """θ = (k11, k22, k12) in `stiffness`, (3,) [N/m, N·m/rad, N/rad]."""
+
     mass: FloatArray
-    stiffness: FloatArray  # elastic + gravity + springs of θ
-    blade_mass: FloatArray  # the blades' part of `mass`
-    elevations: FloatArray  # of the tower's nodes, from the mudline up, (n_nodes,) [m]
-    tower_dofs: IndexArray  # (n_nodes, 6) in the order (u_x, ψ_x, u_y, ψ_y, u_z, θ_z); −1: fixed
-    blade_dofs: IndexArray  # (n_blades, n_blade_nodes − 1, 4): flap v, v', edge v, v'; no root
-    blade_inner_dofs: IndexArray  # (n_blades, n): clamped-clamped amplitudes, flap first, then edge
+    stiffness: FloatArray
+    """Elastic + gravity + springs of θ."""
+
+    blade_mass: FloatArray
+    """The blades' part of `mass`."""
+
+    elevations: FloatArray
+    """Elevations of the tower's nodes, from the mudline up, (n_nodes,) [m]."""
+
+    tower_dofs: IndexArray
+    """Tower dofs, (n_nodes, 6) in the order (u_x, ψ_x, u_y, ψ_y, u_z, θ_z); −1: fixed."""
+
+    blade_dofs: IndexArray
+    """Blade dofs, (n_blades, n_blade_nodes − 1, 4): flap v, v', edge v, v'; no root."""
+
+    blade_inner_dofs: IndexArray
+    """Blade inner dofs, (n_blades, n): clamped-clamped amplitudes, flap first, then edge."""
 
     @property
     def n_dofs(self) -> int:
@@ -93,9 +106,17 @@ class StructuralModel:
     def tower_displacement(self, elevation: float, direction: Sequence[float]) -> FloatArray:
         """(n_dofs,) row h: displacement of the tower's axis along a direction, u = h q [m].
 
-        elevation   above mean water level [m]; cubic between the nodes
-        direction   cosines (x, y, z) [-]
-        The same row places a force F [N] there: the load vector is h F.
+        Parameters
+        ----------
+        elevation : float
+            Elevation above mean water level [m]; cubic between the nodes.
+        direction : Sequence[float]
+            Cosines (x, y, z) [-].
+
+        Returns
+        -------
+        ndarray, shape (n_dofs,)
+            Row h. It also places a force F [N] there: the load vector is h F.
         """
         x, y, z = direction
         row = x * self._tower_row(elevation, "FA", beam.hermite)
@@ -111,8 +132,15 @@ class StructuralModel:
     def blade_displacement(self, blade: int, node: int, direction: Sequence[float]) -> FloatArray:
         """(n_dofs,) row: displacement of a blade's node along (x, y, z) in tower axes [m].
 
-        node   1 (outer end of the innermost element) to the tip's number
-        The same row places a force there.
+        Parameters
+        ----------
+        node : int
+            1 (outer end of the innermost element) to the tip's number.
+
+        Returns
+        -------
+        ndarray, shape (n_dofs,)
+            The row; it also places a force there.
         """
         blades = self.description.blades
         assert blades is not None
@@ -163,10 +191,18 @@ def assemble(
     stiffness: ArrayLike | None = None,
     tube_refinement: int = 1,
 ) -> StructuralModel:
-    """The finite-element model of a turbine.
+    """Return the finite-element model of a turbine.
 
-    stiffness         θ = (k11, k22, k12), (3,) [N/m, N·m/rad, N/rad]; None: the description's
-    tube_refinement   elements for each tube; the blades keep their elements
+    Parameters
+    ----------
+    stiffness : ArrayLike, optional, shape (3,)
+        θ = (k11, k22, k12) [N/m, N·m/rad, N/rad]; None: the description's.
+    tube_refinement : int, optional
+        Elements for each tube; the blades keep their elements.
+
+    Returns
+    -------
+    StructuralModel
     """
     turbine = description.refined(tube_refinement)
     theta = turbine.nominal if stiffness is None else np.asarray(stiffness, dtype=np.float64)
@@ -220,7 +256,8 @@ class _System:
 
 def _number_dofs(turbine: TurbineDescription) -> tuple[IndexArray, IndexArray, IndexArray, int]:
     """Tower nodes from the mudline up, then blade after blade; the mudline's heave and twist
-    are fixed."""
+    are fixed.
+    """
     n_nodes = len(turbine.tubes) + 1
     tower = np.arange(-2, 6 * n_nodes - 2).reshape(n_nodes, 6)
     tower[0] = [0, 1, 2, 3, FIXED, FIXED]
@@ -280,7 +317,8 @@ def wetted_share(tube: Tube, water: Water | None) -> float:
 
 def added_mass(tube: Tube, water: Water | None) -> float:
     """Mass of water that moves with a wetted metre of the tube, C_a ρ π D²/4 and what is
-    inside [kg/m]."""
+    inside [kg/m].
+    """
     if water is None:
         return 0.0
     mass = water.added_mass_coefficient * water.density * np.pi * tube.diameter**2 / 4

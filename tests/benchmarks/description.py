@@ -53,7 +53,7 @@ def main(arguments: list[str]) -> None:
         print_table(rows)
     if chosen.result is not None:
         command = f"python -m tests.benchmarks description --sign {chosen.sign}"
-        document = {"command": command, "sign": chosen.sign, **tables}
+        document = {"command": command, "sign": chosen.sign, **rounded(tables)}
         chosen.result.parent.mkdir(parents=True, exist_ok=True)
         chosen.result.write_text(json.dumps(document, indent=1) + "\n", "utf-8")
 
@@ -145,6 +145,22 @@ def paired(
     mac = products / np.outer((shapes**2).sum(axis=1), (other_shapes**2).sum(axis=1))
     distance = np.abs(np.log(frequencies[:, None] / others)) / 0.01 + (1 - mac) / 0.1
     return np.asarray(linear_sum_assignment(distance)[1])
+
+
+def rounded(
+    tables: Mapping[str, list[dict[str, float | str]]],
+) -> dict[str, list[dict[str, float | str]]]:
+    """To 1e-6 Hz and 1e-4 %: what is below differs between machines."""
+    return {
+        name: [
+            {
+                key: value if isinstance(value, str) else round(value, 4 if "%" in key else 6) + 0.0
+                for key, value in row.items()
+            }
+            for row in rows
+        ]
+        for name, rows in tables.items()
+    }
 
 
 def print_table(rows: Sequence[Mapping[str, float | str]]) -> None:

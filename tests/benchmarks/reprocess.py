@@ -64,7 +64,7 @@ class Cost:
         )
 
 
-class _Stopped(Exception):  # as if by Ctrl-C
+class _Stopped(Exception):  # noqa: N818  # as if by Ctrl-C
     pass
 
 

@@ -8,7 +8,14 @@ import pytest
 from pipeline.messages import Mode
 from tests.outside.figures import draw
 from tests.outside.loads import STRONG, WEAK
-from tests.outside.modal_data import LAYOUT, Errors, Truth, estimates, visible_modes
+from tests.outside.modal_data import (
+    LAYOUT,
+    Errors,
+    Truth,
+    drawn_truth,
+    estimates,
+    visible_modes,
+)
 from tests.outside.model import NOMINAL
 
 NO_FLOOR = Errors(frequency_floor=0.0, shape_floor=0.0)
@@ -105,3 +112,13 @@ def test_a_rigid_reading_of_a_turned_layout_is_another_shape() -> None:
     plain = visible_modes(PLAIN.modes(), LAYOUT).shapes
     other = visible_modes(PLAIN.modes(), turned).shapes
     assert other[:, :4] == pytest.approx(plain[:, 4:])
+
+
+def test_drawn_truths_stand_and_differ_in_every_figure() -> None:
+    rng = np.random.default_rng(8)
+    truths = [drawn_truth(rng, "embedded-pile", level_std=1.0) for _ in range(6)]
+    ratios = np.array([truth.theta / NOMINAL for truth in truths])
+    assert ratios.min() > 0.8
+    assert ratios.max() < 1.25
+    assert np.std([truth.figures.water_level for truth in truths]) > 0.3
+    assert len({truth.figures for truth in truths}) == len(truths)

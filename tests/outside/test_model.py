@@ -1,4 +1,4 @@
-"""The outside model against closed forms, and against the shipped description."""
+"""The outside model against closed forms, the shipped description and pyBModes."""
 
 import ast
 from dataclasses import replace
@@ -23,7 +23,8 @@ from tests.outside.model import (
     modes,
     rigid_motion,
 )
-from tests.outside.sections import BladeSection, Can
+from tests.outside.peers import lumped_description, pybmodes_frequencies
+from tests.outside.sections import MUDLINE, BladeSection, Can
 
 CLAMPED = np.array([1e13, 1e16, 0.0])
 LENGTH, DIAMETER, WALL, DENSITY = 100.0, 5.0, 0.05, 7850.0
@@ -221,6 +222,27 @@ def test_every_figure_moves_some_frequency(name: str) -> None:
     plain, changed = modes().frequencies, modes(figures=one_std).frequencies
     count = min(len(plain), len(changed))
     assert np.abs(changed[:count] / plain[:count] - 1).max() > 5e-4
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize("sign", ["published", "embedded-pile"])
+@pytest.mark.parametrize(
+    ("gravity", "height", "level"),
+    [(0.0, 4.2, 1.5), (9.81, 0.0, MUDLINE)],
+    ids=["in water, weightless", "in air, heavy"],
+)
+def test_tower_monopile_and_springs_have_the_frequencies_pybmodes_finds(
+    sign: SpringSign, gravity: float, height: float, level: float
+) -> None:
+    pybmodes = pytest.importorskip("pybmodes")
+    described = lumped_description(gravity=gravity, height=height)
+    theirs = pybmodes_frequencies(pybmodes, described, NOMINAL, sign, water_level=level)
+    bending = theirs[np.append(False, np.diff(theirs) < 1e-5 * theirs[1:])]  # of two planes alike
+    figures = replace(Figures(), water_level=level, added_mass=float(level > MUDLINE))
+    mine = assemble(figures, described).modes(NOMINAL, sign, 20.0).frequencies
+    nearest = mine[np.abs(mine[:, None] / bending - 1).argmin(axis=0)]
+    assert len(bending) >= 6
+    assert nearest == pytest.approx(bending, rel=1e-5)
 
 
 def test_the_test_bed_imports_nothing_of_the_products_structure() -> None:

@@ -27,7 +27,7 @@ LONGEST_SUBJECT = 160  # [characters]
 Json = Mapping[str, Any]
 
 
-class DeliveryFailed(Exception):  # it says what happened
+class DeliveryFailed(Exception):  # noqa: N818  # it says what happened
     """The outside did not take a telling; it is tried again. The text says why."""
 
 

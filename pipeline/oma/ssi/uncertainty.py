@@ -67,7 +67,7 @@ def projected_deviations(
     Why single precision: it is the costliest step, and what it changes in a std is a hundred times
     less than what the std scatters by anyway, having been estimated from n_blocks blocks.
     """
-    l = subspace.n_channels  # the field's number of outputs
+    l = subspace.n_channels  # noqa: E741  # the field's number of outputs
     y = _images(deviations, (subspace.right / subspace.singular_values).astype(precision))
     left = subspace.left.astype(precision)
     upper, lower = left[:-l], left[l:]

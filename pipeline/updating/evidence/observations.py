@@ -13,7 +13,7 @@ from sensors.arrays import FloatArray
 SMALLEST_UNIT_COMPONENT = 0.05  # of a largest component of 1: below, a shape cannot be rescaled
 
 
-class EstimateRefused(Exception):  # a verdict on the estimate, no fault of ours
+class EstimateRefused(Exception):  # noqa: N818  # a verdict on the estimate, no fault of ours
     """An estimate that cannot be used; the node turns it into a WindowRejected.
 
     Internal to the updating: an expected outcome that ends the work on one window.

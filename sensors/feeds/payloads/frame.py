@@ -40,7 +40,7 @@ class FrameError(ValueError):
     """Bytes that are no frame, or not one of whoever has the key."""
 
 
-class ForgedFrame(FrameError):  # it says what it is
+class ForgedFrame(FrameError):  # noqa: N818  # it says what it is
     """A frame without the signature that the key gives."""
 
 

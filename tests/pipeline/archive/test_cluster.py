@@ -142,6 +142,6 @@ def test_a_scheduler_that_goes_in_the_midst_is_one_line() -> None:
 
 def test_workers_with_another_pilewatch_or_none_are_refused() -> None:
     for theirs, told in ((PackageNotFoundError("pilewatch"), "no pilewatch"), ("0.0.9", "0.0.9")):
-        client = SimpleNamespace(nthreads=lambda: {"w": 1}, run=lambda *_, **__: {"w": theirs})
+        client = SimpleNamespace(nthreads=lambda: {"w": 1}, run=lambda *_, **__: {"w": theirs})  # noqa: B023
         with pytest.raises(InputError, match=f"worker w has .*{told}, this is pilewatch"):
             cluster._require_alike(client, "tcp://here:1")

@@ -68,7 +68,7 @@ class MailServer:
     encrypted: list[bool] = field(default_factory=list)
     users: list[str] = field(default_factory=list)
 
-    async def handle_DATA(self, _: Any, session: Session, envelope: Envelope) -> str:
+    async def handle_DATA(self, _: Any, session: Session, envelope: Envelope) -> str:  # noqa: N802
         assert isinstance(envelope.content, bytes)
         self.received.append(message_from_bytes(envelope.content))
         self.recipients += envelope.rcpt_tos

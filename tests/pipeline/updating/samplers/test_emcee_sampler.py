@@ -70,7 +70,7 @@ def test_the_companion_stays_with_its_point():
 def test_the_same_generator_walks_the_same_chains_whatever_ran_before():
     start = around(MEAN, 0.02, 6)
     first = walked(gaussian, start, SETTINGS, np.random.default_rng([7, 3]))
-    np.random.seed(99)  # somebody else's use of the global state
+    np.random.seed(99)  # noqa: NPY002  # somebody else's use of the global state
     second = walked(gaussian, start, SETTINGS, np.random.default_rng([7, 3]))
     assert np.array_equal(first.points, second.points)
 
