@@ -182,6 +182,13 @@ class JointInference:
                 return again, self._posterior(again, fit)
         return peak, posterior
 
+    def refitted(
+        self, fitted: FittedAlternative, fit: JointFit, evidence: ModalEvidence, peak: JointPeak
+    ) -> FittedAlternative:
+        """An alternative with other priors and its peak there, alone."""
+        peak, posterior = self._with_discrepancy(fit, evidence, peak)
+        return FittedAlternative(fitted.alternative, fit, peak, posterior, 1.0)
+
     def _posterior(self, peak: JointPeak, fit: JointFit) -> JointPosterior:
         return joint_posterior(
             peak, fit.coordinates, highest_sigma=self._highest_sigma, n_sigma=SIGMA_POINTS

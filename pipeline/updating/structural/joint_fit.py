@@ -168,10 +168,23 @@ class JointFit:
         """The same with another uncertainty of the water's level [m]."""
         if level_std == self.coordinates.level_std:
             return self
+        return self._with(self.coordinates.with_level_std(level_std))
+
+    def with_prior_std(self, place: int, std: float) -> "JointFit":
+        """The same with another prior standard deviation of one coordinate."""
+        return self._with(self.coordinates.with_prior_std(place, std))
+
+    def _with(self, coordinates: JointCoordinates) -> "JointFit":
         other: JointFit = object.__new__(JointFit)
         other.__dict__.update(self.__dict__)
-        other.coordinates = self.coordinates.with_level_std(level_std)
+        other.coordinates = coordinates
         return other
+
+    def settled(
+        self, evidence: ModalEvidence, start: FloatArray, *, sigma: float = 0.0
+    ) -> JointPeak | None:
+        """The peak downhill from a start that is near; None where it cannot stand."""
+        return self._settled(evidence, self.targets(evidence), start, sigma)
 
     def _modes(self, u: FloatArray) -> FigureModes:
         c = self.coordinates

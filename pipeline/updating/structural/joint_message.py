@@ -96,6 +96,8 @@ def distrust(found: JointRefresh, guards: AcceptanceSettings) -> tuple[QualityWa
     """Why the data contradict every structure that the priors allow; empty for a posterior that may
     be trusted."""
     doubts = []
+    if found.fault is not None:
+        doubts.append(QualityWarning("sensor", f"{found.fault.text}: its shapes are read so"))
     share = found.checks.unpredicted_share
     if share > guards.unpredicted_share:
         doubts.append(
