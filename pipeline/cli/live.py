@@ -2,6 +2,7 @@
 
 import json
 import threading
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,6 +25,9 @@ from pipeline.cli.console import (
     zenoh_settings,
 )
 from sensors.errors import InputError
+from sensors.feeds.protocol import printable
+
+SNIFFED_FOR = 10.0  # without --for [s]
 
 
 def feed(
@@ -48,6 +52,9 @@ def feed(
     seconds: Annotated[
         float | None, typer.Option("--for", help="Stop after so many seconds.")
     ] = None,
+    sniff: Annotated[
+        bool, typer.Option("--sniff", help="Print what comes and a mapping that reads it (MQTT).")
+    ] = False,
     connect: ConnectOption = None,
     listen: ListenOption = None,
     mode: ModeOption = "peer",
@@ -60,6 +67,9 @@ def feed(
 
     if seconds is not None and not seconds > 0:
         raise InputError(f"--for {seconds:g} is no time; a positive number of seconds is needed")
+    if sniff:
+        _sniff(address, SNIFFED_FOR if seconds is None else seconds)
+        return
     settings = zenoh_settings(mode, listen, connect, zenoh_config)
     if layout is not None and scenario is not None:
         raise InputError(
@@ -83,6 +93,38 @@ def feed(
             connected=lambda: people.print(f"connected: {escaped(address)}", soft_wrap=True),
         )
     _print(fed, channels.turbine, blocks=live.gives_blocks)
+
+
+def _sniff(address: str, seconds: float) -> None:
+    """Print topics, channels and a mapping of what comes in some seconds."""
+    from sensors.feeds.message_capture import captured_messages
+    from sensors.feeds.payloads.sniff import sniffed
+
+    with stopped_by_signals() as stopping:
+        messages = captured_messages(address, seconds, stopping)
+    if not messages:
+        raise InputError(f"{address}: no message came in {seconds:g} s")
+    for topic, count in Counter(topic for topic, _ in messages).most_common(20):
+        output.print(f"{count:6d}  {printable(topic, 100)}", markup=False)
+    example = messages[-1][1]
+    output.print(printable(example[:400].decode("utf-8", "replace"), 400), markup=False)
+    found = sniffed(messages)
+    if not found.mapping:
+        raise InputError(f"{address}: no preset reads these messages, and no mapping was found")
+    for name, samples in found.channels.items():
+        output.print(f"{samples:6d}  samples of {printable(name, 100)}", markup=False)
+    output.print(
+        f"{found.sampling_rate:g} Hz, units {', '.join(found.units) or 'not given'}, "
+        f"{found.refused} of {len(messages)} messages not read",
+        markup=False,
+    )
+    output.print(_advice(found.mapping, found.toml), markup=False)
+
+
+def _advice(mapping: str, toml: str) -> str:
+    if toml:
+        return f"write this into mapping.toml, and use ?mapping=mapping.toml:\n{toml}"
+    return "no mapping is needed" if mapping == "json" else f"use ?mapping={mapping}"
 
 
 def _print(fed: Any, turbine: str, *, blocks: bool) -> None:

@@ -25,7 +25,7 @@ _COMMON = ("rate", "wait")
 _SECURITY = ("ca", "cert", "key", "password-file")
 _SCADA = ("time", "state", "wind_speed", "rotor_speed", "pitch", "yaw", "power", "water_level")
 OPTIONS = {  # by scheme
-    "mqtt": (*_COMMON, *_SECURITY, "qos", "mqtt", "format", "client", "key-file"),
+    "mqtt": (*_COMMON, *_SECURITY, "qos", "mqtt", "format", "client", "key-file", "mapping"),
     "seedlink": (*_COMMON,),
     "udp": (*_COMMON, "key-file"),
     "scada+mqtt": (*_SECURITY, "qos", "mqtt", "client", *_SCADA),

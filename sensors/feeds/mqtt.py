@@ -2,8 +2,9 @@
 
     mqtt://[USER@]HOST/TOPIC[?qos=1&format=auto&rate=40&client=NAME]
 
-A message is told by itself (format=auto), or by the option: `json` (`json_samples.py`), `float32`
-(`frame.py`) or `cpsens` (`cpsens.py`). With client=NAME the broker keeps what comes while the link
+A message's format is recognised (format=auto), or given by the option: `json` (`json_samples.py`),
+`float32` (`frame.py`) or `cpsens` (`cpsens.py`); mapping=NAME or mapping=FILE reads other JSON and
+Sparkplug B (`mapping.py`). With client=NAME the broker keeps what comes while the link
 is cut (quality of service 1 or 2), and gives it afterwards; without, it is lost, and counted where
 messages are numbered. mqtt=5 speaks MQTT 5 instead of 3.1.1. mqtts:// checks the broker's
 certificate, by the authorities in ca=FILE or the system's; cert=FILE and key=FILE are the client's
@@ -24,6 +25,8 @@ from sensors.feeds.payloads.cpsens import CpSensReader, is_cpsens
 from sensors.feeds.payloads.frame import MAGIC
 from sensors.feeds.payloads.frame_reader import FrameReader
 from sensors.feeds.payloads.json_samples import JsonReader, MessageError, json_of
+from sensors.feeds.payloads.mapped_reader import MappedReader
+from sensors.feeds.payloads.mapping import mapping_named
 from sensors.feeds.payloads.scada import RisingTimes, ScadaReader
 from sensors.feeds.protocol import Arrival, FeedCounts, FeedError, Inbox
 from sensors.feeds.reconnect import LinkError, kept_connected
@@ -187,6 +190,10 @@ class SamplesReader:
     def __init__(self, address: FeedAddress, names: tuple[str, ...], counts: FeedCounts) -> None:
         self._format = address.one_of("format", FORMATS)
         self._counts = counts
+        mapping, rate = address.options.get("mapping"), address.number("rate")
+        self._mapped = (
+            None if mapping is None else MappedReader(mapping_named(mapping), names, counts, rate)
+        )
         self._json = JsonReader(names, counts)
         self._frames = FrameReader(names, counts, address.secret("key").encode())
         self._cpsens = CpSensReader(
@@ -194,7 +201,10 @@ class SamplesReader:
         )
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
-        kind = self._format if self._format != "auto" else kind_of(topic, payload)
+        if self._mapped is not None:
+            kind = "mapped"
+        else:
+            kind = self._format if self._format != "auto" else kind_of(topic, payload)
         if retained and not topic.endswith("/metadata"):
             self._counts.retained += 1  # of another time, and its number is no loss
             return
@@ -202,6 +212,9 @@ class SamplesReader:
             piece = self._frames.read(payload, topic)
         else:
             self._counts.received += 1
+            if self._mapped is not None:
+                yield from self._mapped.read(payload, topic)
+                return
             if kind == "json":
                 yield from self._json.read(payload, topic)
                 return

@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from aiomqtt import MqttError
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.deploy.certificates import make_certificates
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.scada import ScadaSample
@@ -24,6 +26,7 @@ from sensors.feeds.payloads.frame import Frame, encoded
 from sensors.feeds.protocol import FeedCounts, FeedError
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.broker import Broker, broker, free_port, mosquitto, publisher
+from tests.sensors.feeds.payloads.shapes import thingsboard
 from tests.sensors.feeds.scripted import measured_until
 
 X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -330,3 +333,24 @@ def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "aiomqtt", None)
     with pytest.raises(FeedError, match=r"pip install 'pilewatch\[mqtt\]'"):
         open_feed("mqtt://h/t", LAYOUT)
+
+
+def test_sniffing_prints_what_comes_and_the_preset_that_reads_it(running: Broker) -> None:
+    listening = threading.Event()
+
+    def publish() -> None:
+        with publisher(running.port) as client:
+            while not listening.wait(0.05):
+                for topic, payload in thingsboard():
+                    client.publish(topic, payload)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    address = f"mqtt://127.0.0.1:{running.port}/v1/#"
+    done = CliRunner().invoke(app, ["feed", address, "--sniff", "--for", "1"])
+    listening.set()
+    thread.join()
+
+    assert done.exit_code == 0, done.output
+    assert "use ?mapping=thingsboard" in done.stdout
+    assert "samples of ax" in done.stdout
