@@ -52,6 +52,14 @@ def feed(
     seconds: Annotated[
         float | None, typer.Option("--for", help="Stop after so many seconds.")
     ] = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="STATE_DIRECTORY",
+            help="Folder where it is remembered how far the source was published: a feed that was "
+            "killed goes on there.",
+        ),
+    ] = None,
     sniff: Annotated[
         bool, typer.Option("--sniff", help="Print what comes and a mapping that reads it (MQTT).")
     ] = False,
@@ -78,7 +86,7 @@ def feed(
     channels = channels_of(layout, scenario)
     if turbine is not None:
         channels = replace(channels, turbine=turbine)
-    live = open_feed(address, channels, once=once)
+    live = open_feed(address, channels, once=once, state=state)
     with stopped_by_signals() as stopping, progress(address, None) as report:
         if seconds is not None:
             timer = threading.Timer(seconds, stopping.set)

@@ -79,16 +79,19 @@ def channels_of(layout: Path | None, scenario: str | None) -> LayoutFile:
     return layout_file_of(load_scenario(scenario or DEFAULT_SCENARIO).layout)
 
 
-def feed_source(address: str, layout: Path | None, scenario: str | None) -> Source:
+def feed_source(
+    address: str, layout: Path | None, scenario: str | None, state: Path | None = None
+) -> Source:
     """A live instrument as the source of a session that listens to it itself.
 
     layout     file that says where its channels are; None: they are the scenario's sensors
     scenario   what is made of them
+    state      folder where it is remembered how far the source was published
 
     Raises FeedError, LayoutError, ScenarioError.
     """
     channels = channels_of(layout, scenario)
-    live = open_feed(address, channels)
+    live = open_feed(address, channels, state=state)
     if not live.gives_blocks:
         raise FeedError(f"{address} measures no accelerations; run `pilewatch feed {address}`")
     chosen = load_scenario(scenario or DEFAULT_SCENARIO)
@@ -208,6 +211,12 @@ class FeedAccount:
         if counts.malformed + counts.forged:
             yield QualityWarning(
                 "malformed", f"{name}: messages were dropped, the last: {counts.refusal}"
+            )
+        if self._live.absent:
+            yield QualityWarning(
+                "gap",
+                f"{name}: {self._live.absent:.3f} s before the feed's restart are missing; the "
+                "source no longer had them",
             )
         missing = self._live.missing_blocks
         if missing:

@@ -13,9 +13,11 @@ own.
 
 import logging
 import re
+import socket
 import ssl
 import time
 from collections.abc import Iterator
+from hashlib import sha256
 from importlib import import_module
 from typing import Any, Protocol
 
@@ -59,16 +61,24 @@ class MqttFeed:
     reader   of the messages
     counts   that the reader writes too
     once     give up where the broker cannot be reached at the start
+    keeps    let the broker keep what comes while this feed is away, also without client=NAME
 
     Raises FeedError where aiomqtt is missing, and for options that are none.
     """
 
     def __init__(
-        self, address: FeedAddress, reader: Reader, counts: FeedCounts, *, once: bool
+        self,
+        address: FeedAddress,
+        reader: Reader,
+        counts: FeedCounts,
+        *,
+        once: bool,
+        keeps: bool = False,
     ) -> None:
         self.name = address.text
         self.counts = counts
         self._address, self._reader, self._once = address, reader, once
+        self._client_id = address.options.get("client") or (_stable_id(address) if keeps else None)
         self._aiomqtt = _aiomqtt()
         self._is_5 = address.one_of("mqtt", ("3.1.1", "5")) == "5"
         self._qos = int(address.one_of("qos", ("1", "0", "2")))
@@ -140,7 +150,7 @@ class MqttFeed:
 
     def _client(self) -> Any:
         address, versions = self._address, self._aiomqtt.ProtocolVersion
-        client = address.options.get("client")
+        client = self._client_id
         kept: dict[str, Any] = {"clean_session": client is None}
         if self._is_5:
             kept = {"clean_start": client is None, "properties": _kept_for_ever(client is not None)}
@@ -168,6 +178,12 @@ class MqttFeed:
             yield from self._reader.read(topic, payload, retained=message.retain)
         except MessageError as error:
             self.counts.refuse(f"{topic}: {error}")
+
+
+def _stable_id(address: FeedAddress) -> str:
+    """The same whenever this machine listens to this address."""
+    place = f"{socket.gethostname()} {address.text}"
+    return f"pilewatch-{sha256(place.encode()).hexdigest()[:12]}"  # 22 letters: MQTT 3.1.1 takes 23
 
 
 def _kept_for_ever(wanted: bool) -> Any:
