@@ -21,7 +21,7 @@ from pipeline.cli.new import new
 from pipeline.cli.recordings import export, import_files, info, salvage, simulate
 from pipeline.cli.report import report, show
 from pipeline.cli.run import node, run
-from pipeline.cli.status import ack, metrics, status
+from pipeline.cli.status import ack, metrics, notices, status
 from pipeline.cli.update import reproduce, update
 from pipeline.runtime.errors import NodeFailed
 from sensors.errors import InputError
@@ -37,7 +37,7 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "A session": (run, new, status, control, show, report),
     "Recordings and files": (simulate, import_files, info, salvage, export),
     "Modes and stiffness": (identify, modes, describe, update, reproduce),
-    "Instruments, parts and alarms": (feed, publish, node, certificates, metrics, ack),
+    "Instruments, parts and alarms": (feed, publish, node, certificates, metrics, notices, ack),
     "A farm, an archive": (farm, reprocess),
 }
 for panel, commands in PANELS.items():

@@ -2,6 +2,7 @@
 
 import json
 import threading
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -25,6 +26,9 @@ from pipeline.cli.console import (
 )
 from pipeline.cli.tables.cells import count_noun
 from sensors.errors import InputError
+from sensors.feeds.protocol import printable
+
+SNIFFED_FOR = 10.0  # without --for [s]
 
 
 def feed(
@@ -47,6 +51,17 @@ def feed(
     seconds: Annotated[
         float | None, typer.Option("--for", help="Stop after so many seconds.")
     ] = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="STATE_DIRECTORY",
+            help="Folder where it is remembered how far the source was published: a feed that was "
+            "killed goes on there.",
+        ),
+    ] = None,
+    sniff: Annotated[
+        bool, typer.Option("--sniff", help="Print what comes and a mapping that reads it (MQTT).")
+    ] = False,
     connect: ConnectOption = None,
     listen: ListenOption = None,
     mode: ModeOption = "peer",
@@ -59,6 +74,9 @@ def feed(
 
     if seconds is not None and not seconds > 0:
         raise InputError(f"--for {seconds:g}: a positive number of seconds is needed")
+    if sniff:
+        _sniff(address, SNIFFED_FOR if seconds is None else seconds)
+        return
     settings = zenoh_settings(mode, listen, connect, zenoh_config)
     if layout is not None and scenario is not None:
         raise InputError(
@@ -67,7 +85,7 @@ def feed(
     channels = channels_of(layout, scenario)
     if turbine is not None:
         channels = replace(channels, turbine=turbine)
-    live = open_feed(address, channels, once=once)
+    live = open_feed(address, channels, once=once, state=state)
     with stop_on_signals() as stopping, progress(address, None) as report:
         if seconds is not None:
             timer = threading.Timer(seconds, stopping.set)
@@ -82,6 +100,38 @@ def feed(
             connected=lambda: stderr.print(f"connected: {escape_markup(address)}", soft_wrap=True),
         )
     _print(published_feed, channels.turbine, blocks=live.gives_blocks)
+
+
+def _sniff(address: str, seconds: float) -> None:
+    """Print topics, channels and a mapping of what comes in some seconds."""
+    from sensors.feeds.message_capture import captured_messages
+    from sensors.feeds.payloads.sniff import sniffed
+
+    with stop_on_signals() as stopping:
+        messages = captured_messages(address, seconds, stopping)
+    if not messages:
+        raise InputError(f"{address}: no message came in {seconds:g} s")
+    for topic, count in Counter(topic for topic, _ in messages).most_common(20):
+        output.print(f"{count:6d}  {printable(topic, 100)}", markup=False)
+    example = messages[-1][1]
+    output.print(printable(example[:400].decode("utf-8", "replace"), 400), markup=False)
+    found = sniffed(messages)
+    if not found.mapping:
+        raise InputError(f"{address}: no preset reads these messages, and no mapping was found")
+    for name, samples in found.channels.items():
+        output.print(f"{samples:6d}  samples of {printable(name, 100)}", markup=False)
+    output.print(
+        f"{found.sampling_rate:g} Hz, units {', '.join(found.units) or 'not given'}, "
+        f"{found.refused} of {len(messages)} messages not read",
+        markup=False,
+    )
+    output.print(_advice(found.mapping, found.toml), markup=False)
+
+
+def _advice(mapping: str, toml: str) -> str:
+    if toml:
+        return f"write this into mapping.toml, and use ?mapping=mapping.toml:\n{toml}"
+    return "no mapping is needed" if mapping == "json" else f"use ?mapping={mapping}"
 
 
 def _print(published_feed: Any, turbine: str, *, blocks: bool) -> None:

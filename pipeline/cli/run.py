@@ -125,7 +125,7 @@ def run(
                 f"--processes and --source {source}: run `pilewatch feed {source}` beside "
                 "`pilewatch run --source live --processes`"
             )
-        opened = feed_source(source, layout, scenario)
+        opened = feed_source(source, layout, scenario, state=None if fresh else out)
     else:
         opened = open_source(_imported(source, out, layout, scenario), scenario)
     opened = opened.with_sampler(sampler).with_playback(playback)

@@ -12,8 +12,9 @@ from pipeline.app import Outputs, Plan, build
 from pipeline.messages import Message
 from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
 from pipeline.monitoring.alarms.alarm_node import KEY as NOTICES_KEY
-from pipeline.monitoring.alarms.alarm_node import AlarmNode, desk_of
+from pipeline.monitoring.alarms.alarm_node import AlarmNode, running_alarm_node
 from pipeline.monitoring.alarms.channels import channels_of
+from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.metrics import MetricsNode, served
 from pipeline.monitoring.status import KEY as STATUS_KEY
 from pipeline.monitoring.status import StatusNode
@@ -98,16 +99,23 @@ def run_session(
     desks: list[Node] = [summary]
     try:
         with ExitStack() as stack:
-            if options.metrics is not None:
-                figures_desk = MetricsNode()
-                stack.enter_context(served(figures_desk, options.metrics))
-                desks.append(figures_desk)
+            figures_node = None if options.metrics is None else MetricsNode()
+            if figures_node is not None and options.metrics is not None:
+                stack.enter_context(served(figures_node, options.metrics))
+                desks.append(figures_node)
             if options.notices is not None:
                 channels = channels_of(options.notices)
-                folder = options.out / NOTICES
-                desks.append(
-                    stack.enter_context(desk_of(folder, options.notices.notices, channels))
+                alarms = stack.enter_context(
+                    running_alarm_node(
+                        options.out / NOTICES,
+                        options.notices.notices,
+                        channels,
+                        options.notices.heartbeat,
+                    )
                 )
+                if figures_node is not None:
+                    figures_node.parts.append(lambda: delivery_families(alarms.delivery_states))
+                desks.append(alarms)
             _run(source, options, outputs, desks, account, scenario_option, stopping)
     finally:
         figures = summary.as_json(wall=time.monotonic() - started)

@@ -111,7 +111,9 @@ def channels_of(layout: Path | None, scenario: str | None) -> LayoutFile:
     return layout_file_of(load_scenario(scenario or DEFAULT_SCENARIO).layout)
 
 
-def feed_source(address: str, layout: Path | None, scenario: str | None) -> "Source":
+def feed_source(
+    address: str, layout: Path | None, scenario: str | None, state: Path | None = None
+) -> "Source":
     """Return a live instrument as the source of a session that listens to it itself.
 
     Parameters
@@ -120,6 +122,8 @@ def feed_source(address: str, layout: Path | None, scenario: str | None) -> "Sou
         File that lists where its channels are; None: they are the scenario's sensors.
     scenario : str or None
         What is made of them; None: modes are tracked, nothing is updated.
+    state : Path, optional
+        Folder in which it is remembered how far the source was published.
 
     Returns
     -------
@@ -135,7 +139,7 @@ def feed_source(address: str, layout: Path | None, scenario: str | None) -> "Sou
     from pipeline.sources.sources import Source, report_modes_only
 
     channels = channels_of(layout, scenario)
-    live = open_feed(address, channels)
+    live = open_feed(address, channels, state=state)
     if not live.gives_blocks:
         raise FeedError(f"{address} measures no accelerations; run `pilewatch feed {address}`")
     if scenario is None:
@@ -263,6 +267,12 @@ class FeedAccount:
         if counts.malformed + counts.forged:
             yield QualityWarning(
                 "malformed", f"{name}: messages were dropped, the last: {counts.refusal}"
+            )
+        if self._live.absent:
+            yield QualityWarning(
+                "gap",
+                f"{name}: {self._live.absent:.3f} s before the feed's restart are missing; the "
+                "source no longer had them",
             )
         missing = self._live.missing_blocks
         if missing:
