@@ -133,7 +133,9 @@ def notices(
     settings = load_notices(file)
     if not test:
         count = len(channels_of(settings)) + len(settings.heartbeat)
-        stderr.print(f"{escape_markup(str(file))} is right: {count} channels; --test sends a message.")
+        stderr.print(
+            f"{escape_markup(str(file))} is right: {count} channels; --test sends a message."
+        )
         return
     results = list(checked_channels(settings, out.resolve()))
     if as_json:
