@@ -180,9 +180,9 @@ def test_the_command_publishes_for_a_while_and_says_what_came(
     ("words", "sentence"),
     [
         (("ftp://x/y",), "is no feed"),
-        (("udp://:0", "--for", "0"), "--for 0 is no time"),
+        (("udp://:0", "--for", "0"), "--for 0: a positive number of seconds is needed"),
         (("udp://:0", "--layout", "none.toml"), "layout none.toml cannot be read"),
-        (("udp://:0", "--layout", "a.toml", "--scenario", "parked"), "both say"),
+        (("udp://:0", "--layout", "a.toml", "--scenario", "parked"), "both define the channels"),
     ],
 )
 def test_a_mistake_of_the_command_is_one_line(
