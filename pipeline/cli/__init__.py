@@ -67,7 +67,7 @@ def main() -> None:
         handlers=[RichHandler(console=people, show_path=False)],
     )
     try:
-        sys.exit(app(standalone_mode=False) or 0)
+        sys.exit(app(prog_name="pilewatch", standalone_mode=False) or 0)
     except UsageError as error:
         if told := _misuse(error):
             people.print(f"[bold red]pilewatch:[/] {escaped(told)}", soft_wrap=True)
@@ -79,6 +79,16 @@ def main() -> None:
         logging.getLogger(__name__).debug("a node failed", exc_info=True)
         people.print(f"[bold red]pilewatch:[/] {escaped(str(failure))}", soft_wrap=True)
         sys.exit(1)
+    except ModuleNotFoundError as error:
+        if not _is_left_out(error):
+            raise
+        people.print(
+            f"[bold red]pilewatch:[/] this needs {escaped(str(error.name))}, which is not "
+            "installed here: a tower unit (pilewatch-edge) only publishes and feeds; "
+            "pip install pilewatch",
+            soft_wrap=True,
+        )
+        sys.exit(2)
     except OSError as error:
         if error.errno not in NOT_OURS:
             raise
@@ -89,6 +99,11 @@ def main() -> None:
         sys.exit(2)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(130)
+
+
+def _is_left_out(error: ModuleNotFoundError) -> bool:
+    """Whether what is missing is a package of others, not a part of this one."""
+    return bool(error.name) and str(error.name).split(".")[0] not in ("pipeline", "sensors")
 
 
 def _misuse(error: Any) -> str:
