@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
+from pipeline.updating import posterior_message
 from pipeline.updating.samplers.importance import ImportanceSettings
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.updater import FoundationUpdater
@@ -153,6 +154,7 @@ def reference(section: str) -> list[Published]:
 
 def write_reference() -> None:
     """Compute the reference again; some minutes."""
+    posterior_message.MOST_DRAWS = LONG.draws  # their std is the reference's, not a thousand's
     sections = {}
     for kind, settings in cases().items():
         sections[kind] = of_day(kind, sampled_long(settings), seed=REFERENCE_SEED)
