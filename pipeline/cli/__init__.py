@@ -111,6 +111,16 @@ def main() -> None:
         logging.getLogger(__name__).debug("a node failed", exc_info=True)
         stderr.print(f"[bold red]pilewatch:[/] {escape_markup(str(failure))}", soft_wrap=True)
         sys.exit(1)
+    except ModuleNotFoundError as error:
+        if not _is_left_out(error):
+            raise
+        stderr.print(
+            f"[bold red]pilewatch:[/] this needs {escape_markup(str(error.name))}, which is not "
+            "installed here: a tower unit (pilewatch-edge) only publishes and feeds; "
+            "pip install pilewatch",
+            soft_wrap=True,
+        )
+        sys.exit(2)
     except OSError as error:
         if error.errno not in ENVIRONMENT_ERRORS:
             raise
@@ -121,6 +131,11 @@ def main() -> None:
         sys.exit(2)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(130)
+
+
+def _is_left_out(error: ModuleNotFoundError) -> bool:
+    """Report whether what is missing is a package of others, not a part of this one."""
+    return bool(error.name) and str(error.name).split(".")[0] not in ("pipeline", "sensors")
 
 
 def _usage_text(error: Any) -> str:

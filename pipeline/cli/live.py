@@ -5,7 +5,7 @@ import threading
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -29,6 +29,10 @@ from sensors.errors import InputError
 from sensors.feeds.protocol import printable
 
 SNIFFED_FOR = 10.0  # without --for [s]
+
+if TYPE_CHECKING:
+    from pipeline.sources.recorded_source import RecordedSource
+    from pipeline.sources.sources import Source
 
 
 def feed(
@@ -203,16 +207,27 @@ def publish(
 ) -> None:
     """Publish a source to listening sessions (`pilewatch run --source live`)."""
     from pipeline.sources.publisher import publish_source
-    from pipeline.sources.sources import open_source
 
     settings = zenoh_settings(mode, listen, connect, zenoh_config)
     factor = speed_of(speed)
-    opened = open_source(source, scenario)
+    opened = _published(source, scenario)
     with stop_on_signals() as stopping, progress(opened.text, opened.duration) as report:
         count = publish_source(opened, settings, speed=factor, stopping=stopping, report=report)
     n_turbines = len(opened.turbines)
     turbines = f"{n_turbines} turbines" if n_turbines > 1 else opened.layout.turbine
     output.print(f"{count} blocks of {turbines} published")
+
+
+def _published(source: str, scenario: str | None) -> "Source | RecordedSource":
+    """A replay as a tower unit has it, without structure and scipy; else any source."""
+    from pipeline.sources.recorded_source import recorded_source
+
+    kind, _, name = source.partition(":")
+    if kind == "replay" and name and scenario is None:
+        return recorded_source(Path(name))
+    from pipeline.sources.sources import open_source
+
+    return open_source(source, scenario)
 
 
 def control(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from pipeline.recording.writer import Metadata
 from pipeline.sources.playback import SensorMessage
 from pipeline.sources.recorded_stream import recordings_in
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-from sensors.simulation.tower import SimulatedTower
+
+if TYPE_CHECKING:
+    from sensors.simulation.tower import SimulatedTower
 
 TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is published again
 
@@ -27,7 +30,7 @@ def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
     return iter(sorted(found.values(), key=lambda truth: truth.time_ns))
 
 
-def simulated_truths(tower: SimulatedTower) -> Iterator[FoundationTruth]:
+def simulated_truths(tower: "SimulatedTower") -> Iterator[FoundationTruth]:
     """Yield the true stiffness of a simulated turbine.
 
     At the beginning, and where it has changed.

@@ -32,7 +32,6 @@ from sensors.acquisition.layout import (
     SensorLayout,
 )
 from sensors.files.table import ChannelTable, Quantity, TimeColumn, Wanted, in_standard_unit
-from sensors.files.text.time_column import known_unit
 from sensors.settings import settings_from_table
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
@@ -225,7 +224,11 @@ class _Heading:
     time: TimeColumn | None = None
 
     def __post_init__(self) -> None:
-        if self.time is not None and self.time.unit and known_unit(self.time.unit) is None:
+        if self.time is None or not self.time.unit:
+            return
+        from sensors.files.text.time_column import known_unit  # pyarrow: not on a tower unit
+
+        if known_unit(self.time.unit) is None:
             raise LayoutError(
                 f"[time] unit is {self.time.unit!r}; it can be s, ms, us, ns, min, h or d"
             )

@@ -69,9 +69,11 @@ def sensor_fault(
     """
     faults = list(_faults(fit))
     for fault in faults:
-        if fault.name == last and (end := _fitted(fault, evidence, peak)) is not None:
-            if end.cost < peak.cost - LEAST_DROP and (text := _sized(fault, end)):
-                return replace(fault, text=text), end
+        end = _fitted(fault, evidence, peak) if fault.name == last else None
+        if end is None or end.cost >= peak.cost - LEAST_DROP:
+            continue
+        if text := _sized(fault, end):
+            return replace(fault, text=text), end
     best: tuple[SensorFault, JointPeak] | None = None
     for fault in faults:
         fitted = _fitted(fault, evidence, peak)
