@@ -22,6 +22,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.by_turbine import of_kind
+from pipeline.nodes.node import NodeStatistics
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import empty_summary, posterior_summary
 from pipeline.state.run_modes import CombinedMode, combined_modes
@@ -139,6 +140,11 @@ class SessionSummary:
         if not self.live or self.first_ns is None:
             return list(told)
         return [each for each in told if each.end_ns > self.first_ns]
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """It counts nothing of its own."""
+        return NodeStatistics()
 
     def close(self) -> None:
         """Nothing is held."""

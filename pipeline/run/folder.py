@@ -8,8 +8,8 @@ from pathlib import Path
 from pipeline.recording.atomic_write import written_whole
 from pipeline.recording.rotation import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
-from pipeline.runtime.identification_restart import FOLDER as TRACKS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
+from pipeline.runtime.snapshots import TRACKS
 from pipeline.sources.session_files import SESSION
 from pipeline.sources.sources import Source
 from pipeline.state.json_values import Json

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.app import Outputs, Plan, build
@@ -37,8 +37,8 @@ from pipeline.run.folder import (
 from pipeline.run.options import SessionOptions
 from pipeline.run.processes import SHARED, node_command, processes, require_processes
 from pipeline.runtime import runner
-from pipeline.runtime.identification_restart import FOLDER as TRACKS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
+from pipeline.runtime.snapshots import TRACKS
 from pipeline.sources.feed_publisher import FeedAccount
 from pipeline.sources.replay_control import KEY as REPLAY_KEY
 from pipeline.sources.replay_control import ReplayControl
@@ -128,9 +128,16 @@ def session_outputs(
     if views:
         require_rerun(views)
     name = f"{source.layout.turbine} {source.text}"
-    checkpoints = None if options.way == "lock-step" else options.out / CHECKPOINTS
-    recording = options.out / RECORDING
-    return Outputs(recording, source.metadata, views, name, checkpoints, earlier)
+    kept = options.way != "lock-step"
+    return Outputs(
+        recording=options.out / RECORDING,
+        metadata=source.metadata,
+        views=views,
+        session=name,
+        checkpoints=options.out / CHECKPOINTS if kept else None,
+        tracks=options.out / TRACKS if kept else None,
+        earlier=earlier,
+    )
 
 
 def _run(
@@ -224,7 +231,6 @@ def run_node(
     outputs = session_outputs(
         source, options, () if options.fresh else files_of(options.out / RECORDING)
     )
-    outputs = replace(outputs, tracks=options.out / TRACKS)
     graph = build(source.scenario, source.layout, outputs, source.layouts)
     plans = {plan.name: plan for plan in graph}
     if name not in plans:

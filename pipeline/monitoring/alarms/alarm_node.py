@@ -22,6 +22,7 @@ from pipeline.monitoring.alarms.alarm_rules import AlarmRules
 from pipeline.monitoring.alarms.channels import Channel
 from pipeline.monitoring.alarms.outbox import Delivery, Outbox
 from pipeline.monitoring.alarms.settings import AlarmLogSettings
+from pipeline.nodes.node import NodeStatistics
 from pipeline.recording.atomic_write import written_whole
 from pipeline.streams import STREAMS
 from sensors.errors import InputError
@@ -88,6 +89,11 @@ class AlarmNode:
         """What can be sent at once is; the rest waits on disk for the next session."""
         for delivery in self._deliveries:
             delivery.stop(PATIENCE)
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """What could not be sent."""
+        return NodeStatistics(warnings=self.warnings)
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
