@@ -138,6 +138,13 @@ class WindowRejected:
     origins: tuple[UnitOrigin, ...] = ()  # identity of the window
 
 
+def same_window(one: ModalEstimate | WindowRejected, other: ModalEstimate | WindowRejected) -> bool:
+    """Whether two answers are of one window: by its identity, in older recordings by its start."""
+    if one.origins and other.origins:
+        return (one.turbine, one.origins) == (other.turbine, other.origins)
+    return (one.turbine, one.start_ns) == (other.turbine, other.start_ns)
+
+
 @dataclass(frozen=True, slots=True)
 class ModePair:
     """An identified mode and the model mode it was taken for."""

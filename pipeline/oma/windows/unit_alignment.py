@@ -153,6 +153,7 @@ class UnitJoiner:
         self._next = 0  # grid samples given or known to be missing
         self._sequence = 0
         # first grid sample of a block given, and where that is in each unit's count
+        self._refilling = False  # after a restart: samples before the grid fit the units' clocks
         self._beginnings: deque[tuple[int, dict[str, float]]] = deque(maxlen=REMEMBERED)
 
     def restart(self, unit: str) -> None:
@@ -163,6 +164,7 @@ class UnitJoiner:
         """Go on with the grid of a joiner that has ended, from one of its samples on."""
         self._origin_ns, self._rate, self._session = origin_ns, sampling_rate, session
         self._next = next_sample
+        self._refilling = True
         self._sequence = next_sample // max(1, round(GRID_BLOCK * sampling_rate))
 
     @property
@@ -259,7 +261,7 @@ class UnitJoiner:
 
     def _is_past(self, piece: AccelerationBlock) -> bool:
         """Whether nothing will ever be read from a piece: the grid is well beyond it."""
-        if self._origin_ns is None:
+        if self._origin_ns is None or self._refilling:
             return False
         reach = 4 * HALF_LENGTH / min(piece.sampling_rate, self._rate)
         return piece.end_ns + round(reach * NANOSECONDS) < int(self._grid(1)[0])
@@ -330,6 +332,7 @@ class UnitJoiner:
     def _given(self, times: NDArray[np.int64]) -> AccelerationBlock | MissingSamples:
         samples = np.hstack([self._read(unit, times) for unit in self._units])
         self._beginnings.append((self._next, self._positions_of(int(times[0]))))
+        self._refilling = False
         first, start_ns = self._next, int(times[0])
         end_ns = int(self._grid(len(times) + 1)[-1])
         self._next += len(times)

@@ -234,9 +234,7 @@ class WindowCutter:
             complete=complete,
             first_sample=first,
             steps=steps,
-            clock=None
-            if steps
-            else fit_clock(stamps, rate),
+            clock=None if steps else fit_clock(stamps, rate),
         )
         self._index += 1
         self._forget_before(self._bounds(self._index)[0])

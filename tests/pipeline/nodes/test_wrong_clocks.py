@@ -32,9 +32,7 @@ def blocks() -> list[AccelerationBlock]:
 
 
 def stamped(blocks: list[AccelerationBlock], off: Stamps) -> list[AccelerationBlock]:
-    return [
-        replace(b, start_ns=b.start_ns + round(off(b.sequence)) * NANOSECONDS) for b in blocks
-    ]
+    return [replace(b, start_ns=b.start_ns + round(off(b.sequence)) * NANOSECONDS) for b in blocks]
 
 
 def answers(messages: list[Message]) -> list[Message]:

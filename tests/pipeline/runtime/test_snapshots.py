@@ -24,9 +24,7 @@ TURBINE = estimate_of(0).turbine
 def node_in(folder: Path, *, past: Sequence[Message] = (), **options: object) -> UpdatingNode:
     """As a process that has just been started makes it."""
     store = SnapshotFolder(folder)
-    return UpdatingNode(
-        lambda _: TurbineUpdating(updater_of(**options)), store=store, past=past
-    )
+    return UpdatingNode(lambda _: TurbineUpdating(updater_of(**options)), store=store, past=past)
 
 
 def last_posterior(node: UpdatingNode, windows: range) -> FoundationPosterior:
@@ -197,7 +195,7 @@ def test_estimates_that_were_recorded_and_not_answered_enter_after_a_restart(tmp
 
 
 def test_a_checkpoint_of_the_version_before_is_read_once(tmp_path, undisturbed):
-    """It knew windows by their ends; those of the two days before its last one count as answered."""
+    """It knew windows by their ends; those of two days before its last count as answered."""
     node = node_in(tmp_path)
     last_posterior(node, range(2))
     snapshot = node.members[TURBINE].snapshot()
