@@ -173,6 +173,35 @@ class ParameterSummary:
     contraction: float = float("nan")  # 1 − interval / the prior's; 0: nothing was learned [-]
 
 
+@dataclass(frozen=True, slots=True)
+class FigureShare:
+    """What one uncertain figure of the structure adds to each spring's uncertainty."""
+
+    name: str  # of the figure, or "measurement": what is left
+    k11: float  # share of the variance of ln k11 [-]
+    k22: float  # likewise
+    k12: float
+
+
+@dataclass(frozen=True, slots=True)
+class StructureAlternative:
+    """One of several structures that no figure leads between: flooded or not, …"""
+
+    name: str
+    probability: float  # given the data [-]
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeStiffness:
+    """A stiffness over that of a reference period; errors of the structure cancel."""
+
+    name: str  # "k11", "k22" or "k12"
+    median: float  # [-]
+    p05: float  # 5 % quantile [-]
+    p95: float  # 95 % quantile [-]
+    reference_ns: int  # end of the reference period
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundationPosterior:
     """Posterior of the foundation's coupled springs given all accepted windows so far."""
@@ -200,6 +229,11 @@ class FoundationPosterior:
     population: str = ""  # the farm's prior that it began with; "" for the uniform one
     figures: tuple[ParameterSummary, ...] = ()  # of the structure that are uncertain as well
     change_probability: float = 0.0  # that the modes have changed since the last event [-]
+    structure: str = ""  # "exact", "uncertain"; "" in messages from before there was a choice
+    budget: tuple[FigureShare, ...] = ()  # of the springs' variance; none for an exact structure
+    alternatives: tuple[StructureAlternative, ...] = ()  # likeliest first
+    unpredicted_share: float = 0.0  # of the modes, each predicted by the others [-]
+    relative: tuple[RelativeStiffness, ...] = ()  # to the period before the last event
     origins: tuple[UnitOrigin, ...] = ()  # identity of the last window that entered
 
     def parameter(self, name: str) -> ParameterSummary:

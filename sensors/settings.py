@@ -20,15 +20,27 @@ _KINDS = {float: "a number", int: "a whole number", str: "a text", bool: "true o
 def settings_from_table(
     cls: type[T], table: Mapping[str, Any], where: str, error: type[InputError]
 ) -> T:
-    """The dataclass that a table describes; nested dataclasses are sub-tables.
+    """Return the dataclass that a table describes; nested dataclasses are sub-tables.
 
-    cls     frozen dataclass; its field types say what each key takes
-    table   as the TOML file has it
-    where   file and section, for the error: "parked.toml" or "parked.toml [oma]"
-    error   what to raise
+    Parameters
+    ----------
+    cls : type[T]
+        Frozen dataclass; its field types say what each key takes.
+    table : Mapping[str, Any]
+        As the TOML file has it.
+    where : str
+        File and section, for the error: "parked.toml" or "parked.toml [oma]".
+    error : type[InputError]
+        What to raise.
 
-    Raises `error`, one line, for an unknown or missing key, a value of the wrong type, and
-    whatever InputError the dataclass' own checks raise, with `where` in front.
+    Returns
+    -------
+    T
+
+    Notes
+    -----
+    Raises `error`, one line, for an unknown or missing key, a value of the wrong type, and whatever
+    InputError the dataclass' own checks raise, with `where` in front.
     """
     return _Reader(error).read(cls, table, where)
 

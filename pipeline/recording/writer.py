@@ -200,7 +200,7 @@ def whole_recording(
     except OSError as error:
         recorder.remove()
         raise _refused(path, error) from error
-    except Exception:
+    except Exception:  # a crash is what is looked for
         recorder.remove()
         raise
     except BaseException:  # Ctrl-C

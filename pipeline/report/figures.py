@@ -1,6 +1,6 @@
-"""The pictures of a report: stiffness and frequencies over time, the joint posterior, the windows.
+"""Draw the pictures of a report: stiffness and frequencies over time, joint posterior, windows.
 
-Every function gives an SVG text, or "" where there is nothing to draw. Times are UTC.
+Every function returns an SVG text, or "" where there is nothing to draw. Times are UTC.
 """
 
 import importlib
@@ -17,10 +17,10 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.report.canvas import page_figure, paint
+from pipeline.report.canvas import css_colour, page_figure
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import ratios
-from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_telling
+from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_informative
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.viewer.pictures import colours
 from sensors.arrays import FloatArray
@@ -30,23 +30,25 @@ _Spanned = ModalEstimate | WindowRejected | StreamGap
 
 QUANTILE = 1.6449  # of the standard normal distribution at 95 %
 FEW = 40  # windows that are drawn one by one, with bars; more are drawn as a band
-TRACKS = 8  # modes that have a picture of their own
+TRACKS = 8  # modes with a panel of their own
 VECTOR_POINTS = 1500  # more of them are drawn as pixels
 
 
 def stiffness_over_time(record: TurbineRecord) -> str:
-    """Median and 90 % interval of k11, k22, k12 after every window, over nominal, with the truth
-    where it is known and the changes that were found."""
+    """Draw median and 90 % interval of k11, k22, k12 ÷ nominal after every window.
+
+    With the truth where it is known, and detected changes.
+    """
     history = sorted(record.posteriors.values(), key=lambda posterior: posterior.time_ns)
     if not history:
         return ""
-    times = moments([posterior.time_ns for posterior in history])
+    times = datetimes([posterior.time_ns for posterior in history])
     with page_figure(4.6) as page:
         panels = page.figure.subplots(len(PARAMETER_NAMES), 1, sharex=True)
         for axes, name in zip(panels, PARAMETER_NAMES, strict=True):
             bands = np.array([ratios(posterior.parameter(name)) for posterior in history])
             _band(axes, times, bands, colours.POSTERIOR)
-            _mark_distrust(axes, times, bands, [posterior.trusted for posterior in history])
+            _mark_untrusted(axes, times, bands, [posterior.trusted for posterior in history])
             _mark_truth(axes, record, name, times)
             _mark_events(axes, record.summary.events, axes is panels[0])
             axes.set_ylabel(f"{name} ÷ nominal")
@@ -56,7 +58,7 @@ def stiffness_over_time(record: TurbineRecord) -> str:
 
 
 def joint_posterior(posterior: FoundationPosterior | None, record: TurbineRecord) -> str:
-    """The last posterior's draws in pairs, their marginals on the diagonal, over nominal."""
+    """Return the last posterior's draws ÷ nominal: pairs, and marginals on the diagonal."""
     if posterior is None or len(posterior.draws) < 2:
         return ""
     nominal = np.array([posterior.parameter(name).nominal for name in PARAMETER_NAMES])
@@ -101,10 +103,13 @@ def _corner_panel(
         axes.tick_params(labelleft=False)
 
 
-def telling_frequencies(record: TurbineRecord) -> str:
-    """The modes that say most of the stiffness, one picture each: frequency with its 90 %
-    interval in every window, and where the last posterior has it."""
-    chosen = most_telling(frequency_tracks(record), TRACKS)
+def most_informative_frequencies(record: TurbineRecord) -> str:
+    """Return the frequencies of the modes with most information on the stiffness.
+
+    One panel per mode: frequency and 90 % interval in every window, and the frequency of the model
+    at the last posterior.
+    """
+    chosen = most_informative(frequency_tracks(record), TRACKS)
     if not chosen:
         return ""
     rows = (len(chosen) + 1) // 2
@@ -124,25 +129,27 @@ def telling_frequencies(record: TurbineRecord) -> str:
 def _track_panel(axes: Any, track: FrequencyTrack) -> None:
     half = QUANTILE * track.stds
     bands = np.column_stack([track.frequencies, track.frequencies - half, track.frequencies + half])
-    _band(axes, moments(track.times_ns), bands, colours.MEASURED)
+    _band(axes, datetimes(track.times_ns), bands, colours.MEASURED)
     if np.isfinite(track.model_frequency):
-        axes.axhline(track.model_frequency, color=paint(colours.MODEL), linestyle="--", linewidth=1)
+        axes.axhline(
+            track.model_frequency, color=css_colour(colours.MODEL), linestyle="--", linewidth=1
+        )
     axes.set_title(f"{track.label} [Hz]")
     axes.locator_params(axis="y", nbins=3)
     axes.ticklabel_format(axis="y", useOffset=False)
 
 
 def all_frequencies(record: TurbineRecord) -> str:
-    """Every identified mode of every window over time, frequencies on a logarithmic scale."""
+    """Draw the frequencies of all identified modes over time."""
     tracks = frequency_tracks(record)
     if not tracks:
         return ""
-    times = moments(np.concatenate([track.times_ns for track in tracks]))
+    times = datetimes(np.concatenate([track.times_ns for track in tracks]))
     frequencies = np.concatenate([track.frequencies for track in tracks])
     with page_figure(3.4) as page:
         axes = page.figure.subplots()
         axes.plot(
-            times, frequencies, "_", markersize=4, color=paint(colours.MEASURED),
+            times, frequencies, "_", markersize=4, color=css_colour(colours.MEASURED),
             rasterized=len(times) > VECTOR_POINTS,
         )  # fmt: skip
         axes.set_yscale("log")
@@ -156,23 +163,23 @@ def all_frequencies(record: TurbineRecord) -> str:
 
 
 def windows_over_time(record: TurbineRecord) -> str:
-    """Which windows were identified, which were not used, where samples are missing."""
+    """Draw identified and rejected windows and gaps over time."""
     summary = record.summary
     rows: tuple[tuple[str, Sequence[_Spanned], colours.Colour], ...] = (
         ("identified", summary.estimates, colours.MEASURED),
-        ("not used", summary.rejected, colours.TROUBLE),
-        ("gaps", summary.gaps, colours.QUIET),
+        ("rejected", summary.rejected, colours.FAULT),
+        ("gaps", summary.gaps, colours.NEUTRAL),
     )
-    start, end = moments(record.span_ns)
-    visible = (end - start) // 300  # what is shorter is drawn as long as this
+    start, end = datetimes(record.span_ns)
+    visible = (end - start) // 300  # shortest bar that is drawn
     with page_figure(1.5) as page:
         axes = page.figure.subplots()
         many = sum(len(spans) for _, spans, _ in rows) > VECTOR_POINTS
         for place, (_, spans, colour) in enumerate(rows):
-            starts = moments([s.start_ns for s in spans])
-            ends = np.maximum(moments([s.end_ns for s in spans]), starts + visible)
+            starts = datetimes([s.start_ns for s in spans])
+            ends = np.maximum(datetimes([s.end_ns for s in spans]), starts + visible)
             axes.hlines(
-                [-place] * len(spans), starts, ends, color=paint(colour), linewidth=9,
+                [-place] * len(spans), starts, ends, color=css_colour(colour), linewidth=9,
                 alpha=0.75, rasterized=many,
             )  # fmt: skip
         axes.set_yticks([0, -1, -2], [name for name, _, _ in rows])
@@ -183,58 +190,63 @@ def windows_over_time(record: TurbineRecord) -> str:
         return page.svg()
 
 
-def moments(times_ns: Sequence[int] | NDArray[np.int64]) -> Times:
+def datetimes(times_ns: Sequence[int] | NDArray[np.int64]) -> Times:
     """(n,) as matplotlib takes times."""
     return np.asarray(times_ns, dtype=np.int64).astype("datetime64[ns]")
 
 
 def _band(axes: Any, times: Times, bands: FloatArray, colour: colours.Colour) -> None:
-    """bands: (n, 3) middle, low, high. A few windows are points with bars, many are a band that
-    breaks where windows are missing."""
+    """Draw points with bars for a few windows, a band for many.
+
+    Parameters
+    ----------
+    bands : ndarray, shape (n, 3)
+        Middle, low, high. The band breaks where windows are missing.
+    """
     middle, low, high = bands.T
     if len(times) <= FEW:
         axes.errorbar(
             times, middle, yerr=[middle - low, high - middle], fmt="o", markersize=2.5,
-            elinewidth=1.2, color=paint(colour),
+            elinewidth=1.2, color=css_colour(colour),
         )  # fmt: skip
         return
     steps = np.diff(times).astype(np.int64)
     behind_holes = 1 + np.flatnonzero(steps > 1.5 * np.median(steps))
     for piece in np.split(np.arange(len(times)), behind_holes):
         axes.fill_between(
-            times[piece], low[piece], high[piece], color=paint(colour), alpha=0.35, linewidth=0
+            times[piece], low[piece], high[piece], color=css_colour(colour), alpha=0.35, linewidth=0
         )
-        axes.plot(times[piece], middle[piece], color=paint(colour))
+        axes.plot(times[piece], middle[piece], color=css_colour(colour))
 
 
-def _mark_distrust(axes: Any, times: Times, bands: FloatArray, trusted: Sequence[bool]) -> None:
-    doubted = ~np.array(trusted)
-    if doubted.any():
+def _mark_untrusted(axes: Any, times: Times, bands: FloatArray, trusted: Sequence[bool]) -> None:
+    untrusted = ~np.array(trusted)
+    if untrusted.any():
         axes.plot(
-            times[doubted], bands[doubted, 0], "x", color=paint(colours.TROUBLE), markersize=4,
-            label="not trusted",
+            times[untrusted], bands[untrusted, 0], "x", markersize=4,
+            color=css_colour(colours.FAULT), label="not trusted",
         )  # fmt: skip
 
 
 def _mark_truth(axes: Any, record: TurbineRecord, name: str, times: Times) -> None:
-    """A step at every time from which another truth holds."""
+    """Draw a step at every change of the truth."""
     if not record.truths:
         return
     truths = sorted(record.truths.values(), key=lambda truth: truth.time_ns)
     posterior = record.summary.posterior
     nominal = posterior.parameter(name).nominal if posterior else float("nan")
-    begun = moments([max(truth.time_ns, int(times[0].astype(np.int64))) for truth in truths])
+    starts = datetimes([max(truth.time_ns, int(times[0].astype(np.int64))) for truth in truths])
     values = [getattr(truth, name) / nominal for truth in truths]
-    end = max(times[-1], begun[-1])
+    end = max(times[-1], starts[-1])
     axes.step(
-        np.append(begun, end), [*values, values[-1]], where="post", color=_TRUTH, label="truth"
+        np.append(starts, end), [*values, values[-1]], where="post", color=_TRUTH, label="truth"
     )
 
 
 def _mark_events(axes: Any, events: Sequence[FoundationEvent], named: bool) -> None:
-    """A line where a change most probably began, its 90 % interval shaded."""
+    """Draw a line at the most probable start of a change, its 90 % interval shaded."""
     for number, event in enumerate(events):
-        since, first, last = moments(
+        since, first, last = datetimes(
             [event.since_ns, event.since_earliest_ns, event.since_latest_ns]
         )
         axes.axvspan(first, last, color=_CHANGE, alpha=0.2, linewidth=0)
@@ -268,6 +280,6 @@ def _log_ticks() -> Any:
     return LogLocator(subs=(1.0, 2.0, 5.0))
 
 
-_POSTERIOR = paint(colours.POSTERIOR)
-_TRUTH = paint(colours.TRUTH)
-_CHANGE = paint(colours.TROUBLE)
+_POSTERIOR = css_colour(colours.POSTERIOR)
+_TRUTH = css_colour(colours.TRUTH)
+_CHANGE = css_colour(colours.FAULT)

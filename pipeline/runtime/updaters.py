@@ -7,6 +7,8 @@ from pipeline.nodes.updating import TurbineUpdating, UpdatingNode
 from pipeline.recording.latest_messages import latest_estimates
 from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.scenario import Scenario, farm_members
+from pipeline.updating.structural.alternatives import JointInference
+from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
 from sensors.dynamics.modal_model import ModalModel
@@ -40,6 +42,7 @@ class Turbines:
         self._layouts = {name: each.layout for name, each in self._farm.items()} | dict(layouts)
         self._store = None if checkpoints is None else SnapshotFolder(checkpoints, epoch=epoch)
         self._earlier = earlier
+        self._joints: dict[object, JointInference | None] = {}  # likewise
         self._models: dict[object, ModalModel] = {}  # turbines alike share one: it never changes
         self._spare: TurbineUpdating | None = None  # made before the first window waits for it
 
@@ -63,12 +66,14 @@ class Turbines:
 
     def _updating_of(self, turbine: str, layout: SensorLayout) -> TurbineUpdating:
         scenario = self._scenario
+        member = self._farm.get(turbine, scenario)
         updater = FoundationUpdater(
-            self._model(self._farm.get(turbine, scenario), layout),
+            self._model(member, layout),
             layout,
             scenario.updating,
             seed=scenario.seed,
             population=scenario.population,
+            joint=self._joint(member, layout),
         )
         return TurbineUpdating(updater, layout, scenario.operation)
 
@@ -77,3 +82,16 @@ class Turbines:
         if kind not in self._models:
             self._models[kind] = ModalModel(member.structure, layout)
         return self._models[kind]
+
+    def _joint(self, member: Scenario, layout: SensorLayout) -> JointInference | None:
+        kind = (member.turbine.description, member.turbine.springs_sign, layout.channels)
+        if kind not in self._joints:
+            scenario = self._scenario
+            self._joints[kind] = joint_inference(
+                member.structure,
+                layout,
+                scenario.updating,
+                seed=scenario.seed,
+                population=scenario.population,
+            )
+        return self._joints[kind]

@@ -11,12 +11,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.runner import STATUS_PERIOD, Report, open_session, with_end
-from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
-from pipeline.sources.sources import Source
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -25,6 +24,9 @@ from sensors.feeds.live import LiveFeed
 from sensors.feeds.open_feed import layout_file_of, open_feed
 from sensors.feeds.protocol import FeedError
 from sensors.files.layout_file import LayoutFile, load_layout
+
+if TYPE_CHECKING:
+    from pipeline.sources.sources import Source
 
 logger = logging.getLogger(__name__)
 
@@ -38,10 +40,17 @@ QUIET_CONTROLLER = 3600.0  # the same: they speak every few minutes
 class Fed:
     """What became of a feed."""
 
-    status: NodeStatus  # its last word
-    blocks: int  # published
-    scada_samples: int  # published
-    missing_blocks: int  # that its gaps cost
+    status: NodeStatus
+    """Its last status."""
+
+    blocks: int
+    """Blocks that were published."""
+
+    scada_samples: int
+    """SCADA samples that were published."""
+
+    missing_blocks: int
+    """Blocks that its gaps cost."""
 
 
 def publish_feed(
@@ -55,10 +64,23 @@ def publish_feed(
 ) -> Fed:
     """Publish what an instrument measures until `stopping` is set.
 
-    layout      of its channels, with the turbine and the unit that it stands for
-    connected   called once, when the instrument is reached
+    Parameters
+    ----------
+    layout : SensorLayout
+        Layout of its channels, with the turbine and the unit that it stands for.
+    connected : Callable[[], None], optional
+        Called once, when the instrument is reached.
 
-    Raises FeedError where the feed cannot be opened, TransportError where nobody can be reached.
+    Returns
+    -------
+    Fed
+
+    Raises
+    ------
+    FeedError
+        If the feed cannot be opened.
+    TransportError
+        If nobody can be reached.
     """
     account = FeedAccount(live, layout, connected=connected)
     with open_session(lambda: ZenohBus(settings)) as bus:
@@ -70,36 +92,67 @@ def publish_feed(
 
 
 def channels_of(layout: Path | None, scenario: str | None) -> LayoutFile:
-    """Where an instrument's channels are: by a layout file, or as a scenario's sensors.
+    """Return where an instrument's channels are: by a layout file, or as a scenario's sensors.
 
-    Raises LayoutError, ScenarioError.
+    Returns
+    -------
+    LayoutFile
+
+    Raises
+    ------
+    LayoutError
+    ScenarioError
     """
     if layout is not None:
         return load_layout(layout)
+    # here and not above: a tower unit with a layout file needs no structure and no updating
+    from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
+
     return layout_file_of(load_scenario(scenario or DEFAULT_SCENARIO).layout)
 
 
-def feed_source(address: str, layout: Path | None, scenario: str | None) -> Source:
-    """A live instrument as the source of a session that listens to it itself.
+def feed_source(address: str, layout: Path | None, scenario: str | None) -> "Source":
+    """Return a live instrument as the source of a session that listens to it itself.
 
-    layout     file that says where its channels are; None: they are the scenario's sensors
-    scenario   what is made of them
+    Parameters
+    ----------
+    layout : Path or None
+        File that says where its channels are; None: they are the scenario's sensors.
+    scenario : str or None
+        What is made of them; None: modes are tracked, nothing is updated.
 
-    Raises FeedError, LayoutError, ScenarioError.
+    Returns
+    -------
+    Source
+
+    Raises
+    ------
+    FeedError
+    LayoutError
+    ScenarioError
     """
+    from pipeline.scenario import load_scenario, modes_only
+    from pipeline.sources.sources import Source, report_modes_only
+
     channels = channels_of(layout, scenario)
     live = open_feed(address, channels)
     if not live.gives_blocks:
         raise FeedError(f"{address} measures no accelerations; run `pilewatch feed {address}`")
-    chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+    if scenario is None:
+        report_modes_only(address)
+    chosen = modes_only(channels.turbine) if scenario is None else load_scenario(scenario)
     return Source(address, chosen, sensor_layout(channels), truth=None, duration=None, feed=live)
 
 
 class FeedAccount:
     """A feed's messages with its books.
 
-    clock       → time [ns since 1970]
-    connected   called once, when the instrument is reached
+    Parameters
+    ----------
+    clock : Callable[[], int], optional
+        Returns the time [ns since 1970-01-01 UTC].
+    connected : Callable[[], None], optional
+        Called once, when the instrument is reached.
     """
 
     def __init__(
@@ -120,7 +173,8 @@ class FeedAccount:
 
     def messages(self, stopping: threading.Event) -> Iterator[Message]:
         """Layout, then what is measured as it comes, with a status at the beginning, every second
-        and at the end."""
+        and at the end.
+        """
         if self._live.gives_blocks:
             yield self._layout
         yield self.status("ready")
@@ -159,7 +213,7 @@ class FeedAccount:
         return f"{said} ever come; {NOTHING_CAME}"
 
     def fed(self) -> Fed:
-        """What became of it."""
+        """Return the counts at the end."""
         return Fed(
             self.status("stopped"),
             self.published["AccelerationBlock"],
@@ -168,7 +222,7 @@ class FeedAccount:
         )
 
     def status(self, state: str) -> NodeStatus:
-        """What the feed would say of itself now; `lost` counts its instrument's messages."""
+        """Return the feed's status now; `lost` counts its instrument's messages."""
         counts = self._live.counts
         unit = self._layout.unit if self._live.gives_blocks else "scada"
         return NodeStatus(

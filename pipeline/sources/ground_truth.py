@@ -1,5 +1,6 @@
 """The true stiffness of a simulated turbine, and when it is said: beside the stream, never to the
-updating."""
+updating.
+"""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -18,7 +19,7 @@ TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is said anew
 
 
 def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
-    """What a recording says of the true stiffness, in order of time."""
+    """Return what a recording says of the true stiffness, in order of time."""
     found = {
         (message.turbine, message.time_ns): message
         for file in recordings_in(path)
@@ -29,7 +30,10 @@ def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
 
 
 def simulated_truths(tower: SimulatedTower) -> Iterator[FoundationTruth]:
-    """The true stiffness of a simulated turbine: at the beginning, and where it has changed."""
+    """Yield the true stiffness of a simulated turbine.
+
+    At the beginning, and where it has changed.
+    """
     before: FoundationTruth | None = None
     settings = tower.settings
     for since in np.arange(0.0, settings.duration, TRUTH_PERIOD).tolist():
@@ -59,7 +63,7 @@ def later_truths(
 def with_truths(
     messages: Iterable[SensorMessage], truths: Iterator[FoundationTruth]
 ) -> Iterator[Message]:
-    """The truths among the messages, each before the first block that lies behind it."""
+    """Yield the truths among the messages, each before the first block that lies behind it."""
     waiting = next(truths, None)
     for message in messages:
         if isinstance(message, AccelerationBlock):
@@ -70,7 +74,7 @@ def with_truths(
 
 
 def stored_truth(metadata: Metadata, turbine: str) -> FoundationTruth | None:
-    """What a recording's metadata says of the truth; None where it is not known."""
+    """Return what a recording's metadata says of the truth; None where it is not known."""
     truth = metadata.get("truth")
     if not truth:
         return None

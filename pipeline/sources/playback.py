@@ -23,8 +23,12 @@ SensorMessage = AccelerationBlock | SensorLayout | ScadaSample
 class Playback:
     """What of a recording is played. Times count from its first sample."""
 
-    start: float = 0.0  # [s]
-    end: float = float("inf")  # [s]
+    start: float = 0.0
+    """Start [s]."""
+
+    end: float = float("inf")
+    """End [s]."""
+
     rounds: int = 1
 
     def __post_init__(self) -> None:
@@ -41,7 +45,7 @@ class Playback:
         return max(0.0, min(self.end, whole) - self.start) * self.rounds
 
     def of(self, stream: Callable[[], Iterable[SensorMessage]]) -> Iterator[SensorMessage]:
-        """The chosen part, as often as chosen. stream: → the recording from its beginning."""
+        """Yield the chosen part, as often as chosen. stream: → the recording from its beginning."""
         if self == Playback():
             yield from stream()
             return

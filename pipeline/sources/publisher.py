@@ -26,7 +26,16 @@ def publish_source(
 ) -> int:
     """Publish a recorded or simulated source at a speed; gives the number of blocks.
 
-    Raises SourceError for a live source, TransportError where nobody can be reached.
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    SourceError
+        For a live source.
+    TransportError
+        If nobody can be reached.
     """
     if source.is_live:
         raise SourceError(

@@ -18,9 +18,16 @@ class SourceError(InputError):
 
 
 def recordings_in(path: Path) -> list[Path]:
-    """The file itself, or every closed recording in a folder that has samples, oldest first.
+    """Return the file itself, or every closed recording in a folder that has samples, oldest first.
 
-    Raises SourceError for a folder without one, or a name that no file can have.
+    Returns
+    -------
+    list[Path]
+
+    Raises
+    ------
+    SourceError
+        For a folder without one, or a name that no file can have.
     """
     try:
         if not path.is_dir():
@@ -39,7 +46,8 @@ def recordings_in(path: Path) -> list[Path]:
 
 def recorded_stream(path: Path) -> Iterator[SensorMessage]:
     """Everything measured in a file, or in all files of a folder as one stream, in order of
-    time."""
+    time.
+    """
     files = recordings_in(path)
     if len(files) == 1:
         return iter(ReplayedTower(sensor_messages(files[0])))
@@ -48,7 +56,7 @@ def recorded_stream(path: Path) -> Iterator[SensorMessage]:
 
 
 def sensor_messages(path: Path) -> Iterator[SensorMessage]:
-    """What sensors and controller said, in the order of recording."""
+    """Yield what sensors and controller said, in the order of recording."""
     for message in read_messages(path, (SensorLayout, AccelerationBlock, ScadaSample)):
         if isinstance(message, AccelerationBlock | SensorLayout | ScadaSample):
             yield message

@@ -1,6 +1,7 @@
 """What a session listens to: a recording, a simulation, or instruments that publish."""
 
 import heapq
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,9 +17,11 @@ from pipeline.recording.writer import Metadata, RecorderSettings, whole_recordin
 from pipeline.runtime.runner import with_end
 from pipeline.scenario import (
     DEFAULT_SCENARIO,
+    MODES_ONLY,
     Scenario,
     farm_members,
     load_scenario,
+    modes_only,
     scenario_from_metadata,
     scenario_metadata,
     with_sampler,
@@ -42,6 +45,8 @@ from sensors.simulation.tower import SimulatedTower
 if TYPE_CHECKING:
     from sensors.feeds.live import LiveFeed
 
+logger = logging.getLogger(__name__)
+
 DEFAULT_RECORDING = Path("recordings/parked.mcap")
 COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing is at risk here
 
@@ -50,15 +55,28 @@ COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing i
 class Source:
     """Where a session's messages come from, and what is known of them beforehand."""
 
-    text: str  # as `--source` says it
+    text: str
+    """The source as `--source` names it."""
+
     scenario: Scenario
     layout: SensorLayout
-    truth: FoundationTruth | None  # of a simulated turbine
-    duration: float | None  # [s]; None: live, without end
-    recording: Path | None = None  # of a replay: a file, or a folder of files
-    playback: Playback = field(default_factory=Playback)  # which part of it
-    layouts: Mapping[str, SensorLayout] = field(default_factory=dict)  # turbine → of a recording
-    feed: "LiveFeed | None" = None  # of an instrument that the session listens to itself
+    truth: FoundationTruth | None
+    """True stiffness of a simulated turbine; None: unknown."""
+
+    duration: float | None
+    """Duration [s]; None: live, without end."""
+
+    recording: Path | None = None
+    """Recording of a replay: a file, or a folder of files."""
+
+    playback: Playback = field(default_factory=Playback)
+    """Which part of it."""
+
+    layouts: Mapping[str, SensorLayout] = field(default_factory=dict)
+    """Turbine → its layout, of a recording."""
+
+    feed: "LiveFeed | None" = None
+    """Feed of an instrument that the session listens to itself."""
 
     @property
     def is_live(self) -> bool:
@@ -89,8 +107,16 @@ class Source:
     ) -> Iterator[Message]:
         """Layout, truth where known, then blocks and SCADA samples, each when it is due.
 
-        speed      1 is real time; infinity never waits
-        stopping   ends the waiting when set
+        Parameters
+        ----------
+        speed : float, optional
+            1 is real time; infinity never waits.
+        stopping : threading.Event, optional
+            Ends the waiting when set.
+
+        Yields
+        ------
+        Message
         """
         pace = Pace(speed, MonotonicClock(stopping or threading.Event()))
         if self.truth is not None:
@@ -98,18 +124,32 @@ class Source:
         yield from paced(self._sensor_messages(), pace=pace, time_of=due_of)
 
     def with_sampler(self, method: str | None) -> "Source":
-        """The same under another sampler of the posterior; None: the scenario's.
+        """Return the same under another sampler of the posterior; None: the scenario's.
 
-        Raises UpdatingError for a sampler that does not exist.
+        Returns
+        -------
+        Source
+
+        Raises
+        ------
+        UpdatingError
+            For a sampler that does not exist.
         """
         return (
             self if method is None else replace(self, scenario=with_sampler(self.scenario, method))
         )
 
     def with_playback(self, playback: Playback) -> "Source":
-        """A part of the same replay, or several rounds of it.
+        """Return a part of the same replay, or several rounds of it.
 
-        Raises SourceError where there is nothing recorded, or nothing in the range.
+        Returns
+        -------
+        Source
+
+        Raises
+        ------
+        SourceError
+            If there is nothing recorded, or nothing in the range.
         """
         if playback == Playback():
             return self
@@ -124,7 +164,7 @@ class Source:
         return replace(self, playback=playback, duration=duration)
 
     def with_recording(self, path: Path) -> "Source":
-        """The same replay from a file that was moved."""
+        """Return the same replay from a file that was moved."""
         return replace(self, recording=path)
 
     def _sensor_messages(self) -> Iterator[Message]:
@@ -154,7 +194,7 @@ def _begin(message: Message) -> int:
 
 
 def due_of(message: Message) -> int | None:
-    """When a message is given [ns]; None: at once."""
+    """Return when a message is given [ns]; None: at once."""
     if isinstance(message, AccelerationBlock | SensorLayout | ScadaSample):
         return due_time(message)
     return None
@@ -176,12 +216,24 @@ class MonotonicClock:
 
 
 def open_source(text: str | None, scenario: str | None = None) -> Source:
-    """The source that `--source` names: replay:FILE, simulate:SCENARIO or live.
+    """Return the source that `--source` names: replay:FILE, simulate:SCENARIO or live.
 
-    text       None: replay the recording that comes with the project
-    scenario   name or path; None: the recording's own, the simulated one, or the default
+    Parameters
+    ----------
+    text : str or None
+        None: replay the recording that comes with the project.
+    scenario : str, optional
+        Name or path; None: the recording's own, the simulated one, or modes only.
 
-    Raises SourceError, ScenarioError, RecordingError.
+    Returns
+    -------
+    Source
+
+    Raises
+    ------
+    SourceError
+    ScenarioError
+    RecordingError
     """
     if text is None:
         return _default_source(scenario)
@@ -189,9 +241,15 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
     if kind == "replay" and name:
         return replayed(Path(name), scenario)
     if kind == "simulate":
+        if name and scenario is not None and scenario != name:
+            raise SourceError(
+                f"--scenario {scenario} and --source {text} name two scenarios; leave one out"
+            )
         return simulated(load_scenario(name or scenario or DEFAULT_SCENARIO))
     if kind == "live" and not name:
-        chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+        if scenario is None:
+            report_modes_only("live")
+        chosen = load_scenario(scenario or MODES_ONLY)
         first = farm_members(chosen)[0]
         return Source("live", chosen, first.layout, truth=None, duration=None)
     raise SourceError(
@@ -199,9 +257,21 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
     )
 
 
+def report_modes_only(source: str) -> None:
+    """Report once a run that no structure is known of this source: it is never assumed."""
+    logger.warning(
+        "%s: no scenario and so no structure is given: modes are tracked, no stiffness is updated "
+        "(--scenario NAME or FILE gives one)",
+        source,
+    )
+
+
 def _default_source(scenario: str | None) -> Source:
     if DEFAULT_RECORDING.exists():
         return replayed(DEFAULT_RECORDING, scenario)
+    own = sorted(DEFAULT_RECORDING.parent.glob("*.mcap"))
+    if len(own) == 1:  # a folder that `pilewatch new` made
+        return replayed(own[0], scenario)
     raise SourceError(
         f"there is no {DEFAULT_RECORDING} in this folder; make one with "
         f"`pilewatch simulate {DEFAULT_SCENARIO} -o {DEFAULT_RECORDING}`, "
@@ -210,8 +280,10 @@ def _default_source(scenario: str | None) -> Source:
 
 
 def replayed(path: Path, scenario: str | None = None) -> Source:
-    """A recording, or all of a folder as one, as a source; under its own (the newest's) scenario
-    unless another is named."""
+    """Return a recording, or all of a folder as one, as a source.
+
+    Under its own (the newest's) scenario unless another is named.
+    """
     infos = [recording_info(file) for file in recordings_in(path)]
     info = infos[-1]
     if not info.units or not info.layouts:
@@ -222,7 +294,8 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
     elif stored:
         chosen = scenario_from_metadata(stored, f"scenario in {path}")
     else:
-        chosen = load_scenario(DEFAULT_SCENARIO)
+        report_modes_only(str(path))
+        chosen = modes_only(info.layouts[0].turbine)
     layout = joined_layout(_units_of(info.layouts, info.layouts[0].turbine))
     return Source(
         text=f"replay:{path}",
@@ -251,7 +324,7 @@ def _units_of(layouts: Sequence[SensorLayout], turbine: str) -> list[SensorLayou
 
 
 def simulated(scenario: Scenario) -> Source:
-    """The scenario's simulated turbine as a source."""
+    """Return the scenario's simulated turbine as a source."""
     first = farm_members(scenario)[0]
     return Source(
         text=f"simulate:{scenario.name}",
@@ -263,7 +336,7 @@ def simulated(scenario: Scenario) -> Source:
 
 
 def simulated_tower(scenario: Scenario) -> SimulatedTower:
-    """The turbine that a scenario simulates, its random numbers from the scenario's seed."""
+    """Return the turbine that a scenario simulates, its random numbers from the scenario's seed."""
     settings = replace(scenario.simulation, seed=scenario.seed)
     return SimulatedTower(scenario.structure, scenario.layout, settings)
 
@@ -273,7 +346,10 @@ def record_simulation(
 ) -> None:
     """Write a simulated source to an MCAP file; the same scenario gives the same file.
 
-    Raises RecordingError where the file exists or cannot be written.
+    Raises
+    ------
+    RecordingError
+        If the file exists or cannot be written.
     """
     with whole_recording(path, metadata=source.metadata, settings=COMPACT) as recorder:
         for message in with_end(source.messages()):

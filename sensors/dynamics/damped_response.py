@@ -4,7 +4,6 @@ Exact for forces that run straight from sample to sample, like `response`.
 """
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sensors.arrays import ComplexArray, FloatArray
 from sensors.dynamics.damped_modes import DampedSystem
@@ -67,9 +66,18 @@ class DampedResponse:
     def advance(self, forces: FloatArray) -> FloatArray:
         """Accelerometer readings at the next samples.
 
-        forces    (n_samples, n_loads) [N]
-        returns   (n_samples, n_channels) [m/s²]
+        Parameters
+        ----------
+        forces : ndarray, shape (n_samples, n_loads)
+            Forces [N].
+
+        Returns
+        -------
+        ndarray, shape (n_samples, n_channels)
+            [m/s²].
         """
+        from scipy.signal import lfilter  # 75 MB that only a simulation needs
+
         n_modes = len(self._state)
         parts = self._input_parts @ forces.T  # real times real, half the work of complex times real
         driven = np.empty((n_modes, len(forces)), dtype=np.complex128)
@@ -91,7 +99,15 @@ class DampedResponse:
     def displacements(self, rows: FloatArray) -> FloatArray:
         """Of any points of the structure over the last `advance`, (n_rows, n_samples) [m].
 
-        rows   displacement by degree of freedom, (n_rows, n_dofs)
+        Parameters
+        ----------
+        rows : ndarray, shape (n_rows, n_dofs)
+            Displacement by degree of freedom.
+
+        Returns
+        -------
+        ndarray, shape (n_rows, n_samples)
+            In [m].
         """
         seen = 2.0 * (rows @ self._system.shapes) @ self._system.vectors
         motion: FloatArray = (seen @ self._course).real

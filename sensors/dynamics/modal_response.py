@@ -43,8 +43,15 @@ class AccelerationResponse:
     def advance(self, forces: FloatArray) -> FloatArray:
         """Accelerometer readings at the next samples.
 
-        forces    (n_samples, n_loads) [N]
-        returns   (n_samples, n_channels) [m/s²]
+        Parameters
+        ----------
+        forces : ndarray, shape (n_samples, n_loads)
+            Forces [N].
+
+        Returns
+        -------
+        ndarray, shape (n_samples, n_channels)
+            [m/s²].
         """
         filtered = self._oscillators.advance(self._modes.participation @ forces.T)
         readings = (

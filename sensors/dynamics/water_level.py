@@ -21,9 +21,19 @@ def modes_in_water(
     """Frequencies, (n_modes,) [Hz], and shapes as read, (n_modes, n_channels) [-], with the water
     risen above the description's level by so much [m]; as they are for a turbine on land.
 
-    reference     modes at one θ, mass-normalised
-    frequencies   of these modes at that θ, (n_modes,) [Hz]
+    Parameters
+    ----------
+    reference : ReferenceModes
+        Modes at one θ, mass-normalised.
+    frequencies : ndarray, shape (n_modes,)
+        Frequencies of these modes at that θ [Hz].
 
+    Returns
+    -------
+    tuple[ndarray, ndarray]
+
+    Notes
+    -----
     The basis is that of the modes V and of the static responses to a force on each degree of
     freedom whose mass changes. Of first order the change is Δ ln f = −½ φᵀ ΔM φ; shapes mix.
     """
@@ -44,7 +54,8 @@ def modes_in_water(
 
 def _static_responses(model: StructuralModel, mass: FloatArray, modes: FloatArray) -> FloatArray:
     """(n_dofs, n): to forces where `mass` differs from the model's, what the modes hold of them
-    taken out, independent of each other."""
+    taken out, independent of each other.
+    """
     changed = np.flatnonzero(np.abs(mass - model.mass).max(axis=0) > 0)
     forces = np.zeros((len(mass), len(changed)))
     forces[changed, np.arange(len(changed))] = 1.0

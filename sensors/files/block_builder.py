@@ -31,8 +31,11 @@ RESTARTED = 600.0  # a unit that was silent that long begins a new session [s]
 class StampedSamples:
     """Some consecutive samples of a measurement and when each was taken."""
 
-    times_ns: IntArray  # (n,) [ns since 1970-01-01 UTC], rising
-    samples: FloatArray  # (n, n_channels)
+    times_ns: IntArray
+    """Time of each sample, (n,) [ns since 1970-01-01 UTC], rising."""
+
+    samples: FloatArray
+    """Samples, (n, n_channels)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +43,17 @@ class MeasurementFile:
     """One file and what its beginning tells."""
 
     path: Path
-    reader: str | None  # None: the one of its suffix
+    reader: str | None
+    """package.module:function of its reader; None: the one of its suffix."""
+
     names: tuple[str, ...]
     units: tuple[str, ...]
-    sampling_rate: float | None  # [Hz]; None: it does not say
-    start_ns: int  # [ns since 1970-01-01 UTC]; 0: it does not say
+    sampling_rate: float | None
+    """Sampling rate [Hz]; None: it does not say."""
+
+    start_ns: int
+    """Time of the first sample [ns since 1970-01-01 UTC]; 0: the file does not state it."""
+
     wanted: Wanted = EVERYTHING
 
     def pieces(self) -> Iterator[ChannelTable]:
@@ -60,7 +69,16 @@ class MeasurementFile:
 def opened(
     path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
 ) -> tuple[MeasurementFile, ChannelTable]:
-    """A file and its first piece. Raises FileError."""
+    """Return a file and its first piece.
+
+    Returns
+    -------
+    tuple[MeasurementFile, ChannelTable]
+
+    Raises
+    ------
+    FileError
+    """
     first = next(file_pieces(path, reader, wanted), None)
     if first is None:
         raise FileError(f"{path}: 0 samples; at least two are needed")
@@ -72,7 +90,14 @@ def opened(
 def in_order_of_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
     """Files that begin one after the other, with the same channels at the same rate.
 
-    Raises FileError for one of several that does not say when it begins, or differs from the first.
+    Returns
+    -------
+    list[MeasurementFile]
+
+    Raises
+    ------
+    FileError
+        For one of several that does not say when it begins, or differs from the first.
     """
     if len(files) == 1:
         return list(files)
@@ -111,13 +136,25 @@ def _titled(file: MeasurementFile) -> str:
 def stamped(
     files: Sequence[MeasurementFile], pieces: Iterable[tuple[int, ChannelTable]], rate: float
 ) -> Iterator[StampedSamples]:
-    """The pieces with every sample's time; rows without any number are left out as missing.
+    """Yield the pieces with every sample's time; rows without any number are left out as missing.
 
-    files    in order of time
-    pieces   of all of them, each with the number of its file
-    rate     [Hz], of what has no stamps
+    Parameters
+    ----------
+    files : Sequence[MeasurementFile]
+        Files in order of time.
+    pieces : Iterable[tuple[int, ChannelTable]]
+        Pieces of all of them, each with the number of its file.
+    rate : float
+        Rate [Hz], of what has no stamps.
 
-    Raises FileError where time stands still or goes back, within a file or from one to the next.
+    Yields
+    ------
+    StampedSamples
+
+    Raises
+    ------
+    FileError
+        If time stands still or goes back, within a file or from one to the next.
     """
     counted, current, last_ns, last_file = 0, -1, None, 0
     for number, piece in pieces:
@@ -152,7 +189,7 @@ def stamped(
 
 
 def moment(time_ns: int) -> str:
-    """A time in words: "2024-03-01 12:00:00.250" (UTC)."""
+    """Return a time in words: "2024-03-01 12:00:00.250" (UTC)."""
     seconds, rest = divmod(time_ns, NANOSECONDS)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d}"
 
@@ -160,9 +197,15 @@ def moment(time_ns: int) -> str:
 class BlockCutter:
     """Cuts stamped samples into blocks of a second.
 
-    layout          of the channels
-    sampling_rate   [Hz]
+    Parameters
+    ----------
+    layout : SensorLayout
+        Layout of the channels.
+    sampling_rate : float
+        Sampling rate [Hz].
 
+    Notes
+    -----
     A gap is where the stamps leap ahead of an even clock for good: by half a sample or more, for
     longer than some late stamps in a row. It ends a block; the sample and block numbers behind it
     count what is missing. After a silence of ten minutes a new session begins.
@@ -215,7 +258,8 @@ class BlockCutter:
 
     def _even(self, times_ns: IntArray) -> tuple[IntArray, IntArray]:
         """When the samples were taken by a clock that late stamps do not move, (n,) [ns], and how
-        many samples are lost before each, (n,)."""
+        many samples are lost before each, (n,).
+        """
         expected = times_ns[0] if self._end_ns is None else self._end_ns
         ahead = (times_ns - expected) * (self._rate / NANOSECONDS) - np.arange(len(times_ns))
         padded = np.append(ahead, np.full(LATE_STAMPS - 1, np.inf))

@@ -13,13 +13,16 @@ from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from sensors.files.hdf5 import read_hdf5
-from sensors.files.miniseed import read_miniseed
-from sensors.files.npz import read_npy, read_npz
-from sensors.files.parquet import parquet_pieces
+from sensors.files.readers.hdf5 import read_hdf5
+from sensors.files.readers.matlab import read_mat
+from sensors.files.readers.miniseed import read_miniseed
+from sensors.files.readers.npz import read_npy, read_npz
+from sensors.files.readers.openfast import read_outb
+from sensors.files.readers.parquet import parquet_pieces
+from sensors.files.readers.tdms import read_tdms
+from sensors.files.readers.uff import read_uff
 from sensors.files.sep005 import Channel, table_of_channels, titles_of_channels
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, existing, whole
-from sensors.files.tdms import read_tdms
 from sensors.files.text.csv import csv_pieces
 
 GROUP = "pilewatch.files"  # of entry points
@@ -31,6 +34,8 @@ IN_PIECES: dict[str, PieceReader] = {
     "csv": csv_pieces,
     "tsv": csv_pieces,
     "txt": csv_pieces,
+    "dat": csv_pieces,  # Campbell's TOA5, and many others
+    "out": csv_pieces,  # OpenFAST
     "parquet": parquet_pieces,
     "pq": parquet_pieces,
 }
@@ -40,30 +45,53 @@ AS_CHANNELS: dict[str, ChannelReader] = {
     "h5": read_hdf5,
     "hdf5": read_hdf5,
     "hdf": read_hdf5,
-    "mat": read_hdf5,
+    "mat": read_mat,
     "tdms": read_tdms,
     "mseed": read_miniseed,
     "miniseed": read_miniseed,
     "msd": read_miniseed,
+    "outb": read_outb,
+    "uff": read_uff,
+    "unv": read_uff,
 }
 
 
 def read_file(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING) -> ChannelTable:
-    """What is wanted of a file as one table. Raises FileError, as its reader does."""
+    """Return what is wanted of a file as one table.
+
+    Returns
+    -------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        As its reader does.
+    """
     return whole(file_pieces(path, reader, wanted), path)
 
 
 def file_pieces(
     path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
 ) -> Iterator[ChannelTable]:
-    """The channels of a file, in pieces where its format allows it.
+    """Yield the channels of a file, in pieces where its format allows it.
 
-    reader   "package.module:function" that gives SEP005 channels; None: the one of its suffix,
-             plugged in or ours; a suffix that nobody knows is read as text
+    Parameters
+    ----------
+    reader : str, optional
+        "package.module:function" that gives SEP005 channels; None: the one of its suffix,
+        plugged in or ours; a unknown suffix is read as text.
+    wanted : Wanted, optional
+        What of it is read.
 
-    wanted   what of it is read
+    Yields
+    ------
+    ChannelTable
 
-    Raises FileError: no such reader; a file that it cannot read.
+    Raises
+    ------
+    FileError
+        No such reader; a file that it cannot read.
     """
     channels = _channels(path, reader)
     if channels is not None:
@@ -74,8 +102,19 @@ def file_pieces(
 
 
 def channels_in(path: Path, reader: str | None = None) -> ChannelTable:
-    """Names and units of all channels of a file, without its samples: even of such as differ in
-    rate. Raises FileError, as its reader does."""
+    """Return names and units of all channels of a file, without its samples.
+
+    Even of such as differ in rate.
+
+    Returns
+    -------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        As its reader does.
+    """
     channels = _channels(path, reader)
     if channels is None:
         first = next(file_pieces(path, reader), None)

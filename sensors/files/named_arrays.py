@@ -53,19 +53,22 @@ _SINCE = re.compile(r"(?P<unit>[A-Za-zµ]+)\s+since\s+(?P<moment>\S+(?:[ T]\S+)?
 class NamedArray:
     """One array of a file, and what the file notes of it."""
 
-    name: str  # with its groups: "tower/acc"
+    name: str
+    """Name with its groups: "tower/acc"."""
+
     values: NDArray[Any]
     notes: Notes = field(default_factory=dict)
-    own: Notes = field(default_factory=dict)  # those among the notes that are of this array alone
+    own: Notes = field(default_factory=dict)
+    """Those among the notes that are of this array alone."""
 
     @property
     def title(self) -> str:
-        """Its own name, without its groups."""
-        return self.name.rpartition("/")[2]
+        """Its own name, without its groups; a slash in a unit's brackets parts none."""
+        return self.name[len(self.group) :].removeprefix("/")
 
     @property
     def group(self) -> str:
-        return self.name.rpartition("/")[0]
+        return self.name.partition("[")[0].rpartition("/")[0]
 
     @property
     def is_time(self) -> bool:
@@ -73,7 +76,17 @@ class NamedArray:
 
 
 def channels_of_arrays(arrays: list[NamedArray], path: Path) -> list[Channel]:
-    """The channels among the arrays. Raises FileError where there is none."""
+    """Return the channels among the arrays.
+
+    Returns
+    -------
+    list[Channel]
+
+    Raises
+    ------
+    FileError
+        If there is none.
+    """
     single = [part for array in arrays for part in _simple(array)]
     stamps = [a for a in single if a.is_time and a.values.dtype.kind in "iufM"]
     series = [

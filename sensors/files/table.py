@@ -79,14 +79,31 @@ class FileError(InputError):
 
 
 @dataclass(frozen=True, slots=True)
+class TimeColumn:
+    """Which column or series of a file is its time, where its title does not state it."""
+
+    column: str
+    """Name as the file has it, without a unit in brackets."""
+
+    unit: str = ""
+    """Unit of its numbers: s, ms, us, ns, min, h, d. Empty: as the title states, else by size."""
+
+
+@dataclass(frozen=True, slots=True)
 class Wanted:
     """What of a file is read."""
 
-    names: frozenset[str] = frozenset()  # of channels; none: all
-    stamps: bool = True  # False: its samples are counted, whatever the time says
+    names: frozenset[str] = frozenset()
+    """Names of the channels that are read; empty: all."""
+
+    stamps: bool = True
+    """False: the samples are counted and time stamps are not read."""
+
+    time: TimeColumn | None = None
+    """The time, where it is stated beside the file."""
 
     def among(self, names: Sequence[str]) -> list[int]:
-        """Which of the channels are read; all where one that is wanted is missing."""
+        """Return which of the channels are read; all where one that is wanted is missing."""
         complete = bool(self.names) and self.names <= set(names)
         return [i for i, name in enumerate(names) if name in self.names or not complete]
 
@@ -100,12 +117,23 @@ class ChannelTable:
     """Samples of all channels of one file or of a piece of it, time-stamped where it says when."""
 
     names: tuple[str, ...]
-    units: tuple[str, ...]  # "m/s²", "m/s", "m" after conversion; "" = unscaled; else as given
-    samples: NDArray[np.float64]  # (n_samples, n_channels), NaN where the file has nothing
-    times: NDArray[np.float64] | None  # (n_samples,) seconds since the file's first sample, or None
-    start_ns: int = 0  # the file's first sample [ns since 1970-01-01 UTC]; 0: it does not say
-    stated_rate: float | None = None  # [Hz], where the file says it in so many words
-    stated_quantities: tuple[Quantity | None, ...] = ()  # where file or layout say it; () = neither
+    units: tuple[str, ...]
+    """Units: "m/s²", "m/s", "m" after conversion; "" = unscaled; else as given."""
+
+    samples: NDArray[np.float64]
+    """Samples, (n_samples, n_channels), NaN where the file has nothing."""
+
+    times: NDArray[np.float64] | None
+    """Times, (n_samples,) seconds since the file's first sample, or None."""
+
+    start_ns: int = 0
+    """The file's first sample [ns since 1970-01-01 UTC]; 0: it does not say."""
+
+    stated_rate: float | None = None
+    """Sampling rate [Hz], where the file states it."""
+
+    stated_quantities: tuple[Quantity | None, ...] = ()
+    """Quantities where file or layout state them; () = neither."""
 
     @property
     def quantities(self) -> tuple[Quantity, ...] | None:
@@ -125,14 +153,23 @@ class ChannelTable:
 
 
 def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
-    """The sampling rate that time stamps tell [Hz]; None of fewer than two, or of standing time.
+    """Return the sampling rate that time stamps tell [Hz].
+
+    None of fewer than two, or of standing time.
 
     The mean step, not the median: stamps rounded to the millisecond have a median that is wrong by
     up to half a millisecond. Steps over a gap do not count. Of the rates that the stamps' scatter
     about an even clock allows, the one with the fewest digits, as a rate or as its period: stamps
     of 25.000 and 50.001 ms tell 40 Hz, not 39.9992.
 
-    times   (n,) [s]
+    Parameters
+    ----------
+    times : ndarray, shape (n,)
+        Times [s].
+
+    Returns
+    -------
+    float or None
     """
     if len(times) < 2:
         return None
@@ -158,9 +195,16 @@ def _plainest(rate: float, doubt: float) -> float:
 
 
 def whole(pieces: Iterable[ChannelTable], path: Path) -> ChannelTable:
-    """The pieces of one file, in their order, as one table.
+    """Return the pieces of one file, in their order, as one table.
 
-    Raises FileError: fewer than two samples, only NaN, a time that ends before it starts.
+    Returns
+    -------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        Fewer than two samples, only NaN, a time that ends before it starts.
     """
     parts = list(pieces)
     count = sum(len(part.samples) for part in parts)
@@ -181,7 +225,8 @@ def whole(pieces: Iterable[ChannelTable], path: Path) -> ChannelTable:
 
 def in_standard_unit(unit: str) -> tuple[str, float]:
     """Unit after conversion, and the factor to it: accelerations become m/s², velocities m/s,
-    displacements m; the rest stays."""
+    displacements m; the rest stays.
+    """
     for standard, factors in (
         ("m/s²", ACCELERATION_UNITS),
         ("m/s", VELOCITY_UNITS),
@@ -203,7 +248,7 @@ _SPELLING = str.maketrans("²³⁻−¹µμ", "23--1uu", "â \u00a0·⋅.^()")
 
 
 def quantity_of(unit: str) -> Quantity | None:
-    """What is measured in a unit (after conversion); None where it does not tell."""
+    """Return what is measured in a unit (after conversion); None where it does not tell."""
     if plain_unit(unit) in LIKE_DISPLACEMENT:
         return "displacement"
     known: dict[str, Quantity] = {"m/s²": "acceleration", "m/s": "velocity", "m": "displacement"}
@@ -211,7 +256,7 @@ def quantity_of(unit: str) -> Quantity | None:
 
 
 def quantity_named(name: str) -> Quantity | None:
-    """What a channel's name says that it measures: "acc_z145", "Velocity 3", "disp-x"."""
+    """Return what a channel's name says that it measures: "acc_z145", "Velocity 3", "disp-x"."""
     for word in re.split(r"[^a-z]+", name.lower()):
         for quantity, words in _WORDS.items():
             if word in words:
@@ -220,9 +265,21 @@ def quantity_named(name: str) -> Quantity | None:
 
 
 def needed(module: str, extra: str, path: Path) -> Any:
-    """The module. Raises FileError, which names the extra to install, where it is missing.
+    """Return the module.
 
-    path   the file that is to be read
+    Parameters
+    ----------
+    path : Path
+        The file that is to be read.
+
+    Returns
+    -------
+    Any
+
+    Raises
+    ------
+    FileError
+        If it is missing; the message names the extra to install.
     """
     try:
         return import_module(module)
@@ -234,7 +291,17 @@ def needed(module: str, extra: str, path: Path) -> Any:
 
 
 def existing(path: Path) -> Path:
-    """The path. Raises FileError where no file is there, or it cannot be read."""
+    """Return the path.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    FileError
+        If no file is there, or it cannot be read.
+    """
     try:
         with path.open("rb"):
             return path

@@ -28,12 +28,23 @@ CURVE_STEP = 1.0  # [s] between points of the slow course
 class Rotor:
     """The forces of a turning rotor, over its mean thrust."""
 
-    first_harmonic: float = 0.002  # 1P: amplitude over the mean thrust [-]
-    third_harmonic: float = 0.010  # 3P [-]
-    sixth_harmonic: float = 0.003  # 6P [-]
-    side_share: float = 0.3  # side-side over fore-aft amplitude of the harmonics [-]
-    damping_share: float = 0.5  # dT/dV of the controlled rotor over 2T/V, that of a fixed one [-]
-    idling_imbalance: float = 2e3  # 1P force of an idling rotor [N]
+    first_harmonic: float = 0.002
+    """Amplitude at 1P over the mean thrust [-]."""
+
+    third_harmonic: float = 0.010
+    """Amplitude at 3P over the mean thrust [-]."""
+
+    sixth_harmonic: float = 0.003
+    """Amplitude at 6P over the mean thrust [-]."""
+
+    side_share: float = 0.3
+    """Side-side over fore-aft amplitude of the harmonics [-]."""
+
+    damping_share: float = 0.5
+    """dT/dV of the controlled rotor over 2T/V, that of a fixed one [-]."""
+
+    idling_imbalance: float = 2e3
+    """Amplitude at 1P of an idling rotor [N]."""
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -56,8 +67,10 @@ def averaging(frequencies: FloatArray, wind_speed: float) -> FloatArray:
 
         |χ|² = 1 / (1 + (2 f √A / V)^(4/3))²
 
-    Source: Vickery, "On the flow behind a coarse grid and its use as a model of atmospheric
-    turbulence", NPL Aero Report 1143 (1965); A the rotor's area.
+    References
+    ----------
+    Vickery, "On the flow behind a coarse grid and its use as a model of atmospheric turbulence",
+    NPL Aero Report 1143 (1965). A is the rotor's area.
     """
     side = np.sqrt(np.pi) * ROTOR_RADIUS
     return (1.0 + (2.0 * frequencies * side / wind_speed) ** (4.0 / 3.0)) ** -2.0
@@ -72,11 +85,20 @@ class RotorLoad:
 
     rotor: Rotor
     wind: Wind
-    steady_at: Callable[[float], SteadyState]  # by time since the first sample [s]
-    speed_at: Callable[[float], float]  # mean wind at the hub [m/s]
-    distribution: FloatArray  # (n_dofs, 2)
-    sampling_rate: float  # [Hz]
-    start: float  # time of the first step [s]
+    steady_at: Callable[[float], SteadyState]
+    """Rotor, pitch, power and thrust by time since the first sample [s]."""
+
+    speed_at: Callable[[float], float]
+    """Mean wind at the hub [m/s]."""
+
+    distribution: FloatArray
+    """Distribution, (n_dofs, 2)."""
+
+    sampling_rate: float
+    """Sampling rate [Hz]."""
+
+    start: float
+    """Time of the first step [s]."""
 
     @property
     def n_series(self) -> int:
@@ -88,7 +110,8 @@ class RotorLoad:
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
         """Spectrum of what the thrust's turbulence makes a structure do; see `Load`. Of time 0;
-        the harmonics are lines and have none."""
+        the harmonics are lines and have none.
+        """
         speed = self.speed_at(0.0)
         slope = thrust_slope(self.rotor, self.steady_at(0.0), speed)
         power = (slope * np.abs(gains[:, :, 0])) ** 2
@@ -127,7 +150,8 @@ class RotorLoad:
 
     def _course(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Thrust [N], its slope [N·s/m], rotor speed [1/s] and idling imbalance [N] at the
-        times."""
+        times.
+        """
         knots = np.arange(times[0], times[-1] + 2 * CURVE_STEP, CURVE_STEP)
         rows = []
         for knot in knots.tolist():
@@ -165,7 +189,10 @@ def rotor_load(
     sampling_rate: float,
     start: float = 0.0,
 ) -> RotorLoad:
-    """The force of a turning rotor on the structure; arguments as the fields of `RotorLoad`."""
+    """Return the force of a turning rotor on the structure.
+
+    Arguments as the fields of `RotorLoad`.
+    """
     rows = _apex_rows(model)
     return RotorLoad(rotor, wind, steady_at, speed_at, rows.T, sampling_rate, start)
 

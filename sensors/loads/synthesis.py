@@ -26,13 +26,21 @@ def harmonics(highest_frequency: float) -> FloatArray:
 class SegmentedNoise:
     """The series of one source of randomness, an overlap at a time.
 
-    colouring   (middle of the segment [s], white harmonics (n_sources, n_harmonics)) → harmonics
-                of the series, (n_series, n_harmonics). A white harmonic has E|w|² = 2: with
-                L Lᴴ the one-sided cross-spectrum [unit²/Hz] at a frequency, the colouring is L w.
-                It may change with time, as a sea and a wind do
-    n_sources   independent sources
-    n_harmonics, sampling_rate
-    start       time of the first sample [s]
+    Parameters
+    ----------
+    colouring : Colouring
+        Colouring, (middle of the segment [s], white harmonics (n_sources, n_harmonics)) →
+        harmonics of the series, (n_series, n_harmonics). A white harmonic has E|w|² = 2: with L
+        Lᴴ the one-sided cross-spectrum [unit²/Hz] at a frequency, the colouring is L w. It may
+        change with time, as a sea and a wind do.
+    n_sources : int
+        Number of independent sources.
+    n_harmonics : int
+        Number of harmonics in a segment.
+    sampling_rate : float
+        Sampling rate [Hz].
+    start : float
+        Time of the first sample [s].
     """
 
     def __init__(

@@ -38,19 +38,44 @@ _ALONG, _ACROSS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 class Wind:
     """A wind and the drag of what it blows at."""
 
-    speed: float = 2.0  # mean at the hub [m/s]
-    turbulence_intensity: float = 0.10  # σ₁ / mean speed at the hub [-]
-    shear_exponent: float = 0.14  # of the power law; IEC 61400-3's over the sea [-]
-    air_density: float = 1.225  # [kg/m³]
-    tower_drag: float = 0.7  # C_D of a rough cylinder beyond its drag crisis [-]
-    nacelle_drag: float = 1.2  # C_D [-]
-    nacelle_area: float = 100.0  # seen along the wind, and the same across [m²]
-    blade_drag: float = 0.02  # C_D of the feathered profile, on its chord [-]
-    blade_lift_slope: float = 2 * np.pi  # dC_L/dα of the feathered profile [1/rad]
-    blade_chords: tuple[float, ...] = IEA15_CHORDS  # at even shares of the length, root first [m]
-    tower_points: int = 6  # places of the wind field on the tower
-    blade_points: int = 6  # on each blade, at most
-    highest_frequency: float = 12.5  # of the turbulence [Hz]
+    speed: float = 2.0
+    """Mean wind at the hub [m/s]."""
+
+    turbulence_intensity: float = 0.10
+    """σ₁ / mean speed at the hub [-]."""
+
+    shear_exponent: float = 0.14
+    """Shear exponent of the power law; IEC 61400-3's over the sea [-]."""
+
+    air_density: float = 1.225
+    """Air density [kg/m³]."""
+
+    tower_drag: float = 0.7
+    """C_D of a rough cylinder beyond its drag crisis [-]."""
+
+    nacelle_drag: float = 1.2
+    """C_D [-]."""
+
+    nacelle_area: float = 100.0
+    """Seen along the wind, and the same across [m²]."""
+
+    blade_drag: float = 0.02
+    """C_D of the feathered profile, on its chord [-]."""
+
+    blade_lift_slope: float = 2 * np.pi
+    """dC_L/dα of the feathered profile [1/rad]."""
+
+    blade_chords: tuple[float, ...] = IEA15_CHORDS
+    """Blade chords at even shares of the length, root first [m]."""
+
+    tower_points: int = 6
+    """Places of the wind field on the tower."""
+
+    blade_points: int = 6
+    """On each blade, at most."""
+
+    highest_frequency: float = 12.5
+    """Highest frequency of the turbulence [Hz]."""
 
     def __post_init__(self) -> None:
         require_positive("wind speed", self.speed, "m/s")
@@ -76,12 +101,23 @@ class Wind:
 class WindPoints:
     """Places of the wind field and how the structure moves and is pushed there."""
 
-    positions: FloatArray  # across the wind: (y, z), (n_points, 2) [m]
-    along: FloatArray  # rows of displacement in x, (n_points, n_dofs)
-    across: FloatArray  # rows of displacement in y, or flapwise, (n_points, n_dofs)
-    across_share: FloatArray  # of the side wind that blows along that row, (n_points,) [-]
-    along_area: FloatArray  # C_D A, (n_points,) [m²]
-    across_area: FloatArray  # (C_D + dC_L/dα) A, (n_points,) [m²]
+    positions: FloatArray
+    """Across the wind: (y, z), (n_points, 2) [m]."""
+
+    along: FloatArray
+    """Rows of displacement in x, (n_points, n_dofs)."""
+
+    across: FloatArray
+    """Rows of displacement in y, or flapwise, (n_points, n_dofs)."""
+
+    across_share: FloatArray
+    """Across share of the side wind that blows along that row, (n_points,) [-]."""
+
+    along_area: FloatArray
+    """C_D A, (n_points,) [m²]."""
+
+    across_area: FloatArray
+    """Across area, (C_D + dC_L/dα) A, (n_points,) [m²]."""
 
 
 def wind_points(model: StructuralModel, wind: Wind) -> WindPoints:
@@ -186,11 +222,18 @@ class WindLoad:
     """
 
     wind: Wind
-    speed_at: Callable[[float], float]  # mean at the hub by time since the first sample [m/s]
+    speed_at: Callable[[float], float]
+    """Mean at the hub by time since the first sample [m/s]."""
+
     points: WindPoints
-    hub_height: float  # [m]
-    sampling_rate: float  # [Hz]
-    start: float  # time of the first step [s]
+    hub_height: float
+    """Hub height [m]."""
+
+    sampling_rate: float
+    """Sampling rate [Hz]."""
+
+    start: float
+    """Time of the first step [s]."""
 
     @property
     def distribution(self) -> FloatArray:
@@ -229,7 +272,8 @@ class WindLoad:
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
         """Spectrum of what the linear part of the force (in u and v) makes a structure do; see
-        `Load`. Of the wind at time 0."""
+        `Load`. Of the wind at time 0.
+        """
         speed = self.speed_at(0.0)
         along, across = np.split(gains, 2, axis=2)
         slopes = self._slopes(speed)
@@ -282,7 +326,8 @@ class WindLoad:
 
     def _coherence_factor(self, frequencies: FloatArray, speed: float) -> FloatArray:
         """Cholesky factors of the coherence up to where the points are coherent,
-        (n, n_points, n_points)."""
+        (n, n_points, n_points).
+        """
         apart = self.points.positions[:, None] - self.points.positions[None]
         nearest = np.min(np.linalg.norm(apart, axis=2) + 1e9 * np.eye(len(apart)), initial=1e9)
         last = -np.log(LEAST_COHERENCE) / 12.0 * speed / nearest  # [Hz]
@@ -326,9 +371,16 @@ def wind_load(
     sampling_rate: float,
     start: float = 0.0,
 ) -> WindLoad:
-    """The wind's force on a parked turbine.
+    """Return the wind's force on a parked turbine.
 
-    speed_at   mean speed at the hub by time since the first sample [m/s]; more than 0
+    Parameters
+    ----------
+    speed_at : Callable[[float], float]
+        Mean speed at the hub by time since the first sample [m/s]; more than 0.
+
+    Returns
+    -------
+    WindLoad
     """
     return WindLoad(
         wind=wind,

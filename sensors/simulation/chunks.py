@@ -23,7 +23,7 @@ def trimmed(pieces: Iterator[FloatArray], *, first: int, count: int) -> Iterator
 
 
 def made_ahead(pieces: Iterator[FloatArray], depth: int) -> Generator[FloatArray]:
-    """A stream whose next `depth` pieces are made in another thread while one is worked on.
+    """Yield a stream whose next `depth` pieces are made in another thread while one is worked on.
 
     Closed early, it makes no further piece than the one that is being made.
     """
@@ -38,7 +38,7 @@ def made_ahead(pieces: Iterator[FloatArray], depth: int) -> Generator[FloatArray
 
 
 def in_blocks(pieces: Iterator[NDArray[np.float32]], size: int) -> Iterator[NDArray[np.float32]]:
-    """The stream cut into blocks of `size` samples; the last one may be shorter."""
+    """Yield the stream cut into blocks of `size` samples; the last one may be shorter."""
     held: NDArray[np.float32] | None = None
     for piece in pieces:
         held = piece if held is None else np.concatenate([held, piece])

@@ -11,7 +11,7 @@ from sensors.structure.foundation import FoundationSprings, positive_definite
 
 
 def course_of(settings: SimulationSettings, description: TurbineDescription) -> Schedule:
-    """What of a simulation depends on time alone."""
+    """Return what of a simulation depends on time alone."""
     water, sea, wind = description.water, settings.sea, settings.wind
     return Schedule(
         stages=settings.stages,
@@ -27,9 +27,16 @@ def course_of(settings: SimulationSettings, description: TurbineDescription) -> 
 def loads_on(
     model: StructuralModel, settings: SimulationSettings, course: Schedule, rate: float
 ) -> tuple[Load, ...]:
-    """Every load of a simulation as series at the integration's rate [Hz].
+    """Return every load of a simulation as series at the integration's rate [Hz].
 
-    Raises SimulationError where there is none.
+    Returns
+    -------
+    tuple[Load, ...]
+
+    Raises
+    ------
+    SimulationError
+        If there is none.
     """
     loads: list[Load] = list(
         random_loads(model, broadband=settings.broadband, waves=settings.waves, sampling_rate=rate)
@@ -79,9 +86,16 @@ def loads_on(
 def true_springs(
     description: TurbineDescription, ratios: tuple[float, float, float]
 ) -> FoundationSprings:
-    """The description's springs times the ratios of k11, k22, k12.
+    """Return the description's springs times the ratios of k11, k22, k12.
 
-    Raises SimulationError where the product is not positive definite.
+    Returns
+    -------
+    FoundationSprings
+
+    Raises
+    ------
+    SimulationError
+        If the product is not positive definite.
     """
     k11, k22, k12 = (description.nominal * np.array(ratios)).tolist()
     if not bool(positive_definite((k11, k22, k12))):

@@ -10,9 +10,20 @@ from sensors.simulation.schedule import Schedule
 def scada_samples(
     course: Schedule, *, turbine: str, start_ns: int, period: float, duration: float
 ) -> Iterator[ScadaSample]:
-    """What the controller of a simulated turbine reports, from the first sample on.
+    """Yield what the controller of a simulated turbine reports, from the first sample on.
 
-    start_ns   sensor clock at the first sample;  period, duration [s]
+    Parameters
+    ----------
+    start_ns : int
+        Sensor clock at the first sample [ns since 1970-01-01 UTC].
+    period : float
+        Time between two samples [s].
+    duration : float
+        Duration of the session [s].
+
+    Yields
+    ------
+    ScadaSample
     """
     for number in range(int(duration / period - 1e-9) + 1):
         time = number * period

@@ -27,31 +27,60 @@ class SimulationSettings:
     them may act together. `stages`, `foundation` and `tide` say what changes with time.
     """
 
-    duration: float = 3600.0  # [s]
+    duration: float = 3600.0
+    """Duration [s]."""
+
     seed: int = 1
-    stiffness_ratios: tuple[float, float, float] = (1.0, 1.0, 1.0)  # true k11, k22, k12 / nominal
+    stiffness_ratios: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """True k11, k22, k12 / nominal."""
+
     damping: ModalDamping = field(default_factory=ModalDamping)
     broadband: BroadbandLoad = field(default_factory=BroadbandLoad)
     waves: WaveBandLoad = field(default_factory=WaveBandLoad)
     wind: Wind | None = None
     sea: Sea | None = None
-    rotor: Rotor = field(default_factory=Rotor)  # where a stage makes it turn
-    stages: tuple[ScheduleStep, ...] = ()  # of weather and operation
+    rotor: Rotor = field(default_factory=Rotor)
+    """Forces of the rotor while a step makes it turn."""
+
+    stages: tuple[ScheduleStep, ...] = ()
+    """Stages of weather and operation."""
+
     foundation: FoundationSchedule = field(default_factory=FoundationSchedule)
     tide: Tide = field(default_factory=Tide)
-    structure: str = ""  # a description that differs from the updater's; empty: the same
-    transient: float = 600.0  # simulated from rest and dropped before the first sample [s]
-    sampling_rate: float = 40.0  # [Hz]
-    block_duration: float = 1.0  # [s]
-    noise_share: float = 0.03  # of each channel's rms by linear theory, white [-]
+    structure: str = ""
+    """A description that differs from the updater's; empty: the same."""
+
+    transient: float = 600.0
+    """Time simulated from rest and dropped before the first sample [s]."""
+
+    sampling_rate: float = 40.0
+    """Sampling rate [Hz]."""
+
+    block_duration: float = 1.0
+    """Block duration [s]."""
+
+    noise_share: float = 0.03
+    """White noise as a share of each channel's rms by linear theory [-]."""
+
     instruments: Instruments = field(default_factory=Instruments)
     faults: tuple[Fault, ...] = ()
-    units: tuple[UnitSettings, ...] = ()  # acquisition units; empty: one reads every channel
-    scada_period: float = 0.0  # between two SCADA samples [s]; 0: there are none
-    quantisation_step: float = 2.0**-12  # [m/s²]: 16 bits over ±8 m/s²; 0: no converter
-    start_ns: int = 1_767_225_600 * NANOSECONDS  # sensor clock at the first sample: 2026-01-01
-    session: str = ""  # empty: "simulated-" and the seed
-    tube_refinement: int = 2  # elements in each of the description's tubes
+    units: tuple[UnitSettings, ...] = ()
+    """Acquisition units; empty: one reads every channel."""
+
+    scada_period: float = 0.0
+    """Time between two SCADA samples [s]; 0: there are none."""
+
+    quantisation_step: float = 2.0**-12
+    """Quantisation step [m/s²]: 16 bits over ±8 m/s²; 0: no converter."""
+
+    start_ns: int = 1_767_225_600 * NANOSECONDS
+    """Sensor clock at the first sample: 2026-01-01."""
+
+    session: str = ""
+    """Name of the session; empty: "simulated-" and the seed."""
+
+    tube_refinement: int = 2
+    """Elements in each of the description's tubes."""
 
     def __post_init__(self) -> None:
         for name in ("duration", "sampling_rate", "block_duration"):

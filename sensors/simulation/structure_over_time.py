@@ -32,11 +32,20 @@ WIND_STEP = 0.25  # of the mean wind that damps [m/s]
 class _Condition:
     """What the structure depends on."""
 
-    factors: tuple[float, float, float]  # of k11, k22, k12 [-]
-    level: float  # of the water [m]
-    wind_speed: float  # [m/s]
-    slope: float  # dT/dV of the turning rotor [N·s/m]
-    running: bool  # blades at fine pitch
+    factors: tuple[float, float, float]
+    """Factors of k11, k22, k12 [-]."""
+
+    level: float
+    """Level of the water [m]."""
+
+    wind_speed: float
+    """Wind speed [m/s]."""
+
+    slope: float
+    """dT/dV of the turning rotor [N·s/m]."""
+
+    running: bool
+    """Blades at fine pitch."""
 
     def is_near(self, other: "_Condition") -> bool:
         change = np.abs(np.array(self.factors) / np.array(other.factors) - 1.0).max()
@@ -103,7 +112,7 @@ class ChangingStructure:
         return self._wind is None and not changes
 
     def at(self, time: float, motion: float = 0.0) -> DampedSystem:
-        """The structure at a time [s] under a motion of the mudline, rms [m]."""
+        """Return the structure at a time [s] under a motion of the mudline, rms [m]."""
         condition = self._condition(time, motion)
         if self._solution is None or not condition.is_near(self._solution[0]):
             self._solution = (condition, self._system(condition))

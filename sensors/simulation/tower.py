@@ -51,9 +51,14 @@ CHUNKS_AHEAD = 8  # of each load: a wind or a sea is drawn ten chunks at once me
 class SensedModes:
     """The simulated structure's modes in free motion, as the accelerometers read them."""
 
-    frequencies: FloatArray  # |λ| / 2π, rising, (n_modes,) [Hz]
-    damping_ratios: FloatArray  # (n_modes,) [-]
-    shapes: NDArray[np.complex128]  # (n_modes, n_channels), of any scale and phase
+    frequencies: FloatArray
+    """|λ| / 2π, rising, (n_modes,) [Hz]."""
+
+    damping_ratios: FloatArray
+    """Damping ratios, (n_modes,) [-]."""
+
+    shapes: NDArray[np.complex128]
+    """Shapes, (n_modes, n_channels), of any scale and phase."""
 
 
 class SimulatedTower:
@@ -104,7 +109,7 @@ class SimulatedTower:
         return self._springs
 
     def truth_at(self, time: float) -> FoundationSprings:
-        """The stiffness at a time [s] without the softening by motion."""
+        """Return the stiffness at a time [s] without the softening by motion."""
         k11, k22, k12 = (self._springs.stiffness * self.course.stiffness_factors(time)).tolist()
         return FoundationSprings(k11, k22, k12, sign=self._springs.sign)
 
@@ -121,7 +126,8 @@ class SimulatedTower:
     @property
     def sensed_modes(self) -> SensedModes:
         """Every mode at the first sample as the instruments feel it: the truth of the
-        identification, with the air's damping and the axes as they were mounted."""
+        identification, with the air's damping and the axes as they were mounted.
+        """
         system = self.system
         shapes = system.readings
         if self._axes is not None:
@@ -135,7 +141,14 @@ class SimulatedTower:
     def messages(self) -> Iterator[AccelerationBlock | ScadaSample]:
         """Blocks as the link brings them, and SCADA samples, each before the block that it is of.
 
-        Raises FaultError for a fault on a channel that the layout has not.
+        Returns
+        -------
+        Iterator[AccelerationBlock or ScadaSample]
+
+        Raises
+        ------
+        FaultError
+            For a fault on a channel that the layout has not.
         """
         settings = self.settings
         blocks: Iterator[AccelerationBlock] = iter(self)
@@ -173,7 +186,7 @@ class SimulatedTower:
             )
 
     def samples(self) -> Iterator[NDArray[np.float32]]:
-        """The session's samples as the converter gives them, in pieces of any length.
+        """Yield the session's samples as the converter gives them, in pieces of any length.
 
         Each (n, n_channels) [m/s²].
         """
@@ -197,11 +210,18 @@ class SimulatedTower:
         return np.array([self.course.figure("yaw", time) for time in times.tolist()])
 
     def readings(self, duration: float | None = None) -> Iterator[FloatArray]:
-        """What perfect accelerometers read at the sampling rate, from rest.
+        """Yield what perfect accelerometers read at the sampling rate, from rest.
 
-        duration   that is needed at least [s]; None: without end
-        yields     (n, n_channels) [m/s²]; where the axes turn against the nacelle, readings in x
-                   and then in y of the nacelle at every channel's place
+        Parameters
+        ----------
+        duration : float, optional
+            Duration that is needed at least [s]; None: without end.
+
+        Yields
+        ------
+        ndarray, shape (n, n_channels)
+            [m/s²]; where the axes turn against the nacelle, readings in x and then in y of the
+            nacelle at every channel's place.
         """
         response = self.response()
         decimator = Decimator(self.settings.decimation, response.n_channels)
@@ -228,7 +248,10 @@ class SimulatedTower:
                 yield np.concatenate(parts, axis=1)
 
     def response(self) -> AccelerationResponse | DampedResponse:
-        """The integrator, at rest; modes one by one where nothing couples or changes them."""
+        """Return the integrator, at rest.
+
+        Modes one by one where nothing couples or changes them.
+        """
         if self._structure.is_simple:
             return AccelerationResponse(self._structure.observed, self._rate)
         return DampedResponse(self._structure.at(-self.settings.transient), self._rate)
@@ -236,8 +259,15 @@ class SimulatedTower:
     def readings_per_mode(self, frequencies: FloatArray) -> NDArray[np.complex128]:
         """Reading of each channel per unit harmonic force in each of `modes`, before decimation.
 
-        frequencies   (n_frequencies,) [Hz]
-        returns       (n_frequencies, n_channels, n_modes) [m/s² per N/kg^½]
+        Parameters
+        ----------
+        frequencies : ndarray, shape (n_frequencies,)
+            Frequencies [Hz].
+
+        Returns
+        -------
+        ndarray, shape (n_frequencies, n_channels, n_modes)
+            [m/s² per N/kg^½].
         """
         response = AccelerationResponse(self._structure.observed, self._rate)
         return response.frequency_response(frequencies)
@@ -246,9 +276,18 @@ class SimulatedTower:
         """One-sided spectral density of the readings by linear theory, without noise, at the
         beginning; axes as for `readings`.
 
-        frequencies   up to half the sampling rate, (n_frequencies,) [Hz]
-        returns       (n_frequencies, n_channels) [(m/s²)²/Hz]
+        Parameters
+        ----------
+        frequencies : ndarray, shape (n_frequencies,)
+            Up to half the sampling rate [Hz].
 
+        Returns
+        -------
+        ndarray, shape (n_frequencies, n_channels)
+            [(m/s²)²/Hz].
+
+        Notes
+        -----
             S_y(f) = Σ_l H_l(f) S_l(f) H_l(f)ᴴ |D(f)|²,   H the recursion's own response, D the
             filter's, S_l the cross-spectrum of the linear part of load l
         """
@@ -297,7 +336,10 @@ def resonance_grid(modes: StructureModes, highest_frequency: float) -> FloatArra
 def in_time(
     samples: Iterator[ScadaSample], blocks: Iterator[AccelerationBlock]
 ) -> Iterator[AccelerationBlock | ScadaSample]:
-    """Both streams in one; a SCADA sample comes before the block during which it was taken."""
+    """Yield both streams in one.
+
+    A SCADA sample comes before the block during which it was taken.
+    """
     waiting = next(samples, None)
     for block in blocks:
         while waiting is not None and waiting.time_ns < block.end_ns:

@@ -31,15 +31,28 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(4)  # exact for the cubics a
 class PileInSoil:
     """A uniform pile below the mudline in soil whose stiffness grows with depth."""
 
-    length: float  # embedded [m]
-    bending_rigidity: float  # EI [N·m²]
-    soil_gradient: float  # n_h [N/m³]
+    length: float
+    """Embedded length [m]."""
+
+    bending_rigidity: float
+    """EI [N·m²]."""
+
+    soil_gradient: float
+    """n_h [N/m³]."""
 
     @classmethod
     def of(cls, description: TurbineDescription) -> "PileInSoil":
-        """The pile that goes on below the lowest tube, in a soil that makes the described k11.
+        """Return the pile that goes on below the lowest tube, in a soil that makes the described
+        k11.
 
-        Raises TurbineError where the description has no embedded length, or no soil does.
+        Returns
+        -------
+        PileInSoil
+
+        Raises
+        ------
+        TurbineError
+            If the description has no embedded length, or no soil does.
         """
         foundation = description.foundation
         if not foundation.embedded_length > 0:
@@ -64,7 +77,14 @@ class PileInSoil:
     def springs(self, scour: float) -> FloatArray:
         """k11 [N/m], k22 [N·m/rad] and the magnitude of k12 [N/rad] at the mudline, (3,).
 
-        scour   depth of the soil that has gone [m]
+        Parameters
+        ----------
+        scour : float
+            Depth of the soil that has gone [m].
+
+        Returns
+        -------
+        ndarray, shape (3,)
         """
         stiffness = self._stiffness(scour)
         below = stiffness[2:, 2:]

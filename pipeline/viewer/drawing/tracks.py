@@ -1,4 +1,4 @@
-"""What is measured and identified over time: accelerations, frequencies, damping ratios."""
+"""Draw what is measured and identified over time: accelerations, frequencies, damping."""
 
 from collections.abc import Sequence
 
@@ -80,7 +80,7 @@ def _direction(mode: Mode, estimate: ModalEstimate, layout: SensorLayout | None)
 def _log_identified_style(
     recording: rr.RecordingStream, path: str, name: str, direction: str
 ) -> None:
-    colour = {"FA": colours.SKY_BLUE, "SS": colours.REDDISH_PURPLE}.get(direction, colours.QUIET)
+    colour = {"FA": colours.SKY_BLUE, "SS": colours.REDDISH_PURPLE}.get(direction, colours.NEUTRAL)
     recording.log(
         path,
         rr.SeriesPoints(

@@ -17,7 +17,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from sensors.arrays import FloatArray
-from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, in_standard_unit
+from sensors.files.table import (
+    EVERYTHING,
+    ChannelTable,
+    FileError,
+    TimeColumn,
+    Wanted,
+    in_standard_unit,
+)
 from sensors.files.text.column_titles import distinct, is_number_title, is_time_title, time_unit
 from sensors.files.text.time_column import Clock, ClockError
 
@@ -26,6 +33,7 @@ logger = logging.getLogger(__name__)
 ColumnKind = Literal["number", "moment", "date", "time of day", "text", "empty"]
 
 EVEN = 1e-3  # a column that rises by steps so much alike is a clock, relative
+RECORD_NUMBER = "rn"  # "unit" of a record counter, whatever its steps: Campbell's TOA5
 FEWEST = 10  # rows from which that can be said
 
 
@@ -34,10 +42,15 @@ class Column:
     """One column of a table, and what its first rows hold."""
 
     name: str
-    unit: str  # "": not said
+    unit: str
+    """Unit; empty: not stated."""
+
     kind: ColumnKind
-    first: Sequence[Any]  # its first values: floats of a number column, texts of others
-    titled: bool = True  # False: it has a number for a name
+    first: Sequence[Any]
+    """Its first values: floats of a number column, texts of others."""
+
+    titled: bool = True
+    """False: it has a number for a name."""
 
     @property
     def title(self) -> str:
@@ -50,9 +63,14 @@ class Columns:
 
     all: tuple[Column, ...]
     channels: tuple[int, ...]
-    clock: tuple[int, ...]  # the time; date and time of day; none
-    rate: float | None = None  # [Hz], where the file says it beside the columns
-    start_ns: int = 0  # of the first sample, likewise; 0: not said
+    clock: tuple[int, ...]
+    """Places of the time: one column, date and time of day, or none."""
+
+    rate: float | None = None
+    """Rate [Hz], where the file says it beside the columns."""
+
+    start_ns: int = 0
+    """Time of the first sample [ns since 1970-01-01 UTC]; 0: not stated."""
 
     @property
     def used(self) -> tuple[int, ...]:
@@ -63,9 +81,19 @@ class Columns:
 def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING) -> Columns:
     """Time, channels, and what is left out: said once a file.
 
-    Raises FileError: no channel; a column that looks like a clock under another name.
+    Returns
+    -------
+    Columns
+
+    Raises
+    ------
+    FileError
+        No channel; a column that looks like a clock under another name.
     """
-    clock = _clock_columns(columns, path)
+    if wanted.time is not None:
+        columns, clock = _stated_clock(columns, wanted.time, path)
+    else:
+        clock = _clock_columns(columns, path)
     times = [i for i, each in enumerate(columns) if i not in clock and _tells_time(each)]
     numbers = [i for i, each in enumerate(columns) if i not in clock and _counts(each)]
     texts = [i for i, each in enumerate(columns) if i not in clock and each.kind == "text"]
@@ -84,6 +112,23 @@ def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERY
     if times:
         told_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
     return Columns(tuple(columns), channels, clock if wanted.stamps else ())
+
+
+def _stated_clock(
+    columns: Sequence[Column], time: TimeColumn, path: Path
+) -> tuple[list[Column], tuple[int, ...]]:
+    """Return the columns, the stated time in its stated unit, and where that time stands."""
+    names = [each.name for each in columns]
+    if time.column not in names:
+        raise FileError(f"{path}: no column {time.column!r} to be the time; {no_such(names)}")
+    place = names.index(time.column)
+    stated = replace(columns[place], unit=time.unit or columns[place].unit)
+    return [*columns[:place], stated, *columns[place + 1 :]], (place,)
+
+
+def no_such(names: Sequence[str]) -> str:
+    """Return what a file has instead of a name that it lacks."""
+    return f"it has {', '.join(names)}"
 
 
 def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
@@ -125,6 +170,8 @@ def _tells_time(column: Column) -> bool:
 
 def _counts(column: Column) -> bool:
     """Whether a column numbers the samples."""
+    if column.unit.lower() == RECORD_NUMBER:
+        return True
     steps = np.diff(np.asarray(column.first[:FEWEST])) if column.kind == "number" else np.zeros(0)
     counted = bool(len(steps)) and bool((steps == 1).all())
     named = is_number_title(column.name) or not column.titled
@@ -153,12 +200,22 @@ def told_once(text: str) -> None:
 def tables_of_columns(
     batches: Iterable[pa.RecordBatch], columns: Columns, path: Path
 ) -> Iterator[ChannelTable]:
-    """The batches of a file as pieces; `times` of all count from the file's first sample.
+    """Yield the batches of a file as pieces; `times` of all count from the file's first sample.
 
-    batches   of the columns `columns.used`
+    Parameters
+    ----------
+    batches : Iterable[pa.RecordBatch]
+        Batches of the columns `columns.used`.
 
-    Raises FileError: a column that holds no numbers, a time that is missing, in an unknown unit,
-    or of no known kind.
+    Yields
+    ------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        A column that holds no numbers, a time that is missing, in an unknown unit, or of no
+        known kind.
     """
     place = {number: i for i, number in enumerate(columns.used)}
     chosen = [columns.all[i] for i in columns.channels]

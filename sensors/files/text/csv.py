@@ -28,16 +28,33 @@ _COUNT = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
 def read_csv(path: Path) -> ChannelTable:
-    """The channels of a text file.
+    """Return the channels of a text file.
 
-    Raises FileError: missing or empty file, fewer than two samples, text where a number should
-    be, only NaN, a time column that ends before it starts, no channel beside the time.
+    Returns
+    -------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        Missing or empty file, fewer than two samples, text where a number should be, only NaN,
+        a time column that ends before it starts, no channel beside the time.
     """
     return whole(csv_pieces(path), path)
 
 
 def csv_pieces(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
-    """The channels of a text file in pieces of some megabytes. Raises FileError as it reads."""
+    """Yield the channels of a text file in pieces of some megabytes.
+
+    Yields
+    ------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        As it reads.
+    """
     head = head_of(path, wanted)
     yield from tables_of_columns(_batches(path, head), head.columns, path)
 

@@ -41,7 +41,7 @@ class DateError(ValueError):
 
 
 def kind_of_text(text: str) -> Kind | None:
-    """Whether a text is a moment, a date or a time of day; None where it is none of them."""
+    """Return whether a text is a moment, a date or a time of day; None where it is none of them."""
     return next((kind for kind, form in _KINDS.items() if form.fullmatch(text.strip())), None)
 
 
@@ -50,12 +50,24 @@ class DateStyle:
     """How the times of one column are written."""
 
     order: Order
-    dated: bool  # False: times of day
+    dated: bool
+    """Whether they have a date; False: times of day."""
+
     zoned: bool
 
     @classmethod
     def of(cls, examples: Sequence[str]) -> "DateStyle":
-        """The style of a column's first texts. Raises DateError: day and month cannot be told."""
+        """Return the style of a column's first texts.
+
+        Returns
+        -------
+        DateStyle
+
+        Raises
+        ------
+        DateError
+            Day and month cannot be told.
+        """
         first = examples[0].strip()
         zoned = re.search(r":\d.*(UTC|GMT|Z|[+-]\d{2}:?\d{2})$", first) is not None
         if kind_of_text(first) == "time of day":
@@ -67,7 +79,15 @@ class DateStyle:
     def nanoseconds(self, texts: pa.Array) -> NDArray[np.int64]:
         """(n,) [ns] since 1970-01-01 UTC, or since midnight.
 
-        Raises pyarrow.ArrowInvalid where one is written in another way.
+        Returns
+        -------
+        ndarray, shape (n,)
+            In [ns].
+
+        Raises
+        ------
+        pyarrow.ArrowInvalid
+            If one is written in another way.
         """
         kind = pa.timestamp("ns", tz="UTC" if self.zoned else None)
         try:

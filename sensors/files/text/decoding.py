@@ -18,7 +18,7 @@ GZIP = b"\x1f\x8b"
 NO_TEXT = {
     b"PK\x03\x04": "an archive or a workbook: unpack it, or save the sheet as CSV",
     b"\xd0\xcf\x11\xe0": "a workbook: save the sheet as CSV",
-    b"MATLAB 5.0": "a MATLAB file of an old version: save it with -v7.3, or as CSV",
+    b"MATLAB 5.0": "MATLAB: name it .mat",
     b"\x89HDF": "HDF5: name it .h5",
     b"TDSm": "TDMS: name it .tdms",
     b"PAR1": "Parquet: name it .parquet",
@@ -30,14 +30,24 @@ _BLANKS = re.compile(r"[ \t]+")
 
 
 def unpacked(path: Path) -> IO[bytes]:
-    """The file's bytes, unzipped where it is a gzip file."""
+    """Return the file's bytes, unzipped where it is a gzip file."""
     with path.open("rb") as file:
         packed = file.read(2) == GZIP
     return cast("IO[bytes]", gzip.open(path, "rb")) if packed else path.open("rb")
 
 
 def encoding_of(beginning: bytes, path: Path) -> str:
-    """How a text is written. Raises FileError for what is no text."""
+    """Return how a text is written.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    FileError
+        For what is no text.
+    """
     for bom, name in (
         (codecs.BOM_UTF8, "utf-8-sig"),
         (codecs.BOM_UTF16_LE, "utf-16"),
@@ -99,7 +109,7 @@ class RewrittenText(io.RawIOBase):
 
 
 def arrow_stream(path: Path, encoding: str, *, blanks: bool) -> Any:
-    """What Arrow reads: the file itself where it is UTF-8."""
+    """Return what Arrow reads: the file itself where it is UTF-8."""
     file = unpacked(path)
     if encoding == "utf-8" and not blanks and not isinstance(file, gzip.GzipFile):
         file.close()

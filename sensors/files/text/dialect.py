@@ -36,6 +36,10 @@ MISSING = frozenset(
         *("#ref!", "#bezug!"),  # of spreadsheets, English and German
     }
 )
+# How a logger formed each value of a column, in a row below the units: Campbell's TOA5.
+STATISTICS = frozenset(
+    {"smp", "avg", "max", "min", "std", "tot", "med", "mom", "tmx", "tmn", "wvc"}
+)
 COMMENT = ("#", "%", "//")
 DELIMITERS = (";", "\t", ",", "|", " ")  # " " stands for blanks of any number
 
@@ -53,16 +57,28 @@ class TextHead:
     encoding: str
     delimiter: str
     decimal_point: str
-    skipped: int  # lines before the first sample
+    skipped: int
+    """Lines before the first sample."""
+
     columns: Columns
-    missing: tuple[str, ...]  # how a cell without a value is written
-    exact_time: bool  # the time has digits that a double does not hold
+    missing: tuple[str, ...]
+    """How a cell without a value is written."""
+
+    exact_time: bool
+    """The time has digits that a double does not hold."""
 
 
 def head_of(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
-    """What a file's beginning tells.
+    """Return what a file's beginning tells.
 
-    Raises FileError: missing, empty or no text; no samples; titles that do not fit the columns.
+    Returns
+    -------
+    TextHead
+
+    Raises
+    ------
+    FileError
+        Missing, empty or no text; no samples; titles that do not fit the columns.
     """
     try:
         with unpacked(path) as file:
@@ -132,8 +148,10 @@ class Form:
         return line.split(self.delimiter)
 
     def titles(self, line: str, count: int) -> list[str] | None:
-        """The cells of a line above `count` columns, if there are so many; a separator at the end
-        of the one or the other does not count."""
+        """Return the cells of a line above `count` columns, if there are so many.
+
+        A separator at the end of the one or the other does not count.
+        """
         if self.delimiter == " ":
             near = re.sub(r"\s+(?=[\[(])", "", line.strip())
             ways = (near.split(), re.split(r"\s{2,}|\t", near))
@@ -162,13 +180,15 @@ class Form:
 class _Row:
     """One line that is neither blank nor a comment."""
 
-    number: int  # counted from 0
+    number: int
+    """Number of the line, counted from 0."""
+
     line: str
     cells: list[str]
     kinds: list[ColumnKind]
 
     def fits(self, kinds: Sequence[ColumnKind]) -> bool:
-        """Whether it is a sample of columns of these kinds."""
+        """Return whether it is a sample of columns of these kinds."""
         return len(self.cells) == len(kinds) and all(
             have in (kind, "empty") or kind == "text" or (kind == "empty" and have != "text")
             for have, kind in zip(self.kinds, kinds, strict=True)
@@ -190,7 +210,9 @@ class _Row:
 class _Above:
     """What stands above the samples."""
 
-    begin: int  # number of the first sample's row
+    begin: int
+    """Number of the first sample's row."""
+
     titles: list[str]
     units: list[str]
 
@@ -238,7 +260,7 @@ class _Beginning:
         units_at = 0
         for i in reversed(range(fit)):
             cells = self._titles_in(rows[i], kinds)
-            if cells is None:
+            if cells is None or _is_statistics_row(cells):
                 continue
             if not units and i and _are_units(cells) and self._titles_in(rows[i - 1], kinds):
                 units, units_at = cells, i + 1
@@ -273,9 +295,12 @@ class _Beginning:
         return cells if cells and any(self.form.kind(cell) == "text" for cell in cells) else []
 
     def _untitled(self, nearest: _Row, fit: int, kinds: Sequence[ColumnKind]) -> int:
-        """Where the samples begin below a row that is neither sample nor titles.
+        """Return where the samples begin below a row that is neither sample nor titles.
 
-        Raises FileError for titles, right above the samples, of which there are too few or many.
+        Raises
+        ------
+        FileError
+            For titles, right above the samples, of which there are too few or many.
         """
         apart = len(self.lines) > nearest.number + 1 and not self.lines[nearest.number + 1].strip()
         if apart or len(nearest.cells) < 2 or _tells_something(nearest):
@@ -331,9 +356,17 @@ def _most(kinds: Sequence[ColumnKind]) -> ColumnKind:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
+    if cells[:2] == ["TS", "RN"]:  # Campbell's TOA5: units of the time stamp and the record counter
+        return True
     said = [cell for cell in cells if cell]
     known = sum(is_unit(cell.strip("[]() ")) or cell[0] + cell[-1] in ("[]", "()") for cell in said)
     return 2 * known >= len(said)
+
+
+def _is_statistics_row(cells: Sequence[str]) -> bool:
+    """Whether a row says how each value was formed: sampled, averaged (Campbell's TOA5)."""
+    stated = [cell.strip().lower() for cell in cells if cell.strip()]
+    return bool(stated) and STATISTICS.issuperset(stated)
 
 
 def _tells_something(row: _Row) -> bool:

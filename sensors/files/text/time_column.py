@@ -58,7 +58,7 @@ class ClockError(ValueError):
 
 
 def known_unit(unit: str) -> str | None:
-    """A unit of time as `SECONDS_PER_UNIT` has it; None where it is none."""
+    """Return a unit of time as `SECONDS_PER_UNIT` has it; None where it is none."""
     plain = unit.strip().lower()
     plain = _SPELLED.get(plain, plain)
     return plain if plain in SECONDS_PER_UNIT else None
@@ -68,15 +68,36 @@ def known_unit(unit: str) -> str | None:
 class Scale:
     """What the numbers of a time column count."""
 
-    seconds: float = 1.0  # [s] per unit of the column
-    origin: int = 0  # in units of the column, at 1970-01-01
-    absolute: bool = False  # since 1970, not since a start
+    seconds: float = 1.0
+    """Length of the column's unit [s]."""
+
+    origin: int = 0
+    """Origin in units of the column, at 1970-01-01."""
+
+    absolute: bool = False
+    """Whether it counts from 1970, not from a start."""
 
     @classmethod
     def of(cls, unit: str, first: float, step: float | None) -> "Scale":
-        """The scale of a column in `unit` ("": not said) that begins at `first`, with a `step`.
+        """Return the scale of a column of numbers.
 
-        Raises ClockError: an unknown unit; a moment that cannot be; seconds that are unlikely.
+        Parameters
+        ----------
+        unit : str
+            Unit of the column; empty: not stated.
+        first : float
+            First number.
+        step : float or None
+            Difference of consecutive numbers; None: unknown.
+
+        Returns
+        -------
+        Scale
+
+        Raises
+        ------
+        ClockError
+            For an unknown unit, a time that is not possible, a step that is no second.
         """
         known = known_unit(unit)
         if known is None:
@@ -126,14 +147,29 @@ class Clock:
 
     title: str
     unit: str = ""
-    start_ns: int = 0  # the file's first stamp [ns since 1970]; 0 where it counts from a start
-    _first: Any = None  # that stamp as the column has it: an int, a float or a Decimal
-    _rows: int = 0  # stamps that were read
+    start_ns: int = 0
+    """The file's first stamp [ns since 1970]; 0 where it counts from a start."""
+
+    _first: Any = None
+    """That stamp as the column has it: an int, a float or a Decimal."""
+
+    _rows: int = 0
+    """Stamps that were read."""
+
     _scale: Scale | None = None
     _style: DateStyle | None = field(default=None)
 
     def seconds(self, column: pa.Array) -> FloatArray:
-        """Seconds since the file's first stamp. Raises ClockError."""
+        """Return seconds since the file's first stamp.
+
+        Returns
+        -------
+        ndarray
+
+        Raises
+        ------
+        ClockError
+        """
         if pa.types.is_dictionary(column.type):
             column = column.dictionary_decode()
         self._require_all(column.is_null())
@@ -222,7 +258,14 @@ def _nanoseconds(column: pa.Array, kind: pa.DataType) -> NDArray[np.int64]:
 def stated_moment_ns(number: int | float, unit: str = "") -> int:
     """[ns since 1970] of a number that says when a file begins; 0 where it counts from no date.
 
-    Raises ClockError: a moment that cannot be.
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    ClockError
+        A moment that cannot be.
     """
     if not np.isfinite(number):
         raise ClockError(f"is {number}; a time is needed")
@@ -231,11 +274,11 @@ def stated_moment_ns(number: int | float, unit: str = "") -> int:
 
 
 def words_of(title: str) -> list[str]:
-    """A title's words in lower case: "Time_ms" gives "time" and "ms"."""
+    """Return a title's words in lower case: "Time_ms" gives "time" and "ms"."""
     return [word for word in re.split(r"[\W\d_]+", title.lower()) if word]
 
 
 def iso(time_ns: int) -> str:
-    """A time in ISO 8601 to the nanosecond."""
+    """Return a time in ISO 8601 to the nanosecond."""
     seconds, rest = divmod(time_ns, NANOSECONDS)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest:09d}"

@@ -117,11 +117,11 @@ def test_modes_lists_table_1_first(pilewatch: Command) -> None:
     assert all(len(mode["shape"]) == 8 for mode in figures)
 
 
-def test_info_tells_what_a_recording_holds(pilewatch: Command, short_recording: Path) -> None:
-    told = pilewatch("info", str(short_recording))
-    assert told.returncode == 0
+def test_info_lists_what_a_recording_holds(pilewatch: Command, short_recording: Path) -> None:
+    result = pilewatch("info", str(short_recording))
+    assert result.returncode == 0
     for word in ("AccelerationBlock", "240", "none", "truth.k11 = 9800000000.0"):
-        assert word in told.stdout
+        assert word in result.stdout
 
 
 def test_a_mistake_ends_the_process_with_code_2_and_no_traceback(tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def test_help_teaches_every_command(pilewatch: Command) -> None:
         assert pilewatch(command, "--help").returncode == 0
 
 
-def test_run_without_a_recording_says_how_to_make_one(pilewatch: Command) -> None:
+def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) -> None:
     complaint = one_line(pilewatch("run"))
     assert "recordings/parked.mcap" in complaint
     assert "pilewatch simulate parked -o recordings/parked.mcap" in complaint
@@ -167,7 +167,7 @@ def test_run_without_a_recording_says_how_to_make_one(pilewatch: Command) -> Non
         (("salvage", ""), "Is a directory"),
         (("describe", "--plot", "."), "cannot write the figure ."),
         (("identify", "a.csv", "--highest-frequency", "nan"), "highest_frequency is nan Hz"),
-        (("identify", "a.csv", "--plot", "gone/a.png"), "there is no folder gone"),
+        (("identify", "a.csv", "--plot", "gone/a.png"), "the folder gone does not exist"),
         (("modes", "--sign", "up"), "published or embedded-pile"),
         (("modes", "--turbine", "gone.toml"), "gone.toml"),
         (("identify", "gone.csv"), "gone.csv"),
@@ -288,15 +288,15 @@ def test_a_folder_that_is_a_file_is_one_line_for_a_node_too(
 ) -> None:
     (tmp_path / "file").write_text("x")
     with closing(ZenohBus(hub(endpoint := free_endpoint()))):
-        told = pilewatch("node", "recorder", "--connect", endpoint, "--out", "file")
-    assert "--out file: File exists; a folder is needed" in one_line(told)
+        result = pilewatch("node", "recorder", "--connect", endpoint, "--out", "file")
+    assert "--out file: File exists; a folder is needed" in one_line(result)
 
 
 def test_a_client_that_knows_no_router_is_one_line(pilewatch: Command) -> None:
     assert "--connect ENDPOINT" in one_line(pilewatch("node", "recorder", "--mode", "client"))
 
 
-def test_a_port_that_is_taken_is_told_before_a_file_is_begun(
+def test_a_port_in_use_is_reported_before_a_file_is_started(
     pilewatch: Command, tmp_path: Path
 ) -> None:
     with socket.socket() as other:
@@ -323,13 +323,13 @@ def test_what_the_disk_refuses_is_one_line_whatever_the_command(
 
 def test_a_number_that_is_no_port_is_one_line_as_it_was_given(pilewatch: Command) -> None:
     for port in ("99999999", "-1"):
-        told = pilewatch("run", "--source", "live", "--metrics", port)
-        assert one_line(told).startswith(f"pilewatch: {port} is no port for the figures")
+        result = pilewatch("run", "--source", "live", "--metrics", port)
+        assert one_line(result).startswith(f"pilewatch: {port} is no port for the figures")
 
 
 def test_shares_of_a_farm_need_processes_of_their_own(pilewatch: Command) -> None:
-    told = pilewatch("run", "--source", "live", "--shards", "4")
-    assert "--shards 4 needs --processes" in one_line(told)
+    result = pilewatch("run", "--source", "live", "--shards", "4")
+    assert "--shards 4 needs --processes" in one_line(result)
 
 
 @pytest.mark.parametrize(
@@ -340,7 +340,7 @@ def test_shares_of_a_farm_need_processes_of_their_own(pilewatch: Command) -> Non
         (("level = 0.0", "level = 500.0"), "level is 500 m; the tower ends at 145 m"),
     ],
 )
-def test_figures_in_other_units_are_told_where_they_stand(
+def test_figures_in_other_units_are_reported_with_their_place(
     pilewatch: Command, change: tuple[str, str], complaint: str
 ) -> None:
     marked = "\ufeff" + pilewatch("describe", "--template").stdout  # as Windows' editors save it

@@ -11,9 +11,9 @@ from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.nodes.node import Node, NodeStatistics
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.runner import NodeThread, run_lock_step, run_workers, with_end
-from pipeline.transport.memory_bus import MemoryBus
 from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import block as acceleration_block
+from tests.pipeline.transport.memory_bus import MemoryBus
 
 
 class Listener:

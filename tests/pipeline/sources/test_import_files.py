@@ -276,7 +276,10 @@ def test_the_template_is_a_layout_that_can_be_filled_in(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", "t,A [m/s2],B [V]\n0,1,2\n1,1,2\n2,1,3\n")
     printed = CliRunner().invoke(app, ["import", str(path), "--template"])
     assert printed.exit_code == 0
-    layout = load_layout(written(tmp_path / "layout.toml", printed.stdout))
+    with pytest.raises(InputError, match="elevation is 0 for all 2 channels; fill in"):
+        load_layout(written(tmp_path / "layout.toml", printed.stdout))
+    filled = printed.stdout.replace("elevation = 0.0 ", "elevation = 41.0 ", 1)
+    layout = load_layout(written(tmp_path / "layout.toml", filled))
     assert [channel.name for channel in layout.channels] == ["A", "B"]
 
 

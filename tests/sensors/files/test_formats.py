@@ -12,16 +12,21 @@ from sensors.files.formats import file_pieces, read_file
 from sensors.files.table import FileError
 from tests.sensors.files.conftest import NAMES, RATE, SAMPLES, SECONDS, START_NS, WRITERS
 
+UNDATED = (".uff", ".outb")  # formats that do not store when the measurement began
+
 
 def test_every_format_gives_the_same_samples_times_and_units(measurement: Path) -> None:
     table = read_file(measurement)
     np.testing.assert_array_equal(table.samples, SAMPLES)
     assert table.times is not None
     np.testing.assert_allclose(table.times, SECONDS, rtol=0, atol=1e-9)
-    assert abs(table.start_ns - START_NS) <= 1
+    assert abs(table.start_ns - (0 if measurement.suffix in UNDATED else START_NS)) <= 1
     assert table.sampling_rate == RATE
     assert table.quantities == ("acceleration", "acceleration")
-    if measurement.suffix == ".mseed":  # knows codes and counts only
+    if measurement.suffix == ".uff":  # knows nodes and directions only
+        assert table.names == ("145+X", "106+X")
+        assert table.units == ("m/s²", "m/s²")
+    elif measurement.suffix == ".mseed":  # knows codes and counts only
         assert table.names == ("OW.T1..BNX", "OW.T1..BNY")
         assert table.units == ("", "")
     else:
@@ -81,7 +86,12 @@ def _assert_one_line(path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("suffix", "module", "extra"),
-    [("h5", "h5py", "hdf5"), ("tdms", "nptdms", "tdms"), ("mseed", "obspy", "miniseed")],
+    [
+        ("h5", "h5py", "hdf5"),
+        ("tdms", "nptdms", "tdms"),
+        ("mseed", "obspy", "miniseed"),
+        ("uff", "pyuff", "uff"),
+    ],
 )
 def test_a_package_that_is_missing_is_named_with_its_extra(
     suffix: str, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -129,7 +139,7 @@ def test_a_long_file_comes_in_pieces_that_join_without_a_seam(
     path = tmp_path / f"measured.{suffix}"
     WRITERS[suffix](path)
     monkeypatch.setattr("sensors.files.text.csv.PIECE_BYTES", 4096)
-    monkeypatch.setattr("sensors.files.parquet.ROWS", 64)
+    monkeypatch.setattr("sensors.files.readers.parquet.ROWS", 64)
     pieces = list(file_pieces(path))
     assert len(pieces) > 3
     assert {piece.start_ns for piece in pieces} == {START_NS}

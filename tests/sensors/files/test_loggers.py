@@ -198,3 +198,38 @@ def test_what_may_be_meant_otherwise_is_one_line(tmp_path: Path, text: str, comp
         read_csv(written(tmp_path / "a.csv", text))
     assert str(tmp_path / "a.csv") in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def campbell(i: int) -> str:
+    """Stamps as a Campbell logger writes them: no zeros at the end of a fraction."""
+    return MOMENTS[i].strftime("%Y-%m-%d %H:%M:%S.%f").rstrip("0").rstrip(".")
+
+
+@pytest.mark.parametrize("statistics", ["Smp", "Avg"])
+def test_a_campbell_table_has_units_and_no_channel_of_its_record_counter(
+    tmp_path: Path, statistics: str
+) -> None:
+    head = (
+        '"TOA5","CR6","CR6","1234","CR6.Std.10","CPU:tower.CR6","4567","Fast"\n'
+        '"TIMESTAMP","RECORD","a","b"\n"TS","RN","m/s^2","mg"\n'
+        f'"","","{statistics}","{statistics}"\n'
+    )
+    text = head + rows(lambda i: f'"{campbell(i)}",{i + (i > 3)}')  # a record is missing in between
+    table = read_csv(written(tmp_path / "a.dat", text))
+    assert table.names == ("a", "b")
+    assert table.units == ("m/s²", "m/s²")
+    factors = np.array([1.0, 1e-3 * STANDARD_GRAVITY])
+    np.testing.assert_allclose(table.samples, SAMPLES * factors, rtol=1e-15)
+    assert table.start_ns == START_NS
+    assert table.sampling_rate == pytest.approx(RATE)
+
+
+def test_a_campbell_table_of_unknown_units_has_titles(tmp_path: Path) -> None:
+    head = (
+        '"TOA5","CR6","CR6","1234","CR6.Std.10","CPU:tower.CR6","4567","Fast"\n'
+        '"TIMESTAMP","RECORD","a","b","c"\n"TS","RN","volts","bits","ticks"\n"","","Smp","Smp","Smp"\n'
+    )
+    text = head + rows(lambda i: f'"{campbell(i)}",{i},1.5')
+    table = read_csv(written(tmp_path / "a.dat", text))
+    assert table.names == ("a", "b", "c")
+    assert table.units == ("volts", "bits", "ticks")

@@ -23,10 +23,17 @@ INSTRUMENTS = {"N": "a", "H": "v", "L": "v", "P": "v"}
 
 
 def read_miniseed(path: Path) -> list[Channel]:
-    """The channels of a miniSEED file.
+    """Return the channels of a miniSEED file.
 
-    Raises FileError where it is missing, damaged or holds none, parts of a channel contradict each
-    other, or obspy is not installed.
+    Returns
+    -------
+    list[Channel]
+
+    Raises
+    ------
+    FileError
+        If it is missing, damaged or holds none, parts of a channel contradict each other, or
+        obspy is not installed.
     """
     obspy = needed("obspy", "miniseed", path)
     stream = _read(obspy, existing(path))
@@ -46,7 +53,7 @@ def _read(obspy: Any, path: Path) -> Any:
         try:
             stream = obspy.read(str(path), format="MSEED", check_compression=False)
             cut = import_module("obspy.io.mseed.util").get_record_information(str(path))
-        except Exception as error:  # obspy raises bare Exceptions, and struct's
+        except Exception as error:  # obspy raises bare Exceptions
             reason = " ".join(str(error).split())
             raise FileError(f"{path}: no readable miniSEED file: {reason}") from error
     if cut["excess_bytes"]:

@@ -26,7 +26,17 @@ DAMAGE = (
 
 
 def read_npz(path: Path) -> list[Channel]:
-    """The channels of an NPZ file. Raises FileError where it is missing, damaged or holds none."""
+    """Return the channels of an NPZ file.
+
+    Returns
+    -------
+    list[Channel]
+
+    Raises
+    ------
+    FileError
+        If it is missing, damaged or holds none.
+    """
     if not zipfile.is_zipfile(existing(path)):
         raise FileError(f"{path}: no archive of arrays as np.savez writes it, or cut off")
     try:
@@ -43,7 +53,17 @@ def read_npz(path: Path) -> list[Channel]:
 
 
 def read_npy(path: Path) -> list[Channel]:
-    """The channels of an NPY file. Raises FileError where it is missing, damaged or holds none."""
+    """Return the channels of an NPY file.
+
+    Returns
+    -------
+    list[Channel]
+
+    Raises
+    ------
+    FileError
+        If it is missing, damaged or holds none.
+    """
     existing(path)
     try:
         values = np.load(path, allow_pickle=False)

@@ -24,9 +24,16 @@ DAMAGE = (
 
 
 def read_tdms(path: Path) -> list[Channel]:
-    """The channels of a TDMS file.
+    """Return the channels of a TDMS file.
 
-    Raises FileError where it is missing, damaged or holds none, or npTDMS is not installed.
+    Returns
+    -------
+    list[Channel]
+
+    Raises
+    ------
+    FileError
+        If it is missing, damaged or holds none, or npTDMS is not installed.
     """
     nptdms = needed("nptdms", "tdms", path)
     logging.getLogger("nptdms").setLevel(logging.ERROR)  # a cut file is told below, once

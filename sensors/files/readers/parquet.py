@@ -22,7 +22,17 @@ LOOKED_AT = 60  # of the first rows, to tell what a column is
 
 
 def parquet_pieces(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
-    """The channels of a Parquet file in pieces. Raises FileError as it reads."""
+    """Yield the channels of a Parquet file in pieces.
+
+    Yields
+    ------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        As it reads.
+    """
     try:
         with parquet.ParquetFile(path) as file:
             batches = file.iter_batches(batch_size=ROWS)

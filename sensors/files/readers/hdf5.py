@@ -3,7 +3,7 @@
 Datasets are the arrays; attributes of the file, of a group and of the dataset are its notes, the
 nearest first, and so are datasets of one value or of text; see `named_arrays`. A dataset's
 `scale_factor` (or `scale`), `add_offset` and `_FillValue` are applied as the CF conventions have
-it. MATLAB's files of version 7.3 are HDF5. Needs h5py (extra `hdf5`).
+it. Needs h5py (extra `hdf5`).
 """
 
 from pathlib import Path
@@ -22,9 +22,16 @@ FILL = ("_FillValue", "missing_value")
 
 
 def read_hdf5(path: Path) -> list[Channel]:
-    """The channels of an HDF5 file.
+    """Return the channels of an HDF5 file.
 
-    Raises FileError where it is missing, damaged or holds none, or h5py is not installed.
+    Returns
+    -------
+    list[Channel]
+
+    Raises
+    ------
+    FileError
+        If it is missing, damaged or holds none, or h5py is not installed.
     """
     h5py = needed("h5py", "hdf5", path)
     try:
@@ -34,8 +41,6 @@ def read_hdf5(path: Path) -> list[Channel]:
         raise
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())
-        if path.read_bytes()[:10] == b"MATLAB 5.0":
-            reason = "MATLAB's older format; save it with -v7.3"
         raise FileError(f"{path}: no readable HDF5 file: {reason}") from error
     return channels_of_arrays(arrays, path)
 
