@@ -26,7 +26,7 @@ MOST_VALUES = 5e7  # of a window: ten minutes of eight channels at 10 kHz; in me
 MOST_CHANNELS = 100  # of a unit: the time for a window grows with their square
 REMEMBERED = 600  # blocks whose samples are recognised
 FEWEST_SAMPLES = 10  # of a block that is not like another by chance
-MOST_SESSIONS = 64  # names of sessions whose boots are remembered
+MOST_SESSION_NAMES = 64  # names of sessions whose boots are remembered
 
 # Codes of refusals, as they are counted in a NodeStatus.
 TOO_LARGE = "window-too-large"
@@ -260,7 +260,7 @@ class BlockAdmission:
         name = blocks[0].session
         self.boot = self._boots.pop(name, -1) + 1
         self._boots[name] = self.boot
-        if len(self._boots) > MOST_SESSIONS:
+        if len(self._boots) > MOST_SESSION_NAMES:
             del self._boots[next(iter(self._boots))]
         self._last, self._ended = BlockMark.of(blocks[-1]), False
         self._contents.clear()

@@ -19,10 +19,10 @@ from pipeline.oma.windows.windowing import BlockOrder, MissingSamples, Window
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
-APART = 3600.0  # by which a unit that starts may be ahead of the others [s]
+LARGEST_LEAD = 3600.0  # by which a unit that starts may be ahead of the others [s]
 SILENT = 20  # blocks of each of the other units after which a unit has nothing to say
 
-Piece = AccelerationBlock | MissingSamples
+OrderedPiece = AccelerationBlock | MissingSamples
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ class UnitSession:
         boot = self._boot
         return (UnitOrigin(self._unit, boot.session, boot.number, window.first_sample),)
 
-    def _answers(self, pieces: Iterable[Piece]) -> Iterator[Message]:
+    def _answers(self, pieces: Iterable[OrderedPiece]) -> Iterator[Message]:
         for piece in pieces:
             if isinstance(piece, MissingSamples):
                 yield self._windows.gap(piece, self._unit, self._boot.session)
@@ -271,7 +271,7 @@ class JoinedSession:
         ]
         lead = (block.start_ns - max(others)) / NANOSECONDS if others else 0.0
         if before is None:
-            if lead > APART:
+            if lead > LARGEST_LEAD:
                 self._out.add(block.unit)
         elif block.first_sample >= before.first_sample:
             step = clock_step(stamp_of(before), stamp_of(block), block.sampling_rate)
@@ -305,7 +305,7 @@ class JoinedSession:
             yield from self._taken(blocks[-1], pieces)
         self._joiner.restart(block.unit)
 
-    def _taken(self, block: AccelerationBlock, pieces: Sequence[Piece]) -> Iterator[Message]:
+    def _taken(self, block: AccelerationBlock, pieces: Sequence[OrderedPiece]) -> Iterator[Message]:
         for piece in pieces:
             if isinstance(piece, MissingSamples):
                 yield self._windows.gap(piece, block.unit, block.session)

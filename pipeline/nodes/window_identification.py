@@ -54,8 +54,8 @@ def stabilisation_diagram(
 Columns = dict[str, list[int]]  # which channels are a unit's, of several
 Origins = Callable[[Window], tuple[UnitOrigin, ...]]
 
-MOST_STEPS = 8  # of joined units' clocks that are reported with a window
-CLOCK_DRIFT = 10e-6  # of stamps, beyond which frequencies follow them [-]
+MOST_CLOCK_STEPS = 8  # of joined units' clocks that are reported with a window
+CORRECTED_DRIFT = 10e-6  # of stamps, beyond which frequencies follow them [-]
 
 
 def no_origins(_: Window) -> tuple[UnitOrigin, ...]:
@@ -102,7 +102,7 @@ class WindowIdentification:
 
     def note_step(self, unit: str, step: ClockStep) -> None:
         """Report with the next window that the stamps of a joined unit have stepped."""
-        self._unit_steps = [*self._unit_steps, (unit, step)][-MOST_STEPS:]
+        self._unit_steps = [*self._unit_steps, (unit, step)][-MOST_CLOCK_STEPS:]
 
     def push(self, piece: AccelerationBlock | MissingSamples) -> Iterator[Message]:
         if isinstance(piece, MissingSamples):
@@ -313,7 +313,7 @@ class WindowIdentification:
 
 def drift_of(clock: ClockFit | None) -> float:
     """Drift that is taken out of a window's frequencies [-]; 0 for one that is none."""
-    return clock.drift if clock is not None and clock.exceeds(CLOCK_DRIFT) else 0.0
+    return clock.drift if clock is not None and clock.exceeds(CORRECTED_DRIFT) else 0.0
 
 
 def in_true_time(modes: Sequence[Mode], clock: ClockFit | None) -> tuple[Mode, ...]:

@@ -35,7 +35,7 @@ from sensors.acquisition.blocks import AccelerationBlock
 
 logger = logging.getLogger(__name__)
 
-MOST_FILES = 48  # that are looked through for estimates: two days of an hour each
+MOST_PARTS = 48  # that are looked through for estimates: two days of an hour each
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
@@ -66,7 +66,7 @@ def latest_messages(
     kept: list[Message] = []  # the latest first
     covered: dict[tuple[str, str], float] = {}  # turbine, unit → duration of its blocks [s]
     waited: set[tuple[str, str]] = set()  # units of the newest file that has blocks
-    for file in _newest_first(files)[:MOST_FILES]:
+    for file in _newest_first(files)[:MOST_PARTS]:
         for message in reversed(list(_messages_that_are_whole(file, message_types))):
             unit = (message.turbine, getattr(message, "unit", ""))
             if isinstance(message, AccelerationBlock):
@@ -85,7 +85,7 @@ def latest_estimates(files: Sequence[Path], count: int) -> tuple[ModalEstimate, 
     """The latest estimates of each turbine, so many at most, in the order of recording."""
     kept: list[ModalEstimate] = []  # the latest first
     counts: Counter[str] = Counter()
-    for file in _newest_first(files)[:MOST_FILES]:
+    for file in _newest_first(files)[:MOST_PARTS]:
         for message in reversed(list(_messages_that_are_whole(file, (ModalEstimate,)))):
             counts[message.turbine] += 1
             if isinstance(message, ModalEstimate) and counts[message.turbine] <= count:

@@ -11,11 +11,11 @@ from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
-MEASURED = (SensorLayout, AccelerationBlock, ScadaSample)
+MEASUREMENTS = (SensorLayout, AccelerationBlock, ScadaSample)
 MARGIN = 10.0 + FITTED_STAMPS  # [s] of blocks that a clock's line is fitted to
 
 
 def recorded_past(files: Sequence[Path], settings: OmaSettings) -> tuple[Message, ...]:
     """The samples of an open window, and of one before it that may not have been answered."""
     horizon = 2 * (settings.window_duration + settings.hop) + settings.lateness + MARGIN
-    return latest_messages(files, MEASURED, horizon=horizon)
+    return latest_messages(files, MEASUREMENTS, horizon=horizon)

@@ -37,7 +37,7 @@ from sensors.acquisition.layout import SensorLayout
 logger = logging.getLogger(__name__)
 
 FOLDER = "checkpoints"  # of the updating, inside a session's folder
-TRACKS = "tracks"  # of the identification
+ANSWERS = "tracks"  # of the identification
 KEPT: dict[str, type[Message]] = {
     each.__name__: each
     for each in (

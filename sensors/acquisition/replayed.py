@@ -8,9 +8,9 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
 LATEST_BLOCKS = 1200  # a recorded block may come that many blocks too late: the publisher's cache
-STEP = 0.5  # of stamps against the sample count, beyond which the count is followed [s]
-CLOCK_ERROR = 0.01  # of a converter's rate, at most [-]
-APART = 86_400.0  # between what is recorded one after the other, by sound clocks [s]
+STAMP_STEP = 0.5  # of stamps against the sample count, beyond which the count is followed [s]
+CONVERTER_ERROR = 0.01  # of a converter's rate, at most [-]
+FARTHEST_APART = 86_400.0  # between what is recorded one after the other, by sound clocks [s]
 
 
 class _Source:
@@ -34,7 +34,7 @@ class _Source:
             if abs(time - counted) > tolerance:
                 self._shift += counted - time
                 time = counted
-        elif now is not None and abs(time - now) > APART * NANOSECONDS:
+        elif now is not None and abs(time - now) > FARTHEST_APART * NANOSECONDS:
             self._shift += now - time
             time = now
         elif self._newest is not None and time < self._newest and self._begins(message):
@@ -56,7 +56,7 @@ class _Source:
         since = (message.first_sample - before.first_sample) / before.sampling_rate
         behind = message.sequence < before.sequence
         clock = (message.start_ns - before.start_ns) / NANOSECONDS
-        tolerance = STEP + CLOCK_ERROR * abs(since)
+        tolerance = STAMP_STEP + CONVERTER_ERROR * abs(since)
         if behind and abs(clock - since) > tolerance:
             return None  # the unit has started again
         counted = before.start_ns + self._shift + round(since * NANOSECONDS)

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.oma.windows.unit_clock import CLOCK_ERROR
 from pipeline.oma.windows.windowing import MissingSamples
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import SensorLayout, joined_layout
@@ -27,7 +28,6 @@ GRID_BLOCK = 1.0  # of the joined stream [s]
 LONGEST_HELD = 10_000  # missing samples that are laid out; after more of them a unit begins anew
 RATES_APART = 100.0  # between units that are joined, at most: what reading one on the other costs
 BELOW_GRID = 2.0  # times that the rate of a unit that comes later may be below the grid's
-CLOCK_ERROR = 0.01  # of a converter's rate, at most; stamps that say more say nothing of it
 MOST_SESSIONS = 8  # boots of a unit whose samples are held
 REMEMBERED = 10_000  # grid blocks whose beginnings are known in the units' own counts
 

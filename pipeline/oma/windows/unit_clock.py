@@ -19,7 +19,7 @@ STEP = 0.5  # between two blocks, beyond which stamps have stepped [s]
 CLOCK_ERROR = 0.01  # of a converter's rate, at most [-]
 FEWEST_STAMPS = 20  # that a line is fitted to
 OUTLYING = 5.0  # median deviations beyond which a stamp does not count
-LEAST_SCATTER = 1e-6  # of stamps about the line [s]
+LEAST_STAMP_SCATTER = 1e-6  # of stamps about the line [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ def fit_clock(stamps: Sequence[tuple[int, int]], sampling_rate: float) -> ClockF
     off = np.array([(stamp - stamps[0][1]) / NANOSECONDS for _, stamp in stamps]) - due
     slope, offset = np.polyfit(due, off, 1)
     residual = off - slope * due - offset
-    scale = max(1.4826 * float(np.median(abs(residual - np.median(residual)))), LEAST_SCATTER)
+    scale = max(1.4826 * float(np.median(abs(residual - np.median(residual)))), LEAST_STAMP_SCATTER)
     sound = abs(residual - np.median(residual)) <= OUTLYING * scale
     if 2 < sound.sum() < len(sound):
         slope, offset = np.polyfit(due[sound], off[sound], 1)
