@@ -262,4 +262,5 @@ def node(
     with stop_on_signals() as stopping, open_view(view) as shown:
         if tied:
             stopped_with_parent(stopping)
-        run_node(name, source, replace(options, view=shown.output), stopping, shard)
+        options = replace(options, view=shown.output)
+        run_node(name, source, options, stopping, shard, tied=tied)

@@ -13,6 +13,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
+from pipeline.nodes.node import NodeStatistics
 from pipeline.viewer.outputs.drawing_thread import DirectDrawing, Drawing, DrawingThread
 from pipeline.viewer.outputs.outputs import (
     ConnectedViewer,
@@ -98,6 +99,11 @@ class Viewer:
         for stage in self._drawings:
             stage.take(message)
         return ()
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """It counts nothing of its own."""
+        return NodeStatistics()
 
     def close(self) -> None:
         """Draw what is buffered and close files and viewers; a second call does nothing."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate
-from pipeline.nodes.identification import IdentificationInContext
+from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.runtime.runner import with_end
@@ -94,7 +94,7 @@ def test_a_replay_of_the_parts_gives_the_estimates_of_the_whole_bit_for_bit(
 
 def first_estimate(source) -> ModalEstimate:
     """Of the first window, as the live session would have given it."""
-    node = IdentificationInContext(source.scenario.oma)
+    node = IdentificationNode(source.scenario.oma)
     answers = (answer for message in source.messages() for answer in node.handle(message))
     return next(answer for answer in answers if isinstance(answer, ModalEstimate))
 
