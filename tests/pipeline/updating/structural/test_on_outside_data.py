@@ -12,6 +12,7 @@ from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
+from pipeline.updating.structural.relative_change import relative_springs
 from pipeline.updating.structural.settings import UNCERTAIN
 from pipeline.updating.updater import FoundationUpdater
 from sensors.dynamics.modal_model import ModalModel
@@ -104,3 +105,25 @@ def test_the_updater_publishes_the_joint_posterior_and_goes_on_after_a_restart(
     assert isinstance(second, FoundationPosterior)
     assert isinstance(again, FoundationPosterior)
     np.testing.assert_array_equal(again.draws, second.draws)
+
+
+def test_errors_of_the_structure_cancel_in_springs_relative_to_a_reference(
+    inference: JointInference,
+) -> None:
+    before = truth_of(10)
+    after = replace(before, theta=before.theta * np.array([1.0, 0.9, 1.0]))
+    evidence = []
+    for number, truth in enumerate((before, after)):
+        rng = np.random.default_rng([10, number])
+        seen = ModalEvidence(channels=LAYOUT.channel_names)
+        for estimate in estimates(truth, 3, rng, reported_levels=[0.0] * 3):
+            seen = seen.with_estimate(estimate)
+        evidence.append(seen)
+    fit = inference.fits[0][1]
+    peak = fit.best(evidence[1])
+    assert peak is not None
+    found = relative_springs(fit, *evidence, peak.u)
+    assert found is not None
+    stds = np.sqrt(np.diag(found.covariance))
+    assert stds[1] < 0.04
+    assert abs(found.mean[1] - np.log(0.9)) < 3 * stds[1]
