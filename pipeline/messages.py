@@ -64,6 +64,23 @@ class Mode:
         return np.linalg.norm(self.covariance_factor[2:], axis=1)
 
 
+@dataclass(frozen=True, slots=True)
+class UnitOrigin:
+    """Where a window begins in one acquisition unit's own count of samples: no clock can move it.
+
+    A window's identity is its turbine and the origins of its units.
+    """
+
+    unit: str
+    """Acquisition unit id."""
+    session: str
+    """Session of the unit's blocks."""
+    boot: int
+    """Starts of the unit under that session's name before this one."""
+    first_sample: int
+    """First sample of the window since the start of the unit."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ModalEstimate:
     """The modes identified in one window, lowest frequency first."""
@@ -82,6 +99,7 @@ class ModalEstimate:
     rotor_speed: float = float("nan")  # [rpm]
     yaw: float = float("nan")  # [deg]
     water_level: float = float("nan")  # [m]
+    origins: tuple[UnitOrigin, ...] = ()  # identity of the window; none in older recordings
 
     @property
     def duration(self) -> float:
@@ -117,6 +135,14 @@ class WindowRejected:
     end_ns: int
     code: str  # stable: "gap", "nan", "constant", …
     reason: str  # for people: "gap of 0.4 s in unit tower at 12.0 s"
+    origins: tuple[UnitOrigin, ...] = ()  # identity of the window
+
+
+def same_window(one: ModalEstimate | WindowRejected, other: ModalEstimate | WindowRejected) -> bool:
+    """Whether two answers are of one window: by its identity, in older recordings by its start."""
+    if one.origins and other.origins:
+        return (one.turbine, one.origins) == (other.turbine, other.origins)
+    return (one.turbine, one.start_ns) == (other.turbine, other.start_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +234,7 @@ class FoundationPosterior:
     alternatives: tuple[StructureAlternative, ...] = ()  # likeliest first
     unpredicted_share: float = 0.0  # of the modes, each predicted by the others [-]
     relative: tuple[RelativeStiffness, ...] = ()  # to the period before the last event
+    origins: tuple[UnitOrigin, ...] = ()  # identity of the last window that entered
 
     def parameter(self, name: str) -> ParameterSummary:
         """The parameter of that name; KeyError where there is none."""
@@ -267,6 +294,7 @@ class FoundationEvent:
     changes: tuple[StiffnessChange, ...]  # k11, k22, k12; none for a modal drift
     shifts: tuple[FrequencyShift, ...]  # of every mode seen before and after
     text: str  # one sentence for people
+    origins: tuple[UnitOrigin, ...] = ()  # identity of the window in which it was noticed
 
 
 @dataclass(frozen=True, slots=True)
@@ -331,6 +359,7 @@ class NodeStatus:
     malformed: int = 0  # messages that were dropped: forged, oversized, broken
     recovered: int = 0  # blocks that came when their link was back, from where they were kept
     recorded: int = 0  # of a recorder: blocks in its recording, those of its earlier parts too
+    refused: tuple[MessageCount, ...] = ()  # blocks that were not used, by the reason's code
 
 
 Message = (

@@ -306,8 +306,9 @@ class ModalModel:
         return parameters
 
     def in_water(self, rises: Sequence[float]) -> ModalParameters:
-        """Return the modes at the reference θ with the water risen above the description's level,
-        row by row [m]; on land they stay. See `water_level`.
+        """Return the modes at the reference θ with the water risen above the description's level.
+
+        Row by row [m]; on land the modes stay. See `water_level`.
         """
         still = self.modal(self.theta_reference)
         rows = [
@@ -324,8 +325,7 @@ class ModalModel:
         )
 
     def following(self, theta_reference: ArrayLike) -> "ModalModel":
-        """Return the same modes, followed by overlap from another θ, (3,), instead of the present
-        one.
+        """Return the same modes, followed by overlap from another θ, (3,), than the present one.
 
         Returns
         -------

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Message, NodeStatus
+from pipeline.nodes.node import NodeStatistics
 from pipeline.runtime import runner
 from pipeline.transport.codec import encode
 from pipeline.viewer.outputs import viewer_process
@@ -73,6 +74,7 @@ class Listener:
 
     name = "listener"
     inputs = tuple(kind for kind in Viewer.inputs if kind is not NodeStatus)
+    statistics = NodeStatistics()
 
     def __init__(self) -> None:
         self.received: list[bytes] = []
