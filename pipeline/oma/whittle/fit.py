@@ -65,6 +65,15 @@ def prior_noise(band: NarrowBand) -> FloatArray:
     return np.asarray(PRIOR_SHARE * np.quantile(power, 0.25, axis=0) + 1e-9 * power.mean())
 
 
+def cost_of_background(band: NarrowBand) -> float:
+    """J of a band without any mode."""
+    prior = np.diag(prior_noise(band))
+    total = band.n_together * band.matrices.sum(axis=0).real + PRIOR_LINES * prior
+    n = band.n_lines + PRIOR_LINES
+    _, log_noise = np.linalg.slogdet(total / n)
+    return float(n * (log_noise + len(prior)))
+
+
 def fitted(start: CloseModes, band: NarrowBand) -> Fit:
     """The nearest minimum of J, by Levenberg and Marquardt's damping of Fisher scoring."""
     prior = prior_noise(band)

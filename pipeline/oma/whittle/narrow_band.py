@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+from scipy import fft, linalg
 
 from sensors.arrays import ComplexArray, FloatArray, IntArray
 
@@ -77,3 +77,28 @@ class WindowSpectrum:
             self.duration,
             self._integrations,
         )
+
+    def second_over_flank(self, frequency: float, half_bandwidth: float) -> float:
+        """Power at a resonance over that beside it, in the direction that has the second most [-].
+
+        A mode alone stands out in one direction, its shape; what surrounds it fills the others as
+        much beside it as at it. 0 where the window ends.
+        """
+        inner, far = 1.5 * half_bandwidth, 8 * half_bandwidth + 10 / self.duration
+        near = 4 * half_bandwidth + 3 / self.duration
+        at = self._mean_matrix(frequency, 0.0, max(inner, 1.5 / self.duration))
+        beside = self._mean_matrix(frequency, near, far)
+        if at is None or beside is None or len(at) < 2:
+            return 0.0
+        beside += 1e-9 * np.trace(beside) * np.eye(len(beside))
+        return float(linalg.eigh(at, beside, eigvals_only=True)[-2])
+
+    def _mean_matrix(self, frequency: float, nearest: float, farthest: float) -> FloatArray | None:
+        """Mean of Re y_k y_kᴴ over the lines whose distance from f is in between [Hz]."""
+        centre, T = frequency * self.duration, self.duration
+        low, high = int(np.ceil(centre - farthest * T)), int(np.floor(centre + farthest * T))
+        numbers = np.arange(max(1, low), min(len(self._lines) - 1, high) + 1)
+        lines = self._lines[numbers[np.abs(numbers - centre) >= nearest * T]]
+        if len(lines) < 1:
+            return None
+        return np.asarray((lines.T @ lines.conj()).real / len(lines))
