@@ -24,6 +24,8 @@ UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's ow
 HIDDEN = 4.0  # second power over flank of a mode that hides another: of 80 single modes none had
 # more than 2.2, of 60 pairs .5 to 2 % apart none less than 10
 MIXED = 0.6  # correlation of two modes' forces beyond which their shapes are doubtful mixtures [-]
+MOST_UNLIKE = 2.5  # ratio of half bandwidths of two modes of a resolved group [-]
+VAGUEST_SHAPE = 0.6  # std of a component of a shape that overlapping modes leave [-]
 ALIKE = 0.8  # MAC of one mode's shapes by poles and by lines [-]
 TINTED = 4.0  # colour of a band whose background moves with its modes: the model does not hold [-]
 WIDEST = 30.0  # ζ f T above which poles have data enough, and a band would hold many modes [-]
@@ -76,6 +78,7 @@ def resolved_by_evidence(
             continue
         kept: Sequence[Mode] = found.modes
         if group.half_bandwidth * duration >= UNRESOLVED:
+            kept = [each for each in kept if _believable(each, group)]
             if len(kept) <= len(inside) or found.mixed > MIXED or abs(found.colour) > TINTED:
                 continue
             kept = [next((m for m in inside if _same(m, each)), each) for each in kept]
@@ -101,14 +104,27 @@ def _suspects(
 ) -> list[Suspect]:
     found = [Suspect(each.frequency, each.damping_ratio) for each in coincident]
     found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
+    seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
+    seen += [Suspect(each.frequency, each.damping_ratio) for each in refused]
     found += [
         each
-        for each in (Suspect(one.frequency, one.damping_ratio) for one in [*modes, *refused])
-        if spectrum.second_over_flank(each.frequency, each.half_bandwidth) > HIDDEN
+        for each in seen
+        if each.half_bandwidth * spectrum.duration < UNRESOLVED
+        or spectrum.second_over_flank(each.frequency, each.half_bandwidth) > HIDDEN
     ]
-    slow = [Suspect(one.frequency, one.damping_ratio) for one in [*modes, *refused]]
-    found += [each for each in slow if each.half_bandwidth * spectrum.duration < UNRESOLVED]
     return [each for each in found if each.half_bandwidth * spectrum.duration < WIDEST]
+
+
+def _believable(mode: Mode, group: Group) -> bool:
+    """Whether a mode may be one of a group that the window resolves: damped as the others, among
+    them, its shape known."""
+    likeness = mode.damping_ratio * mode.frequency / group.half_bandwidth
+    reach = 2.5 * group.half_bandwidth
+    return bool(
+        1 / MOST_UNLIKE < likeness < MOST_UNLIKE
+        and group.low - reach <= mode.frequency <= group.high + reach
+        and mode.shape_std.max() <= VAGUEST_SHAPE
+    )
 
 
 def _same(pole: Mode, mode: Mode) -> bool:
@@ -120,9 +136,7 @@ def _same(pole: Mode, mode: Mode) -> bool:
     return near and modal_assurance_criterion(pole.shape[None], mode.shape[None])[0, 0] > ALIKE
 
 
-def _left_out(
-    poles: Sequence[Mode], kept: Sequence[Mode], group: Group
-) -> list[RefusedMode]:
+def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list[RefusedMode]:
     """Poles of a group that the lines do not need: those farthest from the modes that are kept."""
     if len(poles) <= len(kept):
         return []

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pipeline.messages import Mode, QualityWarning
 from pipeline.oma.band_merging import merged
 from pipeline.oma.close_modes import UNRESOLVED, RefusedMode, resolved_by_evidence
+from pipeline.oma.coincident_pairs import twin_pairs
 from pipeline.oma.data_quality.input_checks import (
     HARMONIC_DAMPING,
     Finding,
@@ -18,6 +19,7 @@ from pipeline.oma.data_quality.input_checks import (
     is_harmonic,
     mended,
 )
+from pipeline.oma.data_quality.missing_samples import filled, on_even_grid
 from pipeline.oma.references import references_among
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
@@ -74,17 +76,21 @@ def identify(
 
     Shapes are in the samples' own units: a channel in g beside one in m/s² reads accordingly.
     Of channels that measure different quantities, they are those of the accelerations.
-    A window with a gap, NaN or a dead channel is rejected, which is a value and no exception.
+    Up to 5 % of missing samples (NaN, or steps of `times`) are filled by prediction. A window that
+    lacks more, or has a dead channel, is rejected, which is a value and no exception.
     Raises OmaSettingsError when the sampling rate is too low for the frequencies asked for, or a
     reference channel is unknown.
     """
     settings = settings or OmaSettings()
     names = channel_names or default_names(samples.shape[1])
     references = references_among(names, settings)
+    gridded = None if times is None else on_even_grid(samples, times, sampling_rate)
+    if gridded is not None:
+        samples, times = gridded
     findings = check_window(samples, sampling_rate, channel_names=names, times=times)
     if rejection_in(findings) is not None:
         return Identification((), (), rejection_in(findings))
-    clean = mended(np.asarray(samples, dtype=np.float64), findings)
+    clean = mended(filled(samples, sampling_rate), findings)
     if times is not None and any(f.code in ("uneven-clock", "sampling-rate") for f in findings):
         clean = evenly_sampled(clean, times)
         sampling_rate = (len(times) - 1) / float(times[-1] - times[0])
@@ -152,8 +158,11 @@ def concluded(
         WindowSpectrum(steady, sampling_rate, integrations),
         settings,
     )
+    alike = _twins_beside(by_band, [*by_evidence.modes, *harmonics])
+    warnings += [_coincident(each) for each in alike]
+    pairs = twin_pairs(alike, steady, sampling_rate, integrations)
     return Identification(
-        by_evidence.modes,
+        tuple(sorted([*by_evidence.modes, *pairs], key=lambda mode: mode.frequency)),
         tuple(warnings),
         diagrams=tuple(band.poles for band in by_band),
         refused=by_evidence.refused,
@@ -170,6 +179,14 @@ def _twins_beside(
         if not any(abs(twins.frequency - f) <= TWINS_PLACE * twins.frequency for f in others):
             found.append(twins)
     return found
+
+
+def _coincident(twins: CoincidentModes) -> QualityWarning:
+    return QualityWarning(
+        "twin-modes",
+        f"two modes near {twins.frequency:.4g} Hz are too alike to be told apart, their shapes mix "
+        "(a structure alike in two directions?): what is known is their mean",
+    )
 
 
 def hardly_damped(mode: Mode) -> bool:
@@ -208,8 +225,8 @@ def why_refused(
     resolved = mode.damping_ratio * mode.frequency * duration >= UNRESOLVED
     if resolved and shape_std > settings.maximum_shape_std:
         return "mixture", (
-            f"shape known to {shape_std:.2g}, {settings.maximum_shape_std:g} is the most: a mixture "
-            "of neighbours"
+            f"shape known to {shape_std:.2g}, {settings.maximum_shape_std:g} is the most: "
+            "a mixture of neighbours"
         )
     bound = float(np.sqrt(mode.damping_ratio / (2 * np.pi * mode.frequency * duration)))
     if relative_std <= AT_BOUND * bound:

@@ -84,7 +84,9 @@ def fitted(start: CloseModes, band: NarrowBand) -> Fit:
         before = state.cost
         gradient, information = state.curvature()
         scale = np.maximum(np.diag(information), 1e-9)
-        step = np.linalg.solve(information + damping * np.diag(scale), -gradient)
+        step: FloatArray = np.asarray(
+            np.linalg.solve(information + damping * np.diag(scale), -gradient), dtype=np.float64
+        )
         moved = stepped(state.modes, _limited(step, modes.n_modes))
         moved = replace(moved, half_widths=np.maximum(moved.half_widths, LEAST_WIDTH))
         proposal = _State(moved, band, prior)
@@ -188,10 +190,10 @@ class _State:
         )
         free = np.ones((m, n_channels), dtype=bool)
         free[np.arange(m), modes.units] = False
-        free = free.ravel()
-        off = across.reshape(len(dq), -1)[:, free]
-        both = shapes.reshape(m * n_channels, -1)[np.ix_(free, free)]
-        gradient = np.concatenate([inner, by_shape.ravel()[free]])
+        chosen = free.ravel()
+        off = across.reshape(len(dq), -1)[:, chosen]
+        both = shapes.reshape(m * n_channels, -1)[np.ix_(chosen, chosen)]
+        gradient = np.concatenate([inner, by_shape.ravel()[chosen]])
         information = np.block([[by_inner, off], [off.T, both]])
         gradient, information = band.n_together * gradient, band.n_together * information
         at = n_inner(m) - 1

@@ -74,14 +74,14 @@ def grouped(suspects: Sequence[Suspect], duration: float) -> list[Group]:
                 continue
         runs.append([suspect])
     return [
-        Group(run[0].frequency, run[-1].frequency, float(np.median([s.half_bandwidth for s in run])))
+        Group(
+            run[0].frequency, run[-1].frequency, float(np.median([s.half_bandwidth for s in run]))
+        )
         for run in runs
     ]
 
 
-def band_of(
-    group: Group, spectrum: WindowSpectrum, others: Sequence[Suspect]
-) -> NarrowBand | None:
+def band_of(group: Group, spectrum: WindowSpectrum, others: Sequence[Suspect]) -> NarrowBand | None:
     """Lines of a group and of what surrounds it, as far as other modes leave it alone.
 
     others   modes outside the group
@@ -127,19 +127,20 @@ def modes_of_group(
     if not fits:
         return None
     best = fits[-1]
-    covariance = np.linalg.pinv(best.information, hermitian=True)
+    covariance: FloatArray = np.asarray(
+        np.linalg.pinv(best.information, hermitian=True), dtype=np.float64
+    )
     modes = {
         place: mode
         for place, mode in enumerate(_modes(best, band, covariance))
         if group.holds(mode.frequency, band.duration)
         and mode.damping_ratio < settings.maximum_damping
+        and best.modes.half_widths[place] > HARMONIC_WIDTH
         and mode.frequency_std < settings.maximum_frequency_std * mode.frequency
     }
     order = sorted(modes, key=lambda place: modes[place].frequency)
     pairs = [
-        (one, other)
-        for one, other in pairwise(order)
-        if _is_pair(best, one, other, covariance)
+        (one, other) for one, other in pairwise(order) if _is_pair(best, one, other, covariance)
     ]
     if len(pairs) == 1:
         ((one, other),) = pairs
@@ -168,7 +169,8 @@ def _as_pair(
     fit: Fit, band: NarrowBand, members: tuple[int, int], modes: dict[int, Mode]
 ) -> tuple[Mode, Mode]:
     """Two entries of a pair of which the plane is known and the axes in it hardly: the axes along
-    which the two shake most and least, the mean frequency, half a line added to its std."""
+    which the two shake most and least, each with the mean frequency of the power along it and half
+    a line added to its std."""
     one, other = (modes[member] for member in members)
     chosen = list(members)
     phi = fit.modes.shapes[:, chosen]
@@ -176,19 +178,22 @@ def _as_pair(
     decay = fit.modes.half_widths[chosen]
     power = (forces / (decay[:, None] + decay[None, :])).real
     values, vectors = np.linalg.eigh(phi @ power @ phi.T)
-    mean = 0.5 * (one.frequency + other.frequency)
-    directions = vectors[:, [-1, -2]] * band.accelerations(mean)[:, None]
+    frequencies = np.array([one.frequency, other.frequency])
+    own_power = np.diag(power)
+    axes = vectors[:, [-1, -2]]
+    weights = (axes.T @ phi) ** 2 * own_power  # of the modes in what shakes along each axis
+    weights /= weights.sum(axis=1, keepdims=True)
+    centres = weights @ frequencies
+    gap = abs(one.frequency - other.frequency)
+    spreads = np.hypot(gap * np.sqrt(weights[:, 0] * weights[:, 1]), 0.5 / band.duration)
+    directions = axes * band.accelerations(float(centres.mean()))[:, None]
     share = float(max(values[-2], 0.0) / values[-1])
     noise = float(np.trace(fit.modes.noise) / len(values) / max(values[-2], 1e-300))
     leader = replace(
         one if one.frequency_std <= other.frequency_std else other,
         shape=directions[:, 0] / directions[np.argmax(np.abs(directions[:, 0])), 0],
     )
-    gap = 0.5 * abs(one.frequency - other.frequency)
-    spread = float(np.hypot(gap, 0.5 / band.duration))
-    partner = Partner(directions[:, 1], share, noise)
-    first, second = joint_pair(leader, mean, spread, partner, 0.5 / band.duration)
-    return first, second
+    return joint_pair(leader, centres, spreads, Partner(directions[:, 1], share, noise))
 
 
 def _as_one_group(modes: Sequence[Mode], places: Sequence[int], duration: float) -> dict[int, Mode]:
@@ -198,8 +203,7 @@ def _as_one_group(modes: Sequence[Mode], places: Sequence[int], duration: float)
     mean = float(np.mean(frequencies))
     spread = float(np.hypot(np.std(frequencies), 0.5 / duration))
     return {
-        place: _spread_about(mode, mean, spread)
-        for place, mode in zip(places, modes, strict=True)
+        place: _spread_about(mode, mean, spread) for place, mode in zip(places, modes, strict=True)
     }
 
 

@@ -28,38 +28,34 @@ class Partner:
 
 
 def joint_pair(
-    leader: Mode, mean: float, spread: float, partner: Partner, resolution: float
+    leader: Mode, frequencies: FloatArray, spreads: FloatArray, partner: Partner
 ) -> tuple[Mode, Mode]:
-    """Two entries that say what is known of a pair: mean frequency, plane, rough axes.
+    """Two entries that say what is known of a pair: frequencies, plane, rough axes.
 
-    leader       with the shape that most of the power belongs to
-    mean         of the two frequencies [Hz]
-    spread       of each about the mean [Hz]
-    resolution   added in quadrature to the partner's [Hz]
+    leader        with the shape that most of the power belongs to
+    frequencies   mean ones of the power along the two axes, (2,) [Hz]
+    spreads       added in quadrature to their std, (2,) [Hz]
 
     Each shape may be turned in the plane towards the other by an angle that is small only when the
     partner's power is: its std is sqrt(power share), which enters as one more column of the factor.
     """
-    pair_id = f"{mean:.4f} Hz"
     turn = min(1.0, float(np.sqrt(partner.power_share)))
     second = partner.shape / partner.shape[np.argmax(np.abs(partner.shape))]
-    first_entry = _entry(
-        leader,
-        mean,
-        leader.shape,
-        towards=turn * second,
-        noise=0.0,
-        frequency_spread=spread,
-        pair_id=pair_id,
-    )
-    second_entry = _entry(
-        leader,
-        mean,
-        second,
-        towards=turn * leader.shape,
-        noise=float(np.sqrt(partner.noise_share)),
-        frequency_spread=float(np.hypot(spread, resolution)),
-        pair_id=pair_id,
+    shapes = (leader.shape, second)
+    towards = (turn * second, turn * leader.shape)
+    noises = (0.0, float(np.sqrt(partner.noise_share)))
+    pair_id = f"{frequencies.mean():.4f} Hz"
+    first_entry, second_entry = (
+        _entry(
+            leader,
+            float(frequencies[place]),
+            shapes[place],
+            towards=towards[place],
+            noise=noises[place],
+            frequency_spread=float(spreads[place]),
+            pair_id=pair_id,
+        )
+        for place in (0, 1)
     )
     return first_entry, second_entry
 

@@ -2,7 +2,12 @@
 
 from pipeline.oma.whittle.fit import Fit, cost_of_background, fitted
 from pipeline.oma.whittle.narrow_band import NarrowBand
-from pipeline.oma.whittle.starts import left_unexplained, strongest, told_apart_by_place, with_another
+from pipeline.oma.whittle.starts import (
+    left_unexplained,
+    strongest,
+    told_apart_by_place,
+    with_another,
+)
 
 NEEDED_EVIDENCE = 3.0  # that a further mode must bring, ln of the Bayes factor [nats]
 

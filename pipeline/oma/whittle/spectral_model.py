@@ -68,7 +68,7 @@ class ModalSpectra:
     values: ComplexArray
     """Q, (n_lines, n_modes, n_modes)."""
     derivatives: ComplexArray
-    """By ν, ln b of each mode, then by C's parameters and c, (n_inner, n_lines, n_modes, n_modes)."""
+    """By ν, ln b of each mode, C's parameters and c, (n_inner, n_lines, n_modes, n_modes)."""
 
 
 def leaked(sigma: ComplexArray) -> tuple[ComplexArray, ComplexArray]:

@@ -74,7 +74,12 @@ def told_apart_by_place(
     powers = np.einsum("ij,kil,lj->kj", turn, inside, turn).real
     shapes = basis @ turn
     modes = CloseModes(
-        np.empty(0), np.empty(0), np.empty((len(basis), 0)), np.empty((0, 0), complex), COLOUR, noise
+        np.empty(0),
+        np.empty(0),
+        np.empty((len(basis), 0)),
+        np.empty((0, 0), complex),
+        COLOUR,
+        noise,
     )
     window = np.ones(2 * _reach(band, half_width) + 1)
     for power, shape in zip(powers.T, shapes.T, strict=True):
