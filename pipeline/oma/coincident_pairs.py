@@ -1,4 +1,4 @@
-"""Two modes of one frequency as two entries of one pair: the plane that they span, and their mean."""
+"""Two modes of one frequency as two entries of a pair: the plane that they span, and their mean."""
 
 from collections.abc import Sequence
 
