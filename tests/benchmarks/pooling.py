@@ -1,8 +1,8 @@
 """Pooling against an oracle: `python -m tests.benchmarks pooling [--farms 40 40 10] [--seed 7001]`.
 
 Farms are drawn: ln k11, ln k22, ln k12 of each turbine independent with one spread. What a
-turbine's windows show is a Gaussian about its truth in the pooling's coordinates, with a covariance of a
-library: those of 24 posteriors of drawn modal estimates, as `_farm_pooling` draws them.
+turbine's windows show is a Gaussian about its truth in the pooling's coordinates, with a covariance
+of a library: those of 24 posteriors of drawn modal estimates, as `_farm_pooling` draws them.
 
 gain     the rms error's fall against each turbine alone
 oracle   knows the farm's mean and spread
