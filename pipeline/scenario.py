@@ -5,8 +5,10 @@ name does. The text of the scenario is stored in every recording, so that any re
 run again.
 """
 
+import json
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
@@ -17,16 +19,32 @@ import numpy as np
 from pipeline.nodes.operating_state import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
-from pipeline.updating.population import StiffnessPopulation, load_population
+from pipeline.updating.population import (
+    StiffnessPopulation,
+    load_population,
+    population_from_json,
+)
+from pipeline.updating.prior import UpdatingError
 from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.structural.settings import (
+    UNCERTAIN,
+    StructureSettings,
+    structure_settings,
+)
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
-from sensors.settings import settings_from_table
+from sensors.settings import NO_KEY, settings_from_table
 from sensors.simulation.tower import SimulationSettings
-from sensors.structure.description import TurbineDescription, load_turbine
+from sensors.structure.description import (
+    SHIPPED,
+    TurbineDescription,
+    load_turbine,
+    parse_turbine,
+)
 from sensors.structure.foundation import positive_definite
 
 DEFAULT_SCENARIO = "parked"
+MODES_ONLY = "modes-only"  # the shipped scenario of a structure of which no model is given
 NO_STRUCTURE = "none"  # as `[turbine] description`: modes are tracked, nothing is updated
 
 
@@ -38,9 +56,14 @@ class ScenarioError(InputError):
 class TurbineSettings:
     """Which structure is watched, and under what name its messages travel."""
 
-    id: str = "iea15mw"  # in every key and message
-    description: str = "iea15mw_monopile"  # a shipped one, a path to one's own, or "none"
-    springs_sign: Literal["published", "embedded-pile"] | None = None  # None: as described
+    id: str = "iea15mw"
+    """Name of the turbine in every key and message."""
+
+    description: str = "iea15mw_monopile"
+    """Structure: a shipped one, a path to one's own, or "none"."""
+
+    springs_sign: Literal["published", "embedded-pile"] | None = None
+    """Sign convention of k12; None: as the description has it."""
 
     def __post_init__(self) -> None:
         if not self.id or any(letter in self.id for letter in "/*$#? "):
@@ -56,34 +79,35 @@ class SensorSettings:
 
     unit: str = "tower"
     layout_id: str = "tower-1"
-    elevations: tuple[float, ...] = (41.0, 80.0, 106.0, 145.0)  # above mean water level [m]
+    elevations: tuple[float, ...] = (41.0, 80.0, 106.0, 145.0)
+    """Elevations above mean water level [m]."""
+
     coupling: Coupling = "dc"
-    corner_frequency: float = 0.0  # of AC-coupled ones [Hz]
-
-
-@dataclass(frozen=True, slots=True)
-class FlowSettings:
-    """How fast a replay may run ahead of the nodes."""
-
-    unacknowledged_blocks: int = 120  # published but not yet reported as handled by every node
+    corner_frequency: float = 0.0
+    """Corner frequency of AC-coupled ones [Hz]."""
 
 
 @dataclass(frozen=True, slots=True)
 class FarmMember:
-    """What is a turbine's own where the scenario says otherwise for all; "" and () for the same."""
+    """Values of one turbine that differ from the scenario's; "" and () keep the scenario's."""
 
-    number: int | None = None  # from 1; None: its place in the list
+    number: int | None = None
+    """Number from 1; None: its place in the list."""
+
     id: str = ""
     description: str = ""
     springs_sign: Literal["published", "embedded-pile"] | None = None
     unit: str = ""
     layout_id: str = ""
-    elevations: tuple[float, ...] = ()  # above mean water level [m]
+    elevations: tuple[float, ...] = ()
+    """Elevations above mean water level [m]."""
+
     stiffness: tuple[float, float, float] = (
         1.0,
         1.0,
         1.0,
-    )  # its true springs, times the drawn ones
+    )
+    """Factors of its true springs k11, k22, k12, times the drawn ones [-]."""
 
     def __post_init__(self) -> None:
         if not min(self.stiffness) > 0:
@@ -92,11 +116,17 @@ class FarmMember:
 
 @dataclass(frozen=True, slots=True)
 class FarmSettings:
-    """Several turbines alike but for their foundations, and for what `members` says of some."""
+    """Several turbines alike but for their foundations, and for what `members` sets for some."""
 
-    turbines: int = 1  # as many as members at least
-    spread: float = 0.0  # of the true springs about the scenario's, uniform, relative [-]
-    log_std: float = 0.0  # of their logarithms, Gaussian and independent [-]
+    turbines: int = 1
+    """Number of turbines; `members` may make it larger."""
+
+    spread: float = 0.0
+    """Spread of the true springs about the scenario's, uniform, relative [-]."""
+
+    log_std: float = 0.0
+    """Standard deviation of the logarithms of the true springs, Gaussian, independent [-]."""
+
     members: tuple[FarmMember, ...] = ()
 
     def __post_init__(self) -> None:
@@ -121,7 +151,7 @@ class FarmSettings:
         return max(self.turbines, *(number for number, _ in self._numbered), 1)
 
     def member(self, number: int) -> FarmMember:
-        """What is said of the turbine of that number, from 1."""
+        """Return the values of the turbine of that number, from 1."""
         return dict(self._numbered).get(number, FarmMember())
 
 
@@ -140,10 +170,15 @@ class Scenario:
     updating: UpdatingSettings = field(default_factory=UpdatingSettings)
     operation: OperationSettings = field(default_factory=OperationSettings)
     farm: FarmSettings = field(default_factory=FarmSettings)
-    flow: FlowSettings = field(default_factory=FlowSettings)
     recording: RecordingSettings = field(default_factory=RecordingSettings)
-    text: str = ""  # the file as it was read
-    origin: str = DEFAULT_SCENARIO  # shipped name or path, as the person gave it
+    text: str = field(default="", metadata=NO_KEY)
+    """The file as it was read."""
+
+    origin: str = field(default=DEFAULT_SCENARIO, metadata=NO_KEY)
+    """Shipped name or path, as the person gave it."""
+
+    files: tuple[tuple[str, str], ...] = field(default=(), metadata=NO_KEY)
+    """(path, text) of each file that the scenario names, from a recording."""
 
     @property
     def layout(self) -> SensorLayout:
@@ -159,12 +194,18 @@ class Scenario:
 
     @property
     def population(self) -> StiffnessPopulation | None:
-        """What a farm says of this turbine's springs; None where `[updating] population` is none.
+        """Population of the farm for this turbine's springs; None without `[updating] population`.
 
-        Raises UpdatingError for a file that cannot be read or is none.
+        Raises
+        ------
+        UpdatingError
+            For a file that cannot be read or is none.
         """
         file = self.updating.population
-        return load_population(Path(file)) if file else None
+        if not file:
+            return None
+        stored = dict(self.files).get(file)
+        return load_population(Path(file)) if stored is None else population_from_json(stored, file)
 
     @property
     def has_structure(self) -> bool:
@@ -175,7 +216,10 @@ class Scenario:
     def structure(self) -> TurbineDescription:
         """The turbine's description with the scenario's sign convention of k12.
 
-        Raises ScenarioError where there is none.
+        Raises
+        ------
+        ScenarioError
+            If there is none.
         """
         if not self.has_structure:
             raise ScenarioError(
@@ -183,23 +227,32 @@ class Scenario:
                 f'"{NO_STRUCTURE}"), which this needs: a shipped one or a file by '
                 "`pilewatch describe --template`"
             )
-        described = load_turbine(self.turbine.description)
+        name = self.turbine.description
+        stored = dict(self.files).get(name)
+        described = load_turbine(name) if stored is None else parse_turbine(stored, source=name)
         if self.turbine.springs_sign is None:
             return described
         return described.with_sign(self.turbine.springs_sign)
 
 
 def shipped_scenarios() -> tuple[str, ...]:
-    """Names of the scenarios inside the package."""
+    """Return names of the scenarios inside the package."""
     folder = resources.files("pipeline") / "scenarios"
     return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml")))
 
 
 def load_scenario(name_or_path: str) -> Scenario:
-    """A shipped scenario by name, or one's own by path.
+    """Return a shipped scenario by name, or one's own by path.
 
-    Raises ScenarioError: no such scenario, not TOML, an unknown key or a wrong value (the message
-    names file, section and key).
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ScenarioError
+        No such scenario, not TOML, an unknown key or a wrong value (the message names file,
+        section and key).
     """
     if name_or_path in shipped_scenarios():
         shipped = resources.files("pipeline") / "scenarios" / f"{name_or_path}.toml"
@@ -220,22 +273,59 @@ def load_scenario(name_or_path: str) -> Scenario:
 
 
 def scenario_from_text(text: str, origin: str) -> Scenario:
-    """The scenario that a TOML text describes; `origin` names it in errors."""
+    """Return the scenario that a TOML text describes; `origin` names it in errors."""
     try:
         table: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
-    for key in ("text", "origin"):  # ours, not the file's
-        if key in table:
-            raise ScenarioError(f"{origin}: unknown key {key!r}")
+    return _scenario_from_table(table, text, origin)
+
+
+def _scenario_from_table(table: dict[str, Any], text: str, origin: str) -> Scenario:
+    _check_updating(table.get("updating"), origin)
+    structure = table.pop("structure", None)
     table.setdefault("name", Path(origin).stem)
-    return settings_from_table(Scenario, table | {"text": text}, origin, ScenarioError)
+    scenario = replace(settings_from_table(Scenario, table, origin, ScenarioError), text=text)
+    return with_structure(scenario, _structure(structure, origin))
+
+
+def _structure(table: Any, origin: str) -> StructureSettings:
+    """Section [structure]; without it every figure is uncertain."""
+    if table is None:
+        return UNCERTAIN
+    try:
+        return structure_settings(table, f"{origin} [structure]")
+    except UpdatingError as error:
+        raise ScenarioError(str(error)) from error
+
+
+def _check_updating(table: Any, origin: str) -> None:
+    if isinstance(table, Mapping) and "uncertain" in table:
+        raise ScenarioError(
+            f"{origin} [updating.uncertain]: figures of the structure now stand in "
+            "[structure.uncertain], each with a default; steel_modulus, rna_mass and added_mass "
+            "keep their names"
+        )
+    if isinstance(table, Mapping) and "structure" in table:
+        raise ScenarioError(f"{origin} [updating]: unknown key 'structure'; it is a section")
+
+
+def with_structure(scenario: Scenario, structure: StructureSettings) -> Scenario:
+    """Return the scenario with other figures of the structure uncertain."""
+    return replace(scenario, updating=replace(scenario.updating, structure=structure))
+
+
+def modes_only(turbine: str) -> Scenario:
+    """Return the scenario of a turbine without a structural model: modes are tracked, no more."""
+    scenario = load_scenario(MODES_ONLY)
+    text = scenario.text.replace(f'id = "{scenario.turbine.id}"', f'id = "{turbine}"')
+    return replace(scenario_from_text(text, f"{MODES_ONLY}.toml"), origin=MODES_ONLY)
 
 
 def with_overrides(
     scenario: Scenario, *, duration: float | None = None, seed: int | None = None
 ) -> Scenario:
-    """The scenario with another duration of its simulation [s] or another seed."""
+    """Return the scenario with another duration of its simulation [s] or another seed."""
     simulation = scenario.simulation
     if duration is not None:
         simulation = replace(simulation, duration=duration)
@@ -243,7 +333,9 @@ def with_overrides(
 
 
 def farm_members(scenario: Scenario) -> tuple[Scenario, ...]:
-    """The scenario of each turbine: an id, a seed and, about the scenario's, a truth of its own.
+    """Return the scenario of each turbine.
+
+    An id, a seed and, about the scenario's, a truth of its own.
 
     A farm of one is the scenario itself. Truths that are not positive definite are drawn again.
     """
@@ -305,26 +397,123 @@ def _true_ratios(
 
 
 def with_sampler(scenario: Scenario, method: str) -> Scenario:
-    """The scenario with another sampler of the posterior. Raises UpdatingError."""
+    """Return the scenario with another sampler of the posterior.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    UpdatingError
+    """
     sampling = replace(scenario.updating.sampling, method=method)  # type: ignore[arg-type]
     return replace(scenario, updating=replace(scenario.updating, sampling=sampling))
 
 
 def scenario_metadata(scenario: Scenario) -> dict[str, str]:
-    """What a recording stores of its scenario: enough to make the same scenario again."""
-    return {
+    """Return what a recording stores of its scenario: enough to make the same scenario again.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The scenario of the run.
+
+    Returns
+    -------
+    dict of str to str
+        Name, seed, duration, whether the structure is exact, the TOML text, and, where the
+        scenario names files of one's own (descriptions, a population), their texts under `files`
+        as JSON.
+    """
+    metadata = {
+        "structure": "exact" if scenario.updating.structure.exact else "uncertain",
         "name": scenario.name,
         "seed": str(scenario.seed),
         "duration": repr(scenario.simulation.duration),
         "toml": scenario.text,
     }
+    files = _named_files(scenario)
+    return metadata | ({"files": json.dumps(files, ensure_ascii=False, indent=1)} if files else {})
+
+
+def _named_files(scenario: Scenario) -> dict[str, str]:
+    """Return the texts of the files that a scenario names, those it brings along first."""
+    names = [
+        scenario.turbine.description,
+        *(member.description for member in scenario.farm.members),
+        scenario.simulation.structure,
+        scenario.updating.population,
+    ]
+    found = dict(scenario.files)
+    for name in names:
+        if name and name not in (*SHIPPED, NO_STRUCTURE) and name not in found:
+            with suppress(OSError, UnicodeDecodeError):  # who needs the file reports it
+                found[name] = Path(name).read_text(encoding="utf-8-sig")
+    return found
+
+
+# Keys of earlier versions that are constants now; recordings may have them.
+REMOVED_KEYS = (
+    "flow",
+    "simulation.seed",
+    "simulation.start_ns",
+    "simulation.session",
+    "simulation.broadband.highest_frequency",
+    "simulation.waves.peak_period",
+    "simulation.waves.peak_enhancement",
+    "simulation.waves.highest_frequency",
+    "simulation.sea.peak_enhancement",
+    "simulation.sea.highest_frequency",
+    "simulation.rotor.side_share",
+    "simulation.rotor.damping_share",
+    "simulation.wind.air_density",
+    "simulation.wind.tower_drag",
+    "simulation.wind.nacelle_drag",
+    "simulation.wind.blade_drag",
+    "simulation.wind.blade_lift_slope",
+    "simulation.wind.tower_points",
+    "simulation.wind.blade_points",
+)
+
+
+def _without_removed(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return a stored scenario's table without keys that this version no longer has."""
+    return {
+        key: _without_removed(value, f"{prefix}{key}.") if isinstance(value, dict) else value
+        for key, value in table.items()
+        if prefix + key not in REMOVED_KEYS
+    }
 
 
 def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario:
-    """The scenario that a recording was made under."""
-    stored = scenario_from_text(metadata["toml"], origin)
+    """Return the scenario that a recording was made under, with the files that it names.
+
+    Parameters
+    ----------
+    metadata : mapping of str to str
+        What `scenario_metadata` returned.
+    origin : str
+        Where it is stored, for errors.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ScenarioError
+        If the stored text describes no scenario of this version.
+    """
+    text = metadata["toml"]
+    table = tomllib.loads(text)
+    stored = _scenario_from_table(_without_removed(table), text, origin)
+    if "structure" not in metadata and "structure" not in table:
+        # made before there was a choice: its scenario meant the described structure
+        stored = with_structure(stored, StructureSettings(exact=True, stated=False))
+    files = json.loads(metadata.get("files", "{}"))
     return with_overrides(
-        replace(stored, name=metadata["name"]),
+        replace(stored, name=metadata["name"], files=tuple(files.items())),
         duration=float(metadata["duration"]),
         seed=int(metadata["seed"]),
     )

@@ -25,13 +25,19 @@ class Stream:
     """One kind of message on its way through the system."""
 
     message: type
-    key: str  # Zenoh key and MCAP topic; {turbine}, {unit}, {node} are the message's own fields
-    period: float | None = None  # expected between two messages [s]; None: when it happens
-    cached: int = 1  # messages that a late or interrupted subscriber can still get
+    key: str
+    """Zenoh key and MCAP topic; {turbine}, {unit}, {node} are the message's own fields."""
+
+    period: float | None = None
+    """Expected between two messages [s]; None: when it happens."""
+
+    cached: int = 1
+    """Messages that a late or interrupted subscriber can still get."""
+
     recorded: bool = True
 
     def key_of(self, message: Message) -> str:
-        """The key of one message, e.g. pilewatch/iea15mw/tower/acceleration."""
+        """Return the key of one message, e.g. pilewatch/iea15mw/tower/acceleration."""
         fields = {name: getattr(message, name, "") for name in ("turbine", "unit", "node")}
         return self.key.format(**fields)
 
@@ -65,12 +71,12 @@ _BY_MESSAGE = {stream.message: stream for stream in STREAMS}
 
 
 def stream_of(message: type) -> Stream:
-    """The stream on which a message type travels; KeyError for a type not in the table."""
+    """Return the stream on which a message type travels; KeyError for a type not in the table."""
     return _BY_MESSAGE[message]
 
 
 def key_of(message: Message) -> str:
-    """The key on which this message travels."""
+    """Return the key on which this message travels."""
     return stream_of(type(message)).key_of(message)
 
 

@@ -20,17 +20,38 @@ _KINDS = {float: "a number", int: "a whole number", str: "a text", bool: "true o
 def settings_from_table(
     cls: type[T], table: Mapping[str, Any], where: str, error: type[InputError]
 ) -> T:
-    """The dataclass that a table describes; nested dataclasses are sub-tables.
+    """Return the dataclass that a table describes; nested dataclasses are sub-tables.
 
-    cls     frozen dataclass; its field types say what each key takes
-    table   as the TOML file has it
-    where   file and section, for the error: "parked.toml" or "parked.toml [oma]"
-    error   what to raise
+    Parameters
+    ----------
+    cls : type[T]
+        Frozen dataclass; its field types define what each key takes.
+    table : Mapping[str, Any]
+        As the TOML file has it.
+    where : str
+        File and section, for the error: "parked.toml" or "parked.toml [oma]".
+    error : type[InputError]
+        What to raise.
 
-    Raises `error`, one line, for an unknown or missing key, a value of the wrong type, and
-    whatever InputError the dataclass' own checks raise, with `where` in front.
+    Returns
+    -------
+    T
+
+    Notes
+    -----
+    Raises `error`, one line, for an unknown or missing key, a value of the wrong type, and whatever
+    InputError the dataclass' own checks raise, with `where` in front.
     """
     return _Reader(error).read(cls, table, where)
+
+
+NO_KEY: Mapping[str, Any] = types.MappingProxyType({"key": False})
+"""Metadata of a field that is set in Python only and is no key of a TOML table."""
+
+
+def key_fields(cls: type) -> tuple[Field[Any], ...]:
+    """Return the fields of a settings dataclass that are keys of its TOML table."""
+    return tuple(each for each in fields(cls) if each.init and each.metadata.get("key", True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +59,7 @@ class _Reader:
     error: type[InputError]
 
     def read(self, cls: type[T], table: Mapping[str, Any], where: str) -> T:
-        known = {field.name: field for field in fields(cls) if field.init}  # type: ignore[arg-type]
+        known = {field.name: field for field in key_fields(cls)}
         self._check_keys(table, known, where)
         hints = get_type_hints(cls)
         values = {

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from pipeline.scenario import Scenario, scenario_from_text
@@ -12,9 +11,7 @@ from pipeline.sources.sources import record_simulation, simulated
 # As every way of running the graph does: small matrices are faster on one thread.
 threadpool_limits(limits=1)
 
-# The same examples every time and on every machine, however slow.
-settings.register_profile("repeatable", derandomize=True, deadline=None)
-settings.load_profile("repeatable")
+pytest_plugins = ["tests.tiers"]
 
 SHORT_SCENARIO = """
 title = "Two short windows of the parked turbine"

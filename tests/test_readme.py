@@ -1,6 +1,9 @@
-"""The README is run, not only read."""
+"""README and documentation are run, not only read."""
 
+import os
 import re
+import subprocess
+import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -10,27 +13,36 @@ from pipeline.monitoring.alarms.settings import load_notices
 from pipeline.monitoring.status import ENDPOINT_FILE, KEY, StatusNode
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+PAGES = ROOT / "docs" / "pages"
 
 
-def code_blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+def code_blocks(language: str, page: Path = README) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
 
 
-def test_the_library_example_identifies_and_updates(
+def test_the_examples_of_the_library_run(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (example,) = [each for each in code_blocks("python") if "FoundationUpdater" in each]
+    pytest.importorskip("pilewatch", reason="the project is not installed")
     monkeypatch.chdir(README.parent)
-    exec(compile(example, str(README), "exec"), {})
-    printed = capsys.readouterr().out.splitlines()
-    assert [line.split(":")[0] for line in printed] == ["k11", "k22", "k12", "sigma"]
+    (array_example,) = code_blocks("python")
+    recording_example, _ = code_blocks("python", PAGES / "library.md")
+    for example in (array_example, recording_example):
+        exec(compile(example, str(README), "exec"), {})
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
+        "<Modes:",
+        "<Posterior:",
+    ]
 
 
 def test_the_status_example_prints_the_posteriors_of_the_session_that_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (example,) = [each for each in code_blocks("python") if "@status" in each]
+    (example,) = [
+        each for each in code_blocks("python", PAGES / "operating.md") if "@status" in each
+    ]
     endpoint = free_endpoint()
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / ENDPOINT_FILE).write_text(f"{endpoint}\n")
@@ -47,7 +59,9 @@ def test_the_notices_example_is_a_file_that_is_understood(
 ) -> None:
     monkeypatch.setenv("MAIL_PASSWORD", "secret")
     path = tmp_path / "notices.toml"
-    (example,) = [each for each in code_blocks("toml") if "[[webhook]]" in each]
+    (example,) = [
+        each for each in code_blocks("toml", PAGES / "operating.md") if "[[webhook]]" in each
+    ]
     path.write_text(example)
 
     settings = load_notices(path)
@@ -62,7 +76,29 @@ def test_two_commands_do_all_the_setting_up() -> None:
     assert "\n" not in run + test
 
 
-def test_every_picture_of_the_readme_exists() -> None:
-    pictures = re.findall(r"!\[.*?\]\((.*?)\)", README.read_text(encoding="utf-8"))
-    assert pictures
-    assert all((README.parent / picture).is_file() for picture in pictures)
+@pytest.mark.parametrize("page", [README, *sorted(PAGES.glob("*.md"))], ids=lambda p: p.name)
+def test_every_picture_and_page_that_is_named_exists(page: Path) -> None:
+    links = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8"))
+    local = [link for link in links if "://" not in link]
+    generated = {"reference/commands.md", "reference/scenario.md", "reference/description.md"}
+    assert all((page.parent / link).is_file() or link in generated for link in local)
+
+
+def test_the_readme_is_one_page() -> None:
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 150
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs_gen_files", reason="the extra `docs` is not installed")
+    pytest.importorskip("mkdocstrings", reason="the extra `docs` is not installed")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
+    built = subprocess.run(
+        [*command, "--config-file", str(ROOT / "docs" / "mkdocs.yml"), "--site-dir", str(tmp_path)],
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1", "DISABLE_MKDOCS_2_WARNING": "true"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert built.returncode == 0, built.stderr
+    assert "sampling_rate" in (tmp_path / "reference" / "library" / "index.html").read_text()
+    assert "window_duration" in (tmp_path / "reference" / "scenario" / "index.html").read_text()

@@ -8,10 +8,10 @@ from pipeline.archive.plan import TurbinePlan, parts_by_turbine, turbine_plan
 from pipeline.archive.posteriors import UpdatingPlan
 from pipeline.archive.survey import FileSurvey, Part
 from pipeline.scenario import (
-    DEFAULT_SCENARIO,
     Scenario,
     farm_members,
     load_scenario,
+    modes_only,
     scenario_from_metadata,
     with_sampler,
 )
@@ -84,7 +84,7 @@ def archived_turbines(
     chosen = None if scenario is None else load_scenario(scenario)
     turbines = []
     for turbine, parts in parts_by_turbine(surveys).items():
-        own = _of_turbine(turbine, chosen or _stored_scenario(parts, surveys))
+        own = _of_turbine(turbine, chosen or _stored_scenario(turbine, parts, surveys))
         own = own if sampler is None else with_sampler(own, sampler)
         layouts = _layouts_of(turbine, parts, surveys)
         turbines.append(TurbineArchive(turbine_plan(parts, own.oma), own, layouts))
@@ -97,13 +97,15 @@ def _of_turbine(turbine: str, scenario: Scenario) -> Scenario:
     return replace(scenario, turbine=members.get(turbine, scenario).turbine)
 
 
-def _stored_scenario(parts: Sequence[Part], surveys: Sequence[FileSurvey]) -> Scenario:
-    """The one that the newest of the turbine's files was made under; else the default."""
+def _stored_scenario(
+    turbine: str, parts: Sequence[Part], surveys: Sequence[FileSurvey]
+) -> Scenario:
+    """The one that the newest of the turbine's files was made under; else modes only."""
     stored = {survey.path: survey.scenario for survey in surveys if survey.scenario}
     for part in reversed(parts):
         if part.path in stored:
             return scenario_from_metadata(dict(stored[part.path]), f"scenario in {part.path}")
-    return load_scenario(DEFAULT_SCENARIO)
+    return modes_only(turbine)
 
 
 def _layouts_of(

@@ -22,6 +22,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
+from pipeline.nodes.node import NodeStatistics
 from pipeline.state.health import Health, NodeHealth
 from pipeline.streams import STREAMS
 from pipeline.transport.bus import Bus, Inbox
@@ -86,6 +87,11 @@ class MetricsNode:
                 case FoundationEvent():
                     self._events[message.turbine] = message
         return ()
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """It counts nothing of its own."""
+        return NodeStatistics()
 
     def close(self) -> None:
         """Nothing is held."""

@@ -1,9 +1,9 @@
-"""One seed of the publication's example: ten minutes simulated, identified, updated in three ways.
+"""Run one seed of the publication's example: simulate ten minutes, identify, update in three ways.
 
 paper's sea, wind and 3 % noise ─► SSI-cov ─► the eleven modes by label
     ├─► Eq. 6, Nelder and Mead from γ = 0.25, 1 and 4
     ├─► Eqs. 8 to 10, TMCMC as published, 100 000 samples, Gaussian errors
-    └─► the same posterior by the mended sampler: what TMCMC's bias is seen against
+    └─► the same posterior by the corrected sampler, the reference for TMCMC's bias
 """
 
 from collections.abc import Sequence
@@ -58,63 +58,74 @@ class ExampleMode:
     """One of the publication's modes in our run."""
 
     label: str
-    model_frequency: float  # at K0 [Hz]
-    frequency: float  # identified; NaN where it was not found [Hz]
-    frequency_std: float  # [Hz]
-    mac: float  # with the model's shape at K0 [-]
+    model_frequency: float
+    """Frequency of the model at K0 [Hz]."""
+    frequency: float
+    """Identified frequency [Hz]; NaN where not found."""
+    frequency_std: float
+    """Standard deviation of the identified frequency [Hz]."""
+    mac: float
+    """MAC with the model's shape at K0 [-]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExamplePosterior:
-    """What a sampler says of the stiffness, as ratios k / nominal, and of σ."""
+    """The posterior of the stiffness, as ratios k / nominal, and of σ by one sampler."""
 
     sampler: str
-    highest: FloatArray  # (4,) the draw of highest density: the MAP estimate [-]
-    draws: FloatArray  # (n, 4) of equal weight [-]
-    evaluations: int  # of the likelihood
+    highest: FloatArray
+    """Draw of highest density, the MAP estimate, shape (4,) [-]."""
+    draws: FloatArray
+    """Draws of equal weight, shape (n, 4) [-]."""
+    evaluations: int
+    """Number of evaluations of the likelihood."""
 
     @property
     def correlations(self) -> FloatArray:
-        """(3,) of k11 with k22, k11 with k12, k22 with k12 [-]"""
+        """Correlations of k11-k22, k11-k12, k22-k12, shape (3,) [-]."""
         matrix = np.asarray(np.corrcoef(self.draws[:, :3].T))
         return matrix[[0, 0, 1], [1, 2, 2]]
 
     @property
     def stds(self) -> FloatArray:
-        """(3,) of the ratios [-]"""
+        """Standard deviations of the ratios, shape (3,) [-]."""
         return self.draws[:, :3].std(axis=0)
 
     @property
-    def half_widths(self) -> FloatArray:
-        """(3,) of the 90 % intervals [-]"""
-        low, high = np.quantile(self.draws[:, :3], [0.05, 0.95], axis=0)
-        return (high - low) / 2
-
-    @property
     def covers(self) -> NDArray[np.bool_]:
-        """(3,) whether the 90 % interval holds the truth, which is 1."""
+        """Whether each 90 % interval contains the truth, 1; shape (3,)."""
         low, high = np.quantile(self.draws[:, :3], [0.05, 0.95], axis=0)
         return (low <= 1) & (high >= 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
-    """Everything that one seed gave."""
+    """Results of one seed."""
 
     seed: int
     sign: SpringSign
     modes: tuple[ExampleMode, ...]
-    others: int  # identified modes that are none of the eleven
-    objective_at_truth: float  # J(K0) [-]
+    others: int
+    """Number of identified modes beside the eleven."""
+    objective_at_truth: float
+    """Objective J at the truth K0 [-]."""
     descents: tuple[Descent, ...]
     published: ExamplePosterior
-    mended: ExamplePosterior
+    corrected: ExamplePosterior
 
 
 def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Example:
-    """The example for one seed. samples: of TMCMC as published; the mended one needs fewer.
+    """Run the example for one seed.
 
-    Raises UpdatingError where none of the eleven modes was found.
+    Parameters
+    ----------
+    samples : int, optional
+        Samples of TMCMC as published; the corrected one needs fewer.
+
+    Raises
+    ------
+    UpdatingError
+        If none of the eleven modes was found.
     """
     scenario = with_overrides(load_scenario(SCENARIO), seed=seed)
     scenario = replace(scenario, turbine=replace(scenario.turbine, springs_sign=sign))
@@ -128,7 +139,7 @@ def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Examp
     prior = Prior(model.nominal)
     objective = ModalObjective(identified, model)
     known = [_nearest(estimate.modes, f) for f in identified.frequencies]
-    published, mended = _posteriors(
+    published, corrected = _posteriors(
         replace(estimate, modes=tuple(known)), identified.labels, model, prior, seed, samples
     )
     return Example(
@@ -139,12 +150,12 @@ def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Examp
         objective_at_truth=objective(np.ones(3)),
         descents=deterministic_update(objective, prior),
         published=published,
-        mended=mended,
+        corrected=corrected,
     )
 
 
 def identified_window(scenario: Scenario) -> ModalEstimate:
-    """The scenario's ten minutes, identified blind."""
+    """Rdentify the scenario's ten minutes without the model."""
     tower = simulated_tower(scenario)
     samples = np.concatenate(list(tower.samples())).astype(np.float64)
     found = identify(samples, scenario.simulation.sampling_rate, scenario.oma)
@@ -198,7 +209,7 @@ def _posteriors(
     seed: int,
     samples: int,
 ) -> tuple[ExamplePosterior, ExamplePosterior]:
-    """By TMCMC as published, and by the mended one. The modes are compared by label."""
+    """Draw by TMCMC as published and corrected; modes are compared by label."""
     evidence = ModalEvidence(channels=estimate.channels, joint_covariance=False).with_sightings(
         sightings(estimate, estimate.channels), 1.0, estimate.duration
     )
@@ -218,10 +229,10 @@ def _posteriors(
     density = PublishedDensity(likelihood, forward, prior)
     target = density.target(laplace_peak(likelihood, forward, prior, np.ones(3)))
     published = PublishedTmcmc(PublishedSettings(samples=samples))
-    mended = CorrectedTmcmc(TemperingSettings(samples=min(samples, KEPT_DRAWS)))
+    corrected = CorrectedTmcmc(TemperingSettings(samples=min(samples, KEPT_DRAWS)))
     return (
         _posterior(published(target, np.random.default_rng([seed, 1])), density),
-        _posterior(mended(target, np.random.default_rng([seed, 2])), density),
+        _posterior(corrected(target, np.random.default_rng([seed, 2])), density),
     )
 
 

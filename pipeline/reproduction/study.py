@@ -1,4 +1,4 @@
-"""The example over seeds and sign conventions, in two processes, and its figures in rows."""
+"""Run the example over seeds and sign conventions, in two processes."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -17,19 +17,21 @@ from sensors.structure.foundation import SPRING_SIGNS, SpringSign
 
 PROCESSES = 2
 PERCENT = 100.0
-PEAK_GRID = 200  # places where a marginal's density is looked at
-NOTABLE_PEAK = 0.1  # of the highest, below which a bump of a density estimate is none
+PEAK_GRID = 200  # points of a marginal's density
+NOTABLE_PEAK = 0.1  # of the highest peak, below which a local maximum is ignored
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Study:
     """All seeds in both signs."""
 
-    examples: tuple[Example, ...]  # by sign, then seed
-    samples: int  # of TMCMC as published
+    examples: tuple[Example, ...]
+    """Results by sign, then seed."""
+    samples: int
+    """Samples of TMCMC as published."""
 
     def of(self, sign: SpringSign) -> tuple[Example, ...]:
-        """The seeds of one sign, in order."""
+        """Return the seeds of one sign, in order."""
         return tuple(example for example in self.examples if example.sign == sign)
 
     @property
@@ -45,9 +47,17 @@ def run_study(
     samples: int = SAMPLES,
     report: Callable[[], None] | None = None,
 ) -> Study:
-    """Run every seed in every sign. report: called when one is done.
+    """Run every seed in every sign.
 
-    Raises UpdatingError where a seed shows none of the publication's modes.
+    Parameters
+    ----------
+    report : Callable[[], None] | None, optional
+        Called when one is done.
+
+    Raises
+    ------
+    UpdatingError
+        If a seed shows none of the publication's modes.
     """
     tasks = list(product(signs, seeds))
     found: dict[tuple[SpringSign, int], Example] = {}
@@ -66,7 +76,7 @@ def _one(sign: SpringSign, seed: int, samples: int) -> Example:
 
 
 def map_errors(example: Example) -> FloatArray:
-    """(3,) of k11, k22, k12 by the published sampler's draw of highest density [%]."""
+    """Return the errors of k11, k22, k12 at the published sampler's MAP, shape (3,) [%]."""
     return PERCENT * (example.published.highest[:3] - 1)
 
 

@@ -1,4 +1,4 @@
-"""A live instrument on the bus: its blocks and SCADA samples, and what it says of itself.
+"""A live instrument on the bus: its blocks, SCADA samples and status.
 
 instrument ──► [feed] ──► AccelerationBlock, ScadaSample     as of any other source
                      └──► NodeStatus, every second: what came, what never did, why the link is down
@@ -11,12 +11,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.runner import STATUS_PERIOD, Report, open_session, with_end
-from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
-from pipeline.sources.sources import Source
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -26,22 +25,32 @@ from sensors.feeds.open_feed import layout_file_of, open_feed
 from sensors.feeds.protocol import FeedError
 from sensors.files.layout_file import LayoutFile, load_layout
 
+if TYPE_CHECKING:
+    from pipeline.sources.sources import Source
+
 logger = logging.getLogger(__name__)
 
 NODE = "feed"
 QUIET = 60.0  # of an instrument, before a link that is up is doubted [s]
-NOTHING_CAME = "is the address right, does somebody send, and may this user read it?"
+NOTHING_CAME = "is the address right, is data sent, and may this user read it?"
 QUIET_CONTROLLER = 3600.0  # the same: they speak every few minutes
 
 
 @dataclass(frozen=True, slots=True)
-class Fed:
+class FeedResult:
     """What became of a feed."""
 
-    status: NodeStatus  # its last word
-    blocks: int  # published
-    scada_samples: int  # published
-    missing_blocks: int  # that its gaps cost
+    status: NodeStatus
+    """Its last status."""
+
+    blocks: int
+    """Blocks that were published."""
+
+    scada_samples: int
+    """SCADA samples that were published."""
+
+    missing_blocks: int
+    """Blocks that its gaps cost."""
 
 
 def publish_feed(
@@ -52,13 +61,26 @@ def publish_feed(
     stopping: threading.Event,
     report: Report | None = None,
     connected: Callable[[], None] = lambda: None,
-) -> Fed:
+) -> FeedResult:
     """Publish what an instrument measures until `stopping` is set.
 
-    layout      of its channels, with the turbine and the unit that it stands for
-    connected   called once, when the instrument is reached
+    Parameters
+    ----------
+    layout : SensorLayout
+        Layout of its channels, with the turbine and the unit that it stands for.
+    connected : Callable[[], None], optional
+        Called once, when the instrument is reached.
 
-    Raises FeedError where the feed cannot be opened, TransportError where nobody can be reached.
+    Returns
+    -------
+    Fed
+
+    Raises
+    ------
+    FeedError
+        If the feed cannot be opened.
+    TransportError
+        If no endpoint can be reached.
     """
     account = FeedAccount(live, layout, connected=connected)
     with open_session(lambda: ZenohBus(settings)) as bus:
@@ -70,39 +92,71 @@ def publish_feed(
 
 
 def channels_of(layout: Path | None, scenario: str | None) -> LayoutFile:
-    """Where an instrument's channels are: by a layout file, or as a scenario's sensors.
+    """Return where an instrument's channels are: by a layout file, or as a scenario's sensors.
 
-    Raises LayoutError, ScenarioError.
+    Returns
+    -------
+    LayoutFile
+
+    Raises
+    ------
+    LayoutError
+    ScenarioError
     """
     if layout is not None:
         return load_layout(layout)
+    # here and not above: a tower unit with a layout file needs no structure and no updating
+    from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
+
     return layout_file_of(load_scenario(scenario or DEFAULT_SCENARIO).layout)
 
 
 def feed_source(
     address: str, layout: Path | None, scenario: str | None, state: Path | None = None
-) -> Source:
-    """A live instrument as the source of a session that listens to it itself.
+) -> "Source":
+    """Return a live instrument as the source of a session that listens to it itself.
 
-    layout     file that says where its channels are; None: they are the scenario's sensors
-    scenario   what is made of them
-    state      folder where it is remembered how far the source was published
+    Parameters
+    ----------
+    layout : Path or None
+        File that lists where its channels are; None: they are the scenario's sensors.
+    scenario : str or None
+        What is made of them; None: modes are tracked, nothing is updated.
+    state : Path, optional
+        Folder in which it is remembered how far the source was published.
 
-    Raises FeedError, LayoutError, ScenarioError.
+    Returns
+    -------
+    Source
+
+    Raises
+    ------
+    FeedError
+    LayoutError
+    ScenarioError
     """
+    from pipeline.scenario import load_scenario, modes_only
+    from pipeline.sources.sources import Source, report_modes_only
+
     channels = channels_of(layout, scenario)
     live = open_feed(address, channels, state=state)
     if not live.gives_blocks:
         raise FeedError(f"{address} measures no accelerations; run `pilewatch feed {address}`")
-    chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+    if scenario is None:
+        report_modes_only(address)
+    chosen = modes_only(channels.turbine) if scenario is None else load_scenario(scenario)
     return Source(address, chosen, sensor_layout(channels), truth=None, duration=None, feed=live)
 
 
 class FeedAccount:
     """A feed's messages with its books.
 
-    clock       → time [ns since 1970]
-    connected   called once, when the instrument is reached
+    Parameters
+    ----------
+    clock : Callable[[], int], optional
+        Returns the time [ns since 1970-01-01 UTC].
+    connected : Callable[[], None], optional
+        Called once, when the instrument is reached.
     """
 
     def __init__(
@@ -116,18 +170,20 @@ class FeedAccount:
         self._live, self._layout, self._clock = live, layout, clock
         self._connected = connected
         self._last_sequence = -1
-        self._heard = (0, clock())  # messages so far, and when the last of them came [ns]
+        self._last_received = (0, clock())  # messages so far, and when the last of them came [ns]
         self._quiet = False
         self._patience = QUIET if live.gives_blocks else QUIET_CONTROLLER
-        self._named: set[str] = set()  # channels that nobody lists, and that were told
+        self._named: set[str] = set()  # channels that no layout lists, and that were logged
 
     def messages(self, stopping: threading.Event) -> Iterator[Message]:
-        """Layout, then what is measured as it comes, with a status at the beginning, every second
-        and at the end."""
+        """Yield the layout, then what is measured as it comes.
+
+        A status comes at the beginning, every second and at the end.
+        """
         if self._live.gives_blocks:
             yield self._layout
         yield self.status("ready")
-        said_ns, reached = self._clock(), False
+        reported_ns, reached = self._clock(), False
         for measured in self._live.measured(stopping):
             if measured is not None:
                 self.published[type(measured).__name__] += 1
@@ -137,33 +193,33 @@ class FeedAccount:
             if self._live.counts.connected and not reached:
                 reached = True
                 self._connected()
-            if self._clock() - said_ns > STATUS_PERIOD * 1e9:
-                said_ns = self._clock()
-                self._watch_silence(said_ns)
+            if self._clock() - reported_ns > STATUS_PERIOD * 1e9:
+                reported_ns = self._clock()
+                self._watch_silence(reported_ns)
                 yield self.status("running")
                 self._name_unknown()
         self._name_unknown()
         yield self.status("stopped")
 
     def _watch_silence(self, now_ns: int) -> None:
-        """Tell a person once whenever nothing comes over a link that is up."""
+        """Log once whenever nothing comes over a link that is up."""
         counts = self._live.counts
-        if counts.received != self._heard[0] or not counts.connected:
-            self._heard, self._quiet = (counts.received, now_ns), False
-        if not self._quiet and now_ns - self._heard[1] > self._patience * NANOSECONDS:
+        if counts.received != self._last_received[0] or not counts.connected:
+            self._last_received, self._quiet = (counts.received, now_ns), False
+        if not self._quiet and now_ns - self._last_received[1] > self._patience * NANOSECONDS:
             self._quiet = True
             logger.warning("%s", self._silence)
 
     @property
     def _silence(self) -> str:
-        said = f"{self._live.name}: the link is up and nothing has"
-        if self._heard[0]:
-            return f"{said} come for more than {self._patience:g} s"
-        return f"{said} ever come; {NOTHING_CAME}"
+        text = f"{self._live.name}: the link is up and nothing has"
+        if self._last_received[0]:
+            return f"{text} come for more than {self._patience:g} s"
+        return f"{text} ever come; {NOTHING_CAME}"
 
-    def fed(self) -> Fed:
-        """What became of it."""
-        return Fed(
+    def fed(self) -> FeedResult:
+        """Return the counts at the end."""
+        return FeedResult(
             self.status("stopped"),
             self.published["AccelerationBlock"],
             self.published["ScadaSample"],
@@ -171,7 +227,7 @@ class FeedAccount:
         )
 
     def status(self, state: str) -> NodeStatus:
-        """What the feed would say of itself now; `lost` counts its instrument's messages."""
+        """Return the feed's status now; `lost` counts its instrument's messages."""
         counts = self._live.counts
         unit = self._layout.unit if self._live.gives_blocks else "scada"
         return NodeStatus(
@@ -186,10 +242,10 @@ class FeedAccount:
             late=counts.late,
             duplicate=counts.duplicate,
             malformed=counts.malformed + counts.forged,
-            warnings=tuple(self._doubts(state)),
+            warnings=tuple(self._warnings(state)),
         )
 
-    def _doubts(self, state: str) -> Iterator[QualityWarning]:
+    def _warnings(self, state: str) -> Iterator[QualityWarning]:
         counts, name = self._live.counts, self._live.name
         never = state == "stopped" and not counts.connections and bool(counts.trouble)
         if (not counts.connected and state == "running") or never:
@@ -223,7 +279,7 @@ class FeedAccount:
             yield QualityWarning("gap", f"{name}: {missing} blocks are missing in its gaps")
 
     def _name_unknown(self) -> None:
-        """Tell a person of channels that are left out, each once."""
+        """Log each channel that is left out once."""
         for channel in sorted(self._live.counts.unknown.keys() - self._named):
             self._named.add(channel)
             logger.warning("%s: no layout lists the channel %r", self._live.name, channel)

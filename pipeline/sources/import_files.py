@@ -11,52 +11,57 @@ from pathlib import Path
 
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, whole_recording
 from pipeline.runtime.runner import with_end
-from pipeline.scenario import Scenario, load_scenario, scenario_from_text, scenario_metadata
+from pipeline.scenario import Scenario, load_scenario, modes_only, scenario_metadata
 from pipeline.sources.sources import COMPACT
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.files.block_builder import (
     BlockCutter,
     MeasurementFile,
-    in_order_of_time,
-    opened,
-    stamped,
+    open_file,
+    sort_by_time,
+    stamp_samples,
 )
 from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
 from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError
-
-MODES_ONLY = """
-title = "Modes of a structure of which no model is known"
-[turbine]
-id = "{turbine}"
-description = "none"
-"""
 
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """Files that belong together, and how they are understood."""
 
-    files: tuple[MeasurementFile, ...]  # in order of time
+    files: tuple[MeasurementFile, ...]
+    """Files in order of time."""
+
     mapping: LayoutFile
     layout: SensorLayout
-    sampling_rate: float  # [Hz]
-    counted: bool  # the samples are counted from a file's start; its stamps are not looked at
+    sampling_rate: float
+    """Sampling rate [Hz]."""
+
+    counted: bool
+    """The samples are counted from a file's start; its stamps are not looked at."""
 
     def blocks(self) -> Iterator[AccelerationBlock]:
-        """The samples as an acquisition unit would have sent them.
+        """Yield the samples as an acquisition unit would have sent them.
 
-        Raises FileError where a file turns out to be damaged, or to overlap with another.
+        Yields
+        ------
+        AccelerationBlock
+
+        Raises
+        ------
+        FileError
+            If a file turns out to be damaged, or to overlap with another.
         """
         cutter = BlockCutter(self.layout, self.sampling_rate)
-        for piece in stamped(self.files, self._pieces(), self.sampling_rate):
-            yield from cutter.push(piece)
+        for chunk in stamp_samples(self.files, self._chunks(), self.sampling_rate):
+            yield from cutter.push(chunk)
         yield from cutter.finish()
 
-    def _pieces(self) -> Iterator[tuple[int, ChannelTable]]:
+    def _chunks(self) -> Iterator[tuple[int, ChannelTable]]:
         for number, file in enumerate(self.files):
-            for piece in file.pieces():
-                chosen = self.mapping.chosen(piece)
+            for chunk in file.chunks():
+                chosen = self.mapping.chosen(chunk)
                 yield number, replace(chosen, times=None) if self.counted else chosen
 
 
@@ -68,23 +73,38 @@ def open_measurement(
     sampling_rate: float | None = None,
     reader: str | None = None,
 ) -> Measurement:
-    """The files as one measurement, before its samples are read.
+    """Return the files as one measurement, before its samples are read.
 
-    layout          where the channels were; None: their names say it ("z145-fa")
-    turbine         what it is called where no layout says
-    sampling_rate   [Hz]; samples are counted from each file's start instead of by its time stamps
-    reader          "package.module:function" that gives SEP005 channels; None: by the suffixes
+    Parameters
+    ----------
+    layout : LayoutFile, optional
+        Where the channels were; None: their names state it ("z145-fa").
+    turbine : str, optional
+        Name of the turbine where no layout states it.
+    sampling_rate : float, optional
+        Sampling rate [Hz]; samples are counted from each file's start instead of by its time
+        stamps.
+    reader : str, optional
+        "package.module:function" that gives SEP005 channels; None: by the suffixes.
 
-    Raises FileError, LayoutError: a file that cannot be read; a channel without a place; channels
-    of several quantities; no sampling rate; files that differ or do not say when they begin.
+    Returns
+    -------
+    Measurement
+
+    Raises
+    ------
+    FileError
+    LayoutError
+        A file that cannot be read; a channel without a place; channels of several quantities;
+        no sampling rate; files that differ or do not state when they begin.
     """
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise FileError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
     wanted = EVERYTHING if layout is None else layout.wanted()
     wanted = replace(wanted, stamps=sampling_rate is None)
-    begun = [opened(path, reader, wanted) for path in paths]
-    files = in_order_of_time([file for file, _ in begun])
-    first = next(table for file, table in begun if file.path == files[0].path)
+    opened = [open_file(path, reader, wanted) for path in paths]
+    files = sort_by_time([file for file, _ in opened])
+    first = next(table for file, table in opened if file.path == files[0].path)
     mapping = layout or layout_by_names(first.names, turbine=turbine)
     if mapping is None:
         raise FileError(
@@ -107,22 +127,16 @@ def open_measurement(
 
 
 def _require_one_quantity(table: ChannelTable, path: Path) -> None:
-    """Blocks hold accelerations, or channels alike: mixed ones cannot be told apart in them."""
+    """Blocks hold accelerations, or channels alike: mixed ones cannot be distinguished in them."""
     quantities = table.quantities
     if quantities is not None and len(set(quantities)) > 1:
-        said = ", ".join(
+        listed = ", ".join(
             f"{name} {each}" for name, each in zip(table.names, quantities, strict=True)
         )
         raise FileError(
-            f"{path} mixes quantities ({said}); a layout file (--layout) that lists channels of "
+            f"{path} mixes quantities ({listed}); a layout file (--layout) that lists channels of "
             "one quantity chooses them"
         )
-
-
-def modes_only(turbine: str) -> Scenario:
-    """The scenario of a structure without a model: modes are tracked, nothing is updated."""
-    text = MODES_ONLY.format(turbine=turbine)
-    return replace(scenario_from_text(text, "modes-only"), name="modes-only")
 
 
 def record_measurement(
@@ -134,11 +148,20 @@ def record_measurement(
 ) -> None:
     """Write a measurement to an MCAP recording.
 
-    scenario   under which the recording is run later; None: modes alone are tracked
-    report     called with every block
+    Parameters
+    ----------
+    scenario : Scenario, optional
+        Scenario under which the recording is run later; None: modes alone are tracked.
+    report : Callable[[AccelerationBlock], None], optional
+        Called with every block.
 
-    Raises FileError as the files are read, RecordingError where the recording exists or cannot be
-    written. What was begun is removed where reading fails.
+    Raises
+    ------
+    FileError
+        As the files are read.
+    RecordingError
+        If the recording exists or cannot be written. A part that was written is removed if reading
+        fails.
     """
     chosen = scenario or modes_only(measurement.layout.turbine)
     metadata = _metadata(measurement, chosen)
@@ -166,11 +189,23 @@ def imported_source(
     scenario: str | None = None,
     report: Callable[[AccelerationBlock], None] | None = None,
 ) -> str:
-    """The `--source` that a file stands for: the replay of a recording, or of a file's import.
+    """Return the `--source` that a file stands for.
 
-    folder   where the import is written, beside earlier ones
-    layout   where the file's channels were
+    The replay of a recording, or of a file's import.
 
+    Parameters
+    ----------
+    folder : Path
+        Where the import is written, beside earlier ones.
+    layout : Path, optional
+        Where the file's channels were.
+
+    Returns
+    -------
+    str
+
+    Notes
+    -----
     Raises what `open_measurement` and `record_measurement` do.
     """
     if path.suffix == ".mcap":
@@ -183,7 +218,7 @@ def imported_source(
     )
     folder.mkdir(parents=True, exist_ok=True)
     names = (f"{path.stem}{again}.mcap" for again in ("", *(f"-{i}" for i in range(2, 1000))))
-    begun = {each.name.removesuffix(ACTIVE_SUFFIX) for each in folder.iterdir()}
-    recording = next(folder / name for name in names if name not in begun)
+    existing = {each.name.removesuffix(ACTIVE_SUFFIX) for each in folder.iterdir()}
+    recording = next(folder / name for name in names if name not in existing)
     record_measurement(measurement, recording, scenario=chosen, report=report)
     return f"replay:{recording}"

@@ -13,12 +13,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from pipeline.messages import Message
-from pipeline.sources.sources import Source, due_of
+from pipeline.sources.recorded_source import RecordedSource, due_of
 from pipeline.state.json_values import Json
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
+
+if TYPE_CHECKING:
+    from pipeline.sources.sources import Source
 
 KEY = "pilewatch/@replay"  # no stream's key expression matches what begins with @
 ACTIONS = ("play", "pause", "seek", "speed", "state")
@@ -29,24 +33,36 @@ LOOKS = 0.2  # the event that ends everything is looked for so often [s]
 class _State:
     """How the source is played; only changed under the lock."""
 
-    speed: float  # of sensor time [-]
+    speed: float
+    """Speed of sensor time [-]."""
+
     paused: bool = False
-    wanted: float | None = None  # position to go to [s from the first sample]
-    origin: tuple[int, float] | None = None  # sensor time [ns], clock [s]; None: set by the next
-    position: float = 0.0  # of the last block given [s from the first sample]
+    wanted: float | None = None
+    """Position to go to [s from the first sample]."""
+
+    origin: tuple[int, float] | None = None
+    """Sensor time [ns], clock [s]; None: set by the next."""
+
+    position: float = 0.0
+    """Position of the last block given [s from the first sample]."""
 
 
 class ReplayControl:
     """Gives a source's messages when they are due, and changes that when asked.
 
-    speed      1: real time; infinity: as fast as they are taken
-    stopping   ends the waiting when set
-    clock      → [s], never set back
+    Parameters
+    ----------
+    speed : float, optional
+        1: real time; infinity: as fast as they are taken.
+    stopping : threading.Event, optional
+        Ends the waiting when set.
+    clock : Callable[[], float], optional
+        Returns the time [s]; it never goes back.
     """
 
     def __init__(
         self,
-        source: Source,
+        source: "Source | RecordedSource",
         speed: float = math.inf,
         stopping: threading.Event | None = None,
         clock: Callable[[], float] = time.monotonic,
@@ -70,7 +86,7 @@ class ReplayControl:
             number += 1
             source = replace(self._source, playback=replace(source.playback, start=wanted))
 
-    def _played(self, source: Source, number: int) -> Iterator[Message]:
+    def _played(self, source: "Source | RecordedSource", number: int) -> Iterator[Message]:
         first_ns: int | None = None
         for message in source.messages():
             if self._is_interrupted_before(due_of(message)):
@@ -117,7 +133,10 @@ class ReplayControl:
     def do(self, action: str, value: float | None = None) -> None:
         """One of ACTIONS; seek takes a position [s], speed a factor.
 
-        Raises InputError for anything else, and for a position outside of what is played.
+        Raises
+        ------
+        InputError
+            For anything else, and for a position outside of what is played.
         """
         if action not in ACTIONS:
             raise InputError(f"{action!r} is none of {', '.join(ACTIONS)}")
@@ -147,7 +166,7 @@ class ReplayControl:
         return position
 
     def as_json(self) -> Json:
-        """What is played and how; names are stable."""
+        """Return what is played and how; names are stable."""
         with self._changed:
             state = self._state
             return {

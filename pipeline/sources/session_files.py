@@ -10,12 +10,22 @@ SESSION = "session.mcap"  # the first part of what `pilewatch run` records
 
 
 def session_files(path: Path) -> list[Path]:
-    """The closed parts of a session in order of recording, results where samples have gone.
+    """Return the closed parts of a session in order of recording, results where samples have gone.
 
-    path   a file, which is then the only one; a folder: of the session in it, or, where there is
-           none, every recording in it
+    Parameters
+    ----------
+    path : Path
+        A file, which is then the only one; a folder: of the session in it, or, where there is
+        none, every recording in it.
 
-    Raises SourceError for a folder without recordings.
+    Returns
+    -------
+    list[Path]
+
+    Raises
+    ------
+    SourceError
+        For a folder without recordings.
     """
     if not path.is_dir():
         return [path]
@@ -26,5 +36,5 @@ def session_files(path: Path) -> list[Path]:
 
 
 def unfinished_files(path: Path) -> list[Path]:
-    """The parts in a session's folder that are still being written."""
+    """Return the parts in a session's folder that are still being written."""
     return sorted(path.glob(f"{Path(SESSION).stem}*{ACTIVE_SUFFIX}")) if path.is_dir() else []

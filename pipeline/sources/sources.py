@@ -1,48 +1,55 @@
 """What a session listens to: a recording, a simulation, or instruments that publish."""
 
 import heapq
+import logging
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.messages import FoundationTruth, Message
-from pipeline.recording.info import RecordingInfo, recording_info
+from pipeline.recording.info import recording_info
 from pipeline.recording.writer import Metadata, RecorderSettings, whole_recording
 from pipeline.runtime.runner import with_end
 from pipeline.scenario import (
     DEFAULT_SCENARIO,
+    MODES_ONLY,
     Scenario,
     farm_members,
     load_scenario,
+    modes_only,
     scenario_from_metadata,
     scenario_metadata,
     with_sampler,
 )
 from pipeline.sources.ground_truth import (
     later_truths,
-    recorded_truths,
     simulated_truths,
-    stored_truth,
     with_truths,
 )
 from pipeline.sources.playback import Playback
-from pipeline.sources.recorded_stream import SourceError, recorded_stream, recordings_in
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-from sensors.acquisition.layout import SensorLayout, joined_layout
+from pipeline.sources.recorded_source import (
+    MonotonicClock,
+    due_of,
+    recorded_with_truths,
+    source_of,
+)
+from pipeline.sources.recorded_stream import SourceError, recordings_in
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.pacing import Pace, paced
-from sensors.acquisition.replayed import due_time
 from sensors.acquisition.scada import ScadaSample
 from sensors.simulation.tower import SimulatedTower
 
 if TYPE_CHECKING:
     from sensors.feeds.live import LiveFeed
 
+logger = logging.getLogger(__name__)
+
 DEFAULT_RECORDING = Path("recordings/parked.mcap")
+SHIPPED_RECORDING = Path(__file__).parents[1] / DEFAULT_RECORDING  # in the wheel
 COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing is at risk here
 
 
@@ -50,18 +57,32 @@ COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing i
 class Source:
     """Where a session's messages come from, and what is known of them beforehand."""
 
-    text: str  # as `--source` says it
+    text: str
+    """The source as `--source` names it."""
+
     scenario: Scenario
     layout: SensorLayout
-    truth: FoundationTruth | None  # of a simulated turbine
-    duration: float | None  # [s]; None: live, without end
-    recording: Path | None = None  # of a replay: a file, or a folder of files
-    playback: Playback = field(default_factory=Playback)  # which part of it
-    layouts: Mapping[str, SensorLayout] = field(default_factory=dict)  # turbine → of a recording
-    feed: "LiveFeed | None" = None  # of an instrument that the session listens to itself
+    truth: FoundationTruth | None
+    """True stiffness of a simulated turbine; None: unknown."""
+
+    duration: float | None
+    """Duration [s]; None: live, without end."""
+
+    recording: Path | None = None
+    """Recording of a replay: a file, or a folder of files."""
+
+    playback: Playback = field(default_factory=Playback)
+    """Which part of it."""
+
+    layouts: Mapping[str, SensorLayout] = field(default_factory=dict)
+    """Turbine → its layout, of a recording."""
+
+    feed: "LiveFeed | None" = None
+    """Feed of an instrument that the session listens to itself."""
 
     @property
     def is_live(self) -> bool:
+        """Whether the source goes on without end."""
         return self.duration is None
 
     @property
@@ -89,8 +110,16 @@ class Source:
     ) -> Iterator[Message]:
         """Layout, truth where known, then blocks and SCADA samples, each when it is due.
 
-        speed      1 is real time; infinity never waits
-        stopping   ends the waiting when set
+        Parameters
+        ----------
+        speed : float, optional
+            1 is real time; infinity never waits.
+        stopping : threading.Event, optional
+            Ends the waiting when set.
+
+        Yields
+        ------
+        Message
         """
         pace = Pace(speed, MonotonicClock(stopping or threading.Event()))
         if self.truth is not None:
@@ -98,18 +127,32 @@ class Source:
         yield from paced(self._sensor_messages(), pace=pace, time_of=due_of)
 
     def with_sampler(self, method: str | None) -> "Source":
-        """The same under another sampler of the posterior; None: the scenario's.
+        """Return the same under another sampler of the posterior; None: the scenario's.
 
-        Raises UpdatingError for a sampler that does not exist.
+        Returns
+        -------
+        Source
+
+        Raises
+        ------
+        UpdatingError
+            For a sampler that does not exist.
         """
         return (
             self if method is None else replace(self, scenario=with_sampler(self.scenario, method))
         )
 
     def with_playback(self, playback: Playback) -> "Source":
-        """A part of the same replay, or several rounds of it.
+        """Return a part of the same replay, or several rounds of it.
 
-        Raises SourceError where there is nothing recorded, or nothing in the range.
+        Returns
+        -------
+        Source
+
+        Raises
+        ------
+        SourceError
+            If there is nothing recorded, or nothing in the range.
         """
         if playback == Playback():
             return self
@@ -124,21 +167,19 @@ class Source:
         return replace(self, playback=playback, duration=duration)
 
     def with_recording(self, path: Path) -> "Source":
-        """The same replay from a file that was moved."""
+        """Return the same replay from a file that was moved."""
         return replace(self, recording=path)
 
     def _sensor_messages(self) -> Iterator[Message]:
         if self.recording is not None:
-            measured = self.playback.of(partial(recorded_stream, self.recording))
-            later = later_truths(recorded_truths(self.recording), self.truth)
-            yield from with_truths(measured, later)
+            yield from recorded_with_truths(self.recording, self.playback, self.truth)
             return
         towers = [simulated_tower(member) for member in farm_members(self.scenario)]
         yield from (layout for tower in towers for layout in tower.layouts)
         yield from heapq.merge(*(self._simulated(tower) for tower in towers), key=_begin)
 
     def _simulated(self, tower: SimulatedTower) -> Iterator[Message]:
-        """Everything of one turbine but its layout and the truth that was said already."""
+        """Everything of one turbine but its layout and the truth that was published already."""
         return with_truths(tower.messages(), later_truths(simulated_truths(tower), self.truth))
 
 
@@ -153,35 +194,25 @@ def _begin(message: Message) -> int:
             return 0
 
 
-def due_of(message: Message) -> int | None:
-    """When a message is given [ns]; None: at once."""
-    if isinstance(message, AccelerationBlock | SensorLayout | ScadaSample):
-        return due_time(message)
-    return None
-
-
-class MonotonicClock:
-    """The machine's own clock, for pacing; a wait ends early when the session is to end."""
-
-    def __init__(self, stopping: threading.Event) -> None:
-        self._stopping = stopping
-
-    def now(self) -> float:
-        """[s]"""
-        return time.monotonic()
-
-    def wait(self, seconds: float) -> None:
-        """Return after that time, or when the session is to end."""
-        self._stopping.wait(seconds)
-
-
 def open_source(text: str | None, scenario: str | None = None) -> Source:
-    """The source that `--source` names: replay:FILE, simulate:SCENARIO or live.
+    """Return the source that `--source` names: replay:FILE, simulate:SCENARIO or live.
 
-    text       None: replay the recording that comes with the project
-    scenario   name or path; None: the recording's own, the simulated one, or the default
+    Parameters
+    ----------
+    text : str or None
+        None: replay the recording that comes with the project.
+    scenario : str, optional
+        Name or path; None: the recording's own, the simulated one, or modes only.
 
-    Raises SourceError, ScenarioError, RecordingError.
+    Returns
+    -------
+    Source
+
+    Raises
+    ------
+    SourceError
+    ScenarioError
+    RecordingError
     """
     if text is None:
         return _default_source(scenario)
@@ -189,9 +220,15 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
     if kind == "replay" and name:
         return replayed(Path(name), scenario)
     if kind == "simulate":
+        if name and scenario is not None and scenario != name:
+            raise SourceError(
+                f"--scenario {scenario} and --source {text} name two scenarios; leave one out"
+            )
         return simulated(load_scenario(name or scenario or DEFAULT_SCENARIO))
     if kind == "live" and not name:
-        chosen = load_scenario(scenario or DEFAULT_SCENARIO)
+        if scenario is None:
+            report_modes_only("live")
+        chosen = load_scenario(scenario or MODES_ONLY)
         first = farm_members(chosen)[0]
         return Source("live", chosen, first.layout, truth=None, duration=None)
     raise SourceError(
@@ -199,9 +236,23 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
     )
 
 
+def report_modes_only(source: str) -> None:
+    """Report once a run that no structure is known of this source: it is never assumed."""
+    logger.warning(
+        "%s: no scenario and so no structure is given: modes are tracked, no stiffness is updated "
+        "(--scenario NAME or FILE gives one)",
+        source,
+    )
+
+
 def _default_source(scenario: str | None) -> Source:
     if DEFAULT_RECORDING.exists():
         return replayed(DEFAULT_RECORDING, scenario)
+    own = sorted(DEFAULT_RECORDING.parent.glob("*.mcap"))
+    if len(own) == 1:  # a folder that `pilewatch new` made
+        return replayed(own[0], scenario)
+    if SHIPPED_RECORDING.exists() and not own:
+        return replayed(SHIPPED_RECORDING, scenario)
     raise SourceError(
         f"there is no {DEFAULT_RECORDING} in this folder; make one with "
         f"`pilewatch simulate {DEFAULT_SCENARIO} -o {DEFAULT_RECORDING}`, "
@@ -210,48 +261,33 @@ def _default_source(scenario: str | None) -> Source:
 
 
 def replayed(path: Path, scenario: str | None = None) -> Source:
-    """A recording, or all of a folder as one, as a source; under its own (the newest's) scenario
-    unless another is named."""
+    """Return a recording, or all of a folder as one, as a source.
+
+    Under its own (the newest's) scenario unless another is named.
+    """
     infos = [recording_info(file) for file in recordings_in(path)]
-    info = infos[-1]
-    if not info.units or not info.layouts:
-        raise SourceError(f"{path} holds no acceleration blocks with their layout")
-    stored = info.metadata.get("scenario")
+    recorded = source_of(path, infos)
+    stored = infos[-1].metadata.get("scenario")
     if scenario is not None:
         chosen = load_scenario(scenario)
     elif stored:
         chosen = scenario_from_metadata(stored, f"scenario in {path}")
     else:
-        chosen = load_scenario(DEFAULT_SCENARIO)
-    layout = joined_layout(_units_of(info.layouts, info.layouts[0].turbine))
+        report_modes_only(str(path))
+        chosen = modes_only(recorded.layout.turbine)
     return Source(
-        text=f"replay:{path}",
+        text=recorded.text,
         scenario=chosen,
-        layout=layout,
-        truth=stored_truth(info.metadata, layout.turbine),
-        duration=_duration(infos),
+        layout=recorded.layout,
+        truth=recorded.truth,
+        duration=recorded.duration,
         recording=path,
-        layouts={
-            each: joined_layout(_units_of(info.layouts, each))
-            for each in dict.fromkeys(layout.turbine for layout in info.layouts)
-        },
+        layouts=recorded.layouts,
     )
 
 
-def _duration(infos: Sequence[RecordingInfo]) -> float:
-    units = [unit for info in infos for unit in info.units]
-    span_ns = max(unit.end_ns for unit in units) - min(unit.start_ns for unit in units)
-    return span_ns / NANOSECONDS
-
-
-def _units_of(layouts: Sequence[SensorLayout], turbine: str) -> list[SensorLayout]:
-    """The newest layout of each of the turbine's units, in their order."""
-    newest = {layout.unit: layout for layout in layouts if layout.turbine == turbine}
-    return [newest[unit] for unit in sorted(newest)]
-
-
 def simulated(scenario: Scenario) -> Source:
-    """The scenario's simulated turbine as a source."""
+    """Return the scenario's simulated turbine as a source."""
     first = farm_members(scenario)[0]
     return Source(
         text=f"simulate:{scenario.name}",
@@ -263,7 +299,7 @@ def simulated(scenario: Scenario) -> Source:
 
 
 def simulated_tower(scenario: Scenario) -> SimulatedTower:
-    """The turbine that a scenario simulates, its random numbers from the scenario's seed."""
+    """Return the turbine that a scenario simulates, its random numbers from the scenario's seed."""
     settings = replace(scenario.simulation, seed=scenario.seed)
     return SimulatedTower(scenario.structure, scenario.layout, settings)
 
@@ -273,7 +309,10 @@ def record_simulation(
 ) -> None:
     """Write a simulated source to an MCAP file; the same scenario gives the same file.
 
-    Raises RecordingError where the file exists or cannot be written.
+    Raises
+    ------
+    RecordingError
+        If the file exists or cannot be written.
     """
     with whole_recording(path, metadata=source.metadata, settings=COMPACT) as recorder:
         for message in with_end(source.messages()):

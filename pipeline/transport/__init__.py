@@ -2,6 +2,5 @@
 
 codec         messages ↔ bytes, by the schema in proto/
 bus           the protocols: Bus, Subscription; Inbox
-memory_bus    one process, one thread: lock-step and tests
 zenoh_bus     everything else
 """

@@ -9,7 +9,7 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.mode_evidence import PartnerInWater
 from pipeline.updating.evidence.observations import EstimateRefused
 from pipeline.updating.forward_model import ForwardModel
-from pipeline.updating.likelihood.laplace import Peak, laplace_peak
+from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
@@ -24,6 +24,7 @@ from pipeline.updating.likelihood.pairing import (
     macs,
 )
 from pipeline.updating.prior import Prior, UpdatingError
+from pipeline.updating.samplers.interface import Peak
 from sensors.arrays import FloatArray
 
 WATER_ROUNDS = 6  # at most, of taking the water out of the windows
@@ -80,7 +81,7 @@ class Matcher:
             match = self._match(evidence, again)
         latest = [mode.last_window == evidence.n_windows for mode in evidence.modes]
         if not any(latest[each.identified] for each in match.used):
-            raise _without_partner(sum(latest))
+            raise without_partner(sum(latest))
         return match
 
     def _targets(self, evidence: ModalEvidence) -> PairingTargets:
@@ -97,7 +98,7 @@ class Matcher:
         frequencies = modes.frequencies[0]
         used = self._compared(observations(evidence, pairing, frequencies, self._settings, mac=mac))
         if not used:
-            raise _without_partner(len(evidence.modes))
+            raise without_partner(len(evidence.modes))
         columns = sorted({mode for each in used for mode in each.model_modes})
         forward = local.subset([local.labels[mode] for mode in columns])
         likelihood = ModalLikelihood(
@@ -146,7 +147,7 @@ def _of_each(partners: Sequence[PartnerInWater], pairing: Pairing) -> list[Partn
     return [partners[mode] if mode >= 0 else None for mode in pairing.model_modes]
 
 
-def _without_partner(n_modes: int) -> EstimateRefused:
+def without_partner(n_modes: int) -> EstimateRefused:
     return EstimateRefused(
         "no-paired-mode", f"none of the {n_modes} identified modes is a mode of the model"
     )

@@ -20,12 +20,21 @@ class DampedSystem:
         z' = λ z + φᵀ p(t),   q = 2 Re Σ φ z,   q'' = p + 2 Re Σ λ² φ z
     """
 
-    poles: ComplexArray  # λ, (n_modes,) [rad/s]
-    vectors: ComplexArray  # φ in the columns, (n_modes, n_modes)
-    damping: FloatArray  # C, (n_modes, n_modes) [1/s]
+    poles: ComplexArray
+    """λ, (n_modes,) [rad/s]."""
+
+    vectors: ComplexArray
+    """φ in the columns, (n_modes, n_modes)."""
+
+    damping: FloatArray
+    """C, (n_modes, n_modes) [1/s]."""
+
     modes: ObservedModes
-    shapes: FloatArray  # undamped modes, (n_dofs, n_modes)
-    mass: FloatArray  # M, (n_dofs, n_dofs)
+    shapes: FloatArray
+    """Undamped modes, (n_dofs, n_modes)."""
+
+    mass: FloatArray
+    """M, (n_dofs, n_dofs)."""
 
     @property
     def frequencies(self) -> FloatArray:
@@ -58,11 +67,21 @@ def damped_system(
     observed: ObservedModes,
     dampers: FloatArray | None = None,
 ) -> DampedSystem:
-    """The modes with their modal damping and with dampers between the degrees of freedom.
+    """Return the modes with their modal damping and with dampers between the degrees of freedom.
 
-    dampers   added to the modal damping, (n_dofs, n_dofs) [N·s/m]; None: none, shapes stay real
+    Parameters
+    ----------
+    dampers : ndarray, optional, shape (n_dofs, n_dofs)
+        Added to the modal damping [N·s/m]; None: none, shapes stay real.
 
-    Raises TurbineError where a mode is overdamped.
+    Returns
+    -------
+    DampedSystem
+
+    Raises
+    ------
+    TurbineError
+        If a mode is overdamped.
     """
     omega = 2.0 * np.pi * modes.frequencies
     damping = np.diag(2.0 * modes.damping_ratios * omega)

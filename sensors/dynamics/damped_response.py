@@ -4,7 +4,6 @@ Exact for forces that run straight from sample to sample, like `response`.
 """
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sensors.arrays import ComplexArray, FloatArray
 from sensors.dynamics.damped_modes import DampedSystem
@@ -22,12 +21,13 @@ class DampedResponse:
         self._rate = sampling_rate
         self._state = np.zeros(len(system.poles), dtype=np.complex128)  # z at the last step
         self._force = np.zeros(system.modes.participation.shape[1])  # at the last step [N]
-        self._course = np.zeros((len(system.poles), 0), dtype=np.complex128)  # z of `advance`
+        self._states = np.zeros((len(system.poles), 0), dtype=np.complex128)  # z of `advance`
         self._adopt(system)
         self._coupling = ChannelCoupling(system.modes.corner_frequencies, sampling_rate)
 
     @property
     def n_channels(self) -> int:
+        """Number of channels."""
         return len(self._system.modes.corner_frequencies)
 
     @property
@@ -67,9 +67,18 @@ class DampedResponse:
     def advance(self, forces: FloatArray) -> FloatArray:
         """Accelerometer readings at the next samples.
 
-        forces    (n_samples, n_loads) [N]
-        returns   (n_samples, n_channels) [m/s²]
+        Parameters
+        ----------
+        forces : ndarray, shape (n_samples, n_loads)
+            Forces [N].
+
+        Returns
+        -------
+        ndarray, shape (n_samples, n_channels)
+            [m/s²].
         """
+        from scipy.signal import lfilter  # 75 MB that only a simulation needs
+
         n_modes = len(self._state)
         parts = self._input_parts @ forces.T  # real times real, half the work of complex times real
         driven = np.empty((n_modes, len(forces)), dtype=np.complex128)
@@ -80,7 +89,7 @@ class DampedResponse:
             taps = np.array([self._gamma_1[mode], self._gamma_0[mode]])
             poles = np.array([1.0, -self._propagator[mode]])
             driven[mode], _ = lfilter(taps, poles, force, zi=memory[mode : mode + 1])
-        self._course = driven
+        self._states = driven
         self._state = driven[:, -1].copy()
         self._force = forces[-1].copy()
         readings = np.ascontiguousarray((self._output @ driven).real)
@@ -91,10 +100,18 @@ class DampedResponse:
     def displacements(self, rows: FloatArray) -> FloatArray:
         """Of any points of the structure over the last `advance`, (n_rows, n_samples) [m].
 
-        rows   displacement by degree of freedom, (n_rows, n_dofs)
+        Parameters
+        ----------
+        rows : ndarray, shape (n_rows, n_dofs)
+            Displacement by degree of freedom.
+
+        Returns
+        -------
+        ndarray, shape (n_rows, n_samples)
+            In [m].
         """
         seen = 2.0 * (rows @ self._system.shapes) @ self._system.vectors
-        motion: FloatArray = (seen @ self._course).real
+        motion: FloatArray = (seen @ self._states).real
         return motion
 
     def gains(self, frequencies: FloatArray) -> ComplexArray:

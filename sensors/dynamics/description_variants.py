@@ -23,9 +23,16 @@ STEP = 0.005  # of a factor, for the differences [-]
 
 
 def varied(description: TurbineDescription, name: str, factor: float) -> TurbineDescription:
-    """The same turbine with one figure multiplied by a factor [-].
+    """Return the same turbine with one figure multiplied by a factor [-].
 
-    Raises TurbineError: no such figure, or one that the turbine does not have.
+    Returns
+    -------
+    TurbineDescription
+
+    Raises
+    ------
+    TurbineError
+        No such figure, or one that the turbine does not have.
     """
     if name not in VARIATIONS:
         raise TurbineError(f"no figure {name!r} can be varied; there are {', '.join(VARIATIONS)}")
@@ -87,11 +94,20 @@ def modes_of_varied(
     *,
     highest_frequency: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Frequencies, (n_modes,) [Hz], and shapes as read, (n_modes, n_channels) [-], of another
-    description at the reference's θ, in the order of the reference's modes.
+    """Return the modes of another description at the reference's θ, in the reference's order.
 
-    reference           modes of the description that was varied, mass-normalised
-    highest_frequency   [Hz], beyond the highest mode of the reference
+    Frequencies, (n_modes,) [Hz], and shapes as read, (n_modes, n_channels) [-].
+
+    Parameters
+    ----------
+    reference : ReferenceModes
+        Modes of the description that was varied, mass-normalised.
+    highest_frequency : float
+        Highest frequency [Hz], beyond the highest mode of the reference.
+
+    Returns
+    -------
+    tuple[ndarray, ndarray]
     """
     model = assemble(description, stiffness=reference.theta)
     modes = solved_modes(model, Observation.of(model, layout), highest_frequency=highest_frequency)
@@ -108,10 +124,19 @@ def responses(
     *,
     highest_frequency: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """∂ ln f / ∂ ln (figure), (n_modes,) [-], and ∂ φ / ∂ ln (figure), (n_modes, n_channels) [-],
-    by central differences; the component of φ that is largest stays 1.
+    """Return derivatives of frequencies and shapes by a figure, by central differences.
 
-    Raises TurbineError: no such figure, or one that the turbine does not have.
+    ∂ ln f / ∂ ln (figure), (n_modes,) [-], and ∂ φ / ∂ ln (figure), (n_modes, n_channels) [-]; the
+    component of φ that is largest stays 1.
+
+    Returns
+    -------
+    tuple[ndarray, ndarray]
+
+    Raises
+    ------
+    TurbineError
+        No such figure, or one that the turbine does not have.
     """
     more, less = (
         modes_of_varied(

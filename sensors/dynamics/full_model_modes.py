@@ -28,12 +28,23 @@ _COUPLED = 1e-11  # relative size of a matrix entry below which two coordinates 
 class FullModes:
     """Modes of the whole model for one foundation, mass-normalised, lowest first."""
 
-    frequencies: FloatArray  # (n_modes,) [Hz]
-    vectors: FloatArray  # (n_dofs, n_modes), vectorsᵀ M vectors = 1
-    shapes: FloatArray  # as read by the layout's channels, (n_modes, n_channels), largest 1 [-]
-    directions: tuple[Direction, ...]  # plane in which the tower moves most
-    blade_energy_share: FloatArray  # of the kinetic energy, (n_modes,) [-]
-    sensor_motion: FloatArray  # largest displacement at a sensor at unit modal mass [1/√kg]
+    frequencies: FloatArray
+    """Frequencies, (n_modes,) [Hz]."""
+
+    vectors: FloatArray
+    """Vectors, (n_dofs, n_modes), vectorsᵀ M vectors = 1."""
+
+    shapes: FloatArray
+    """Shapes as read by the layout's channels, (n_modes, n_channels), largest 1 [-]."""
+
+    directions: tuple[Direction, ...]
+    """Plane in which the tower moves most."""
+
+    blade_energy_share: FloatArray
+    """Blade energy share of the kinetic energy, (n_modes,) [-]."""
+
+    sensor_motion: FloatArray
+    """Largest displacement at a sensor at unit modal mass [1/√kg]."""
 
 
 def full_modes(
@@ -44,12 +55,23 @@ def full_modes(
     highest_frequency: float = 12.5,
     tube_refinement: int = 1,
 ) -> FullModes:
-    """Every mode of the whole model up to a frequency, for one foundation.
+    """Return every mode of the whole model up to a frequency, for one foundation.
 
-    theta               θ, (3,) [N/m, N·m/rad, N/rad]; None: the description's
-    highest_frequency   [Hz]
+    Parameters
+    ----------
+    theta : ArrayLike, optional, shape (3,)
+        θ [N/m, N·m/rad, N/rad]; None: the description's.
+    highest_frequency : float, optional
+        Highest frequency [Hz].
 
-    Raises TurbineError where the springs are not positive definite or the structure would fall.
+    Returns
+    -------
+    FullModes
+
+    Raises
+    ------
+    TurbineError
+        If the springs are not positive definite or the structure would fall.
     """
     model = assemble(description, stiffness=theta, tube_refinement=tube_refinement)
     observation = Observation.of(model, layout)

@@ -47,11 +47,20 @@ _BASIS_MARGIN = 1.5  # a basis holds the modes to this multiple of the highest f
 class ModalParameters:
     """Modes of the model for n foundations; NaN where the foundation is not admissible."""
 
-    labels: tuple[str, ...]  # (n_modes,)
-    frequencies: FloatArray  # f, undamped (n, n_modes) [Hz]
-    shapes: FloatArray  # φ as read, (n, n_modes, n_channels), largest component exactly 1 [-]
-    admissible: NDArray[np.bool_]  # (n,): springs positive definite, structure stable
-    damping_ratios: FloatArray | None = None  # ζ, (n, n_modes) [-], where asked for
+    labels: tuple[str, ...]
+    """Labels, (n_modes,)."""
+
+    frequencies: FloatArray
+    """f, undamped (n, n_modes) [Hz]."""
+
+    shapes: FloatArray
+    """φ as read, (n, n_modes, n_channels), largest component exactly 1 [-]."""
+
+    admissible: NDArray[np.bool_]
+    """Admissible, (n,): springs positive definite, structure stable."""
+
+    damping_ratios: FloatArray | None = None
+    """ζ, (n, n_modes) [-], where asked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,15 +68,29 @@ class _ReducedGroup:
     """One decoupled group in a small basis, and what is wanted from its modes."""
 
     solver: MudlineCondensation | SpringEigenproblem
-    outputs: IndexArray  # (n_followed,): places of the followed modes among the labels
-    channels: IndexArray  # (n_read,): channels of the layout that see the group
-    observation: Observation  # of these channels, in the solver's coordinates
-    overlap: FloatArray  # φ_refᵀ M, (n_followed, n_coordinates)
+    outputs: IndexArray
+    """Outputs, (n_followed,): places of the followed modes among the labels."""
+
+    channels: IndexArray
+    """Channels, (n_read,): channels of the layout that see the group."""
+
+    observation: Observation
+    """Observation of these channels, in the solver's coordinates."""
+
+    overlap: FloatArray
+    """φ_refᵀ M, (n_followed, n_coordinates)."""
 
     def modes(self, springs: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Squares ω² (n, n_followed) and shapes (n, n_followed, n_read) of the followed modes.
 
-        springs   S, (n, 2, 2)
+        Parameters
+        ----------
+        springs : ndarray, shape (n, 2, 2)
+            S.
+
+        Returns
+        -------
+        tuple[ndarray, ndarray]
         """
         found = self.solver.modes(springs)
         places = followed_by_overlap((found.coordinates @ self.overlap.T).swapaxes(1, 2) ** 2)
@@ -77,13 +100,22 @@ class _ReducedGroup:
 
 
 def followed_by_overlap(overlap: FloatArray) -> IndexArray:
-    """Which mode continues each reference mode.
+    """Return which mode continues each reference mode.
 
-    overlap   squared mass-weighted products (φ_refᵀ M φ)² in [0, 1], (n, n_reference, n_modes)
-    returns   (n, n_reference): no mode twice, the sum of the overlaps as large as can be
+    Parameters
+    ----------
+    overlap : ndarray, shape (n, n_reference, n_modes)
+        Squared mass-weighted products (φ_refᵀ M φ)² in [0, 1].
 
-    Where every reference mode has a best successor of its own, that is the optimum; an
-    assignment is solved only for the others.
+    Returns
+    -------
+    ndarray, shape (n, n_reference)
+        No mode twice, the sum of the overlaps as large as can be.
+
+    Notes
+    -----
+    Where every reference mode has a best successor of its own, that is the optimum; an assignment
+    is solved only for the others.
     """
     best = np.argmax(overlap, axis=2)
     ordered = np.sort(best, axis=1)
@@ -130,11 +162,16 @@ def _diagonalised(model: StructuralModel, basis: FloatArray) -> tuple[FloatArray
 
 
 def _residual_vectors(vectors: FloatArray, squares: FloatArray, loads: FloatArray) -> FloatArray:
-    """What the left-out modes contribute to the response to mudline loads, two orders in ω².
+    """Return what the left-out modes contribute to the response to mudline loads, two orders in ω².
 
-    vectors, squares   the left-out modes, mass-normalised
-    loads              (n_loads, n_group)
+    Parameters
+    ----------
+    vectors, squares : ndarray
+        The left-out modes, mass-normalised.
+    loads : ndarray, shape (n_loads, n_group)
 
+    Notes
+    -----
         (K − ω² M)⁻¹ b over the left-out modes ≈ Σ φ φᵀ b / ω_j² + ω² Σ φ φᵀ b / ω_j⁴ + …
     """
     acting = loads[np.abs(loads).max(axis=1) > 0]
@@ -171,8 +208,11 @@ class ModalModel:
     ) -> None:
         """highest_frequency [Hz]; reference: modes to follow other than the nominal ones.
 
-        Raises TurbineError where the description's own foundation does not hold the structure,
-        or a sensor is not on the tower.
+        Raises
+        ------
+        TurbineError
+            If the description's own foundation does not hold the structure, or a sensor is not
+            on the tower.
         """
         if reference is None:
             nominal = assemble(description)
@@ -206,10 +246,16 @@ class ModalModel:
         return 0.0 if self.description.water is None else self.description.water.level
 
     def admissible(self, theta: ArrayLike) -> NDArray[np.bool_]:
-        """Whether springs are positive definite and hold the structure against gravity.
+        """Return whether springs are positive definite and hold the structure against gravity.
 
-        theta     θ, (n, 3) [N/m, N·m/rad, N/rad]
-        returns   (n,)
+        Parameters
+        ----------
+        theta : ArrayLike, shape (n, 3)
+            θ [N/m, N·m/rad, N/rad].
+
+        Returns
+        -------
+        ndarray, shape (n,)
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         held = positive_definite(theta)
@@ -221,11 +267,21 @@ class ModalModel:
         return held
 
     def modal(self, theta: ArrayLike, *, damping: ArrayLike | None = None) -> ModalParameters:
-        """The labelled modes for many foundations.
+        """Return the labelled modes for many foundations.
 
-        theta     θ = (k11, k22, k12), (n, 3) or (3,) [N/m, N·m/rad, N/rad]
-        damping   ζ to attach, one or (n_modes,) [-]
+        Parameters
+        ----------
+        theta : ArrayLike, shape (n, 3) or (3,)
+            θ = (k11, k22, k12) [N/m, N·m/rad, N/rad].
+        damping : ArrayLike, optional, shape (n_modes,)
+            ζ to attach, one or [-].
 
+        Returns
+        -------
+        ModalParameters
+
+        Notes
+        -----
         Rows that are not admissible hold NaN.
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
@@ -253,8 +309,10 @@ class ModalModel:
         return parameters
 
     def in_water(self, rises: Sequence[float]) -> ModalParameters:
-        """The modes at the reference θ with the water risen above the description's level, row by
-        row [m]; on land they stay. See `water_level`."""
+        """Return the modes at the reference θ with the water risen above the description's level.
+
+        Row by row [m]; on land the modes stay. See `water_level`.
+        """
         still = self.modal(self.theta_reference)
         rows = [
             modes_in_water(
@@ -270,12 +328,18 @@ class ModalModel:
         )
 
     def responses(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """How the modes at the reference θ answer to a figure of the description (`variation`).
+        """Return how the modes at the reference θ answer to a figure (`description_variants`).
 
-        returns   ∂ ln f / ∂ ln (figure), (n_modes,) [-], and ∂ φ / ∂ ln (figure), largest
-                  component 1, (n_modes, n_channels) [-]
+        Returns
+        -------
+        tuple[ndarray, ndarray], shape (n_modes,)
+            ∂ ln f / ∂ ln (figure) [-], and ∂ φ / ∂ ln (figure), largest component 1, (n_modes,
+            n_channels) [-].
 
-        Raises TurbineError: no such figure, or one that the turbine does not have.
+        Raises
+        ------
+        TurbineError
+            No such figure, or one that the turbine does not have.
         """
         return responses(
             self.description,
@@ -286,19 +350,35 @@ class ModalModel:
         )
 
     def scoured(self, theta: ArrayLike, depths: ArrayLike) -> FloatArray:
-        """Springs after scour, (n, 3), from θ before it, (n, 3), and its depth, (n,) [m]; by a pile
-        on Winkler springs (`winkler`).
+        """Springs after scour, (n, 3), from θ before it, (n, 3), and its depth, (n,) [m].
 
-        Raises TurbineError where the description has no embedded length.
+        By a pile on Winkler springs (`winkler`).
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            In [m].
+
+        Raises
+        ------
+        TurbineError
+            If the description has no embedded length.
         """
         if self._pile is None:
             self._pile = PileInSoil.of(self.description)
         return np.asarray(theta) * self._pile.scoured(depths)
 
     def following(self, theta_reference: ArrayLike) -> "ModalModel":
-        """The same modes, followed by overlap from another θ, (3,), instead of the present one.
+        """Return the same modes, followed by overlap from another θ, (3,), than the present one.
 
-        Raises TurbineError where that θ is not admissible.
+        Returns
+        -------
+        ModalModel
+
+        Raises
+        ------
+        TurbineError
+            If that θ is not admissible.
         """
         model = assemble(self.description, stiffness=theta_reference)
         modes = solved_modes(
@@ -323,8 +403,10 @@ class ModalModel:
         )
 
     def subset(self, labels: Sequence[str]) -> "ModalModel":
-        """A cheaper model with some of the modes only, in the given order; KeyError for a label
-        that there is not."""
+        """Return a cheaper model with some of the modes only, in the given order.
+
+        KeyError for a label that there is not.
+        """
         for label in labels:
             if label not in self.labels:
                 raise KeyError(f"no mode {label!r}; there are {', '.join(self.labels)}")
@@ -339,10 +421,15 @@ class ModalModel:
 def mudline_gravity_stiffness(model: StructuralModel) -> FloatArray:
     """Static stiffness of everything above the springs, seen from the mudline.
 
-    returns   (4, 4) on (u_x, ψ_x, u_y, ψ_y) [N/m, N, N·m/rad]
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        On (u_x, ψ_x, u_y, ψ_y) [N/m, N, N·m/rad].
 
-    Without gravity it is zero (the structure would just move along); with it, the weight tips.
-    The whole stands where this plus the springs is positive definite.
+    Notes
+    -----
+    Without gravity it is zero (the structure would just move along); with it, the weight tips. The
+    whole stands where this plus the springs is positive definite.
     """
     mudline = model.spring_dofs.ravel()
     above = np.setdiff1d(np.arange(model.n_dofs), mudline)

@@ -1,5 +1,4 @@
-"""Response of the structure to nodal forces, integrated exactly in modal state space, and what
-accelerometers on it read.
+"""Response to nodal forces, integrated exactly in modal state space, as accelerometers read it.
 
 Every retained mode obeys, with q in mass-normalised coordinates [kg^½·m],
 
@@ -38,13 +37,21 @@ class AccelerationResponse:
 
     @property
     def n_channels(self) -> int:
+        """Number of channels."""
         return len(self._modes.corner_frequencies)
 
     def advance(self, forces: FloatArray) -> FloatArray:
         """Accelerometer readings at the next samples.
 
-        forces    (n_samples, n_loads) [N]
-        returns   (n_samples, n_channels) [m/s²]
+        Parameters
+        ----------
+        forces : ndarray, shape (n_samples, n_loads)
+            Forces [N].
+
+        Returns
+        -------
+        ndarray, shape (n_samples, n_channels)
+            [m/s²].
         """
         filtered = self._oscillators.advance(self._modes.participation @ forces.T)
         readings = (

@@ -38,18 +38,28 @@ _CONVERGED = 3e-4  # relative step in the distance to the pole; the error is its
 class SpringModes:
     """Mass-normalised modes for n foundations, lowest first."""
 
-    squares: FloatArray  # λ = ω², (n, n_modes) [rad²/s²]
-    coordinates: FloatArray  # (n, n_modes, m): mudline y, then the clamped modes' amplitudes
+    squares: FloatArray
+    """λ = ω², (n, n_modes) [rad²/s²]."""
+
+    coordinates: FloatArray
+    """Coordinates, (n, n_modes, m): mudline y, then the clamped modes' amplitudes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Grid:
     """Places λ = p_near + offset, lowest first, at which G is tabulated."""
 
-    near: IndexArray  # (n_grid,): index of the nearer pole
-    offset: FloatArray  # λ − p_near, never 0 [rad²/s²]
-    poles_below: IndexArray  # (n_grid,)
-    g: FloatArray  # (3, n_grid): entries 11, 22, 12 of G without S
+    near: IndexArray
+    """Near, (n_grid,): index of the nearer pole."""
+
+    offset: FloatArray
+    """λ − p_near, never 0 [rad²/s²]."""
+
+    poles_below: IndexArray
+    """Poles below, (n_grid,)."""
+
+    g: FloatArray
+    """G, (3, n_grid): entries 11, 22, 12 of G without S."""
 
 
 @dataclass(slots=True, eq=False)
@@ -63,9 +73,12 @@ class _Roots:
     springs: FloatArray
     near: IndexArray
     offset: FloatArray
-    lower: FloatArray  # enclosure of the offset
+    lower: FloatArray
+    """Enclosure of the offset."""
+
     upper: FloatArray
-    side: FloatArray  # −1: the smaller eigenvalue of G is zero at the root, +1: the larger
+    side: FloatArray
+    """−1: the smaller eigenvalue of G is zero at the root, +1: the larger."""
 
     @property
     def at_pole(self) -> NDArray[np.bool_]:
@@ -87,10 +100,17 @@ class _Roots:
 class MudlineCondensation:
     """One decoupled group of the structure, condensed onto its two mudline coordinates.
 
-    squares       Λ, (m,): the group's stiffness in a mass-normalised basis, with springs S_ref
-    spring_rows   Y, (2, m): the mudline coordinates in that basis
-    springs       S_ref, (2, 2)
+    Parameters
+    ----------
+    squares : ndarray, shape (m,)
+        Λ: the group's stiffness in a mass-normalised basis, with springs S_ref.
+    spring_rows : ndarray, shape (2, m)
+        Y: the mudline coordinates in that basis.
+    springs : ndarray, shape (2, 2)
+        S_ref.
 
+    Notes
+    -----
     `basis`, (m, m), takes the coordinates of `modes` back to that basis. Poles must be distinct:
     see `distinct`.
     """
@@ -127,9 +147,16 @@ class MudlineCondensation:
         return bool(self.poles[0] > 0 and np.all(np.diff(self.poles) > 1e-9 * self.poles[1:]))
 
     def modes(self, springs: FloatArray) -> SpringModes:
-        """The modes with other springs.
+        """Return the modes with other springs.
 
-        springs   S, (n, 2, 2), positive definite and strong enough to hold the structure
+        Parameters
+        ----------
+        springs : ndarray, shape (n, 2, 2)
+            S, positive definite and strong enough to hold the structure.
+
+        Returns
+        -------
+        SpringModes
         """
         roots = self._enclosed(_entries(self._unscale @ springs @ self._unscale.T))
         self._converge(roots)
@@ -169,9 +196,12 @@ class MudlineCondensation:
         return g, -self._mass[:, None] - 2 * first - square**2 * second, inverse
 
     def _enclosed(self, springs: FloatArray) -> _Roots:
-        """Every root between two neighbouring points of the grid, by bisection of the count.
+        """Return every root between two neighbouring points of the grid, by bisection of the count.
 
-        springs   (3, n). The k-th mode lies between the poles k − 2 and k, or at one of them.
+        Parameters
+        ----------
+        springs : ndarray, shape (3, n)
+            The k-th mode lies between the poles k − 2 and k, or at one of them.
         """
         grid, per_interval = self._grid, 2 * len(_DISTANCES)
         number = np.tile(np.arange(self.n_modes), springs.shape[1])
@@ -258,10 +288,17 @@ class MudlineCondensation:
 class SpringEigenproblem:
     """The same by a plain eigenvalue solution: slower, for any number of planes and any poles.
 
-    squares       Λ, (m,): stiffness in a mass-normalised basis, with springs S_ref
-    spring_rows   Y, (n_planes, 2, m): the mudline coordinates of each plane in that basis
-    springs       S_ref, (2, 2)
+    Parameters
+    ----------
+    squares : ndarray, shape (m,)
+        Λ: stiffness in a mass-normalised basis, with springs S_ref.
+    spring_rows : ndarray, shape (n_planes, 2, m)
+        Y: the mudline coordinates of each plane in that basis.
+    springs : ndarray, shape (2, 2)
+        S_ref.
 
+    Notes
+    -----
         K = Λ + Σ Yᵀ (S − S_ref) Y over the planes
     """
 
@@ -272,7 +309,7 @@ class SpringEigenproblem:
         self.basis = np.eye(len(squares))
 
     def modes(self, springs: FloatArray) -> SpringModes:
-        """The modes with other springs S, (n, 2, 2)."""
+        """Return the modes with other springs S, (n, 2, 2)."""
         Y = self._spring_rows
         stiffness = np.einsum("pia,nij,pjb->nab", Y, springs - self._springs, Y, optimize=True)
         diagonal = np.arange(len(self._squares))
@@ -284,7 +321,7 @@ class SpringEigenproblem:
 def spring_modes_solver(
     squares: FloatArray, spring_rows: FloatArray, springs: FloatArray, *, n_modes: int
 ) -> MudlineCondensation | SpringEigenproblem:
-    """The faster of the two that can give the lowest n_modes of this group.
+    """Return the faster of the two that can give the lowest n_modes of this group.
 
     The other arguments as for SpringEigenproblem.
     """

@@ -1,9 +1,10 @@
-"""Damped oscillators under forces that run straight from sample to sample, without integration
-error: the matrix exponential as a recursion."""
+"""Damped oscillators under forces that run straight from sample to sample.
+
+There is no integration error: the matrix exponential is written as a recursion.
+"""
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 from sensors.arrays import ComplexArray, FloatArray
 
@@ -43,9 +44,18 @@ class ModalOscillators:
     def advance(self, modal_forces: FloatArray) -> FloatArray:
         """Filtered forces w of the next samples, preceded by the two before them.
 
-        modal_forces   p, (n_modes, n_samples) [N/kg^½]
-        returns        w, (n_modes, 2 + n_samples)
+        Parameters
+        ----------
+        modal_forces : ndarray, shape (n_modes, n_samples)
+            p [N/kg^½].
+
+        Returns
+        -------
+        ndarray, shape (n_modes, 2 + n_samples)
+            w.
         """
+        from scipy.signal import lfilter  # 75 MB that only a simulation needs
+
         filtered = np.empty((len(modal_forces), modal_forces.shape[1] + 2))
         filtered[:, :2] = self._tail
         one = np.ones(1)
@@ -59,9 +69,15 @@ class ModalOscillators:
     def frequency_response(self, taps: FloatArray, frequencies: FloatArray) -> ComplexArray:
         """Response per unit harmonic force sampled as above: Σ taps_i z⁻ⁱ / Σ den_i z⁻ⁱ.
 
-        taps          (..., n_modes, 3)
-        frequencies   (n_frequencies,) [Hz]
-        returns       (n_frequencies, ..., n_modes)
+        Parameters
+        ----------
+        taps : ndarray, shape (..., n_modes, 3)
+        frequencies : ndarray, shape (n_frequencies,)
+            Frequencies [Hz].
+
+        Returns
+        -------
+        ndarray, shape (n_frequencies, ..., n_modes)
         """
         powers = np.exp(
             -2j * np.pi * self._dt * np.multiply.outer(frequencies, np.arange(3))
@@ -77,14 +93,25 @@ def first_order_hold(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Exact propagators of damped oscillators under a force linear between samples.
 
-    omega            undamped circular frequencies, (n_modes,) [rad/s]
-    damping_ratios   ζ, (n_modes,) [-]
-    time_step        T [s]
-    returns          Φ (n_modes, 2, 2), Γ0 (n_modes, 2), Γ1 (n_modes, 2) for x = (q, q')ᵀ
+    Parameters
+    ----------
+    omega : ndarray, shape (n_modes,)
+        Undamped circular frequencies [rad/s].
+    damping_ratios : ndarray, shape (n_modes,)
+        ζ [-].
+    time_step : float
+        T [s].
 
+    Returns
+    -------
+    tuple[ndarray, ndarray, ndarray], shape (n_modes, 2, 2)
+        Φ, Γ0 (n_modes, 2), Γ1 (n_modes, 2) for x = (q, q')ᵀ.
+
+    Notes
+    -----
     All three are blocks of one matrix exponential, exp([[A T, b T, 0], [0, 0, 1], [0, 0, 0]]):
-    Source: Franklin, Powell and Workman, Digital Control of Dynamic Systems (triangle hold).
-    Time is counted in steps inside, so that q and q' T are of the same size.
+    Source: Franklin, Powell and Workman, Digital Control of Dynamic Systems (triangle hold). Time
+    is counted in steps inside, so that q and q' T are of the same size.
     """
     step = omega * time_step
     augmented = np.zeros((len(omega), 4, 4))

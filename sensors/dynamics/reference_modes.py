@@ -21,11 +21,16 @@ REFERENCE_WINDOW = 0.05  # a published mode is looked for within this relative d
 class ReferenceModes:
     """The labelled modes at one θ that a ModalModel follows to other foundations."""
 
-    theta: FloatArray  # (3,) [N/m, N·m/rad, N/rad]
+    theta: FloatArray
+    """Theta, (3,) [N/m, N·m/rad, N/rad]."""
+
     labels: tuple[str, ...]
     directions: tuple[Direction, ...]
-    blade_energy_share: FloatArray  # (n_modes,) [-]
-    vectors: FloatArray  # mass-normalised, (n_dofs, n_modes)
+    blade_energy_share: FloatArray
+    """Blade energy share, (n_modes,) [-]."""
+
+    vectors: FloatArray
+    """Mass-normalised modes, (n_dofs, n_modes)."""
 
     def take(self, indices: Sequence[int]) -> "ReferenceModes":
         """Some of the modes, in the given order."""
@@ -41,10 +46,10 @@ class ReferenceModes:
 def visible_modes(
     model: StructuralModel, layout: SensorLayout, *, highest_frequency: float
 ) -> ReferenceModes:
-    """The modes that the sensors can see, labelled.
+    """Return the modes that the sensors can see, labelled.
 
-    Visible is a mode up to the highest frequency [Hz] whose largest displacement at a sensor,
-    at unit modal mass, reaches VISIBLE_SHARE of the largest of all modes. First the description's
+    Visible is a mode up to the highest frequency [Hz] whose largest displacement at a sensor, at
+    unit modal mass, reaches VISIBLE_SHARE of the largest of all modes. First the description's
     reference modes under their own names, then the others, numbered on by frequency.
     """
     observation = Observation.of(model, layout)
@@ -99,6 +104,6 @@ def _near(mode: ReferenceMode, modes: FullModes, *, taken: Iterable[int]) -> lis
 
 
 def _further_labels(used: set[str], count: int) -> list[str]:
-    """Numbers that go on after the listed names: '12', '13', …"""
+    """Return numbers that continue the listed names: '12', '13', …."""
     numbers = (str(number) for number in range(len(used) + 1, len(used) + count + 2 + len(used)))
     return [number for number in numbers if number not in used][:count]

@@ -21,8 +21,11 @@ class ModalDamping:
     aerodynamics, .7 % in the support structure as in [foundation-updating], 1 % in the blades.
     """
 
-    support: float = 0.007  # ζ of a mode that lives in tower and monopile [-]
-    blades: float = 0.010  # ζ of a mode that lives in the blades [-]
+    support: float = 0.007
+    """ζ of a mode that lives in tower and monopile [-]."""
+
+    blades: float = 0.010
+    """ζ of a mode that lives in the blades [-]."""
 
     def __post_init__(self) -> None:
         for name, ratio in (("support", self.support), ("blades", self.blades)):
@@ -37,10 +40,17 @@ class ModalDamping:
 class StructureModes:
     """Undamped modes of the full model, mass-normalised, and the damping given to them."""
 
-    frequencies: FloatArray  # rising, (n_modes,) [Hz]
-    damping_ratios: FloatArray  # ζ, (n_modes,) [-]
-    shapes: FloatArray  # φ, (n_dofs, n_modes), φᵀ M φ = I
-    blade_energy_share: FloatArray  # of the kinetic energy, (n_modes,) [-]
+    frequencies: FloatArray
+    """Frequencies, rising, (n_modes,) [Hz]."""
+
+    damping_ratios: FloatArray
+    """ζ, (n_modes,) [-]."""
+
+    shapes: FloatArray
+    """φ, (n_dofs, n_modes), φᵀ M φ = I."""
+
+    blade_energy_share: FloatArray
+    """Blade energy share of the kinetic energy, (n_modes,) [-]."""
 
 
 def structure_modes(
@@ -51,7 +61,14 @@ def structure_modes(
     Solved for 1/ω², the lowest modes are the largest eigenvalues and keep eleven digits beside
     axial modes 10⁵ times as high; for ω² they would keep six.
 
-    Raises TurbineError where the structure is unstable: springs too soft for its weight.
+    Returns
+    -------
+    StructureModes
+
+    Raises
+    ------
+    TurbineError
+        If the structure is unstable: springs too soft for its weight.
     """
     try:
         flexibilities, vectors = eigh(
@@ -79,23 +96,46 @@ def structure_modes(
 class ObservedModes:
     """Modes of the structure as a set of loads excites them and a sensor layout observes them."""
 
-    frequencies: FloatArray  # undamped, (n_modes,) [Hz]
-    damping_ratios: FloatArray  # ζ, (n_modes,) [-]
-    participation: FloatArray  # φᵀ at the loads, (n_modes, n_loads) [kg^-½]
-    displacement: FloatArray  # φ along each sensing axis, (n_channels, n_modes) [kg^-½]
-    rotation: FloatArray  # ψ = dφ/dz along each sensing axis, (n_channels, n_modes) [rad/(m·kg^½)]
-    corner_frequencies: FloatArray  # (n_channels,) [Hz]; 0 for a DC-coupled axis
-    gravity: float  # g [m/s²]
+    frequencies: FloatArray
+    """Undamped frequencies, (n_modes,) [Hz]."""
+
+    damping_ratios: FloatArray
+    """ζ, (n_modes,) [-]."""
+
+    participation: FloatArray
+    """φᵀ at the loads, (n_modes, n_loads) [kg^-½]."""
+
+    displacement: FloatArray
+    """φ along each sensing axis, (n_channels, n_modes) [kg^-½]."""
+
+    rotation: FloatArray
+    """ψ = dφ/dz along each sensing axis, (n_channels, n_modes) [rad/(m·kg^½)]."""
+
+    corner_frequencies: FloatArray
+    """Corner frequencies, (n_channels,) [Hz]; 0 for a DC-coupled axis."""
+
+    gravity: float
+    """g [m/s²]."""
 
 
 def observed_modes(
     model: StructuralModel, modes: StructureModes, layout: SensorLayout, distribution: FloatArray
 ) -> ObservedModes:
-    """The modes as loads excite them and as a layout's accelerometers observe them.
+    """Return the modes as loads excite them and as a layout's accelerometers observe them.
 
-    distribution   forces on the degrees of freedom per unit of each load, (n_dofs, n_loads)
+    Parameters
+    ----------
+    distribution : ndarray, shape (n_dofs, n_loads)
+        Forces on the degrees of freedom per unit of each load.
 
-    Raises TurbineError for an accelerometer that is not on the tower.
+    Returns
+    -------
+    ObservedModes
+
+    Raises
+    ------
+    TurbineError
+        For an accelerometer that is not on the tower.
     """
     axes = layout.channels
     displacement = [model.tower_displacement(axis.elevation, axis.direction) for axis in axes]

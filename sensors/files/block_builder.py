@@ -1,6 +1,6 @@
 """Files of measurements → AccelerationBlocks, as an acquisition unit would have sent them.
 
-file 1  |‾‾‾‾‾‾‾‾‾‾‾|           pieces with their stamps
+file 1  |‾‾‾‾‾‾‾‾‾‾‾|           chunks with their stamps
 file 2                  |‾‾‾‾|  in order of time, never two at once
           │ BlockCutter
 blocks  |0|1|2|3|4|5|   |9|10|  a second each; a gap ends one, numbers go on behind it
@@ -17,7 +17,7 @@ import numpy as np
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray, IntArray
-from sensors.files.formats import file_pieces
+from sensors.files.formats import read_chunks
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
 
 BLOCK = 1.0  # [s]
@@ -31,37 +31,55 @@ RESTARTED = 600.0  # a unit that was silent that long begins a new session [s]
 class StampedSamples:
     """Some consecutive samples of a measurement and when each was taken."""
 
-    times_ns: IntArray  # (n,) [ns since 1970-01-01 UTC], rising
-    samples: FloatArray  # (n, n_channels)
+    times_ns: IntArray
+    """Time of each sample, (n,) [ns since 1970-01-01 UTC], rising."""
+
+    samples: FloatArray
+    """Samples, (n, n_channels)."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasurementFile:
-    """One file and what its beginning tells."""
+    """One file and what its beginning states."""
 
     path: Path
-    reader: str | None  # None: the one of its suffix
+    reader: str | None
+    """package.module:function of its reader; None: the one of its suffix."""
+
     names: tuple[str, ...]
     units: tuple[str, ...]
-    sampling_rate: float | None  # [Hz]; None: it does not say
-    start_ns: int  # [ns since 1970-01-01 UTC]; 0: it does not say
+    sampling_rate: float | None
+    """Sampling rate [Hz]; None: the file does not state it."""
+
+    start_ns: int
+    """Time of the first sample [ns since 1970-01-01 UTC]; 0: the file does not state it."""
+
     wanted: Wanted = EVERYTHING
 
-    def pieces(self) -> Iterator[ChannelTable]:
+    def chunks(self) -> Iterator[ChannelTable]:
         """Its samples, its channels in the order of `names`."""
-        for piece in file_pieces(self.path, self.reader, self.wanted):
-            if piece.names == self.names:
-                yield piece
+        for chunk in read_chunks(self.path, self.reader, self.wanted):
+            if chunk.names == self.names:
+                yield chunk
             else:
-                columns = [piece.names.index(name) for name in self.names]
-                yield replace(piece, names=self.names, samples=piece.samples[:, columns])
+                columns = [chunk.names.index(name) for name in self.names]
+                yield replace(chunk, names=self.names, samples=chunk.samples[:, columns])
 
 
-def opened(
+def open_file(
     path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
 ) -> tuple[MeasurementFile, ChannelTable]:
-    """A file and its first piece. Raises FileError."""
-    first = next(file_pieces(path, reader, wanted), None)
+    """Return a file and its first chunk.
+
+    Returns
+    -------
+    tuple[MeasurementFile, ChannelTable]
+
+    Raises
+    ------
+    FileError
+    """
+    first = next(read_chunks(path, reader, wanted), None)
     if first is None:
         raise FileError(f"{path}: 0 samples; at least two are needed")
     rate = first.sampling_rate
@@ -69,10 +87,17 @@ def opened(
     return MeasurementFile(path, reader, *known, wanted), first
 
 
-def in_order_of_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
+def sort_by_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
     """Files that begin one after the other, with the same channels at the same rate.
 
-    Raises FileError for one of several that does not say when it begins, or differs from the first.
+    Returns
+    -------
+    list[MeasurementFile]
+
+    Raises
+    ------
+    FileError
+        For one of several that does not state when it begins, or differs from the first.
     """
     if len(files) == 1:
         return list(files)
@@ -108,26 +133,38 @@ def _titled(file: MeasurementFile) -> str:
     return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in titles)
 
 
-def stamped(
-    files: Sequence[MeasurementFile], pieces: Iterable[tuple[int, ChannelTable]], rate: float
+def stamp_samples(
+    files: Sequence[MeasurementFile], chunks: Iterable[tuple[int, ChannelTable]], rate: float
 ) -> Iterator[StampedSamples]:
-    """The pieces with every sample's time; rows without any number are left out as missing.
+    """Yield the chunks with every sample's time; rows without any number are left out as missing.
 
-    files    in order of time
-    pieces   of all of them, each with the number of its file
-    rate     [Hz], of what has no stamps
+    Parameters
+    ----------
+    files : Sequence[MeasurementFile]
+        Files in order of time.
+    pieces : Iterable[tuple[int, ChannelTable]]
+        Chunks of all of them, each with the number of its file.
+    rate : float
+        Rate [Hz], of what has no stamps.
 
-    Raises FileError where time stands still or goes back, within a file or from one to the next.
+    Yields
+    ------
+    StampedSamples
+
+    Raises
+    ------
+    FileError
+        If time stands still or goes back, within a file or from one to the next.
     """
     counted, current, last_ns, last_file = 0, -1, None, 0
-    for number, piece in pieces:
+    for number, chunk in chunks:
         counted = counted if number == current else 0
         current = number
-        times = piece.times
+        times = chunk.times
         if times is None:
-            times = (counted + np.arange(len(piece.samples))) / rate
-        counted += len(piece.samples)
-        times_ns = piece.start_ns + np.round(times * NANOSECONDS).astype(np.int64)
+            times = (counted + np.arange(len(chunk.samples))) / rate
+        counted += len(chunk.samples)
+        times_ns = chunk.start_ns + np.round(times * NANOSECONDS).astype(np.int64)
         if times_ns[0] < 0:
             raise FileError(
                 f"{files[number].path} begins at {moment(int(times_ns[0]))}, before 1970: its "
@@ -146,13 +183,13 @@ def stamped(
                 "samples instead"
             )
         last_ns, last_file = int(times_ns[-1]), number
-        present = ~np.isnan(piece.samples).all(axis=1)
+        present = ~np.isnan(chunk.samples).all(axis=1)
         if present.any():
-            yield StampedSamples(times_ns[present], piece.samples[present])
+            yield StampedSamples(times_ns[present], chunk.samples[present])
 
 
 def moment(time_ns: int) -> str:
-    """A time in words: "2024-03-01 12:00:00.250" (UTC)."""
+    """Return a time in words: "2024-03-01 12:00:00.250" (UTC)."""
     seconds, rest = divmod(time_ns, NANOSECONDS)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d}"
 
@@ -160,9 +197,15 @@ def moment(time_ns: int) -> str:
 class BlockCutter:
     """Cuts stamped samples into blocks of a second.
 
-    layout          of the channels
-    sampling_rate   [Hz]
+    Parameters
+    ----------
+    layout : SensorLayout
+        Layout of the channels.
+    sampling_rate : float
+        Sampling rate [Hz].
 
+    Notes
+    -----
     A gap is where the stamps leap ahead of an even clock for good: by half a sample or more, for
     longer than some late stamps in a row. It ends a block; the sample and block numbers behind it
     count what is missing. After a silence of ten minutes a new session begins.
@@ -178,9 +221,9 @@ class BlockCutter:
         self._sequence = 0
         self._end_ns: int | None = None  # one sample after the last one given [ns]
 
-    def push(self, piece: StampedSamples) -> Iterator[AccelerationBlock]:
+    def push(self, chunk: StampedSamples) -> Iterator[AccelerationBlock]:
         """Take more samples; give the blocks that are complete."""
-        self._held = piece if self._held is None else _joined(self._held, piece)
+        self._held = chunk if self._held is None else _join(self._held, chunk)
         yield from self._cut(final=False)
 
     def finish(self) -> Iterator[AccelerationBlock]:
@@ -200,22 +243,24 @@ class BlockCutter:
                 break
             if lost[begin]:
                 self._skip(int(lost[begin]))
-            whole = (
+            complete = (
                 end if end < sure or final else begin + (sure - begin) // self._size * self._size
             )
-            for first in range(begin, whole, self._size):
-                last = min(first + self._size, whole)
+            for first in range(begin, complete, self._size):
+                last = min(first + self._size, complete)
                 yield self._block(int(times_ns[first]), held.samples[first:last])
-            done = whole
-            if whole < end:
+            done = complete
+            if complete < end:
                 break
         self._held = StampedSamples(held.times_ns[done:], held.samples[done:])
         if final:
             self._held = None
 
     def _even(self, times_ns: IntArray) -> tuple[IntArray, IntArray]:
-        """When the samples were taken by a clock that late stamps do not move, (n,) [ns], and how
-        many samples are lost before each, (n,)."""
+        """Return the samples' times by a clock that late stamps do not move, (n,) [ns].
+
+        The second array, (n,), counts the samples that are lost before each.
+        """
         expected = times_ns[0] if self._end_ns is None else self._end_ns
         ahead = (times_ns - expected) * (self._rate / NANOSECONDS) - np.arange(len(times_ns))
         padded = np.append(ahead, np.full(LATE_STAMPS - 1, np.inf))
@@ -254,7 +299,7 @@ class BlockCutter:
         return block
 
 
-def _joined(a: StampedSamples, b: StampedSamples) -> StampedSamples:
+def _join(a: StampedSamples, b: StampedSamples) -> StampedSamples:
     return StampedSamples(
         np.concatenate([a.times_ns, b.times_ns]), np.concatenate([a.samples, b.samples])
     )

@@ -6,6 +6,10 @@
     elevation = 145.0
     direction = [1.0, 0.0, 0.0]
 
+    [time]                     only where the titles do not state the time
+    column = "Messpunkt"
+    unit = "ms"
+
 What it lists is taken, in its order; other channels of the measurement are left out.
 """
 
@@ -27,25 +31,37 @@ from sensors.acquisition.layout import (
     LayoutError,
     SensorLayout,
 )
-from sensors.files.table import ChannelTable, Quantity, Wanted, in_standard_unit
+from sensors.files.table import ChannelTable, Quantity, TimeColumn, Wanted, in_standard_unit
 from sensors.settings import settings_from_table
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
-_CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file said its unit itself
+_CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file states its unit
 
 
 @dataclass(frozen=True, slots=True)
 class MappedChannel:
     """One channel of a measurement."""
 
-    name: str  # as the measurement has it
-    elevation: float  # above mean water level [m]
-    direction: tuple[float, float, float]  # of the positive axis (x, y, z); of any length
+    name: str
+    """Name of the channel as the measurement has it."""
+
+    elevation: float
+    """Elevation above mean water level [m]."""
+
+    direction: tuple[float, float, float]
+    """Direction of the positive axis (x, y, z); of any length."""
+
     quantity: Literal["acceleration", "velocity", "displacement", "strain"] | None = None
-    unit: str | None = None  # of the samples, or of what the sensitivity divides to
-    sensitivity: float | None = None  # of the samples per `unit`: V per g, counts per m/s²
+    unit: str | None = None
+    """Unit of the samples, or of what the sensitivity divides to."""
+
+    sensitivity: float | None = None
+    """Sensitivity of the samples per `unit`: V per g, counts per m/s²."""
+
     coupling: Coupling = "dc"
-    corner_frequency: float = 0.0  # of an AC-coupled axis [Hz]
+    corner_frequency: float = 0.0
+    """Corner frequency of an AC-coupled axis [Hz]."""
+
     serial: str = ""
 
     def __post_init__(self) -> None:
@@ -66,10 +82,18 @@ class LayoutFile:
     """All that is known of how a measurement was mounted."""
 
     channels: tuple[MappedChannel, ...]
-    turbine: str = "turbine"  # becomes part of a Zenoh key
-    unit: str = "tower"  # so does the acquisition unit
+    turbine: str = "turbine"
+    """Name of the turbine, part of a Zenoh key."""
+
+    unit: str = "tower"
+    """Name of the acquisition unit, part of a Zenoh key."""
+
     layout_id: str = "imported"
-    origin: str = "layout"  # the file's name, for errors
+    origin: str = "layout"
+    """The file's name, for errors."""
+
+    time: TimeColumn | None = None
+    """Where the titles do not state it."""
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -80,29 +104,35 @@ class LayoutFile:
                 raise LayoutError(f"{key} is {name!r}; a name without spaces and / * $ # ?")
 
     def wanted(self) -> Wanted:
-        """What of a file is read."""
-        return Wanted(frozenset(channel.name for channel in self.channels))
+        """Return what of a file is read."""
+        return Wanted(frozenset(channel.name for channel in self.channels), time=self.time)
 
     def chosen(self, table: ChannelTable) -> ChannelTable:
-        """The channels that the layout lists, in their units.
+        """Return the channels that the layout lists, in their units.
 
-        Raises LayoutError for a channel that the measurement lacks, and for a unit that it says
-        itself.
+        Returns
+        -------
+        ChannelTable
+
+        Raises
+        ------
+        LayoutError
+            For a channel that the measurement lacks, and for a unit that it states itself.
         """
         columns = [self._column(channel, table) for channel in self.channels]
         pairs = list(zip(self.channels, columns, strict=True))
         units, factors = zip(*(self._scale(channel, table, i) for channel, i in pairs), strict=True)
-        told = table.stated_quantities or (None,) * len(table.names)
+        stated = table.stated_quantities or (None,) * len(table.names)
         return replace(
             table,
             names=tuple(channel.name for channel in self.channels),
             units=units,
             samples=table.samples[:, columns] * np.array(factors),
-            stated_quantities=tuple(_quantity(channel) or told[i] for channel, i in pairs),
+            stated_quantities=tuple(_quantity(channel) or stated[i] for channel, i in pairs),
         )
 
     def sensor_layout(self, table: ChannelTable) -> SensorLayout:
-        """The layout of a table's channels, which `chosen` gave."""
+        """Return the layout of a table's channels, which `chosen` gave."""
         return SensorLayout(
             self.layout_id,
             turbine=self.turbine,
@@ -135,12 +165,12 @@ class LayoutFile:
 
     def _scale(self, channel: MappedChannel, table: ChannelTable, column: int) -> tuple[str, float]:
         """Unit of a channel's samples, and the factor to it."""
-        said = table.units[column]
+        stated = table.units[column]
         if channel.unit is None:
-            return said, 1.0
-        if said in _CONVERTED:
+            return stated, 1.0
+        if stated in _CONVERTED:
             raise LayoutError(
-                f"{self.origin}: channel {channel.name!r} is in {said} by the measurement's own "
+                f"{self.origin}: channel {channel.name!r} is in {stated} by the measurement's own "
                 f"words; leave unit = {channel.unit!r} out"
             )
         unit, factor = in_standard_unit(channel.unit)
@@ -148,9 +178,16 @@ class LayoutFile:
 
 
 def load_layout(path: Path) -> LayoutFile:
-    """The layout in a TOML file.
+    """Return the layout in a TOML file.
 
-    Raises LayoutError, one line: no such file, not TOML, an unknown or missing key, a wrong value.
+    Returns
+    -------
+    LayoutFile
+
+    Raises
+    ------
+    LayoutError
+        One line: no such file, not TOML, an unknown or missing key, a wrong value.
     """
     try:
         table = tomllib.loads(path.read_text("utf-8-sig"))
@@ -169,7 +206,10 @@ def load_layout(path: Path) -> LayoutFile:
     others = {key: each for key, each in table.items() if key != "channels"}
     checked = settings_from_table(_Heading, others, str(path), LayoutError)
     try:
-        return LayoutFile(mapped, checked.turbine, checked.unit, checked.layout_id, str(path))
+        _require_heights(mapped)
+        return LayoutFile(
+            mapped, checked.turbine, checked.unit, checked.layout_id, str(path), checked.time
+        )
     except LayoutError as error:
         raise LayoutError(f"{path}: {error}") from error
 
@@ -181,12 +221,36 @@ class _Heading:
     turbine: str = "turbine"
     unit: str = "tower"
     layout_id: str = "imported"
+    time: TimeColumn | None = None
+
+    def __post_init__(self) -> None:
+        if self.time is None or not self.time.unit:
+            return
+        from sensors.files.text.time_column import known_unit  # pyarrow: not on a tower unit
+
+        if known_unit(self.time.unit) is None:
+            raise LayoutError(
+                f"[time] unit is {self.time.unit!r}; it can be s, ms, us, ns, min, h or d"
+            )
+
+
+def _require_heights(channels: Sequence[MappedChannel]) -> None:
+    """Raise LayoutError for a template that was not filled in: every height is 0."""
+    horizontal = all(channel.direction[2] == 0 for channel in channels)
+    if channels and horizontal and all(channel.elevation == 0 for channel in channels):
+        raise LayoutError(
+            f"elevation is 0 for all {len(channels)} channels; fill in each sensor's height above "
+            "mean water level [m]"
+        )
 
 
 def layout_by_names(
     names: Sequence[str], *, turbine: str = "turbine", unit: str = "tower"
 ) -> LayoutFile | None:
-    """The layout that names like "z145-fa" tell, which our own recordings have; None of others."""
+    """Return the layout that names like "z145-fa" state, which our own recordings have.
+
+    None of others.
+    """
     found = [_OUR_NAMES.fullmatch(name) for name in names]
     channels = tuple(
         MappedChannel(
@@ -203,7 +267,7 @@ def layout_by_names(
 
 
 def layout_template(table: ChannelTable) -> str:
-    """A layout file of a measurement's channels, to fill in."""
+    """Return a layout file of a measurement's channels, to fill in."""
     lines = [
         "# Where the channels of the measurement were. Axes: x downwind (fore-aft), y to the side",
         "# (side-side), z up from mean water level. Delete the channels that are not to be used.",
@@ -220,12 +284,18 @@ def layout_template(table: ChannelTable) -> str:
             "direction = [1.0, 0.0, 0.0]        # of its positive axis, x y z: fill in",
         ]
         if unit not in _CONVERTED:
-            said = f"; the file says {unit!r}" if unit else ""
+            hint = f"; the file states {unit!r}" if unit else ""
             lines += [
-                f'# unit = "m/s²"                    # of its samples{said}',
+                f'# unit = "m/s²"                    # of its samples{hint}',
                 "# sensitivity = 1.0                # samples per unit, e.g. 0.1 for 100 mV per g",
             ]
         lines += ['# quantity = "acceleration"        # velocity, displacement, strain']
+    lines += [
+        "",
+        "# [time]                             # only where the file's titles do not state the time",
+        '# column = "t"                       # the column that holds it',
+        '# unit = "s"                         # s, ms, us, ns, min, h, d',
+    ]
     return "\n".join(lines) + "\n"
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
+import pyarrow as pa
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
@@ -18,11 +19,12 @@ from sensors.files.table import (
     ChannelTable,
     FileError,
     Quantity,
+    TimeColumn,
     Wanted,
     in_standard_unit,
 )
 from sensors.files.text.column_titles import distinct
-from sensors.files.text.time_column import ABSOLUTE
+from sensors.files.text.time_column import ABSOLUTE, Clock, ClockError, iso
 
 TOGETHER = 0.05  # channels whose samples lie less apart are sampled together [samples]
 MOST_PADDED = 100  # times the samples that a file has: more is a wrong start, and no gap [-]
@@ -38,31 +40,49 @@ _QUANTITIES: dict[str, Quantity] = {
 class Channel(TypedDict):
     """One measured channel as SEP005 has it. With neither `fs` nor `time` its rate is unknown."""
 
-    data: Any  # (n,) samples
+    data: Any
+    """Data, (n,) samples."""
+
     name: str
     unit_str: str
-    fs: NotRequired[float | None]  # [Hz]
-    time: NotRequired[Any]  # (n,) [s]: since `start_timestamp` where there is one
-    start_timestamp: NotRequired[str | datetime | None]  # of the first sample, ISO 8601; UTC
-    quantity: NotRequired[str | None]  # "a", "v", "d" or "e" (strain)
+    fs: NotRequired[float | None]
+    """Sampling rate [Hz]."""
+
+    time: NotRequired[Any]
+    """Time, (n,) [s]: since `start_timestamp` where there is one."""
+
+    start_timestamp: NotRequired[str | datetime | None]
+    """Start timestamp of the first sample, ISO 8601; UTC."""
+
+    quantity: NotRequired[str | None]
+    """What is measured: "a", "v", "d" or "e" (strain)."""
 
 
-def table_of_channels(
+def join_channels(
     channels: Sequence[Channel], path: Path, wanted: Wanted = EVERYTHING
 ) -> ChannelTable:
-    """The channels of one file side by side.
+    """Return the channels of one file side by side.
 
     Channels of one rate that begin or end at different times are put on one clock, NaN where one
     has nothing; where none has anything, there is a gap in `times`.
 
-    Raises FileError: no channel; data that are no series of numbers; channels that differ in rate,
-    in their time vectors, or by a part of a sample.
+    Returns
+    -------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        No channel; data that are no series of numbers; channels that differ in rate, in their
+        time vectors, or by a part of a sample.
     """
     if not channels:
         raise FileError(f"{path}: there is no channel of numbers in it")
+    if wanted.time is not None and wanted.stamps:
+        channels = _with_time(channels, wanted.time, path)
     names = distinct([str(channel.get("name") or "") for channel in channels])
     chosen = wanted.among(names)
-    channels = [channels[i] if wanted.stamps else _counted(channels[i]) for i in chosen]
+    channels = [channels[i] if wanted.stamps else _convert_numbers(channels[i]) for i in chosen]
     columns = [_samples(channel, path) for channel in channels]
     times, start_ns, samples = _on_one_clock(channels, columns, path)
     rate = channels[0].get("fs")
@@ -81,8 +101,18 @@ def table_of_channels(
     )
 
 
-def titles_of_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
-    """Names and units, without samples. Raises FileError where there is no channel."""
+def list_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
+    """Return names and units, without samples.
+
+    Returns
+    -------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        If there is no channel.
+    """
     if not channels:
         raise FileError(f"{path}: there is no channel of numbers in it")
     units = [in_standard_unit(str(channel.get("unit_str") or ""))[0] for channel in channels]
@@ -94,7 +124,27 @@ def titles_of_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
     )
 
 
-def _counted(channel: Channel) -> Channel:
+def _with_time(channels: Sequence[Channel], time: TimeColumn, path: Path) -> list[Channel]:
+    """Return the other channels, stamped by the one that is stated to be the time."""
+    names = [str(channel.get("name") or "") for channel in channels]
+    if time.column not in names:
+        raise FileError(
+            f"{path}: no series {time.column!r} to be the time; it has {', '.join(names)}"
+        )
+    place = names.index(time.column)
+    clock = Clock(time.column, time.unit or str(channels[place].get("unit_str") or ""))
+    try:
+        seconds = clock.seconds(pa.array(np.asarray(channels[place]["data"])))
+    except (ClockError, pa.ArrowException) as error:
+        raise FileError(f"{path}: the time {time.column!r} {error}") from error
+    begin = iso(clock.start_ns) if clock.start_ns else channels[place].get("start_timestamp")
+    return [
+        _convert_numbers(channel) | Channel(time=seconds, start_timestamp=begin)  # type: ignore[typeddict-item]
+        for channel in (*channels[:place], *channels[place + 1 :])
+    ]
+
+
+def _convert_numbers(channel: Channel) -> Channel:
     return Channel(
         data=channel["data"],
         name=channel["name"],
@@ -120,8 +170,11 @@ def _samples(channel: Channel, path: Path) -> FloatArray:
 def _on_one_clock(
     channels: Sequence[Channel], columns: list[FloatArray], path: Path
 ) -> tuple[FloatArray | None, int, FloatArray]:
-    """Seconds since the first sample (None: unknown), that sample [ns since 1970; 0: unknown],
-    and (n, n_channels) samples."""
+    """Return times, start and samples of all channels on one clock.
+
+    Seconds since the first sample (None: unknown), that sample [ns since 1970; 0: unknown], and
+    (n, n_channels) samples.
+    """
     rates = {channel.get("fs") for channel in channels}
     if len(rates) > 1:
         raise FileError(
@@ -149,11 +202,11 @@ def _rates_in_words(channels: Sequence[Channel]) -> str:
     first: dict[Any, str] = {}
     for channel in channels:
         first.setdefault(channel.get("fs"), channel["name"])
-    said = [
+    rates = [
         f"{name} {'of unknown rate' if rate is None else f'{rate:g} Hz'}"
         for rate, name in first.items()
     ]
-    return ", ".join(said)
+    return ", ".join(rates)
 
 
 def _require_alike(channels: Sequence[Channel], columns: list[FloatArray], path: Path) -> None:
@@ -199,9 +252,16 @@ def _on_grid(
 
 
 def timestamp_ns(stamp: str | datetime | None, path: Path) -> int:
-    """Nanoseconds since 1970 of an ISO 8601 time, UTC where it has no zone; 0 for None.
+    """Return nanoseconds since 1970 of an ISO 8601 time, UTC where it has no zone; 0 for None.
 
-    Raises FileError where it is no such time.
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    FileError
+        If it is no such time.
     """
     if stamp is None:
         return 0

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sensors.errors import InputError
 
 STANDARD_GRAVITY = 9.80665  # [m/s²], by definition (CGPM 1901)
-EXACT = 1e-9  # relative doubt about a rate whose stamps are exact: rounding of doubles [-]
+ROUNDING = 1e-9  # relative uncertainty of a rate whose stamps are exact: rounding of doubles [-]
 
 # Every unit as `plain_unit` writes it: lower case, no blanks, powers as digits, "u" for micro.
 ACCELERATION_UNITS = {
@@ -79,14 +79,31 @@ class FileError(InputError):
 
 
 @dataclass(frozen=True, slots=True)
+class TimeColumn:
+    """Which column or series of a file is its time, where its title does not state it."""
+
+    column: str
+    """Name as the file has it, without a unit in brackets."""
+
+    unit: str = ""
+    """Unit of its numbers: s, ms, us, ns, min, h, d. Empty: as the title states, else by size."""
+
+
+@dataclass(frozen=True, slots=True)
 class Wanted:
     """What of a file is read."""
 
-    names: frozenset[str] = frozenset()  # of channels; none: all
-    stamps: bool = True  # False: its samples are counted, whatever the time says
+    names: frozenset[str] = frozenset()
+    """Names of the channels that are read; empty: all."""
+
+    stamps: bool = True
+    """False: the samples are counted and time stamps are not read."""
+
+    time: TimeColumn | None = None
+    """The time, where it is stated beside the file."""
 
     def among(self, names: Sequence[str]) -> list[int]:
-        """Which of the channels are read; all where one that is wanted is missing."""
+        """Return which of the channels are read; all where one that is wanted is missing."""
         complete = bool(self.names) and self.names <= set(names)
         return [i for i, name in enumerate(names) if name in self.names or not complete]
 
@@ -97,24 +114,35 @@ STANDING = "{path}: its time stamps stand still; --sampling-rate HZ counts the s
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelTable:
-    """Samples of all channels of one file or of a piece of it, time-stamped where it says when."""
+    """Samples of all channels of one file or of a chunk of it, with time stamps if it has them."""
 
     names: tuple[str, ...]
-    units: tuple[str, ...]  # "m/s²", "m/s", "m" after conversion; "" = unscaled; else as given
-    samples: NDArray[np.float64]  # (n_samples, n_channels), NaN where the file has nothing
-    times: NDArray[np.float64] | None  # (n_samples,) seconds since the file's first sample, or None
-    start_ns: int = 0  # the file's first sample [ns since 1970-01-01 UTC]; 0: it does not say
-    stated_rate: float | None = None  # [Hz], where the file says it in so many words
-    stated_quantities: tuple[Quantity | None, ...] = ()  # where file or layout say it; () = neither
+    units: tuple[str, ...]
+    """Units: "m/s²", "m/s", "m" after conversion; "" = unscaled; else as given."""
+
+    samples: NDArray[np.float64]
+    """Samples, (n_samples, n_channels), NaN where the file has nothing."""
+
+    times: NDArray[np.float64] | None
+    """Times, (n_samples,) seconds since the file's first sample, or None."""
+
+    start_ns: int = 0
+    """The file's first sample [ns since 1970-01-01 UTC]; 0: the file does not state it."""
+
+    stated_rate: float | None = None
+    """Sampling rate [Hz], where the file states it."""
+
+    stated_quantities: tuple[Quantity | None, ...] = ()
+    """Quantities where file or layout state them; () = neither."""
 
     @property
     def quantities(self) -> tuple[Quantity, ...] | None:
-        """What each channel measures; None where nothing tells."""
+        """What each channel measures; None where neither file, unit nor name state it."""
         stated = self.stated_quantities or (None,) * len(self.names)
         titles = zip(stated, self.units, self.names, strict=True)
-        known = [told or quantity_of(unit) or quantity_named(name) for told, unit, name in titles]
-        told = tuple(quantity for quantity in known if quantity is not None)
-        return told if len(told) == len(known) else None
+        known = [own or quantity_of(unit) or quantity_named(name) for own, unit, name in titles]
+        found = tuple(quantity for quantity in known if quantity is not None)
+        return found if len(found) == len(known) else None
 
     @property
     def sampling_rate(self) -> float | None:
@@ -125,14 +153,23 @@ class ChannelTable:
 
 
 def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
-    """The sampling rate that time stamps tell [Hz]; None of fewer than two, or of standing time.
+    """Return the sampling rate that time stamps have [Hz].
+
+    None of fewer than two, or of standing time.
 
     The mean step, not the median: stamps rounded to the millisecond have a median that is wrong by
     up to half a millisecond. Steps over a gap do not count. Of the rates that the stamps' scatter
     about an even clock allows, the one with the fewest digits, as a rate or as its period: stamps
-    of 25.000 and 50.001 ms tell 40 Hz, not 39.9992.
+    of 25.000 and 50.001 ms mean 40 Hz, not 39.9992.
 
-    times   (n,) [s]
+    Parameters
+    ----------
+    times : ndarray, shape (n,)
+        Times [s].
+
+    Returns
+    -------
+    float or None
     """
     if len(times) < 2:
         return None
@@ -143,26 +180,33 @@ def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
     if not step > 0:
         return None
     clock = np.cumsum(steps - step)  # how far the stamps stray from an even clock [s]
-    doubt = float(np.ptp(clock)) / (step * len(steps)) + EXACT
-    return _plainest(1.0 / step, doubt)
+    tolerance = float(np.ptp(clock)) / (step * len(steps)) + ROUNDING
+    return _plainest(1.0 / step, tolerance)
 
 
-def _plainest(rate: float, doubt: float) -> float:
-    """The number of fewest digits within a relative `doubt` of a rate, or of its period."""
+def _plainest(rate: float, tolerance: float) -> float:
+    """The number of fewest digits within a relative `tolerance` of a rate, or of its period."""
     for digits in range(1, 12):
         for value in (rate, 1.0 / rate):
             plain = float(f"{value:.{digits}g}")
-            if abs(plain / value - 1.0) <= doubt:
+            if abs(plain / value - 1.0) <= tolerance:
                 return plain if value == rate else 1.0 / plain
     return rate
 
 
-def whole(pieces: Iterable[ChannelTable], path: Path) -> ChannelTable:
-    """The pieces of one file, in their order, as one table.
+def join_chunks(chunks: Iterable[ChannelTable], path: Path) -> ChannelTable:
+    """Return the chunks of one file, in their order, as one table.
 
-    Raises FileError: fewer than two samples, only NaN, a time that ends before it starts.
+    Returns
+    -------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        Fewer than two samples, only NaN, a time that ends before it starts.
     """
-    parts = list(pieces)
+    parts = list(chunks)
     count = sum(len(part.samples) for part in parts)
     if count < 2:
         raise FileError(f"{path}: {count} sample(s); at least two are needed")
@@ -180,8 +224,10 @@ def whole(pieces: Iterable[ChannelTable], path: Path) -> ChannelTable:
 
 
 def in_standard_unit(unit: str) -> tuple[str, float]:
-    """Unit after conversion, and the factor to it: accelerations become m/s², velocities m/s,
-    displacements m; the rest stays."""
+    """Return the unit after conversion and the factor to it.
+
+    Accelerations become m/s², velocities m/s, displacements m; the rest stays.
+    """
     for standard, factors in (
         ("m/s²", ACCELERATION_UNITS),
         ("m/s", VELOCITY_UNITS),
@@ -203,7 +249,7 @@ _SPELLING = str.maketrans("²³⁻−¹µμ", "23--1uu", "â \u00a0·⋅.^()")
 
 
 def quantity_of(unit: str) -> Quantity | None:
-    """What is measured in a unit (after conversion); None where it does not tell."""
+    """Return what is measured in a unit (after conversion); None where the unit leaves it open."""
     if plain_unit(unit) in LIKE_DISPLACEMENT:
         return "displacement"
     known: dict[str, Quantity] = {"m/s²": "acceleration", "m/s": "velocity", "m": "displacement"}
@@ -211,7 +257,7 @@ def quantity_of(unit: str) -> Quantity | None:
 
 
 def quantity_named(name: str) -> Quantity | None:
-    """What a channel's name says that it measures: "acc_z145", "Velocity 3", "disp-x"."""
+    """Return what a channel measures by its name: "acc_z145", "Velocity 3", "disp-x"."""
     for word in re.split(r"[^a-z]+", name.lower()):
         for quantity, words in _WORDS.items():
             if word in words:
@@ -219,10 +265,22 @@ def quantity_named(name: str) -> Quantity | None:
     return None
 
 
-def needed(module: str, extra: str, path: Path) -> Any:
-    """The module. Raises FileError, which names the extra to install, where it is missing.
+def require_module(module: str, extra: str, path: Path) -> Any:
+    """Return the module.
 
-    path   the file that is to be read
+    Parameters
+    ----------
+    path : Path
+        The file that is to be read.
+
+    Returns
+    -------
+    Any
+
+    Raises
+    ------
+    FileError
+        If it is missing; the message names the extra to install.
     """
     try:
         return import_module(module)
@@ -233,8 +291,18 @@ def needed(module: str, extra: str, path: Path) -> Any:
         ) from error
 
 
-def existing(path: Path) -> Path:
-    """The path. Raises FileError where no file is there, or it cannot be read."""
+def require_file(path: Path) -> Path:
+    """Return the path.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    FileError
+        If no file is there, or it cannot be read.
+    """
     try:
         with path.open("rb"):
             return path

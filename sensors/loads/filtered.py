@@ -14,13 +14,20 @@ from sensors.loads.load import RandomStream, generator
 class RandomLoad:
     """Independent random series, each in a fixed pattern over the degrees of freedom."""
 
-    distribution: FloatArray  # (n_dofs, n_series): forces per unit of each series [N]
-    kernel: FloatArray  # filter from white noise of variance 1 to a series, (n_taps,) [-]
-    sampling_rate: float  # [Hz]
+    distribution: FloatArray
+    """Distribution, (n_dofs, n_series): forces per unit of each series [N]."""
+
+    kernel: FloatArray
+    """Filter from white noise of variance 1 to a series, (n_taps,) [-]."""
+
+    sampling_rate: float
+    """Sampling rate [Hz]."""
+
     stream: RandomStream
 
     @property
     def n_series(self) -> int:
+        """Number of series."""
         return self.distribution.shape[1]
 
     def spectrum(self, frequencies: FloatArray) -> FloatArray:
@@ -41,7 +48,7 @@ class RandomLoad:
         return power * self.spectrum(frequencies)[:, None]
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
-        """The load's series without end, in chunks (chunk, n_series) [-]."""
+        """Yield the load's series without end, in chunks (chunk, n_series) [-]."""
         noise = FilteredNoise(self.kernel, self.n_series, generator(seed, self.stream))
         while True:
             yield noise.advance(chunk)
@@ -56,7 +63,7 @@ class FilteredNoise:
         self._history = rng.standard_normal((len(kernel) - 1, n_series))
 
     def advance(self, n_samples: int) -> FloatArray:
-        """The next samples, (n_samples, n_series)."""
+        """Return the next samples, (n_samples, n_series)."""
         drawn = self._rng.standard_normal((n_samples, self._history.shape[1]))
         if len(self._kernel) == 1:
             drawn *= self._kernel[0]
@@ -76,9 +83,17 @@ def white_kernel(*, highest_frequency: float, sampling_rate: float) -> FloatArra
 def spectral_kernel(density: FloatArray, sampling_rate: float) -> FloatArray:
     """Symmetric filter that gives white noise the shape of a spectrum, and variance 1.
 
-    density   one-sided spectrum at 0 … sampling_rate/2, (n + 1,), up to a constant factor
-    returns   (2n,)
+    Parameters
+    ----------
+    density : ndarray, shape (n + 1,)
+        One-sided spectrum at 0 … sampling_rate/2, up to a constant factor.
 
+    Returns
+    -------
+    ndarray, shape (2n,)
+
+    Notes
+    -----
         h = F⁻¹ √S, under a Hann window so that its end does not ring
     """
     n_taps = 2 * (len(density) - 1)

@@ -31,7 +31,7 @@ class RandomStream(IntEnum):
 
 
 def generator(seed: int, stream: RandomStream) -> np.random.Generator:
-    """The generator of one source of randomness of the experiment with this seed."""
+    """Return the generator of one source of randomness of the experiment with this seed."""
     return np.random.default_rng([seed, stream])
 
 
@@ -44,29 +44,43 @@ class Load(Protocol):
         ...
 
     @property
-    def n_series(self) -> int: ...
+    def n_series(self) -> int:
+        """Number of series."""
+        ...
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
-        """The series from the simulation's first step on, in chunks (chunk, n_series) [-]."""
+        """Return the series from the first step on, in chunks (chunk, n_series) [-]."""
         ...
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
         """One-sided spectral density of what this load makes a linear structure do.
 
-        frequencies   (n_frequencies,) [Hz]
-        gains         output per unit of each series, (n_frequencies, n_outputs, n_series)
-        returns       (n_frequencies, n_outputs) [unit of the gains², per Hz]
+        Parameters
+        ----------
+        frequencies : ndarray, shape (n_frequencies,)
+            Frequencies [Hz].
+        gains : ndarray, shape (n_frequencies, n_outputs, n_series)
+            Output per unit of each series.
 
+        Returns
+        -------
+        ndarray, shape (n_frequencies, n_outputs)
+            [unit of the gains², per Hz].
+
+        Notes
+        -----
         Of the load's linear part, where a part of it is not linear.
         """
         ...
 
 
 def require_positive(what: str, value: float, unit: str) -> None:
+    """Raise LoadError for a value that is not positive."""
     if not value > 0:
         raise LoadError(f"{what} is {value:g} {unit}; it must be positive")
 
 
 def require_not_negative(what: str, value: float, unit: str) -> None:
+    """Raise LoadError for a negative value."""
     if not value >= 0:
         raise LoadError(f"{what} is {value:g} {unit}; it must be 0 or more")

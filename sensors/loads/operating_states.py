@@ -26,18 +26,34 @@ _THRUST = (0.25e6, 1.08e6, 2.45e6, 1.75e6, 1.25e6, 1.00e6, 0.90e6)  # [N]
 class SteadyState:
     """What the rotor does in a steady wind."""
 
-    rotor_speed: float  # [rpm]
-    pitch: float  # [deg]
-    power: float  # [W]
-    thrust: float  # of the turning rotor on the tower's top [N]
+    rotor_speed: float
+    """Rotor speed [rpm]."""
+
+    pitch: float
+    """Pitch [deg]."""
+
+    power: float
+    """Power [W]."""
+
+    thrust: float
+    """Thrust of the turning rotor on the tower's top [N]."""
 
 
 def steady_state(wind_speed: float, share: float, *, idling: bool = False) -> SteadyState:
-    """The rotor in a wind.
+    """Return the rotor in a wind.
 
-    wind_speed   at the hub [m/s]
-    share        0: feathered; 1: in operation; between: on its way from one to the other [-]
-    idling       the feathered rotor turns freely instead of being locked
+    Parameters
+    ----------
+    wind_speed : float
+        Wind speed at the hub [m/s].
+    share : float
+        0: feathered; 1: in operation; between: on its way from one to the other [-].
+    idling : bool, optional
+        The feathered rotor turns freely instead of being locked.
+
+    Returns
+    -------
+    SteadyState
     """
     wind = min(max(wind_speed, CUT_IN), CUT_OUT)
     running = np.clip(RATED_SPEED * wind / RATED, LOWEST_SPEED, RATED_SPEED)

@@ -7,6 +7,7 @@ structure, though they look like very sharp ones.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,19 +22,30 @@ from sensors.structure.rotor_nacelle import apex, rigid_displacement
 
 ROTOR_RADIUS = 120.0  # of the IEA 15 MW [m]
 HIGHEST_FREQUENCY = 2.0  # of the thrust's turbulence; the rotor averages what is faster [Hz]
-CURVE_STEP = 1.0  # [s] between points of the slow course
+CURVE_STEP = 1.0  # [s] between points of the slow curves
 
 
 @dataclass(frozen=True, slots=True)
 class Rotor:
     """The forces of a turning rotor, over its mean thrust."""
 
-    first_harmonic: float = 0.002  # 1P: amplitude over the mean thrust [-]
-    third_harmonic: float = 0.010  # 3P [-]
-    sixth_harmonic: float = 0.003  # 6P [-]
-    side_share: float = 0.3  # side-side over fore-aft amplitude of the harmonics [-]
-    damping_share: float = 0.5  # dT/dV of the controlled rotor over 2T/V, that of a fixed one [-]
-    idling_imbalance: float = 2e3  # 1P force of an idling rotor [N]
+    first_harmonic: float = 0.002
+    """Amplitude at 1P over the mean thrust [-]."""
+
+    third_harmonic: float = 0.010
+    """Amplitude at 3P over the mean thrust [-]."""
+
+    sixth_harmonic: float = 0.003
+    """Amplitude at 6P over the mean thrust [-]."""
+
+    side_share: ClassVar[float] = 0.3
+    """Side-side over fore-aft amplitude of the harmonics [-]."""
+
+    damping_share: ClassVar[float] = 0.5
+    """dT/dV of the controlled rotor over 2T/V, that of a fixed one [-]."""
+
+    idling_imbalance: float = 2e3
+    """Amplitude at 1P of an idling rotor [N]."""
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -56,8 +68,10 @@ def averaging(frequencies: FloatArray, wind_speed: float) -> FloatArray:
 
         |χ|² = 1 / (1 + (2 f √A / V)^(4/3))²
 
-    Source: Vickery, "On the flow behind a coarse grid and its use as a model of atmospheric
-    turbulence", NPL Aero Report 1143 (1965); A the rotor's area.
+    References
+    ----------
+    Vickery, "On the flow behind a coarse grid and its use as a model of atmospheric turbulence",
+    NPL Aero Report 1143 (1965). A is the rotor's area.
     """
     side = np.sqrt(np.pi) * ROTOR_RADIUS
     return (1.0 + (2.0 * frequencies * side / wind_speed) ** (4.0 / 3.0)) ** -2.0
@@ -72,23 +86,35 @@ class RotorLoad:
 
     rotor: Rotor
     wind: Wind
-    steady_at: Callable[[float], SteadyState]  # by time since the first sample [s]
-    speed_at: Callable[[float], float]  # mean wind at the hub [m/s]
-    distribution: FloatArray  # (n_dofs, 2)
-    sampling_rate: float  # [Hz]
-    start: float  # time of the first step [s]
+    steady_at: Callable[[float], SteadyState]
+    """Rotor, pitch, power and thrust by time since the first sample [s]."""
+
+    speed_at: Callable[[float], float]
+    """Mean wind at the hub [m/s]."""
+
+    distribution: FloatArray
+    """Distribution, (n_dofs, 2)."""
+
+    sampling_rate: float
+    """Sampling rate [Hz]."""
+
+    start: float
+    """Time of the first step [s]."""
 
     @property
     def n_series(self) -> int:
+        """Number of series."""
         return 2
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
         """Forces without end, (chunk, 2) [N]."""
-        return in_chunks(self._pieces(seed), chunk)
+        return in_chunks(self._segments(seed), chunk)
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
-        """Spectrum of what the thrust's turbulence makes a structure do; see `Load`. Of time 0;
-        the harmonics are lines and have none."""
+        """Return the spectrum of a structure's response to the thrust's turbulence; see `Load`.
+
+        It is that of time 0; the harmonics are lines and have none.
+        """
         speed = self.speed_at(0.0)
         slope = thrust_slope(self.rotor, self.steady_at(0.0), speed)
         power = (slope * np.abs(gains[:, :, 0])) ** 2
@@ -101,7 +127,7 @@ class RotorLoad:
         density = kaimal(frequencies, wind_speed=speed, deviation=deviation, length=ALONG_LENGTH)
         return density * averaging(frequencies, speed)
 
-    def _pieces(self, seed: int) -> Iterator[FloatArray]:
+    def _segments(self, seed: int) -> Iterator[FloatArray]:
         frequencies = harmonics(HIGHEST_FREQUENCY)
 
         def coloured(time: float, white: ComplexArray) -> ComplexArray:
@@ -118,16 +144,18 @@ class RotorLoad:
         time, turns = self.start, 0.0
         for (gust,) in noise:
             times = time + np.arange(len(gust)) / self.sampling_rate
-            thrust, slope, speed, amplitude = self._course(times)
+            thrust, slope, speed, amplitude = self._curves(times)
             angle = turns + np.concatenate([[0.0], np.cumsum(speed)]) / self.sampling_rate
             turns = float(angle[-1] % 1.0)
             along, across = self._harmonics(2 * np.pi * angle[:-1], thrust, amplitude)
             yield np.stack([thrust + slope * gust + along, self.rotor.side_share * across], axis=1)
             time += len(gust) / self.sampling_rate
 
-    def _course(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Thrust [N], its slope [N·s/m], rotor speed [1/s] and idling imbalance [N] at the
-        times."""
+    def _curves(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return thrust, its slope, rotor speed and idling imbalance at the times.
+
+        In [N], [N·s/m], [1/s] and [N].
+        """
         knots = np.arange(times[0], times[-1] + 2 * CURVE_STEP, CURVE_STEP)
         rows = []
         for knot in knots.tolist():
@@ -165,7 +193,10 @@ def rotor_load(
     sampling_rate: float,
     start: float = 0.0,
 ) -> RotorLoad:
-    """The force of a turning rotor on the structure; arguments as the fields of `RotorLoad`."""
+    """Return the force of a turning rotor on the structure.
+
+    Arguments as the fields of `RotorLoad`.
+    """
     rows = _apex_rows(model)
     return RotorLoad(rotor, wind, steady_at, speed_at, rows.T, sampling_rate, start)
 

@@ -18,7 +18,9 @@ def jonswap(
 
         S(f) ∝ f⁻⁵ exp(−5/4 (f/fp)⁻⁴) γ^exp(−(f/fp − 1)² / 2s²),  s = .07 up to fp, .09 above
 
-    Source: Hasselmann et al., Deutsche Hydrographische Zeitschrift A8 No. 12 (1973).
+    References
+    ----------
+    Hasselmann et al., Deutsche Hydrographische Zeitschrift A8 No. 12 (1973).
     """
     relative = np.maximum(np.asarray(frequencies) / peak_frequency, 1e-3)  # S(0) = 0
     width = np.where(relative <= 1.0, 0.07, 0.09)
@@ -57,11 +59,22 @@ def wave_numbers(frequencies: FloatArray, depth: float) -> FloatArray:
 def horizontal_motion(frequencies: FloatArray, heights: FloatArray, *, depth: float) -> FloatArray:
     """Horizontal velocity under a linear wave per unit of its elevation.
 
-    frequencies   (n_frequencies,) [Hz]
-    heights       above the sea bed over the depth, in [0, 1], (n_heights,) [-]
-    depth         d [m]
-    returns       (n_heights, n_frequencies) [1/s], in phase with the surface
+    Parameters
+    ----------
+    frequencies : ndarray, shape (n_frequencies,)
+        Frequencies [Hz].
+    heights : ndarray, shape (n_heights,)
+        Heights above the sea bed over the depth, in [0, 1] [-].
+    depth : float
+        d [m].
 
+    Returns
+    -------
+    ndarray, shape (n_heights, n_frequencies)
+        [1/s], in phase with the surface.
+
+    Notes
+    -----
         u / η = ω cosh(k (z + d)) / sinh(k d);   the acceleration is iω times that
     """
     kd = wave_numbers(frequencies, depth) * depth
@@ -76,11 +89,25 @@ def kaimal(
 ) -> FloatArray:
     """Kaimal spectrum of a wind component, (n_frequencies,) [(m/s)²/Hz].
 
-    deviation   σ of the component [m/s];  length   its integral scale L [m]
+    Parameters
+    ----------
+    deviation : float
+        σ of the component [m/s].
+    length : float
+        Its integral scale L [m].
 
+    Returns
+    -------
+    ndarray, shape (n_frequencies,)
+        In [(m/s)²/Hz].
+
+    Notes
+    -----
         S(f) = 4 σ² L/V / (1 + 6 f L/V)^(5/3)
 
-    Source: IEC 61400-1 ed. 3, annex B.14.
+    References
+    ----------
+    IEC 61400-1 ed. 3, annex B.14.
     """
     time = length / wind_speed
     return 4.0 * deviation**2 * time / (1.0 + 6.0 * np.asarray(frequencies) * time) ** (5.0 / 3.0)
@@ -91,13 +118,25 @@ def iec_coherence(
 ) -> FloatArray:
     """Coherence of the along-wind component between two points, √(γ²).
 
-    distances   across the wind [m], any shape
-    length      coherence scale L_c [m]
-    returns     (n_frequencies, *distances.shape) [-]
+    Parameters
+    ----------
+    distances : ndarray
+        Distances across the wind [m], of any shape.
+    length : float
+        Coherence scale L_c [m].
 
+    Returns
+    -------
+    ndarray, shape (n_frequencies, *distances.shape)
+        Dimensionless [-].
+
+    Notes
+    -----
         Coh(r, f) = exp(−12 √((f r/V)² + (0.12 r/L_c)²))
 
-    Source: IEC 61400-1 ed. 3, annex B.16.
+    References
+    ----------
+    IEC 61400-1 ed. 3, annex B.16.
     """
     f = np.asarray(frequencies).reshape(-1, *(1 for _ in np.shape(distances)))
     return np.exp(-12.0 * distances * np.hypot(f / wind_speed, 0.12 / length))

@@ -7,7 +7,7 @@ what shakes the higher modes.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -34,29 +34,43 @@ _X_AND_Y = 2
 class Sea:
     """A sea and how its force on the monopile is reckoned."""
 
-    significant_wave_height: float = 3.5  # Hs [m]
-    peak_period: float = 8.0  # Tp [s]
-    peak_enhancement: float = 3.3  # γ [-]
-    highest_frequency: float = 0.6  # cut of the spectrum; Hs is that of the band below [Hz]
-    direction: float = 0.0  # towards which waves run, from downwind to the side (x to y) [deg]
-    spreading: float | None = None  # s of cos²ˢ(Δ/2); None: long-crested, one direction [-]
-    surface: Literal["mean", "instantaneous"] = "instantaneous"  # up to which the force acts
-    inertia_coefficient: float = 2.0  # C_M [-]
-    drag_coefficient: float = 1.0  # C_D [-], a rough cylinder
+    significant_wave_height: float = 3.5
+    """Hs [m]."""
+
+    peak_period: float = 8.0
+    """Tp [s]."""
+
+    peak_enhancement: ClassVar[float] = 3.3
+    """γ [-]."""
+
+    highest_frequency: ClassVar[float] = 0.6
+    """Cut of the spectrum; Hs is that of the band below [Hz]."""
+
+    direction: float = 0.0
+    """Towards which waves run, from downwind to the side (x to y) [deg]."""
+
+    spreading: float | None = None
+    """s of cos²ˢ(Δ/2); None: long-crested, one direction [-]."""
+
+    surface: Literal["mean", "instantaneous"] = "instantaneous"
+    """Surface up to which the force acts: the mean or the instantaneous one."""
+
+    inertia_coefficient: float = 2.0
+    """C_M [-]."""
+
+    drag_coefficient: float = 1.0
+    """C_D [-], a rough cylinder."""
 
     def __post_init__(self) -> None:
         require_not_negative("sea significant_wave_height", self.significant_wave_height, "m")
         require_positive("sea peak_period", self.peak_period, "s")
         require_not_negative("sea inertia_coefficient", self.inertia_coefficient, "")
         require_not_negative("sea drag_coefficient", self.drag_coefficient, "")
-        if not 1.0 <= self.peak_enhancement <= 7.0:
+        if not 1.0 / self.peak_period < self.highest_frequency:
             raise LoadError(
-                f"sea peak_enhancement is {self.peak_enhancement:g}; JONSWAP's γ is 1 to 7"
-            )
-        if not 1.0 / self.peak_period < self.highest_frequency <= 1.0:
-            raise LoadError(
-                f"sea highest_frequency is {self.highest_frequency:g} Hz; it lies above the peak "
-                f"at {1.0 / self.peak_period:.3g} Hz and at most at 1 Hz"
+                f"sea peak_period is {self.peak_period:g} s; the spectrum ends at "
+                f"{self.highest_frequency:g} Hz, so it must be longer than "
+                f"{1.0 / self.highest_frequency:.3g} s"
             )
         if self.spreading is not None and not self.spreading > 0:
             raise LoadError(f"sea spreading is {self.spreading:g}; s must be positive")
@@ -64,12 +78,19 @@ class Sea:
 
 @dataclass(frozen=True, slots=True)
 class SeaState:
-    """What changes of a sea in the course of hours."""
+    """What changes of a sea over hours."""
 
-    significant_wave_height: float  # [m]
-    peak_period: float  # [s]
-    level: float  # of the water [m]
-    direction: float  # as in `Sea`, seen from the nacelle [deg]
+    significant_wave_height: float
+    """Significant wave height [m]."""
+
+    peak_period: float
+    """Peak period [s]."""
+
+    level: float
+    """Level of the water [m]."""
+
+    direction: float
+    """As in `Sea`, seen from the nacelle [deg]."""
 
 
 def elevation_spectrum(sea: Sea, state: SeaState, frequencies: FloatArray) -> FloatArray:
@@ -89,9 +110,19 @@ def elevation_spectrum(sea: Sea, state: SeaState, frequencies: FloatArray) -> Fl
 def directional_covariance(spreading: float | None, direction: float) -> FloatArray:
     """(3, 3) covariance of (η, η cos θ, η sin θ) over the directions θ of a sea, var η = 1.
 
-    spreading   s of D(θ) ∝ cos²ˢ((θ − θ₀)/2); None: one direction
-    direction   θ₀ [deg]
+    Parameters
+    ----------
+    spreading : float or None
+        s of D(θ) ∝ cos²ˢ((θ − θ₀)/2); None: one direction.
+    direction : float
+        θ₀ [deg].
 
+    Returns
+    -------
+    ndarray, shape (3, 3)
+
+    Notes
+    -----
         <cos Δ> = s/(s+1),  <cos 2Δ> = s(s−1)/((s+1)(s+2))
     """
     s = np.inf if spreading is None else spreading
@@ -122,31 +153,49 @@ class WaveLoad:
     """
 
     sea: Sea
-    state_at: Callable[[float], SeaState]  # by time since the first sample [s]
-    distribution: FloatArray  # (n_dofs, 2 N_PATTERNS) [N]
-    sampling_rate: float  # [Hz]
-    start: float  # time of the first step [s]
-    mudline: float  # [m]
-    top: float  # of the polynomials' span [m]
-    water_density: float  # ρ [kg/m³]
-    diameters: FloatArray  # at the places of evaluation, (N_HEIGHTS,) [m]
+    state_at: Callable[[float], SeaState]
+    """State of the sea by time since the first sample [s]."""
+
+    distribution: FloatArray
+    """Distribution, (n_dofs, 2 N_PATTERNS) [N]."""
+
+    sampling_rate: float
+    """Sampling rate [Hz]."""
+
+    start: float
+    """Time of the first step [s]."""
+
+    mudline: float
+    """Mudline [m]."""
+
+    top: float
+    """Top of the polynomials' span [m]."""
+
+    water_density: float
+    """ρ [kg/m³]."""
+
+    diameters: FloatArray
+    """Diameters at the places of evaluation, (N_HEIGHTS,) [m]."""
 
     @property
     def n_series(self) -> int:
+        """Number of series."""
         return self.distribution.shape[1]
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
         """Generalised forces without end, (chunk, n_series) [N]."""
-        return in_chunks(self._pieces(seed), chunk)
+        return in_chunks(self._segments(seed), chunk)
 
     def surface(self, seed: int) -> Iterator[FloatArray]:
-        """The surface's elevation above the still water at the axis, in pieces (n,) [m]."""
-        for piece in self._kinematics(seed):
-            yield piece[0]
+        """Yield the surface's elevation above the still water at the axis, in segments (n,) [m]."""
+        for segment in self._kinematics(seed):
+            yield segment[0]
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
-        """Spectrum of what the linear part (inertia, up to the still water) makes a structure do;
-        see `Load`. Of the sea at time 0."""
+        """Return the spectrum of the response to the linear part of the force; see `Load`.
+
+        The linear part is the inertia up to the still water, of the sea at time 0.
+        """
         state = self.state_at(0.0)
         positive = np.maximum(frequencies, 1e-3)  # S(0) = 0
         amplitude = self._linear_force(positive, state)
@@ -185,7 +234,7 @@ class WaveLoad:
     def _kinematics(self, seed: int) -> Iterator[FloatArray]:
         """η, then u and u' in x at N_HEIGHTS places each, then in y where the sea has any.
 
-        Pieces (1 + 2 or 4 N_HEIGHTS, n) [m, m/s, m/s²].
+        Segments (1 + 2 or 4 N_HEIGHTS, n) [m, m/s, m/s²].
         """
         frequencies = harmonics(self.sea.highest_frequency)
         return iter(
@@ -216,19 +265,23 @@ class WaveLoad:
 
         return coloured
 
-    def _pieces(self, seed: int) -> Iterator[FloatArray]:
+    def _segments(self, seed: int) -> Iterator[FloatArray]:
         time = self.start
-        for piece in self._kinematics(seed):
+        for segment in self._kinematics(seed):
             begin, end = self.state_at(time).level, self.state_at(time + OVERLAP).level
-            depth = np.linspace(begin, end, piece.shape[1], endpoint=False) - self.mudline
-            yield self._forces(piece[0], piece[1:].reshape(_X_AND_Y, 2, N_HEIGHTS, -1), depth)
+            depth = np.linspace(begin, end, segment.shape[1], endpoint=False) - self.mudline
+            yield self._forces(segment[0], segment[1:].reshape(_X_AND_Y, 2, N_HEIGHTS, -1), depth)
             time += OVERLAP
 
     def _forces(self, surface: FloatArray, motion: FloatArray, depth: FloatArray) -> FloatArray:
         """Generalised forces (n, 2 N_PATTERNS) [N].
 
-        surface   η, (n,) [m];  depth   of the still water, (n,) [m]
-        motion    (x and y, u and u', N_HEIGHTS, n)
+        Parameters
+        ----------
+        surface : ndarray, shape (n,)
+            η [m]; depth of the still water, (n,) [m].
+        motion : ndarray
+            Motion, (x and y, u and u', N_HEIGHTS, n).
         """
         heights, weights = _column()
         column = depth + surface if self.sea.surface == "instantaneous" else depth
@@ -256,14 +309,27 @@ def wave_load(
     sampling_rate: float,
     start: float = 0.0,
 ) -> WaveLoad:
-    """The sea's force on a turbine's monopile.
+    """Return the sea's force on a turbine's monopile.
 
-    state_at         the sea's state by time [s]
-    highest_level    that the still water reaches in the simulation [m]
-    largest_height   the largest significant wave height [m]
-    sampling_rate    of the series [Hz];  start   time of their first step [s]
+    Parameters
+    ----------
+    state_at : Callable[[float], SeaState]
+        The sea's state by time [s].
+    highest_level : float
+        That the still water reaches in the simulation [m].
+    largest_height : float
+        The largest significant wave height [m].
+    sampling_rate : float
+        Sampling rate of the series [Hz]; start time of their first step [s].
 
-    Raises LoadError for a turbine without water.
+    Returns
+    -------
+    WaveLoad
+
+    Raises
+    ------
+    LoadError
+        For a turbine without water.
     """
     description = model.description
     if description.water is None or not highest_level > description.mudline:
@@ -296,8 +362,10 @@ def wave_load(
 
 
 def _column() -> tuple[FloatArray, FloatArray]:
-    """Places in a water column of height 1 and their weights: denser towards the surface, where
-    short waves are."""
+    """Return places in a water column of height 1 and their weights.
+
+    They are denser towards the surface, where short waves are.
+    """
     points, weights = legendre.leggauss(N_HEIGHTS)
     s = 0.5 * (points + 1)
     return 1 - (1 - s) ** 2, (1 - s) * weights
@@ -312,8 +380,14 @@ def _root(covariance: FloatArray) -> FloatArray:
 def _legendre_sums(x: FloatArray, forces: FloatArray) -> FloatArray:
     """Σ_j P_p(x_j) F_j for p below N_PATTERNS.
 
-    x         (n_heights, n);  forces   (n_directions, n_heights, n)
-    returns   (n_directions, N_PATTERNS, n)
+    Parameters
+    ----------
+    x : ndarray, shape (n_heights, n)
+        Forces (n_directions, n_heights, n).
+
+    Returns
+    -------
+    ndarray, shape (n_directions, N_PATTERNS, n)
     """
     sums = np.empty((len(forces), N_PATTERNS, x.shape[1]))
     before, now = np.ones_like(x), x

@@ -20,11 +20,20 @@ class UnitError(InputError):
 class UnitSettings:
     """One acquisition unit of several."""
 
-    name: str  # becomes part of its key
-    elevations: tuple[float, ...]  # whose accelerometers it reads [m]
-    start: float = 0.0  # of its first sample after the others' [s]
-    clock_offset: float = 0.0  # its time stamps are that much late [s]
-    clock_drift: float = 0.0  # its converter is that much fast; its time stamps are right [ppm]
+    name: str
+    """Becomes part of its key."""
+
+    elevations: tuple[float, ...]
+    """Heights of the accelerometers that it reads [m]."""
+
+    start: float = 0.0
+    """Start of its first sample after the others' [s]."""
+
+    clock_offset: float = 0.0
+    """Its time stamps are that much late [s]."""
+
+    clock_drift: float = 0.0
+    """Its converter is that much fast; its time stamps are right [ppm]."""
 
     def __post_init__(self) -> None:
         if not self.name or any(letter in self.name for letter in "/*$#?+ "):
@@ -37,9 +46,16 @@ class UnitSettings:
 
 
 def unit_layouts(layout: SensorLayout, units: tuple[UnitSettings, ...]) -> tuple[SensorLayout, ...]:
-    """The part of a layout that each unit reads; the whole where there are no units.
+    """Return the part of a layout that each unit reads; the whole where there are no units.
 
-    Raises UnitError where a height is read by no unit, or by more than one.
+    Returns
+    -------
+    tuple[SensorLayout, ...]
+
+    Raises
+    ------
+    UnitError
+        If a height is read by no unit, or by more than one.
     """
     if not units:
         return (layout,)
@@ -64,7 +80,7 @@ def unit_layouts(layout: SensorLayout, units: tuple[UnitSettings, ...]) -> tuple
 def read_by_units(
     blocks: Iterable[AccelerationBlock], layout: SensorLayout, units: tuple[UnitSettings, ...]
 ) -> Iterator[AccelerationBlock]:
-    """The blocks of a whole tower as its units give them, each as soon as it is complete."""
+    """Yield the blocks of a whole tower as its units give them, each as soon as it is complete."""
     readers = [
         _Reader(unit, part, layout)
         for unit, part in zip(units, unit_layouts(layout, units), strict=True)

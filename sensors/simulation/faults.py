@@ -55,12 +55,23 @@ class Fault:
     """One thing that goes wrong for a while."""
 
     kind: FaultKind
-    start: float  # since the first sample [s]
-    duration: float  # [s]
-    channel: str = ""  # name in the layout, where the fault is a channel's
-    other: str = ""  # the other channel, where two are concerned
-    size: float = 0.0  # unit by kind, see `FaultKind`
-    unit: str = ""  # acquisition unit of a fault that is no channel's; empty: every unit
+    start: float
+    """Start since the first sample [s]."""
+
+    duration: float
+    """Duration [s]."""
+
+    channel: str = ""
+    """Name in the layout, where the fault is a channel's."""
+
+    other: str = ""
+    """The other channel, where two are concerned."""
+
+    size: float = 0.0
+    """Unit by kind, see `FaultKind`."""
+
+    unit: str = ""
+    """Acquisition unit of a fault that is no channel's; empty: every unit."""
 
     def __post_init__(self) -> None:
         where = f"fault {self.kind!r} at {self.start:g} s"
@@ -76,7 +87,7 @@ class Fault:
 
     @property
     def end(self) -> float:
-        """[s]"""
+        """End of the fault [s]."""
         return self.start + self.duration
 
 
@@ -87,9 +98,16 @@ def with_faults(
     *,
     rng: np.random.Generator,
 ) -> Iterator[AccelerationBlock]:
-    """The blocks of a tower's units as they arrive when things go wrong, each unit in its turn.
+    """Yield the blocks of a tower's units as they arrive with faults, each unit in its turn.
 
-    Raises FaultError for a channel or a unit that no layout has.
+    Yields
+    ------
+    AccelerationBlock
+
+    Raises
+    ------
+    FaultError
+        For a channel or a unit that no layout has.
     """
     channels = {layout.unit: layout.channel_names for layout in layouts}
     _require_known(faults, channels)
@@ -133,9 +151,14 @@ def _concerns(fault: Fault, layout: SensorLayout) -> bool:
 class FaultyUnit:
     """One acquisition unit and its link, when things go wrong.
 
-    faults          of this unit
-    channel_names   of its layout
-    rng             of what is random in a fault
+    Parameters
+    ----------
+    faults : tuple[Fault, ...]
+        Faults of this unit.
+    channel_names : tuple[str, ...]
+        Channel names of its layout.
+    rng : numpy.random.Generator
+        Rng of what is random in a fault.
     """
 
     def __init__(
@@ -152,11 +175,11 @@ class FaultyUnit:
         self._link = FaultyLink(faults)
 
     def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock]:
-        """What arrives by the time the next block of the session (in order) is measured."""
+        """Return what arrives by the time the next block of the session (in order) is measured."""
         return self._link.push(self._measured(block))
 
     def finish(self) -> Iterator[AccelerationBlock]:
-        """What is still on its way."""
+        """Return what is still on its way."""
         return self._link.finish()
 
     def _measured(self, block: AccelerationBlock) -> AccelerationBlock:
@@ -221,9 +244,12 @@ def _touches(fault: Fault, block: AccelerationBlock) -> bool:
 
 
 def _once_every(period: float, times: NDArray[np.float64], fault: Fault) -> NDArray[np.bool_]:
-    """Which of evenly spaced instants begin a second or minute of the fault, (n,).
+    """Return which of evenly spaced instants begin a second or minute of the fault, (n,).
 
-    times   with one more in front, (n + 1,) [s]
+    Parameters
+    ----------
+    times : ndarray, shape (n + 1,)
+        Times with one more in front [s].
     """
     number = np.floor((times - fault.start) / period + 1e-9)
     return np.diff(number) > 0
@@ -239,7 +265,7 @@ class FaultyLink:
         self._waiting: list[tuple[float, int, int, AccelerationBlock]] = []
 
     def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock]:
-        """The blocks that arrive by the end of this one."""
+        """Yield the blocks that arrive by the end of this one."""
         begin = block.first_sample / block.sampling_rate
         for copy, arrival in enumerate(_arrivals(block, begin, self._faults)):
             heapq.heappush(self._waiting, (arrival, self._count, copy, block))
@@ -248,7 +274,7 @@ class FaultyLink:
             yield heapq.heappop(self._waiting)[-1]
 
     def finish(self) -> Iterator[AccelerationBlock]:
-        """Those that arrive after the last one's end."""
+        """Yield those that arrive after the last one's end."""
         while self._waiting:
             yield heapq.heappop(self._waiting)[-1]
 

@@ -1,11 +1,12 @@
-"""What instruments make of accelerations: anti-alias decimation, axes as they were mounted, noise,
-drift, and the counts of a converter."""
+"""What instruments make of accelerations.
+
+Anti-alias decimation, axes as they were mounted, noise, drift, and the counts of a converter.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve, firwin, kaiserord
 
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE, SensorLayout
 from sensors.arrays import FloatArray
@@ -32,9 +33,17 @@ class Decimator:
     def advance(self, samples: FloatArray) -> FloatArray:
         """Outputs that these inputs complete.
 
-        samples   (n_in, n_channels)
-        returns   (n_out, n_channels), n_out n_in / factor on average
+        Parameters
+        ----------
+        samples : ndarray, shape (n_in, n_channels)
+
+        Returns
+        -------
+        ndarray, shape (n_out, n_channels)
+            n_out n_in / factor on average.
         """
+        from scipy.signal import fftconvolve  # 75 MB that only a simulation needs
+
         pending = np.concatenate([self._pending, samples])
         n_out = max(0, (len(pending) - len(self._taps)) // self._factor + 1)
         self._pending = pending[n_out * self._factor :].copy()
@@ -54,6 +63,8 @@ def anti_alias_taps(factor: int) -> FloatArray:
 
     Flat to PASS_BAND and empty beyond STOP_BAND, both over the output rate.
     """
+    from scipy.signal import firwin, kaiserord  # 75 MB that only a simulation needs
+
     if factor == 1:
         return np.ones(1)
     nyquist = factor / 2.0  # of the input, over the output rate
@@ -63,11 +74,19 @@ def anti_alias_taps(factor: int) -> FloatArray:
     return firwin(2 * half + 1, cutoff, window=("kaiser", beta))
 
 
-def quantised(samples: FloatArray, step: float) -> NDArray[np.float32]:
+def quantise(samples: FloatArray, step: float) -> NDArray[np.float32]:
     """Samples as the converter counts them: the nearest multiple of its step.
 
-    samples   any shape [m/s²]
-    step      of the converter [m/s²], 0 for none; a power of two is exact in float32
+    Parameters
+    ----------
+    samples : ndarray
+        Any shape [m/s²].
+    step : float
+        Step of the converter [m/s²], 0 for none; a power of two is exact in float32.
+
+    Returns
+    -------
+    ndarray
     """
     if step == 0.0:
         return samples.astype(np.float32)
@@ -82,10 +101,17 @@ class InstrumentError(InputError):
 class Instruments:
     """How the accelerometers differ from perfect ones; coupling is the layout's."""
 
-    noise_density: float = 0.0  # white, one-sided, beside any share of the rms [m/s²/√Hz]
-    full_scale: float = 0.0  # end of the converter's range, ± [m/s²]; 0: without end
-    drift_per_hour: float = 0.0  # of the offset, up in even channels, down in odd ones [m/s²]
-    misalignment: tuple[float, ...] = ()  # of each channel, from x towards y [deg]; (): none
+    noise_density: float = 0.0
+    """Density of white noise, one-sided, beside any share of the rms [m/s²/√Hz]."""
+
+    full_scale: float = 0.0
+    """End of the converter's range, ± [m/s²]; 0: without end."""
+
+    drift_per_hour: float = 0.0
+    """Drift per hour of the offset, up in even channels, down in odd ones [m/s²]."""
+
+    misalignment: tuple[float, ...] = ()
+    """Misalignment of each channel, from x towards y [deg]; (): none."""
 
     def __post_init__(self) -> None:
         for name in ("noise_density", "full_scale"):
@@ -104,18 +130,23 @@ class Instruments:
         return np.multiply.outer(times / 3600.0 * self.drift_per_hour, signs)
 
     def limited(self, samples: FloatArray) -> FloatArray:
-        """What the converter's range leaves."""
+        """Return what the converter's range leaves."""
         if self.full_scale == 0.0:
             return samples
         return np.clip(samples, -self.full_scale, self.full_scale)
 
 
 class MountedAxes:
-    """The accelerometers' axes as they are: fixed to the tower, off by a mounting error, while
-    fore-aft and side-side follow the nacelle.
+    """The accelerometers' axes as they are.
 
-    layout         as it is believed to be
-    misalignment   of each channel [deg]; empty: none
+    Fixed to the tower, off by a mounting error, while fore-aft and side-side follow the nacelle.
+
+    Parameters
+    ----------
+    layout : SensorLayout
+        Layout as it is believed to be.
+    misalignment : tuple[float, ...], optional
+        Misalignment of each channel [deg]; empty: none.
     """
 
     def __init__(self, layout: SensorLayout, misalignment: tuple[float, ...] = ()) -> None:
@@ -141,10 +172,19 @@ class MountedAxes:
         )
 
     def readings(self, in_nacelle: FloatArray, yaw: FloatArray) -> FloatArray:
-        """What the axes read, (n, n_channels) [m/s²].
+        """Return what the axes read, (n, n_channels) [m/s²].
 
-        in_nacelle   readings of the layout `in_nacelle`, (n, 2 n_channels) [m/s²]
-        yaw          of the nacelle, (n,) [deg]
+        Parameters
+        ----------
+        in_nacelle : ndarray, shape (n, 2 n_channels)
+            Readings of the layout `in_nacelle` [m/s²].
+        yaw : ndarray, shape (n,)
+            Yaw of the nacelle [deg].
+
+        Returns
+        -------
+        ndarray, shape (n, n_channels)
+            In [m/s²].
         """
         along, across = np.split(in_nacelle, 2, axis=1)
         angle = self._azimuths - np.radians(yaw)[:, None]
@@ -153,7 +193,15 @@ class MountedAxes:
     def variances(self, in_nacelle: FloatArray, yaw: float) -> FloatArray:
         """Of what the axes read where x and y are independent, (n_channels,) [(m/s²)²].
 
-        in_nacelle   variances of the layout `in_nacelle`, (2 n_channels,);  yaw [deg]
+        Parameters
+        ----------
+        in_nacelle : ndarray, shape (2 n_channels,)
+            Variances of the layout `in_nacelle`; yaw [deg].
+
+        Returns
+        -------
+        ndarray, shape (n_channels,)
+            In [(m/s²)²].
         """
         along, across = np.split(in_nacelle, 2)
         angle = self._azimuths - np.radians(yaw)

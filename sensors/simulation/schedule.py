@@ -1,4 +1,4 @@
-"""What changes in the course of a simulation: weather, operation, tide, foundation.
+"""What changes during a simulation: weather, operation, tide, foundation.
 
 Everything is a function of the time since the first sample; before it, the beginning holds.
 """
@@ -16,20 +16,32 @@ DAY = 86_400.0  # [s]
 
 
 class ScheduleError(InputError):
-    """A course that cannot be; the message names what and its value."""
+    """A schedule that is not possible; the message names what and its value."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScheduleStep:
-    """What holds from a moment on. Figures run straight to the next stage that gives them; the
-    operating state holds until the next one. What a stage leaves out goes on."""
+    """Weather and operation from a time on.
 
-    at: float = 0.0  # since the first sample [s]
+    Figures run straight to the next step that gives them; the operating state holds until the
+    next one. What a step leaves out goes on.
+    """
+
+    at: float = 0.0
+    """Time since the first sample [s]."""
+
     state: OperatingState | None = None
-    wind_speed: float | None = None  # mean at the hub [m/s]
-    significant_wave_height: float | None = None  # [m]
-    peak_period: float | None = None  # [s]
-    yaw: float | None = None  # of the nacelle, from tower axis x towards y [deg]
+    wind_speed: float | None = None
+    """Mean wind at the hub [m/s]."""
+
+    significant_wave_height: float | None = None
+    """Significant wave height [m]."""
+
+    peak_period: float | None = None
+    """Peak period [s]."""
+
+    yaw: float | None = None
+    """Yaw of the nacelle, from tower axis x towards y [deg]."""
 
     def __post_init__(self) -> None:
         for name in ("wind_speed", "peak_period"):
@@ -44,8 +56,11 @@ class ScheduleStep:
 class StiffnessEvent:
     """A sudden change of the foundation: scour in a storm, a fill of sand."""
 
-    at: float  # since the first sample [s]
-    factors: tuple[float, float, float]  # of k11, k22, k12 from then on [-]
+    at: float
+    """Time since the first sample [s]."""
+
+    factors: tuple[float, float, float]
+    """Factors of k11, k22, k12 from then on [-]."""
 
     def __post_init__(self) -> None:
         if not min(self.factors) > 0:
@@ -59,10 +74,15 @@ class StiffnessEvent:
 class FoundationSchedule:
     """How the foundation's stiffness changes."""
 
-    drift_per_day: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of k11, k22, k12, relative
+    drift_per_day: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Drift per day of k11, k22, k12, relative."""
+
     events: tuple[StiffnessEvent, ...] = ()
-    softening: float = 0.0  # loss of all three at `softening_displacement` of rms motion [-]
-    softening_displacement: float = 0.01  # rms of the mudline over a minute [m]
+    softening: float = 0.0
+    """Loss of all three at `softening_displacement` of rms motion [-]."""
+
+    softening_displacement: float = 0.01
+    """Rms of the mudline over a minute [m]."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.softening < 0.5:
@@ -92,9 +112,14 @@ class FoundationSchedule:
 class Tide:
     """A water level that rises and falls, and a foundation that rides with it."""
 
-    amplitude: float = 0.0  # [m]
-    period: float = 12.42 * 3600.0  # of the moon's half-daily tide [s]
-    stiffness_share: float = 0.0  # of all springs at high water, relative [-]
+    amplitude: float = 0.0
+    """Amplitude [m]."""
+
+    period: float = 12.42 * 3600.0
+    """Period of the moon's half-daily tide [s]."""
+
+    stiffness_share: float = 0.0
+    """Stiffness share of all springs at high water, relative [-]."""
 
     def __post_init__(self) -> None:
         if not self.period > 0:
@@ -112,13 +137,20 @@ class Schedule:
     stages: tuple[ScheduleStep, ...] = ()
     foundation: FoundationSchedule = field(default_factory=FoundationSchedule)
     tide: Tide = field(default_factory=Tide)
-    mean_level: float = 0.0  # of the water [m]
-    wind_speed: float = 2.0  # where no stage gives one [m/s]
-    significant_wave_height: float = 0.0  # [m]
-    peak_period: float = 8.0  # [s]
+    mean_level: float = 0.0
+    """Mean level of the water [m]."""
+
+    wind_speed: float = 2.0
+    """Wind speed where no step gives one [m/s]."""
+
+    significant_wave_height: float = 0.0
+    """Significant wave height [m]."""
+
+    peak_period: float = 8.0
+    """Peak period [s]."""
 
     def __post_init__(self) -> None:
-        times = [stage.at for stage in self.stages]
+        times = [step.at for step in self.stages]
         for before, after in pairwise(times):
             if not after > before:
                 raise ScheduleError(
@@ -127,11 +159,11 @@ class Schedule:
                 )
 
     def figure(self, name: str, time: float) -> float:
-        """A stage's figure at a time: straight between the stages that give it."""
+        """Return a figure at a time: straight between the steps that give it."""
         given = [
-            (stage.at, getattr(stage, name))
-            for stage in self.stages
-            if getattr(stage, name) is not None
+            (step.at, getattr(step, name))
+            for step in self.stages
+            if getattr(step, name) is not None
         ]
         if not given:
             return float(getattr(self, name, 0.0))
@@ -139,16 +171,18 @@ class Schedule:
         return float(np.interp(time, times, values))
 
     def state(self, time: float) -> OperatingState:
-        """What the turbine does; parked where no stage says."""
+        """Return what the turbine does; parked where no step states it."""
         state: OperatingState = "parked"
-        for stage in self.stages:
-            if stage.at <= max(time, 0.0) and stage.state is not None:
-                state = stage.state
+        for step in self.stages:
+            if step.at <= max(time, 0.0) and step.state is not None:
+                state = step.state
         return state
 
     def running_share(self, time: float) -> float:
-        """0 with the blades feathered, 1 in operation; a start or stop takes until the next
-        stage."""
+        """0 with the blades feathered, 1 in operation.
+
+        A start or stop takes until the next step.
+        """
         state = self.state(time)
         if state in ("start", "stop"):
             begin = max(s.at for s in self.stages if s.at <= max(time, 0.0) and s.state)
@@ -158,7 +192,7 @@ class Schedule:
         return 1.0 if state == "operating" else 0.0
 
     def rotor(self, time: float) -> SteadyState:
-        """What the rotor does in the mean wind."""
+        """Return what the rotor does in the mean wind."""
         return steady_state(
             self.figure("wind_speed", time),
             self.running_share(time),
@@ -177,18 +211,19 @@ class Schedule:
     @property
     def turns(self) -> bool:
         """Whether the rotor ever turns."""
-        return any(stage.state not in (None, "parked") for stage in self.stages)
+        return any(step.state not in (None, "parked") for step in self.stages)
 
     @property
     def yaws(self) -> bool:
         """Whether the nacelle is ever turned."""
-        return any(stage.yaw for stage in self.stages)
+        return any(step.yaw for step in self.stages)
 
     @property
     def highest_level(self) -> float:
+        """Highest water level of the tide [m]."""
         return self.mean_level + abs(self.tide.amplitude)
 
     def largest(self, name: str) -> float:
-        """A figure's largest value."""
+        """Return a figure's largest value."""
         given = [getattr(s, name) for s in self.stages if getattr(s, name) is not None]
         return float(max(given or [getattr(self, name)]))

@@ -7,6 +7,7 @@ from sensors.acquisition.blocks import NANOSECONDS
 from sensors.dynamics.structure_modes import ModalDamping
 from sensors.errors import InputError
 from sensors.loads import BroadbandLoad, Rotor, Sea, WaveBandLoad, Wind
+from sensors.settings import NO_KEY
 from sensors.simulation.acquisition_units import UnitSettings
 from sensors.simulation.faults import Fault
 from sensors.simulation.instruments import Instruments
@@ -24,34 +25,63 @@ class SimulationSettings:
     """What is simulated: how long, under which loads, seen by which instruments.
 
     `wind` and `sea` follow from their physics; `broadband` and `waves` have a stated rms. Any of
-    them may act together. `stages`, `foundation` and `tide` say what changes with time.
+    them may act together. `stages`, `foundation` and `tide` state what changes with time.
     """
 
-    duration: float = 3600.0  # [s]
-    seed: int = 1
-    stiffness_ratios: tuple[float, float, float] = (1.0, 1.0, 1.0)  # true k11, k22, k12 / nominal
+    duration: float = 3600.0
+    """Duration [s]."""
+
+    seed: int = field(default=1, metadata=NO_KEY)
+    stiffness_ratios: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """True k11, k22, k12 / nominal."""
+
     damping: ModalDamping = field(default_factory=ModalDamping)
     broadband: BroadbandLoad = field(default_factory=BroadbandLoad)
     waves: WaveBandLoad = field(default_factory=WaveBandLoad)
     wind: Wind | None = None
     sea: Sea | None = None
-    rotor: Rotor = field(default_factory=Rotor)  # where a stage makes it turn
-    stages: tuple[ScheduleStep, ...] = ()  # of weather and operation
+    rotor: Rotor = field(default_factory=Rotor)
+    """Forces of the rotor while a step makes it turn."""
+
+    stages: tuple[ScheduleStep, ...] = ()
+    """Steps of weather and operation."""
+
     foundation: FoundationSchedule = field(default_factory=FoundationSchedule)
     tide: Tide = field(default_factory=Tide)
-    structure: str = ""  # a description that differs from the updater's; empty: the same
-    transient: float = 600.0  # simulated from rest and dropped before the first sample [s]
-    sampling_rate: float = 40.0  # [Hz]
-    block_duration: float = 1.0  # [s]
-    noise_share: float = 0.03  # of each channel's rms by linear theory, white [-]
+    structure: str = ""
+    """A description that differs from the updater's; empty: the same."""
+
+    transient: float = 600.0
+    """Time simulated from rest and dropped before the first sample [s]."""
+
+    sampling_rate: float = 40.0
+    """Sampling rate [Hz]."""
+
+    block_duration: float = 1.0
+    """Block duration [s]."""
+
+    noise_share: float = 0.03
+    """White noise as a share of each channel's rms by linear theory [-]."""
+
     instruments: Instruments = field(default_factory=Instruments)
     faults: tuple[Fault, ...] = ()
-    units: tuple[UnitSettings, ...] = ()  # acquisition units; empty: one reads every channel
-    scada_period: float = 0.0  # between two SCADA samples [s]; 0: there are none
-    quantisation_step: float = 2.0**-12  # [m/s²]: 16 bits over ±8 m/s²; 0: no converter
-    start_ns: int = 1_767_225_600 * NANOSECONDS  # sensor clock at the first sample: 2026-01-01
-    session: str = ""  # empty: "simulated-" and the seed
-    tube_refinement: int = 2  # elements in each of the description's tubes
+    units: tuple[UnitSettings, ...] = ()
+    """Acquisition units; empty: one reads every channel."""
+
+    scada_period: float = 0.0
+    """Time between two SCADA samples [s]; 0: there are none."""
+
+    quantisation_step: float = 2.0**-12
+    """Quantisation step [m/s²]: 16 bits over ±8 m/s²; 0: no converter."""
+
+    start_ns: int = field(default=1_767_225_600 * NANOSECONDS, metadata=NO_KEY)
+    """Sensor clock at the first sample: 2026-01-01."""
+
+    session: str = field(default="", metadata=NO_KEY)
+    """Name of the session; empty: "simulated-" and the seed."""
+
+    tube_refinement: int = 2
+    """Elements in each of the description's tubes."""
 
     def __post_init__(self) -> None:
         for name in ("duration", "sampling_rate", "block_duration"):
@@ -72,7 +102,7 @@ class SimulationSettings:
                 f"tube_refinement is {self.tube_refinement}; it must be 1 or more"
             )
 
-        turning = [stage for stage in self.stages if stage.state not in (None, "parked")]
+        turning = [step for step in self.stages if step.state not in (None, "parked")]
         if turning and self.wind is None:
             raise SimulationError(
                 f"the stage at {turning[0].at:g} s is {turning[0].state!r}; a rotor that turns "
@@ -81,6 +111,7 @@ class SimulationSettings:
 
     @property
     def samples_per_block(self) -> int:
+        """Number of samples in a block."""
         return max(1, round(self.block_duration * self.sampling_rate))
 
     @property
@@ -95,4 +126,5 @@ class SimulationSettings:
 
     @property
     def session_id(self) -> str:
+        """Name of the session in every block."""
         return self.session or f"simulated-{self.seed}"

@@ -1,7 +1,6 @@
 """AC-coupled accelerometers: each channel's high-pass, as a filter that carries its memory."""
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sensors.arrays import ComplexArray, FloatArray
 
@@ -9,7 +8,10 @@ from sensors.arrays import ComplexArray, FloatArray
 class ChannelCoupling:
     """First-order high-pass of each AC-coupled channel, s / (s + 2π f_corner); DC passes all.
 
-    corner_frequencies   (n_channels,) [Hz]; 0 for a DC-coupled axis
+    Parameters
+    ----------
+    corner_frequencies : ndarray, shape (n_channels,)
+        Corner frequencies [Hz]; 0 for a DC-coupled axis.
     """
 
     def __init__(self, corner_frequencies: FloatArray, sampling_rate: float) -> None:
@@ -20,6 +22,8 @@ class ChannelCoupling:
 
     def advance(self, readings: FloatArray) -> None:
         """Filter the next samples in place, (n_channels, n_samples)."""
+        from scipy.signal import lfilter  # 75 MB that only a simulation needs
+
         for channel in self._coupled:
             numerator, denominator = self._filters[channel]
             readings[channel], self._memory[channel] = lfilter(

@@ -6,7 +6,7 @@ Every tower node has (u_x, ψ_x, u_y, ψ_y, u_z, θ_z): displacement [m] and slo
 fore-aft and the side-side plane, heave [m] and twist [rad]. Heave and twist are fixed at the
 mudline. Every blade node has displacement and slope flapwise and edgewise, absolute but along the
 blade's own axes; axially and in twist a blade follows its root.
-Source of the mesh: [foundation-updating] §3.1; what is not said there stands in the docstrings.
+Source of the mesh: [foundation-updating] §3.1; what is not stated there stands in the docstrings.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,14 @@ from numpy.typing import ArrayLike
 
 from sensors.arrays import FloatArray, IndexArray
 from sensors.structure import beam
-from sensors.structure.description import Direction, Tube, TurbineDescription, Water
+from sensors.structure.description import (
+    TOUCHING,
+    Direction,
+    PointMass,
+    Tube,
+    TurbineDescription,
+    Water,
+)
 from sensors.structure.foundation import TurbineError, spring_matrix
 from sensors.structure.rotor_nacelle import (
     ROTATION,
@@ -48,17 +55,31 @@ class StructuralModel:
     """
 
     description: TurbineDescription
-    theta: FloatArray  # θ = (k11, k22, k12) in `stiffness`, (3,) [N/m, N·m/rad, N/rad]
+    theta: FloatArray
+    """θ = (k11, k22, k12) in `stiffness`, (3,) [N/m, N·m/rad, N/rad]."""
+
     mass: FloatArray
-    stiffness: FloatArray  # elastic + gravity + springs of θ
-    blade_mass: FloatArray  # the blades' part of `mass`
-    elevations: FloatArray  # of the tower's nodes, from the mudline up, (n_nodes,) [m]
-    tower_dofs: IndexArray  # (n_nodes, 6) in the order (u_x, ψ_x, u_y, ψ_y, u_z, θ_z); −1: fixed
-    blade_dofs: IndexArray  # (n_blades, n_blade_nodes − 1, 4): flap v, v', edge v, v'; no root
-    blade_inner_dofs: IndexArray  # (n_blades, n): clamped-clamped amplitudes, flap first, then edge
+    stiffness: FloatArray
+    """Elastic + gravity + springs of θ."""
+
+    blade_mass: FloatArray
+    """The blades' part of `mass`."""
+
+    elevations: FloatArray
+    """Elevations of the tower's nodes, from the mudline up, (n_nodes,) [m]."""
+
+    tower_dofs: IndexArray
+    """Tower dofs, (n_nodes, 6) in the order (u_x, ψ_x, u_y, ψ_y, u_z, θ_z); −1: fixed."""
+
+    blade_dofs: IndexArray
+    """Blade dofs, (n_blades, n_blade_nodes − 1, 4): flap v, v', edge v, v'; no root."""
+
+    blade_inner_dofs: IndexArray
+    """Blade inner dofs, (n_blades, n): clamped-clamped amplitudes, flap first, then edge."""
 
     @property
     def n_dofs(self) -> int:
+        """Number of degrees of freedom."""
         return len(self.mass)
 
     @property
@@ -86,9 +107,17 @@ class StructuralModel:
     def tower_displacement(self, elevation: float, direction: Sequence[float]) -> FloatArray:
         """(n_dofs,) row h: displacement of the tower's axis along a direction, u = h q [m].
 
-        elevation   above mean water level [m]; cubic between the nodes
-        direction   cosines (x, y, z) [-]
-        The same row places a force F [N] there: the load vector is h F.
+        Parameters
+        ----------
+        elevation : float
+            Elevation above mean water level [m]; cubic between the nodes.
+        direction : Sequence[float]
+            Cosines (x, y, z) [-].
+
+        Returns
+        -------
+        ndarray, shape (n_dofs,)
+            Row h. It also places a force F [N] there: the load vector is h F.
         """
         x, y, z = direction
         row = x * self._tower_row(elevation, "FA", beam.hermite)
@@ -104,8 +133,15 @@ class StructuralModel:
     def blade_displacement(self, blade: int, node: int, direction: Sequence[float]) -> FloatArray:
         """(n_dofs,) row: displacement of a blade's node along (x, y, z) in tower axes [m].
 
-        node   1 (outer end of the innermost element) to the tip's number
-        The same row places a force there.
+        Parameters
+        ----------
+        node : int
+            1 (outer end of the innermost element) to the tip's number.
+
+        Returns
+        -------
+        ndarray, shape (n_dofs,)
+            The row; it also places a force there.
         """
         blades = self.description.blades
         assert blades is not None
@@ -156,16 +192,25 @@ def assemble(
     stiffness: ArrayLike | None = None,
     tube_refinement: int = 1,
 ) -> StructuralModel:
-    """The finite-element model of a turbine.
+    """Return the finite-element model of a turbine.
 
-    stiffness         θ = (k11, k22, k12), (3,) [N/m, N·m/rad, N/rad]; None: the description's
-    tube_refinement   elements for each tube; the blades keep their elements
+    Parameters
+    ----------
+    stiffness : ArrayLike, optional, shape (3,)
+        θ = (k11, k22, k12) [N/m, N·m/rad, N/rad]; None: the description's.
+    tube_refinement : int, optional
+        Elements for each tube; the blades keep their elements.
+
+    Returns
+    -------
+    StructuralModel
     """
     turbine = description.refined(tube_refinement)
     theta = turbine.nominal if stiffness is None else np.asarray(stiffness, dtype=np.float64)
     tower_dofs, blade_dofs, blade_inner_dofs, n_dofs = _number_dofs(turbine)
     system = _System(np.zeros((n_dofs, n_dofs)), np.zeros((n_dofs, n_dofs)))
     _add_tubes(system, turbine, tower_dofs)
+    _add_point_masses(system, turbine, tower_dofs)
     _add_springs(system, turbine, theta, tower_dofs)
     system.add(
         tower_dofs[-1],
@@ -211,8 +256,10 @@ class _System:
 
 
 def _number_dofs(turbine: TurbineDescription) -> tuple[IndexArray, IndexArray, IndexArray, int]:
-    """Tower nodes from the mudline up, then blade after blade; the mudline's heave and twist
-    are fixed."""
+    """Number the degrees of freedom: tower nodes from the mudline up, then blade after blade.
+
+    The mudline's heave and twist are fixed.
+    """
     n_nodes = len(turbine.tubes) + 1
     tower = np.arange(-2, 6 * n_nodes - 2).reshape(n_nodes, 6)
     tower[0] = [0, 1, 2, 3, FIXED, FIXED]
@@ -234,6 +281,8 @@ def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IndexAr
         wet = wetted_share(tube, turbine.water)
         mass = beam.bending_mass(tube.mass_per_length, tube.length)
         mass += beam.bending_mass(added_mass(tube, turbine.water), tube.length, end=wet)
+        overgrown = overgrown_share(tube, turbine.water)
+        mass += beam.bending_mass(growth_mass(tube, turbine.water), tube.length, end=overgrown)
         for plane in PLANE.values():
             system.add(tower_dofs[i : i + 2, plane].ravel(), mass=mass, stiffness=bending)
         system.add(
@@ -248,6 +297,19 @@ def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IndexAr
         )
 
 
+def _add_point_masses(system: _System, turbine: TurbineDescription, tower_dofs: IndexArray) -> None:
+    """On the element that holds each, by the same cubics as its displacement."""
+    for point in turbine.point_masses:
+        number = next(i for i, t in enumerate(turbine.tubes) if point.elevation <= t.top + TOUCHING)
+        tube = turbine.tubes[number]
+        xi = (point.elevation - tube.bottom) / tube.length
+        N, along = beam.hermite(xi, tube.length), np.array([1 - xi, xi])
+        for plane in PLANE.values():
+            dofs = tower_dofs[number : number + 2, plane].ravel()
+            system.add(dofs, mass=point.mass * np.outer(N, N))
+        system.add(tower_dofs[number : number + 2, HEAVE], mass=point.mass * np.outer(along, along))
+
+
 def wetted_share(tube: Tube, water: Water | None) -> float:
     """Share of the tube's length, from below, that stands in water, in [0, 1]."""
     if water is None:
@@ -256,14 +318,32 @@ def wetted_share(tube: Tube, water: Water | None) -> float:
 
 
 def added_mass(tube: Tube, water: Water | None) -> float:
-    """Mass of water that moves with a wetted metre of the tube, C_a ρ π D²/4 and what is
-    inside [kg/m]."""
+    """Return the mass of water that moves with a wetted metre of the tube [kg/m].
+
+    C_a ρ π D²/4 outside, and what is inside.
+    """
     if water is None:
         return 0.0
     mass = water.added_mass_coefficient * water.density * np.pi * tube.diameter**2 / 4
     if water.inside:
         mass += water.density * np.pi * (tube.diameter - 2 * tube.thickness) ** 2 / 4
     return mass
+
+
+def overgrown_share(tube: Tube, water: Water | None) -> float:
+    """Share of the tube's length, from below, that lies under the mean water level, in [0, 1]."""
+    return float(np.clip((0.0 - tube.bottom) / tube.length, 0.0, 1.0)) if water else 0.0
+
+
+def growth_mass(tube: Tube, water: Water | None) -> float:
+    """Mass of marine growth h thick and of the further water that it takes along [kg/m].
+
+    π (D h + h²) ρ_g + C_a ρ π ((D + 2h)² − D²) / 4, the same in both horizontal directions
+    """
+    if water is None or water.growth == 0:
+        return 0.0
+    ring = np.pi * (tube.diameter + water.growth) * water.growth
+    return float(ring * (water.growth_density + water.added_mass_coefficient * water.density))
 
 
 def _compression(turbine: TurbineDescription) -> list[tuple[float, float]]:
@@ -273,10 +353,20 @@ def _compression(turbine: TurbineDescription) -> list[tuple[float, float]]:
     )
     forces = []
     for tube in reversed(turbine.tubes):
+        carried += sum(each.mass for each in turbine.point_masses if _at_top(each, tube))
         below = carried + tube.mass_per_length * tube.length
+        below += sum(each.mass for each in turbine.point_masses if _inside(each, tube))
         forces.append((turbine.gravity * below, turbine.gravity * carried))
         carried = below
     return forces[::-1]
+
+
+def _at_top(point: PointMass, tube: Tube) -> bool:
+    return abs(point.elevation - tube.top) < TOUCHING
+
+
+def _inside(point: PointMass, tube: Tube) -> bool:
+    return tube.bottom + TOUCHING <= point.elevation <= tube.top - TOUCHING
 
 
 def _blade_masses(turbine: TurbineDescription) -> float:

@@ -1,4 +1,4 @@
-"""Uniform Euler-Bernoulli beam elements: the pieces that towers and blades are made of.
+"""Uniform Euler-Bernoulli beam elements, of which towers and blades are made.
 
 Bending in one plane has four degrees of freedom an element, (v_1, ψ_1, v_2, ψ_2): displacement v
 [m] and slope ψ = dv/dz [rad] at the element's start and end, z along the beam. Axial displacement
@@ -22,8 +22,15 @@ _GAUSS_POINTS = 24  # exact for the cubics, and to 1e-14 for the clamped-clamped
 def hermite(position: ArrayLike, length: float) -> FloatArray:
     """Displacement at a place inside the element, for unit end displacements and slopes.
 
-    position   ξ = z / L in [0, 1], (...,)
-    returns    (..., 4), so that v(ξ) = hermite(ξ, L) @ (v_1, ψ_1, v_2, ψ_2)
+    Parameters
+    ----------
+    position : ArrayLike, shape (...,)
+        ξ = z / L in [0, 1].
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+        So that v(ξ) = hermite(ξ, L) @ (v_1, ψ_1, v_2, ψ_2).
     """
     xi = np.asarray(position, dtype=np.float64)
     return np.stack(
@@ -69,9 +76,20 @@ def bending_mass(
 ) -> FloatArray:
     """(4, 4) consistent mass of (v_1, ψ_1, v_2, ψ_2).
 
-    mass_per_length   m [kg/m], carried between ξ = start and ξ = end only (a water level inside
-                      the element wets a part of it)
-        M = ∫ m NᵀN dz,   N the Hermite cubics; rotary inertia is left out (Euler-Bernoulli)
+    Parameters
+    ----------
+    mass_per_length : float
+        m [kg/m], carried between ξ = start and ξ = end only (a water level inside the element
+        wets a part of it).
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        Mass matrix.
+
+    Notes
+    -----
+    M = ∫ m NᵀN dz, N the Hermite cubics; rotary inertia is left out (Euler-Bernoulli).
     """
     xi, weights = _gauss_points(start, end)
     N = hermite(xi, length)
@@ -81,8 +99,15 @@ def bending_mass(
 def geometric_stiffness(tension_start: float, tension_end: float, length: float) -> FloatArray:
     """(4, 4) stiffness that an axial force adds; it varies linearly along the element.
 
-    tension_start, tension_end   T [N] at the two ends, tension positive
-        K_G = ∫ T(z) N'ᵀN' dz
+    Parameters
+    ----------
+    tension_start, tension_end : float
+        T [N] at the two ends, tension positive.
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        Geometric stiffness K_G = ∫ T(z) N'ᵀN' dz.
     """
     xi, weights = _gauss_points(0.0, 1.0)
     tension = tension_start + (tension_end - tension_start) * xi
@@ -108,18 +133,21 @@ class ReducedBendingElement:
     lowest clamped-clamped modes, each mode scaled to mean square 1.
     """
 
-    stiffness: FloatArray  # (4 + n, 4 + n)
-    mass: FloatArray  # (4 + n, 4 + n)
+    stiffness: FloatArray
+    """Stiffness, (4 + n, 4 + n)."""
+
+    mass: FloatArray
+    """Mass, (4 + n, 4 + n)."""
 
 
 def craig_bampton_element(
     bending_rigidity: float, mass_per_length: float, length: float, *, modes: int
 ) -> ReducedBendingElement:
-    """The exact uniform beam between two nodes, with its lowest clamped-clamped modes.
+    """Return the exact uniform beam between two nodes, with its lowest clamped-clamped modes.
 
     The static shapes of a uniform beam under end displacements are the Hermite cubics, so the
-    interface block is the ordinary element; the modes are known in closed form.
-    Source: Craig and Bampton, AIAA Journal 6 (1968) 1313; [foundation-updating] §3.1.
+    interface block is the ordinary element; the modes are known in closed form. Source: Craig and
+    Bampton, AIAA Journal 6 (1968) 1313; [foundation-updating] §3.1.
     """
     xi, weights = _gauss_points(0.0, 1.0)
     shapes = np.concatenate(

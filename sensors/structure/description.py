@@ -25,21 +25,36 @@ Vector = tuple[float, float, float]
 SHIPPED = ("iea15mw_monopile", "iea15mw_detailed")
 STANDARD_GRAVITY = 9.80665  # [m/s²]
 LONGEST_ELEMENT = 1 / 12  # of the tower: the first ten frequencies of a mast are then exact to .2 %
-_TOUCHING = 1e-6  # two elevations closer than this are the same [m]
+TOUCHING = 1e-6  # two elevations closer than this are the same [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Tube:
     """One uniform circular tube of the monopile or the tower."""
 
-    bottom: float  # elevation above mean water level [m]
-    top: float  # [m]
-    diameter: float  # outer [m]
-    thickness: float  # of the wall [m]
-    youngs_modulus: float  # E [Pa]
-    density: float  # ρ, of the wall with paint, bolts and flanges [kg/m³]
-    poisson_ratio: float = 0.3  # ν [-]; enters the torsional stiffness only
-    attached_mass: float = 0.0  # of what it carries without stiffness (transition piece) [kg/m]
+    bottom: float
+    """Elevation above mean water level [m]."""
+
+    top: float
+    """Top [m]."""
+
+    diameter: float
+    """Outer diameter [m]."""
+
+    thickness: float
+    """Thickness of the wall [m]."""
+
+    youngs_modulus: float
+    """E [Pa]."""
+
+    density: float
+    """ρ, of the wall with paint, bolts and flanges [kg/m³]."""
+
+    poisson_ratio: float = 0.3
+    """ν [-]; enters the torsional stiffness only."""
+
+    attached_mass: float = 0.0
+    """Attached mass of what it carries without stiffness (transition piece) [kg/m]."""
 
     def __post_init__(self) -> None:
         where = f"tube from {self.bottom:g} to {self.top:g} m"
@@ -58,7 +73,7 @@ class Tube:
 
     @property
     def length(self) -> float:
-        """[m]"""
+        """Length of the tube [m]."""
         return self.top - self.bottom
 
     @property
@@ -74,17 +89,17 @@ class Tube:
 
     @property
     def bending_rigidity(self) -> float:
-        """EI [N·m²]"""
+        """Bending rigidity EI [N·m²]."""
         return self.youngs_modulus * self.second_moment
 
     @property
     def torsional_rigidity(self) -> float:
-        """GJ = E / (2 (1 + ν)) · 2I [N·m²]"""
+        """Torsional rigidity GJ = E / (2 (1 + ν)) · 2I [N·m²]."""
         return self.bending_rigidity / (1 + self.poisson_ratio)
 
     @property
     def mass_per_length(self) -> float:
-        """[kg/m]"""
+        """Mass per length with what the tube carries [kg/m]."""
         return self.density * self.area + self.attached_mass
 
 
@@ -96,14 +111,41 @@ class Water:
     pressure do not enter. Water inside a flooded tube moves with it, ρ π (D − 2t)²/4 [kg/m].
     """
 
-    level: float = 0.0  # above mean water level [m]
-    density: float = 1025.0  # ρ [kg/m³]
-    added_mass_coefficient: float = 1.0  # C_a [-]
-    inside: bool = False  # whether the tubes are flooded to the same level
+    level: float = 0.0
+    """Level above mean water level [m]."""
+
+    density: float = 1025.0
+    """ρ [kg/m³]."""
+
+    added_mass_coefficient: float = 1.0
+    """C_a [-]."""
+
+    inside: bool = False
+    """Whether the tubes are flooded to the same level."""
+
+    growth: float = 0.0
+    """Thickness of marine growth, from the mudline up to the mean level [m]."""
+
+    growth_density: float = 1325.0
+    """Of marine growth [kg/m³]; DNV-ST-0437."""
 
     def __post_init__(self) -> None:
         _require_not_negative("water", "density", self.density)
+        _require_not_negative("water", "growth", self.growth)
+        _require_not_negative("water", "growth_density", self.growth_density)
         _require_not_negative("water", "added_mass_coefficient", self.added_mass_coefficient)
+
+
+@dataclass(frozen=True, slots=True)
+class PointMass:
+    """A mass without stiffness on the tower's axis: a transition piece, a platform."""
+
+    name: str
+    elevation: float  # above mean water level [m]
+    mass: float  # [kg]
+
+    def __post_init__(self) -> None:
+        _require_not_negative(f"point mass {self.name!r}", "mass", self.mass)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,9 +153,14 @@ class RigidBody:
     """A mass that moves with the tower's top."""
 
     name: str
-    mass: float  # [kg]
-    centre: Vector = (0.0, 0.0, 0.0)  # from the tower's top (x, y, z) [m]
-    inertia: Vector = (0.0, 0.0, 0.0)  # about its centre, round x, y, z [kg·m²]
+    mass: float
+    """Mass [kg]."""
+
+    centre: Vector = (0.0, 0.0, 0.0)
+    """Centre from the tower's top (x, y, z) [m]."""
+
+    inertia: Vector = (0.0, 0.0, 0.0)
+    """Inertia about its centre, round x, y, z [kg·m²]."""
 
     def __post_init__(self) -> None:
         where = f"body {self.name!r}"
@@ -127,13 +174,20 @@ class RotorNacelle:
     """What sits on the tower's top, all rigid; the blades are apart."""
 
     bodies: tuple[RigidBody, ...] = ()
-    overhang: float = (
-        0.0  # from the tower's axis to the rotor's apex along the shaft, < 0 upwind [m]
-    )
-    tower_to_shaft: float = 0.0  # height of the shaft above the tower's top, on the axis [m]
-    tilt: float = 0.0  # of the shaft, upwind end up [deg]
-    hub_mass: float = 0.0  # at the apex [kg]
-    hub_inertia: float = 0.0  # round the shaft; a disc, so half of it across [kg·m²]
+    overhang: float = 0.0
+    """Overhang from the tower's axis to the rotor's apex along the shaft, < 0 upwind [m]."""
+
+    tower_to_shaft: float = 0.0
+    """Height of the shaft above the tower's top, on the axis [m]."""
+
+    tilt: float = 0.0
+    """Tilt of the shaft, upwind end up [deg]."""
+
+    hub_mass: float = 0.0
+    """Hub mass at the apex [kg]."""
+
+    hub_inertia: float = 0.0
+    """Hub inertia round the shaft; a disc, so half of it across [kg·m²]."""
 
     def __post_init__(self) -> None:
         _require_not_negative("rotor_nacelle", "hub_mass", self.hub_mass)
@@ -144,12 +198,23 @@ class RotorNacelle:
 class BladeElement:
     """A uniform stretch of a blade."""
 
-    inner: float  # distance from the blade's root [m]
-    outer: float  # [m]
-    mass_per_length: float  # [kg/m]
-    flapwise_rigidity: float  # EI for displacement across the chord [N·m²]
-    edgewise_rigidity: float  # EI for displacement along the chord [N·m²]
-    twist: float = 0.0  # of the chord against the pitch axis' zero, towards feather [deg]
+    inner: float
+    """Distance from the blade's root [m]."""
+
+    outer: float
+    """Outer end, distance from the blade's root [m]."""
+
+    mass_per_length: float
+    """Mass per length [kg/m]."""
+
+    flapwise_rigidity: float
+    """EI for displacement across the chord [N·m²]."""
+
+    edgewise_rigidity: float
+    """EI for displacement along the chord [N·m²]."""
+
+    twist: float = 0.0
+    """Twist of the chord against the pitch axis' zero, towards feather [deg]."""
 
     def __post_init__(self) -> None:
         where = f"blade element from {self.inner:g} to {self.outer:g} m"
@@ -160,7 +225,7 @@ class BladeElement:
 
     @property
     def length(self) -> float:
-        """[m]"""
+        """Length of the element [m]."""
         return self.outer - self.inner
 
 
@@ -169,12 +234,23 @@ class Blades:
     """The blades of the locked rotor: equal, straight, rigid axially."""
 
     number: int
-    elements: tuple[BladeElement, ...]  # from root to tip
-    hub_radius: float = 0.0  # from the apex to a blade's root [m]
-    cone: float = 0.0  # tips upwind [deg]
-    pitch: float = 0.0  # 0: chord in the rotor's plane; 90, feathered: chord along the shaft [deg]
-    azimuth: float = 0.0  # of the first blade, 0 is up [deg]
-    modes_per_element: int = 1  # clamped-clamped modes an element keeps in each direction
+    elements: tuple[BladeElement, ...]
+    """Elements from root to tip."""
+
+    hub_radius: float = 0.0
+    """Hub radius from the apex to a blade's root [m]."""
+
+    cone: float = 0.0
+    """Tips upwind [deg]."""
+
+    pitch: float = 0.0
+    """0: chord in the rotor's plane; 90, feathered: chord along the shaft [deg]."""
+
+    azimuth: float = 0.0
+    """Azimuth of the first blade, 0 is up [deg]."""
+
+    modes_per_element: int = 1
+    """Clamped-clamped modes an element keeps in each direction."""
 
     def __post_init__(self) -> None:
         if not self.number >= 1:
@@ -184,7 +260,7 @@ class Blades:
                 f"blades: modes_per_element is {self.modes_per_element}; 0 to 3 can be kept"
             )
         _require_contiguous("blades", [(part.inner, part.outer) for part in self.elements])
-        if abs(self.elements[0].inner) > _TOUCHING:
+        if abs(self.elements[0].inner) > TOUCHING:
             raise TurbineError(
                 f"blades: the first element starts at {self.elements[0].inner:g} m; "
                 "it starts at the root, 0 m"
@@ -202,7 +278,8 @@ class ReferenceMode:
 
     name: str
     direction: Direction
-    frequency: float  # [Hz]
+    frequency: float
+    """Frequency [Hz]."""
 
     def __post_init__(self) -> None:
         _require_positive(f"reference mode {self.name!r}", "frequency", self.frequency)
@@ -212,19 +289,36 @@ class ReferenceMode:
 class TurbineDescription:
     """Everything the model of one turbine is made from."""
 
-    name: str  # short, used in keys and files
-    tubes: tuple[Tube, ...]  # from the mudline upwards, without gaps
+    name: str
+    """Short, used in keys and files."""
+
+    tubes: tuple[Tube, ...]
+    """Tubes from the mudline upwards, without gaps."""
+
     foundation: FoundationSprings
     title: str = ""
-    source: str = ""  # where the figures come from
-    gravity: float = STANDARD_GRAVITY  # [m/s²]
+    source: str = ""
+    """Where the figures come from."""
+
+    gravity: float = STANDARD_GRAVITY
+    """Gravity [m/s²]."""
+
     water: Water | None = None
     rotor_nacelle: RotorNacelle = field(default_factory=RotorNacelle)
     blades: Blades | None = None
     reference_modes: tuple[ReferenceMode, ...] = ()
+    point_masses: tuple[PointMass, ...] = ()
+    transition: float | None = None  # elevation of the monopile's top, where a transition piece
+    # sits; None: no such place is known [m]
 
     def __post_init__(self) -> None:
         _require_not_negative("turbine", "gravity", self.gravity)
+        for name, elevation in self._named_elevations:
+            if not self.mudline <= elevation <= self.tower_top:
+                raise TurbineError(
+                    f"{name}: elevation {elevation:g} m is not on the tower, {self.mudline:g} to "
+                    f"{self.tower_top:g} m"
+                )
         _require_contiguous("tubes", [(tube.bottom, tube.top) for tube in self.tubes])
         if self.water is not None and not self.water.level < self.tower_top:
             raise TurbineError(
@@ -234,6 +328,11 @@ class TurbineDescription:
         for name in names:
             if names.count(name) > 1:
                 raise TurbineError(f"reference mode {name!r} is listed more than once")
+
+    @property
+    def _named_elevations(self) -> list[tuple[str, float]]:
+        places = [(f"point mass {each.name!r}", each.elevation) for each in self.point_masses]
+        return places if self.transition is None else [*places, ("transition", self.transition)]
 
     @property
     def nominal(self) -> FloatArray:
@@ -251,21 +350,21 @@ class TurbineDescription:
         return self.tubes[-1].top
 
     def with_sign(self, sign: SpringSign) -> "TurbineDescription":
-        """The same turbine with the other sign convention of k12."""
+        """Return the same turbine with the other sign convention of k12."""
         return replace(self, foundation=replace(self.foundation, sign=sign))
 
     def with_water_level(self, level: float) -> "TurbineDescription":
-        """The same turbine with the sea at another level above the mean [m]."""
+        """Return the same turbine with the sea at another level above the mean [m]."""
         return replace(self, water=replace(self.water or Water(), level=level))
 
     def refined(self, times: int) -> "TurbineDescription":
-        """The same turbine with every tube cut into `times` equal ones; blades unchanged."""
+        """Return the same turbine with every tube cut into `times` equal ones; blades unchanged."""
         if times < 1:
             raise TurbineError(f"tube refinement is {times}; 1 or more is needed")
         return replace(self, tubes=tuple(part for tube in self.tubes for part in _cut(tube, times)))
 
     def meshed(self) -> "TurbineDescription":
-        """The same turbine with the tubes cut that are too long to be one element each."""
+        """Return the same turbine with the tubes cut that are too long to be one element each."""
         longest = LONGEST_ELEMENT * (self.tower_top - self.mudline)
         times = [math.ceil(tube.length / longest - 1e-9) for tube in self.tubes]
         cut = zip(self.tubes, times, strict=True)
@@ -273,17 +372,34 @@ class TurbineDescription:
 
 
 def load_turbine(name_or_path: str | Path) -> TurbineDescription:
-    """A turbine that ships (`iea15mw_monopile`) or the description in a user's TOML file.
+    """Return a turbine that ships (`iea15mw_monopile`) or the description in a user's TOML file.
 
-    Raises TurbineError, one line that names the file, the section and the key: no such turbine or
-    file, not TOML, an unknown or missing key, a value of the wrong type or out of range.
+    Returns
+    -------
+    TurbineDescription
+
+    Raises
+    ------
+    TurbineError
+        One line that names the file, the section and the key: no such turbine or file, not
+        TOML, an unknown or missing key, a value of the wrong type or out of range.
     """
     source = f"{name_or_path}.toml" if name_or_path in SHIPPED else str(name_or_path)
     return parse_turbine(turbine_text(name_or_path), source=source)
 
 
 def turbine_text(name_or_path: str | Path) -> str:
-    """The TOML text of a shipped turbine or of a user's file. Raises TurbineError: none there."""
+    """Return the TOML text of a shipped turbine or of a user's file.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    TurbineError
+        If there is none.
+    """
     if name_or_path in SHIPPED:
         return shipped_text(str(name_or_path))
     path = Path(name_or_path)
@@ -298,13 +414,15 @@ def turbine_text(name_or_path: str | Path) -> str:
 
 
 def shipped_text(name: str) -> str:
-    """The TOML text of a shipped turbine, to start a description of one's own from."""
+    """Return the TOML text of a shipped turbine, to start a description of one's own from."""
     return resources.files("sensors.structure").joinpath(f"{name}.toml").read_text("utf-8")
 
 
 def parse_turbine(text: str, *, source: str) -> TurbineDescription:
-    """The description in a TOML text, long tubes cut into elements; `source` is the file's name
-    for errors."""
+    """Return the description in a TOML text, long tubes cut into elements.
+
+    `source` is the file's name for errors.
+    """
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -365,7 +483,7 @@ def _require_contiguous(where: str, spans: list[tuple[float, float]]) -> None:
     if not spans:
         raise TurbineError(f"{where}: at least one element is needed")
     for (_, end), (start, _) in pairwise(spans):
-        if abs(start - end) > _TOUCHING:
+        if abs(start - end) > TOUCHING:
             what = "a gap" if start > end else "an overlap"
             raise TurbineError(
                 f"{where}: {what} between the element that ends at {end:g} m and the next, "

@@ -36,11 +36,18 @@ class TurbineError(InputError):
 class FoundationSprings:
     """Coupled springs of the mudline, the same in every vertical plane."""
 
-    k11: float  # translational stiffness [N/m]
-    k22: float  # rotational stiffness [N·m/rad]
-    k12: float  # magnitude of the coupling stiffness [N/rad]
+    k11: float
+    """Translational stiffness [N/m]."""
+
+    k22: float
+    """Rotational stiffness [N·m/rad]."""
+
+    k12: float
+    """Magnitude of the coupling stiffness [N/rad]."""
+
     sign: SpringSign = "published"
-    embedded_length: float = 0.0  # of the pile below the mudline; 0: not told [m]
+    embedded_length: float = 0.0
+    """Embedded length of the pile below the mudline; 0: unknown [m]."""
 
     def __post_init__(self) -> None:
         if not self.embedded_length >= 0:
@@ -54,7 +61,7 @@ class FoundationSprings:
         if self.k12 < 0:
             raise TurbineError(
                 f"foundation: k12 is {self.k12:g} N/rad; its magnitude is needed, the sign "
-                "convention says how it enters"
+                "convention states how it enters"
             )
         if not bool(positive_definite(self.stiffness)):
             raise TurbineError(
@@ -70,10 +77,17 @@ class FoundationSprings:
 
 
 def positive_definite(theta: ArrayLike) -> NDArray[np.bool_]:
-    """Whether springs can hold a structure at all: k11 > 0, k22 > 0 and k11 k22 > k12².
+    """Return whether springs can hold a structure at all: k11 > 0, k22 > 0 and k11 k22 > k12².
 
-    theta     θ = (k11, k22, k12), (..., 3) [N/m, N·m/rad, N/rad]
-    returns   (...,); False where θ is not finite
+    Parameters
+    ----------
+    theta : ArrayLike, shape (..., 3)
+        θ = (k11, k22, k12) [N/m, N·m/rad, N/rad].
+
+    Returns
+    -------
+    ndarray, shape (...,)
+        False where θ is not finite.
     """
     theta = np.asarray(theta, dtype=np.float64)
     k11, k22, k12 = np.moveaxis(theta, -1, 0)
@@ -84,8 +98,15 @@ def positive_definite(theta: ArrayLike) -> NDArray[np.bool_]:
 def spring_matrix(theta: ArrayLike, sign: SpringSign) -> FloatArray:
     """Stiffness of (v, ψ) of the mudline in one plane.
 
-    theta     θ = (k11, k22, k12), (..., 3) [N/m, N·m/rad, N/rad]
-    returns   (..., 2, 2); Eq. 12 with +k12 (`published`) or −k12 (`embedded-pile`)
+    Parameters
+    ----------
+    theta : ArrayLike, shape (..., 3)
+        θ = (k11, k22, k12) [N/m, N·m/rad, N/rad].
+
+    Returns
+    -------
+    ndarray, shape (..., 2, 2)
+        Eq. 12 with +k12 (`published`) or −k12 (`embedded-pile`).
     """
     k11, k22, k12 = np.moveaxis(np.asarray(theta, dtype=np.float64), -1, 0)
     coupling = k12 if sign == "published" else -k12

@@ -25,8 +25,15 @@ _TRANSLATION = np.array([[1.0, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 
 def rigid_displacement(arm: ArrayLike) -> FloatArray:
     """Displacement (x, y, z) of a point that moves rigidly with a node.
 
-    arm       r, from the node to the point, (3,) [m]
-    returns   (3, 6): u + θ × r as a matrix on (u_x, ψ_x, u_y, ψ_y, u_z, θ_z)
+    Parameters
+    ----------
+    arm : ArrayLike, shape (3,)
+        r, from the node to the point [m].
+
+    Returns
+    -------
+    ndarray, shape (3, 6)
+        u + θ × r as a matrix on (u_x, ψ_x, u_y, ψ_y, u_z, θ_z).
     """
     x, y, z = np.asarray(arm, dtype=np.float64)
     cross = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # θ × r = cross @ θ
@@ -48,24 +55,33 @@ def rigid_body_mass(mass: float, centre: ArrayLike, inertia: ArrayLike) -> Float
 def hanging_stiffness(moment: float) -> FloatArray:
     """(6, 6) stiffness of a dead weight that stands above a node: an inverted pendulum.
 
-    moment   weight × height of its centre of gravity above the node [N·m]
-        K = −moment on ψ_x and on ψ_y
+    Parameters
+    ----------
+    moment : float
+        Weight × height of its centre of gravity above the node [N·m].
 
-    The centre's horizontal offset would add terms in θ_z ψ that depend on the order in which
-    finite rotations are composed; they are left out.
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        K = −moment on ψ_x and on ψ_y.
+
+    Notes
+    -----
+    The centre's horizontal offset would add terms in θ_z ψ that depend on the order in which finite
+    rotations are composed; they are left out.
     """
     return -moment * np.diag([0.0, 1, 0, 1, 0, 0])
 
 
 def apex(nacelle: RotorNacelle) -> FloatArray:
-    """Where the blade axes meet on the shaft, from the tower's top, (3,) [m]."""
+    """Return where the blade axes meet on the shaft, from the tower's top, (3,) [m]."""
     tilt = np.radians(nacelle.tilt)
     offset = nacelle.overhang * np.array([np.cos(tilt), 0.0, -np.sin(tilt)])
     return np.array([0.0, 0.0, nacelle.tower_to_shaft]) + offset
 
 
 def rigid_bodies(nacelle: RotorNacelle) -> tuple[RigidBody, ...]:
-    """The bodies on the tower's top, the hub's mass among them."""
+    """Return the bodies on the tower's top, the hub's mass among them."""
     x, y, z = apex(nacelle).tolist()
     hub = RigidBody(name="hub", mass=nacelle.hub_mass, centre=(x, y, z))
     return (*nacelle.bodies, hub) if nacelle.hub_mass > 0 else nacelle.bodies
@@ -94,10 +110,17 @@ def _shaft(nacelle: RotorNacelle) -> FloatArray:
 class BladeAxes:
     """Where one blade is and how it stands, in tower axes."""
 
-    root: FloatArray  # from the tower's top, (3,) [m]
-    span: FloatArray  # unit vector root → tip, (3,)
-    flap: FloatArray  # unit vector of flapwise displacement (across the chord), (3,)
-    edge: FloatArray  # unit vector of edgewise displacement (along the chord), (3,)
+    root: FloatArray
+    """Root from the tower's top, (3,) [m]."""
+
+    span: FloatArray
+    """Unit vector root → tip, (3,)."""
+
+    flap: FloatArray
+    """Unit vector of flapwise displacement (across the chord), (3,)."""
+
+    edge: FloatArray
+    """Unit vector of edgewise displacement (along the chord), (3,)."""
 
 
 def blade_axes(nacelle: RotorNacelle, blades: Blades, number: int) -> BladeAxes:
@@ -130,8 +153,11 @@ class BladeBending:
     then the elements' clamped-clamped amplitudes.
     """
 
-    stiffness: FloatArray  # (n, n)
-    mass: FloatArray  # (n, n)
+    stiffness: FloatArray
+    """Stiffness, (n, n)."""
+
+    mass: FloatArray
+    """Mass, (n, n)."""
 
 
 def blade_bending(blades: Blades, direction: BladeDirection) -> BladeBending:

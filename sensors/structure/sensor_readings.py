@@ -18,15 +18,27 @@ class Observation:
     the gain H(f) of the channel's coupling.
     """
 
-    displacement: FloatArray  # (n_channels, n_coordinates): u along each axis
-    gravity_slope: FloatArray  # g ψ, (n_channels, n_coordinates) [m/s² per unit coordinate]
-    corner_frequencies: FloatArray  # of AC-coupled channels, 0 for DC, (n_channels,) [Hz]
+    displacement: FloatArray
+    """Displacement, (n_channels, n_coordinates): u along each axis."""
+
+    gravity_slope: FloatArray
+    """g ψ, (n_channels, n_coordinates) [m/s² per unit coordinate]."""
+
+    corner_frequencies: FloatArray
+    """Corner frequencies of AC-coupled channels, 0 for DC, (n_channels,) [Hz]."""
 
     @classmethod
     def of(cls, model: StructuralModel, layout: SensorLayout) -> "Observation":
-        """What a layout reads of a model's degrees of freedom.
+        """Return what a layout reads of a model's degrees of freedom.
 
-        Raises LayoutError for a channel that is not on the tower.
+        Returns
+        -------
+        Observation
+
+        Raises
+        ------
+        LayoutError
+            For a channel that is not on the tower.
         """
         turbine = model.description
         for channel in layout.channels:
@@ -45,13 +57,13 @@ class Observation:
         return cls(displacement, model.description.gravity * slope, np.array(corners))
 
     def in_basis(self, basis: FloatArray) -> "Observation":
-        """The same for coordinates of a basis, (n_coordinates, n_basis)."""
+        """Return the same for coordinates of a basis, (n_coordinates, n_basis)."""
         return Observation(
             self.displacement @ basis, self.gravity_slope @ basis, self.corner_frequencies
         )
 
     def of_channels(self, channels: IndexArray) -> "Observation":
-        """The same for some of the channels."""
+        """Return the same for some of the channels."""
         return Observation(
             self.displacement[channels],
             self.gravity_slope[channels],
@@ -61,9 +73,17 @@ class Observation:
     def shapes(self, vectors: FloatArray, squares: FloatArray) -> FloatArray:
         """Shapes as the channels read them, largest component 1.
 
-        vectors   modes in the model's coordinates, (..., n_coordinates)
-        squares   ω², (...) [rad²/s²]
-        returns   (..., n_channels) [-]
+        Parameters
+        ----------
+        vectors : ndarray, shape (..., n_coordinates)
+            Modes in the model's coordinates.
+        squares : ndarray
+            ω², (...) [rad²/s²].
+
+        Returns
+        -------
+        ndarray, shape (..., n_channels)
+            Dimensionless [-].
         """
         readings = vectors @ self.displacement.T
         readings += vectors @ self.gravity_slope.T / squares[..., None]

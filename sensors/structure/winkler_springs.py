@@ -31,15 +31,27 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(4)  # exact for the cubics a
 class PileInSoil:
     """A uniform pile below the mudline in soil whose stiffness grows with depth."""
 
-    length: float  # embedded [m]
-    bending_rigidity: float  # EI [N·m²]
-    soil_gradient: float  # n_h [N/m³]
+    length: float
+    """Embedded length [m]."""
+
+    bending_rigidity: float
+    """EI [N·m²]."""
+
+    soil_gradient: float
+    """n_h [N/m³]."""
 
     @classmethod
     def of(cls, description: TurbineDescription) -> "PileInSoil":
-        """The pile that goes on below the lowest tube, in a soil that makes the described k11.
+        """Return the pile below the lowest tube, in a soil that makes the described k11.
 
-        Raises TurbineError where the description has no embedded length, or no soil does.
+        Returns
+        -------
+        PileInSoil
+
+        Raises
+        ------
+        TurbineError
+            If the description has no embedded length, or no soil does.
         """
         foundation = description.foundation
         if not foundation.embedded_length > 0:
@@ -64,7 +76,14 @@ class PileInSoil:
     def springs(self, scour: float) -> FloatArray:
         """k11 [N/m], k22 [N·m/rad] and the magnitude of k12 [N/rad] at the mudline, (3,).
 
-        scour   depth of the soil that has gone [m]
+        Parameters
+        ----------
+        scour : float
+            Depth of the soil that has gone [m].
+
+        Returns
+        -------
+        ndarray, shape (3,)
         """
         stiffness = self._stiffness(scour)
         below = stiffness[2:, 2:]
@@ -73,8 +92,9 @@ class PileInSoil:
         return np.array([mudline[0, 0], mudline[1, 1], abs(mudline[0, 1])])
 
     def scoured(self, depths: ArrayLike) -> FloatArray:
-        """k11, k22 and k12 as shares of the unscoured pile's, (n, 3) for (n,) depths [m]; between
-        a few dozen depths by interpolation.
+        """Return k11, k22 and k12 as shares of the unscoured pile's, (n, 3) for (n,) depths [m].
+
+        Between a few dozen depths they are interpolated.
 
         Depths beyond DEEPEST of the embedded length count as that.
         """

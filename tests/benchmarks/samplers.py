@@ -27,7 +27,7 @@ from scipy.interpolate import CubicSpline
 from pipeline.messages import ModalEstimate
 from pipeline.offline.identify_file import identify_file
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.likelihood.laplace import Peak, laplace_peak
+from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
@@ -38,7 +38,7 @@ from pipeline.updating.likelihood.posterior_density import JointDensity, Stiffne
 from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.convergence import autocorrelation_time
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
-from pipeline.updating.samplers.interface import CountedDensity, PosteriorDraws, Target
+from pipeline.updating.samplers.interface import CountedDensity, Peak, PosteriorDraws, Target
 from pipeline.updating.samplers.registry import SamplingSettings, sampler_of
 from pipeline.updating.samplers.tmcmc import PublishedSettings, TemperingSettings
 from sensors.acquisition.layout import biaxial_layout

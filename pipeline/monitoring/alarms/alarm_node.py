@@ -24,6 +24,7 @@ from pipeline.monitoring.alarms.channels import Channel
 from pipeline.monitoring.alarms.heartbeat import Heartbeat, Pulse
 from pipeline.monitoring.alarms.outbox import Delivery, DeliveryState, Outbox
 from pipeline.monitoring.alarms.settings import AlarmLogSettings, HeartbeatSettings
+from pipeline.nodes.node import NodeStatistics
 from pipeline.recording.atomic_write import written_whole
 from pipeline.streams import STREAMS
 from sensors.errors import InputError
@@ -117,6 +118,11 @@ class AlarmNode:
     def delivery_states(self) -> tuple[DeliveryState, ...]:
         """What became of the messages, one a channel."""
         return tuple(delivery.state() for delivery in self._deliveries)
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """What could not be sent."""
+        return NodeStatistics(warnings=self.warnings)
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:

@@ -252,7 +252,7 @@ class Delivery(threading.Thread):
         except DeliveryFailed as failure:
             self._keep(path, waiting, failure)
             return failure
-        except Exception as error:
+        except Exception as error:  # obspy raises bare Exceptions
             # Why all: no answer of a receiver, and no fault of a library, ends a channel; it is
             # reported as a failure, and the message waits.
             logger.debug("%s", self._channel.name, exc_info=True)

@@ -9,7 +9,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
-from scipy.stats import invgamma
 
 from sensors.arrays import FloatArray
 
@@ -143,6 +142,8 @@ def tail_nodes(degrees: float, n_nodes: int = TAIL_NODES) -> tuple[FloatArray, F
     Equal steps of ln λ between the quantiles .05 and .9999, each with the probability of its step:
     the far ones, rare as they are, are what makes the tail.
     """
+    from scipy.stats import invgamma  # 45 MB, which a tower unit that only reads settings spares
+
     distribution = invgamma(degrees / 2, scale=degrees / 2)
     low, high = np.log(distribution.ppf([0.05, 0.9999]))
     edges = np.linspace(low, high, n_nodes + 1)

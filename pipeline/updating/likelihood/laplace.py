@@ -1,7 +1,6 @@
 """The peak of the posterior and the curvature there: where chains start, never the answer."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,17 +8,10 @@ from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.likelihood import ModalLikelihood
 from pipeline.updating.likelihood.pairing import DIFFERENCE, STEP_LENGTHS
 from pipeline.updating.prior import Prior
+from pipeline.updating.samplers.interface import Peak
 from sensors.arrays import FloatArray
 
 WIDEST = 1.0  # standard deviation of a ratio beyond which a Gaussian says nothing [-]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Peak:
-    """Gaussian approximation of the posterior in the ratios k / nominal."""
-
-    ratios: FloatArray  # (3,); what else is uncertain follows (`uncertain`)
-    covariance: FloatArray  # (3, 3)
 
 
 def laplace_peak(

@@ -6,11 +6,10 @@ Both are `LogDensity`s, for any sampler.
 import numpy as np
 
 from pipeline.updating.forward_model import ForwardModel
-from pipeline.updating.likelihood.laplace import Peak
 from pipeline.updating.likelihood.likelihood import SMALLEST_SIGMA_STEP, ModalLikelihood
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.prior import Prior, modal_where_supported
-from pipeline.updating.samplers.interface import Target, log_prior_volume
+from pipeline.updating.samplers.interface import Peak, Target, log_prior_volume
 from sensors.arrays import FloatArray
 
 

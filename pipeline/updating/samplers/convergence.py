@@ -6,8 +6,9 @@ open decided: chains that never moved, and such as are too short to be judged.
 Source: Vehtari et al. (2021), Bayesian Analysis 16, 667.
 """
 
+from typing import Any
+
 import numpy as np
-from arviz_stats.base.array import array_stats
 
 from sensors.arrays import FloatArray
 
@@ -21,7 +22,7 @@ def split_rhat(chains: FloatArray) -> float:
         return float("nan")
     if _frozen(chains):
         return float("inf")
-    return float(array_stats.rhat(chains, chain_axis=1, draw_axis=0, method="rank"))
+    return float(_array_stats().rhat(chains, chain_axis=1, draw_axis=0, method="rank"))
 
 
 def autocorrelation_time(chains: FloatArray) -> float:
@@ -37,8 +38,15 @@ def effective_sample_size(chains: FloatArray) -> float:
         return float("nan")
     if _frozen(chains):
         return float(chains.shape[1])
-    return float(array_stats.ess(chains, chain_axis=1, draw_axis=0, method="mean"))
+    return float(_array_stats().ess(chains, chain_axis=1, draw_axis=0, method="mean"))
 
 
 def _frozen(chains: FloatArray) -> bool:
     return not np.any(chains != chains[0])
+
+
+def _array_stats() -> Any:
+    """ArviZ's functions of plain arrays, imported by who samples: a tower unit never does."""
+    from arviz_stats.base.array import array_stats
+
+    return array_stats

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import emcee
 import numpy as np
 
 from pipeline.updating.prior import UpdatingError
@@ -18,26 +17,25 @@ from sensors.arrays import FloatArray
 DEGREES_OF_FREEDOM = 5.0  # of the proposal: tails heavy enough to fetch a walker that lags behind
 
 
-class FittedStudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee has no types
-    """Independent draws from a Student-t with mean and covariance of the other half's walkers.
+def fitted_student_proposal(
+    moving: FloatArray, standing: list[FloatArray], random: np.random.RandomState
+) -> tuple[FloatArray, FloatArray]:
+    """Draw independently from a Student-t with mean and covariance of the other half's walkers.
 
     A Gaussian kernel density of the same walkers (emcee's KDEMove) has light tails: a walker that
     starts further out than its fellows is hardly ever proposed a way back, and stays. The step
     obeys detailed balance because the other half stands still while this one moves
     (Foreman-Mackey et al. 2013, §2).
-    """
 
-    def get_proposal(
-        self, moving: FloatArray, standing: list[FloatArray], random: np.random.RandomState
-    ) -> tuple[FloatArray, FloatArray]:
-        """Proposed points, (n, n_dim), and log q(old) − log q(new), (n,). Called by emcee."""
-        others = np.concatenate(standing, axis=0)
-        mean = others.mean(axis=0)
-        factor = np.asarray(np.linalg.cholesky(np.cov(others.T)))
-        scale = random.chisquare(DEGREES_OF_FREEDOM, size=len(moving)) / DEGREES_OF_FREEDOM
-        normal = random.standard_normal(moving.shape)
-        proposed = mean + (normal / np.sqrt(scale)[:, None]) @ factor.T
-        return proposed, _log_student(moving, mean, factor) - _log_student(proposed, mean, factor)
+    Returns proposed points, (n, n_dim), and log q(old) − log q(new), (n,).
+    """
+    others = np.concatenate(standing, axis=0)
+    mean = others.mean(axis=0)
+    factor = np.asarray(np.linalg.cholesky(np.cov(others.T)))
+    scale = random.chisquare(DEGREES_OF_FREEDOM, size=len(moving)) / DEGREES_OF_FREEDOM
+    normal = random.standard_normal(moving.shape)
+    proposed = mean + (normal / np.sqrt(scale)[:, None]) @ factor.T
+    return proposed, _log_student(moving, mean, factor) - _log_student(proposed, mean, factor)
 
 
 def _log_student(points: FloatArray, mean: FloatArray, factor: FloatArray) -> FloatArray:
@@ -49,6 +47,16 @@ def _log_student(points: FloatArray, mean: FloatArray, factor: FloatArray) -> Fl
 def fitting_moves() -> list[tuple[Any, float]]:
     """Moves with their shares: the Student-t mostly; the kernel density where the density is
     bent; differences of two walkers for one that both proposals have left behind."""
+    import emcee  # not above: a tower unit reads these settings and never samples
+
+    class FittedStudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee has no types
+        """`fitted_student_proposal` as emcee calls it."""
+
+        def get_proposal(
+            self, moving: FloatArray, standing: list[FloatArray], random: np.random.RandomState
+        ) -> tuple[FloatArray, FloatArray]:
+            return fitted_student_proposal(moving, standing, random)
+
     return [(FittedStudentMove(), 0.7), (emcee.moves.KDEMove(), 0.25), (emcee.moves.DEMove(), 0.05)]
 
 
@@ -108,6 +116,8 @@ def walked(
     strongly correlated posteriors such chains forget within a few steps where the stretch move
     needs fifty. The chain grows by blocks until it is 50 autocorrelation times long.
     """
+    import emcee
+
     sampler = emcee.EnsembleSampler(
         *start.shape,
         lambda points: np.column_stack(log_density(points)),
@@ -125,7 +135,7 @@ def walked(
             return chains
 
 
-def _assessed(sampler: emcee.EnsembleSampler, settings: SamplerSettings) -> Chains:
+def _assessed(sampler: Any, settings: SamplerSettings) -> Chains:
     points = sampler.get_chain()
     companions = np.asarray(sampler.get_blobs(), dtype=float)
     quantities = [*np.moveaxis(points, 2, 0), companions]

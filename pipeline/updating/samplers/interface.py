@@ -11,7 +11,6 @@ from typing import Protocol
 import numpy as np
 
 from pipeline.messages import QualityWarning
-from pipeline.updating.likelihood.laplace import Peak
 from pipeline.updating.prior import Prior
 from sensors.arrays import FloatArray
 
@@ -21,6 +20,14 @@ VOLUME_NODES = 1000  # a side, of the midpoint rule for the prior's volume
 LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """(n, n_dim) points → (n,) log density, −inf outside, and (n,) a companion drawn given the point
 (here σ) that stays with the walker that takes the point."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Peak:
+    """Gaussian approximation of the posterior in the ratios k / nominal."""
+
+    ratios: FloatArray  # (3,); what else is uncertain follows (`uncertain`)
+    covariance: FloatArray  # (3, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

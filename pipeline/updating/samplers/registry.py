@@ -6,12 +6,12 @@ from typing import Literal, get_args
 import numpy as np
 
 from pipeline.messages import QualityWarning
-from pipeline.updating.likelihood.laplace import Peak
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.samplers.emcee_sampler import Chains, SamplerSettings, walked
 from pipeline.updating.samplers.importance import ImportanceSampler, ImportanceSettings
 from pipeline.updating.samplers.interface import (
     CountedDensity,
+    Peak,
     PosteriorDraws,
     PosteriorSampler,
     Target,

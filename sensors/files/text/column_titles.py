@@ -1,4 +1,4 @@
-"""What the title of a column says: its name, its unit, whether it is the time."""
+"""What the title of a column states: its name, its unit, whether it is the time."""
 
 import re
 
@@ -26,7 +26,7 @@ _NUMBER_TITLES = re.compile(
 _OTHER_UNITS = {
     *("mv", "uv", "ma", "hz", "khz", "°c", "degc", "pa", "hpa", "kpa", "bar", "kn", "nm", "knm"),
     *("%", "counts", "count", "cnt", "digit", "digits", "lsb", "rpm", "kw", "db", "v/v", "mv/v"),
-    *("smp", "-", "1", "raw", "rn", "ts"),
+    *("-", "1", "raw", "rn", "ts"),
 }
 _CAPITALS = {"V", "A", "N", "C", "K", "W"}  # in lower case they are names
 _SQUARE = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\]]*)\]\s*$")
@@ -49,16 +49,19 @@ def split_unit(title: str) -> tuple[str, str]:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit that is known, if only by name."""
+    """Return whether a text is a unit that is known, if only by name."""
     plain = plain_unit(text)
     known = (ACCELERATION_UNITS, VELOCITY_UNITS, DISPLACEMENT_UNITS, LIKE_DISPLACEMENT)
-    said = bool(text.strip()) and known_unit(text) is not None
+    is_time = bool(text.strip()) and known_unit(text) is not None
     named = plain in _OTHER_UNITS or text.strip() in _CAPITALS
-    return said or named or any(plain in units for units in known)
+    return is_time or named or any(plain in units for units in known)
 
 
 def distinct(names: list[str]) -> list[str]:
-    """Names without duplicates or blanks: a blank becomes "ch3", a second "a" becomes "a.2"."""
+    """Return names without duplicates or blanks.
+
+    A blank becomes "ch3", a second "a" becomes "a.2".
+    """
     given = [name or f"ch{i + 1}" for i, name in enumerate(names)]
     return [
         name if given[:i].count(name) == 0 else f"{name}.{given[:i].count(name) + 1}"
@@ -67,7 +70,7 @@ def distinct(names: list[str]) -> list[str]:
 
 
 def is_time_title(name: str) -> bool:
-    """Whether a column of that name, without its unit, holds the time."""
+    """Return whether a column of that name, without its unit, holds the time."""
     words = words_of(name)
     if name.strip().lower() in _TIME_TITLES:
         return True
@@ -77,11 +80,14 @@ def is_time_title(name: str) -> bool:
 
 
 def time_unit(name: str) -> str:
-    """The unit that a time column's name ends with: "ms" of "time_ms"; "" where it has none."""
+    """Return the unit that a time column's name ends with.
+
+    "ms" of "time_ms"; "" where it has none.
+    """
     words = words_of(name)
     return words[-1] if len(words) > 1 and known_unit(words[-1]) else ""
 
 
 def is_number_title(name: str) -> bool:
-    """Whether a column of that name numbers the samples."""
+    """Return whether a column of that name numbers the samples."""
     return _NUMBER_TITLES.fullmatch(name.strip()) is not None

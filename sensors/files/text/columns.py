@@ -1,4 +1,4 @@
-"""Columns of a table (of a text file, of a Parquet file) → ChannelTables, piece by piece.
+"""Columns of a table (of a text file, of a Parquet file) → ChannelTables, chunk by chunk.
 
 A column's title holds its unit in brackets. One of the columns may hold the time, or two of them
 date and time of day; columns that only number the samples, and columns of text, are left out; the
@@ -17,7 +17,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from sensors.arrays import FloatArray
-from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, in_standard_unit
+from sensors.files.table import (
+    EVERYTHING,
+    ChannelTable,
+    FileError,
+    TimeColumn,
+    Wanted,
+    in_standard_unit,
+)
 from sensors.files.text.column_titles import distinct, is_number_title, is_time_title, time_unit
 from sensors.files.text.time_column import Clock, ClockError
 
@@ -26,7 +33,8 @@ logger = logging.getLogger(__name__)
 ColumnKind = Literal["number", "moment", "date", "time of day", "text", "empty"]
 
 EVEN = 1e-3  # a column that rises by steps so much alike is a clock, relative
-FEWEST = 10  # rows from which that can be said
+RECORD_NUMBER = "rn"  # "unit" of a record counter, whatever its steps: Campbell's TOA5
+FEWEST = 10  # rows that are needed to see that
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,13 +42,19 @@ class Column:
     """One column of a table, and what its first rows hold."""
 
     name: str
-    unit: str  # "": not said
+    unit: str
+    """Unit; empty: not stated."""
+
     kind: ColumnKind
-    first: Sequence[Any]  # its first values: floats of a number column, texts of others
-    titled: bool = True  # False: it has a number for a name
+    first: Sequence[Any]
+    """Its first values: floats of a number column, texts of others."""
+
+    titled: bool = True
+    """False: it has a number for a name."""
 
     @property
     def title(self) -> str:
+        """Name and unit in brackets."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
@@ -50,9 +64,14 @@ class Columns:
 
     all: tuple[Column, ...]
     channels: tuple[int, ...]
-    clock: tuple[int, ...]  # the time; date and time of day; none
-    rate: float | None = None  # [Hz], where the file says it beside the columns
-    start_ns: int = 0  # of the first sample, likewise; 0: not said
+    clock: tuple[int, ...]
+    """Places of the time: one column, date and time of day, or none."""
+
+    rate: float | None = None
+    """Sampling rate [Hz], where the file states it beside the columns."""
+
+    start_ns: int = 0
+    """Time of the first sample [ns since 1970-01-01 UTC]; 0: not stated."""
 
     @property
     def used(self) -> tuple[int, ...]:
@@ -60,13 +79,23 @@ class Columns:
         return tuple(sorted((*self.clock, *self.channels)))
 
 
-def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING) -> Columns:
-    """Time, channels, and what is left out: said once a file.
+def sort_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING) -> Columns:
+    """Find time, channels, and what is left out, which is logged once a file.
 
-    Raises FileError: no channel; a column that looks like a clock under another name.
+    Returns
+    -------
+    Columns
+
+    Raises
+    ------
+    FileError
+        No channel; a column that looks like a clock under another name.
     """
-    clock = _clock_columns(columns, path)
-    times = [i for i, each in enumerate(columns) if i not in clock and _tells_time(each)]
+    if wanted.time is not None:
+        columns, clock = _stated_clock(columns, wanted.time, path)
+    else:
+        clock = _clock_columns(columns, path)
+    times = [i for i, each in enumerate(columns) if i not in clock and _holds_time(each)]
     numbers = [i for i, each in enumerate(columns) if i not in clock and _counts(each)]
     texts = [i for i, each in enumerate(columns) if i not in clock and each.kind == "text"]
     blank = [i for i, each in enumerate(columns) if each.kind == "empty" and not each.titled]
@@ -77,13 +106,30 @@ def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERY
         raise FileError(f"{path}: no channel beside the {time}{_listed(columns, sorted(left_out))}")
     channels = tuple(channels[i] for i in wanted.among([columns[i].name for i in channels]))
     for number in texts if not wanted.names else ():
-        told_once(
+        log_once(
             f"{path}: column {columns[number].name!r} holds text "
             f"({str(next(iter(columns[number].first), ''))!r}) and is left out"
         )
     if times:
-        told_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
+        log_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
     return Columns(tuple(columns), channels, clock if wanted.stamps else ())
+
+
+def _stated_clock(
+    columns: Sequence[Column], time: TimeColumn, path: Path
+) -> tuple[list[Column], tuple[int, ...]]:
+    """Return the columns, the stated time in its stated unit, and where that time stands."""
+    names = [each.name for each in columns]
+    if time.column not in names:
+        raise FileError(f"{path}: no column {time.column!r} to be the time; {no_such(names)}")
+    place = names.index(time.column)
+    stated = replace(columns[place], unit=time.unit or columns[place].unit)
+    return [*columns[:place], stated, *columns[place + 1 :]], (place,)
+
+
+def no_such(names: Sequence[str]) -> str:
+    """Return what a file has instead of a name that it lacks."""
+    return f"it has {', '.join(names)}"
 
 
 def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
@@ -91,7 +137,7 @@ def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
     clocks = [i for i, each in enumerate(columns) if each.kind == "time of day"]
     if dates and clocks:
         return dates[0], clocks[0]
-    named = [i for i, each in enumerate(columns) if _tells_time(each)]
+    named = [i for i, each in enumerate(columns) if _holds_time(each)]
     if named:
         return (named[0],)
     _require_readable_time(columns, path)
@@ -104,7 +150,7 @@ def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
             f"{first.first[1] - first.first[0]:.6g}: call it 'time [s]' where it is the time, "
             "'sample' where it counts the samples"
         )
-    told_once(f"{path}: no header; the first column rises evenly and is taken for seconds")
+    log_once(f"{path}: no header; the first column rises evenly and is taken for seconds")
     return (0,)
 
 
@@ -117,7 +163,7 @@ def _require_readable_time(columns: Sequence[Column], path: Path) -> None:
             )
 
 
-def _tells_time(column: Column) -> bool:
+def _holds_time(column: Column) -> bool:
     if column.kind in ("moment", "date", "time of day"):
         return True
     return column.kind == "number" and is_time_title(column.name)
@@ -125,6 +171,8 @@ def _tells_time(column: Column) -> bool:
 
 def _counts(column: Column) -> bool:
     """Whether a column numbers the samples."""
+    if column.unit.lower() == RECORD_NUMBER:
+        return True
     steps = np.diff(np.asarray(column.first[:FEWEST])) if column.kind == "number" else np.zeros(0)
     counted = bool(len(steps)) and bool((steps == 1).all())
     named = is_number_title(column.name) or not column.titled
@@ -145,20 +193,30 @@ def _listed(columns: Sequence[Column], numbers: Sequence[int]) -> str:
 
 
 @lru_cache(maxsize=256)
-def told_once(text: str) -> None:
-    """A file is opened more often than once; what is said of it is not."""
+def log_once(text: str) -> None:
+    """Log a text once, though its file is opened more often."""
     logger.warning(text)
 
 
-def tables_of_columns(
+def convert_batches(
     batches: Iterable[pa.RecordBatch], columns: Columns, path: Path
 ) -> Iterator[ChannelTable]:
-    """The batches of a file as pieces; `times` of all count from the file's first sample.
+    """Yield the batches of a file as chunks; `times` of all count from the file's first sample.
 
-    batches   of the columns `columns.used`
+    Parameters
+    ----------
+    batches : Iterable[pa.RecordBatch]
+        Batches of the columns `columns.used`.
 
-    Raises FileError: a column that holds no numbers, a time that is missing, in an unknown unit,
-    or of no known kind.
+    Yields
+    ------
+    ChannelTable
+
+    Raises
+    ------
+    FileError
+        A column that holds no numbers, a time that is missing, in an unknown unit, or of no
+        known kind.
     """
     place = {number: i for i, number in enumerate(columns.used)}
     chosen = [columns.all[i] for i in columns.channels]
@@ -171,14 +229,14 @@ def tables_of_columns(
         numbers = [
             _numbers(batch.column(place[i]), columns.all[i].name, path) for i in columns.channels
         ]
-        piece = ChannelTable(
+        chunk = ChannelTable(
             names=names,
             units=units,
             samples=np.column_stack(numbers) * np.array(factors),
             times=None,
             stated_rate=columns.rate,
         )
-        yield seconds(piece, batch)
+        yield seconds(chunk, batch)
 
 
 def _seconds_of(
@@ -186,25 +244,25 @@ def _seconds_of(
 ) -> Callable[[ChannelTable, pa.RecordBatch], ChannelTable]:
     """What puts the times beside the samples of a batch."""
     if not columns.clock:
-        return lambda piece, _: replace(piece, start_ns=columns.start_ns)
+        return lambda chunk, _: replace(chunk, start_ns=columns.start_ns)
     titles = [columns.all[i] for i in columns.clock]
     unit = titles[0].unit or time_unit(titles[0].name)
     clock = Clock(" and ".join(each.name for each in titles), unit)
 
-    def timed(piece: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
+    def timed(chunk: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
         stamps = [batch.column(place[i]) for i in columns.clock]
-        joined = stamps[0] if len(stamps) == 1 else _joined(stamps)
+        joined = stamps[0] if len(stamps) == 1 else _join(stamps)
         try:
             times = clock.seconds(joined)
         except ClockError as error:
             raise FileError(f"{path}: the time column {clock.title!r} {error}") from error
-        return replace(piece, times=times, start_ns=clock.start_ns or columns.start_ns,
+        return replace(chunk, times=times, start_ns=clock.start_ns or columns.start_ns,
                        stated_rate=None)  # fmt: skip
 
     return timed
 
 
-def _joined(stamps: list[pa.Array]) -> pa.Array:
+def _join(stamps: list[pa.Array]) -> pa.Array:
     texts = [stamp.cast(pa.string()) for stamp in stamps]
     return pc.binary_join_element_wise(*texts, " ")
 

@@ -3,7 +3,7 @@
     2024-03-13T12:00:00.250Z     13.03.2024 12:00:00,250     3/13/2024 12:00:00.250 PM
     2024/03/13 12:00:00          13-Mar-2024 12:00:00.250    12:00:00.250, 00:00.25 (of no date)
 
-A time without a zone is UTC. Whether 3/4/2024 is in March or in April, only a later day can tell.
+A time without a zone is UTC. Whether 3/4/2024 is in March or in April, only a later day shows.
 """
 
 import re
@@ -37,11 +37,11 @@ _PARTS = re.compile(r"(\d{1,2})[-/. ](\d{1,2})[-/. ](?:\d{4}|\d{2})")
 
 
 class DateError(ValueError):
-    """A text that is no time, or an order of day and month that nothing tells."""
+    """A text that is no time, or an order of day and month that nothing shows."""
 
 
 def kind_of_text(text: str) -> Kind | None:
-    """Whether a text is a moment, a date or a time of day; None where it is none of them."""
+    """Return whether a text is a moment, a date or a time of day; None where it is none of them."""
     return next((kind for kind, form in _KINDS.items() if form.fullmatch(text.strip())), None)
 
 
@@ -50,12 +50,24 @@ class DateStyle:
     """How the times of one column are written."""
 
     order: Order
-    dated: bool  # False: times of day
+    dated: bool
+    """Whether they have a date; False: times of day."""
+
     zoned: bool
 
     @classmethod
     def of(cls, examples: Sequence[str]) -> "DateStyle":
-        """The style of a column's first texts. Raises DateError: day and month cannot be told."""
+        """Return the style of a column's first texts.
+
+        Returns
+        -------
+        DateStyle
+
+        Raises
+        ------
+        DateError
+            If the order of day and month cannot be found.
+        """
         first = examples[0].strip()
         zoned = re.search(r":\d.*(UTC|GMT|Z|[+-]\d{2}:?\d{2})$", first) is not None
         if kind_of_text(first) == "time of day":
@@ -67,7 +79,15 @@ class DateStyle:
     def nanoseconds(self, texts: pa.Array) -> NDArray[np.int64]:
         """(n,) [ns] since 1970-01-01 UTC, or since midnight.
 
-        Raises pyarrow.ArrowInvalid where one is written in another way.
+        Returns
+        -------
+        ndarray, shape (n,)
+            In [ns].
+
+        Raises
+        ------
+        pyarrow.ArrowInvalid
+            If one is written in another way.
         """
         kind = pa.timestamp("ns", tz="UTC" if self.zoned else None)
         try:

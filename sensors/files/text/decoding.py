@@ -18,7 +18,7 @@ GZIP = b"\x1f\x8b"
 NO_TEXT = {
     b"PK\x03\x04": "an archive or a workbook: unpack it, or save the sheet as CSV",
     b"\xd0\xcf\x11\xe0": "a workbook: save the sheet as CSV",
-    b"MATLAB 5.0": "a MATLAB file of an old version: save it with -v7.3, or as CSV",
+    b"MATLAB 5.0": "MATLAB: name it .mat",
     b"\x89HDF": "HDF5: name it .h5",
     b"TDSm": "TDMS: name it .tdms",
     b"PAR1": "Parquet: name it .parquet",
@@ -29,15 +29,25 @@ NO_TEXT = {
 _BLANKS = re.compile(r"[ \t]+")
 
 
-def unpacked(path: Path) -> IO[bytes]:
-    """The file's bytes, unzipped where it is a gzip file."""
+def open_unpacked(path: Path) -> IO[bytes]:
+    """Return the file's bytes, unzipped where it is a gzip file."""
     with path.open("rb") as file:
         packed = file.read(2) == GZIP
     return cast("IO[bytes]", gzip.open(path, "rb")) if packed else path.open("rb")
 
 
-def encoding_of(beginning: bytes, path: Path) -> str:
-    """How a text is written. Raises FileError for what is no text."""
+def detect_encoding(beginning: bytes, path: Path) -> str:
+    """Return how a text is written.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    FileError
+        For what is no text.
+    """
     for bom, name in (
         (codecs.BOM_UTF8, "utf-8-sig"),
         (codecs.BOM_UTF16_LE, "utf-16"),
@@ -68,13 +78,15 @@ class RewrittenText(io.RawIOBase):
         self._file = file
         self._decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
         self._blanks = blanks
-        self._line = ""  # begun
+        self._line = ""  # a line that is not complete yet
         self._ready = b""
 
     def readable(self) -> bool:
+        """Return True: the file is open for reading."""
         return True
 
     def readinto(self, buffer: Any) -> int:
+        """Fill the buffer; return the number of bytes, 0 at the end."""
         while not self._ready:
             raw = self._file.read(2**20)
             self._ready = self._rewritten(self._decoder.decode(raw, final=not raw), last=not raw)
@@ -85,6 +97,7 @@ class RewrittenText(io.RawIOBase):
         return count
 
     def close(self) -> None:
+        """Close the file below, too."""
         self._file.close()
         super().close()
 
@@ -93,14 +106,14 @@ class RewrittenText(io.RawIOBase):
             return text.encode()
         text = self._line + text
         end = len(text) if last else max(text.rfind("\n"), text.rfind("\r")) + 1
-        whole, self._line = text[:end], text[end:]
-        lines = _BLANKS.sub(" ", whole)
+        complete, self._line = text[:end], text[end:]
+        lines = _BLANKS.sub(" ", complete)
         return re.sub(r"(?m)^ | $| (?=\r)", "", lines).encode()
 
 
-def arrow_stream(path: Path, encoding: str, *, blanks: bool) -> Any:
-    """What Arrow reads: the file itself where it is UTF-8."""
-    file = unpacked(path)
+def open_arrow_stream(path: Path, encoding: str, *, blanks: bool) -> Any:
+    """Return what Arrow reads: the file itself where it is UTF-8."""
+    file = open_unpacked(path)
     if encoding == "utf-8" and not blanks and not isinstance(file, gzip.GzipFile):
         file.close()
         return pa.OSFile(str(path))

@@ -1,8 +1,8 @@
 """The time column of a file → seconds since its first stamp, and when that was.
 
-Numbers are read in the unit that the title says. Where it says none, their size tells what counts
-from 1970 (1.7e9 are seconds, 1.7e12 milliseconds, …) and the days of spreadsheets and of MATLAB;
-anything else is in seconds.
+Numbers are read in the unit that the title states. Where it states none, their size shows what
+counts from 1970 (1.7e9 are seconds, 1.7e12 milliseconds, …) and the days of spreadsheets and of
+MATLAB; anything else is in seconds.
 """
 
 import re
@@ -54,11 +54,11 @@ LONGEST_STEP = 2.0  # a number without a unit that steps by so much counts no se
 
 
 class ClockError(ValueError):
-    """A time column that cannot be understood; the message says why, not in which file."""
+    """A time column that cannot be understood; the message states why, not in which file."""
 
 
 def known_unit(unit: str) -> str | None:
-    """A unit of time as `SECONDS_PER_UNIT` has it; None where it is none."""
+    """Return a unit of time as `SECONDS_PER_UNIT` has it; None where it is none."""
     plain = unit.strip().lower()
     plain = _SPELLED.get(plain, plain)
     return plain if plain in SECONDS_PER_UNIT else None
@@ -68,21 +68,42 @@ def known_unit(unit: str) -> str | None:
 class Scale:
     """What the numbers of a time column count."""
 
-    seconds: float = 1.0  # [s] per unit of the column
-    origin: int = 0  # in units of the column, at 1970-01-01
-    absolute: bool = False  # since 1970, not since a start
+    seconds: float = 1.0
+    """Length of the column's unit [s]."""
+
+    origin: int = 0
+    """Origin in units of the column, at 1970-01-01."""
+
+    absolute: bool = False
+    """Whether it counts from 1970, not from a start."""
 
     @classmethod
     def of(cls, unit: str, first: float, step: float | None) -> "Scale":
-        """The scale of a column in `unit` ("": not said) that begins at `first`, with a `step`.
+        """Return the scale of a column of numbers.
 
-        Raises ClockError: an unknown unit; a moment that cannot be; seconds that are unlikely.
+        Parameters
+        ----------
+        unit : str
+            Unit of the column; empty: not stated.
+        first : float
+            First number.
+        step : float or None
+            Difference of consecutive numbers; None: unknown.
+
+        Returns
+        -------
+        Scale
+
+        Raises
+        ------
+        ClockError
+            For an unknown unit, a time that is not possible, a step that is no second.
         """
         known = known_unit(unit)
         if known is None:
-            said = ", ".join(key for key in SECONDS_PER_UNIT if key)
-            raise ClockError(f"is in [{unit}]; its unit can be {said}")
-        found = _counted(first, step) if not known else None
+            units = ", ".join(key for key in SECONDS_PER_UNIT if key)
+            raise ClockError(f"is in [{unit}]; its unit can be {units}")
+        found = _convert_numbers(first, step) if not known else None
         scale = found or cls(SECONDS_PER_UNIT[known])
         if (
             not known
@@ -105,8 +126,8 @@ class Scale:
         return cls(scale.seconds, scale.origin, absolute=True)
 
 
-def _counted(first: float, step: float | None) -> Scale | None:
-    """What the size of a number without a unit tells."""
+def _convert_numbers(first: float, step: float | None) -> Scale | None:
+    """The scale that the size of a number without a unit shows."""
     for least, unit in COUNTED_FROM_1970:
         if first > least:
             return Scale(SECONDS_PER_UNIT[unit])
@@ -121,19 +142,34 @@ class Clock:
     """The time column of a file, batch by batch.
 
     title   of the column, for errors
-    unit    of its numbers; "" where it is not said
+    unit    of its numbers; "" where it is not stated
     """
 
     title: str
     unit: str = ""
-    start_ns: int = 0  # the file's first stamp [ns since 1970]; 0 where it counts from a start
-    _first: Any = None  # that stamp as the column has it: an int, a float or a Decimal
-    _rows: int = 0  # stamps that were read
+    start_ns: int = 0
+    """The file's first stamp [ns since 1970]; 0 where it counts from a start."""
+
+    _first: Any = None
+    """That stamp as the column has it: an int, a float or a Decimal."""
+
+    _rows: int = 0
+    """Stamps that were read."""
+
     _scale: Scale | None = None
     _style: DateStyle | None = field(default=None)
 
     def seconds(self, column: pa.Array) -> FloatArray:
-        """Seconds since the file's first stamp. Raises ClockError."""
+        """Return seconds since the file's first stamp.
+
+        Returns
+        -------
+        ndarray
+
+        Raises
+        ------
+        ClockError
+        """
         if pa.types.is_dictionary(column.type):
             column = column.dictionary_decode()
         self._require_all(column.is_null())
@@ -143,8 +179,8 @@ class Clock:
         elif pa.types.is_timestamp(kind) or pa.types.is_date(kind):
             seconds = self._of_nanoseconds(_nanoseconds(column, pa.timestamp("ns")), dated=True)
         elif pa.types.is_duration(kind) or pa.types.is_time(kind):
-            whole = pa.duration("ns") if pa.types.is_duration(kind) else pa.time64("ns")
-            seconds = self._of_nanoseconds(_nanoseconds(column, whole), dated=False)
+            join_chunks = pa.duration("ns") if pa.types.is_duration(kind) else pa.time64("ns")
+            seconds = self._of_nanoseconds(_nanoseconds(column, join_chunks), dated=False)
         elif pa.types.is_decimal(kind):
             seconds = self._of_decimals(column)
         elif pa.types.is_integer(kind):
@@ -213,16 +249,23 @@ def _nanoseconds(column: pa.Array, kind: pa.DataType) -> NDArray[np.int64]:
     if pa.types.is_timestamp(column.type):
         kind = pa.timestamp("ns", tz=column.type.tz)
     try:
-        whole = column.cast(kind).cast(pa.int64())
+        join_chunks = column.cast(kind).cast(pa.int64())
     except pa.ArrowInvalid as error:
         raise ClockError("has a date that 64 bits of nanoseconds do not hold") from error
-    return np.asarray(whole.to_numpy(zero_copy_only=False), dtype=np.int64)
+    return np.asarray(join_chunks.to_numpy(zero_copy_only=False), dtype=np.int64)
 
 
-def stated_moment_ns(number: int | float, unit: str = "") -> int:
-    """[ns since 1970] of a number that says when a file begins; 0 where it counts from no date.
+def parse_start_ns(number: int | float, unit: str = "") -> int:
+    """[ns since 1970] of a number that states when a file begins; 0 where it counts from no date.
 
-    Raises ClockError: a moment that cannot be.
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    ClockError
+        A moment that cannot be.
     """
     if not np.isfinite(number):
         raise ClockError(f"is {number}; a time is needed")
@@ -231,11 +274,11 @@ def stated_moment_ns(number: int | float, unit: str = "") -> int:
 
 
 def words_of(title: str) -> list[str]:
-    """A title's words in lower case: "Time_ms" gives "time" and "ms"."""
+    """Return a title's words in lower case: "Time_ms" gives "time" and "ms"."""
     return [word for word in re.split(r"[\W\d_]+", title.lower()) if word]
 
 
 def iso(time_ns: int) -> str:
-    """A time in ISO 8601 to the nanosecond."""
+    """Return a time in ISO 8601 to the nanosecond."""
     seconds, rest = divmod(time_ns, NANOSECONDS)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest:09d}"

@@ -62,7 +62,7 @@ def _there_and_back(
         turbine="t1",
         unit="tower",
         channels=tuple(
-            Accelerometer(f"ch-{i}", 10.0 * i, (1.0, 0.0, 0.0), unit=unit)
+            Accelerometer(f"ch-{i}", 10.0 * (i + 1), (1.0, 0.0, 0.0), unit=unit)
             for i, unit in enumerate(units)
         ),
     )

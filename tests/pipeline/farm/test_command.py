@@ -17,12 +17,12 @@ from pipeline.farm.settings import FarmError, GibbsSettings
 from pipeline.farm.sources import RunningFarm, recorded_posteriors
 from pipeline.recording.writer import Recorder
 from pipeline.transport.codec import decode, encode
-from pipeline.transport.memory_bus import MemoryBus
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from pipeline.updating.population import load_population
 from sensors.errors import InputError
 from tests.pipeline.example_messages import same
 from tests.pipeline.farm.farms import drawn_farm, untrusted
+from tests.pipeline.transport.memory_bus import MemoryBus
 
 BRIEF = FarmSettings(gibbs=GibbsSettings(chains=8, burn_in=10, sweeps=20, rounds=1))
 

@@ -103,3 +103,17 @@ def test_a_new_mode_is_reported_once_the_first_windows_are_over() -> None:
         assert tracker.events == ()
     tracker.named([known, new])
     assert [(event.kind, event.name) for event in tracker.events] == [("birth", "m2")]
+
+
+@pytest.mark.parametrize(("windows_away", "name"), [(21, "m1"), (144, "m2")])
+def test_a_mode_keeps_its_name_over_a_storm_of_hours_but_not_over_a_day(
+    windows_away: int, name: str
+) -> None:
+    """Windows of ten minutes: three and a half hours against twenty-four."""
+    tracker = ModeTracker()
+    shape = np.array([1.0, 0.5])
+    for _ in range(6):
+        tracker.named([estimate(1.0, shape, 0.001)])
+    for _ in range(windows_away):
+        tracker.missed()
+    assert tracker.named([estimate(1.0, shape, 0.001)])[0].name == name

@@ -1,5 +1,7 @@
 """What was recorded is what is read; what is no whole recording says so in one line."""
 
+import struct
+import zlib
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -12,10 +14,12 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 
 from pipeline.messages import FoundationTruth, Message, StreamEnd
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.info import recording_info
+from pipeline.recording.mcap_file import complete_records
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.streams import STREAMS
@@ -293,3 +297,20 @@ def test_info_shows_the_last_word_of_every_node(tmp_path: Path) -> None:
 def test_a_recording_without_samples_has_no_duration(tmp_path: Path) -> None:
     end = StreamEnd("t1", "tower", "session-1", START_NS, 0)
     assert recording_info(record(tmp_path / "a.mcap", [end])).duration == 0.0
+
+
+def data_end_of(path: Path) -> tuple[int, int]:
+    """Checksum that the data section's end states, and the one that its bytes have."""
+    with path.open("rb") as file:
+        *before, end = complete_records(file)
+        content = path.read_bytes()
+    (stated,) = struct.unpack("<I", end.content)
+    assert end.opcode == Opcode.DATA_END
+    assert before[-1].offset < end.offset
+    return stated, zlib.crc32(content[: end.offset])
+
+
+def test_the_data_section_states_its_checksum(recording: Path) -> None:
+    """Metadata and message indexes lie outside the chunks: only this one covers them."""
+    stated, computed = data_end_of(recording)
+    assert stated == computed != 0

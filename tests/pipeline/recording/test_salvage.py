@@ -8,6 +8,7 @@ import signal
 import sys
 from pathlib import Path
 
+import mcap.reader
 import pytest
 
 from pipeline.cli import main
@@ -162,3 +163,23 @@ def test_where_the_disk_is_full_nothing_is_left_of_a_salvage_which_is_named(
     with pytest.raises(RecordingError, match=r"salvaged\.mcap: No space left on device; nothing"):
         salvage(recording, target)
     assert list(recording.parent.iterdir()) == [recording]
+
+
+def times_in(path: Path) -> list[tuple[int, int]]:
+    """(log time, publish time) of every message, by the mcap package."""
+    with path.open("rb") as file:
+        found = mcap.reader.make_reader(file).iter_messages(log_time_order=False)
+        return [(message.log_time, message.publish_time) for _, _, message in found]
+
+
+def test_a_message_that_came_late_is_still_late_after_salvaging(tmp_path: Path) -> None:
+    """Received 3.5 s after its samples were taken: both times are facts, and differ."""
+    now = iter(range(START_NS + 3_500_000_000, START_NS + 100 * SECOND, SECOND))
+    source = record(tmp_path / "late.mcap", MINUTE, clock=lambda: next(now))
+    target = tmp_path / "salvaged.mcap"
+    salvage(source, target)
+    received = times_in(target)
+    assert received == times_in(source)
+    delays = {log - publish for log, publish in received[1:]}
+    assert delays  # the layout has no time of its own
+    assert all(delay > 2 * SECOND for delay in delays)

@@ -76,10 +76,10 @@ def test_the_model_reproduces_table_1_within_two_percent(example: Example) -> No
 def test_the_posterior_has_one_peak_near_the_truth_and_positive_correlations(
     example: Example,
 ) -> None:
-    assert n_peaks(example.mended) == 1
-    assert np.all(example.mended.correlations > 0.3)
-    assert np.all(np.abs(example.mended.highest[:3] - 1) < 0.12)
-    assert np.all(np.abs(example.mended.draws[:, :3].mean(axis=0) - 1) < 0.12)
+    assert n_peaks(example.corrected) == 1
+    assert np.all(example.corrected.correlations > 0.3)
+    assert np.all(np.abs(example.corrected.highest[:3] - 1) < 0.12)
+    assert np.all(np.abs(example.corrected.draws[:, :3].mean(axis=0) - 1) < 0.12)
 
 
 def test_every_start_of_the_simplex_is_reported(example: Example) -> None:
@@ -126,7 +126,7 @@ def assert_stands_alone(page: str) -> None:
     assert all(source.startswith("data:") for source in parser.found)
 
 
-def test_many_seeds_are_told_in_one_table(study: Study) -> None:
+def test_many_seeds_are_in_one_table(study: Study) -> None:
     table = dict(over_seeds(study.of("published")))
     assert table["found, modes 1 to 11"].count(" ") == 10
     assert table["seeds with a single peak"] == "2"

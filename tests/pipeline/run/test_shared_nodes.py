@@ -22,7 +22,7 @@ def test_shares_need_processes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("source", "node", "complaint"),
     [
-        ("live", "updatin", "no such node; identification, updating, recorder are"),
+        ("live", "updatin", "no such node; identification, recorder are"),
         ("simulate:parked", "updating", "is for --source live, not for simulate:parked"),
     ],
 )
@@ -36,4 +36,4 @@ def test_nodes_elsewhere_are_nodes_of_a_live_session(
 
 def test_the_turbines_of_a_source_are_known_beforehand() -> None:
     assert simulated(load_scenario("farm")).turbines == tuple(f"iea15mw-{n}" for n in (1, 2, 3, 4))
-    assert open_source("live").turbines == ("iea15mw",)
+    assert open_source("live", "parked").turbines == ("iea15mw",)

@@ -12,11 +12,11 @@ from pipeline.streams import key_of, stream_of
 from pipeline.transport.bus import Bus, Delivery, Inbox
 from pipeline.transport.codec import LARGEST_PAYLOAD, encode
 from pipeline.transport.errors import CodecError, TransportError
-from pipeline.transport.memory_bus import MemoryBus
 from pipeline.transport.zenoh_bus import ZenohBus
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.example_messages import LAYOUT, all_same, block, rejection, status
+from tests.pipeline.transport.memory_bus import MemoryBus
 
 PATIENCE = 20.0  # for something that comes in milliseconds [s]; only a failure ever waits so long
 

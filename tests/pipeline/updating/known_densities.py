@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from pipeline.updating.likelihood.laplace import Peak
-from pipeline.updating.samplers.interface import Target
+from pipeline.updating.samplers.interface import Peak, Target
 
 BOX = (-5.0, 5.0)  # uniform prior in every dimension
 MEAN = np.array([1.0, 2.0, -0.5])

@@ -63,3 +63,17 @@ def test_chains_that_are_short_or_disagree_are_not_to_be_trusted():
         [QualityWarning("importance-efficiency", ""), QualityWarning("not-converged", "")]
     )
     assert not unconverged([QualityWarning("importance-efficiency", "")])
+
+
+def test_thresholds_stand_well_between_the_right_structures_and_the_wrong_ones():
+    """What simulated hours gave (module docstring): the cost of the worst right structure is 1.3,
+    of the best wrong one 2.9; a threshold near either would be crossed by the next seed."""
+    settings = AcceptanceSettings()
+    worst_right, best_wrong = 1.3, 2.9
+    assert settings.pairing_cost / worst_right > 1.35
+    assert best_wrong / settings.pairing_cost > 1.35
+    assert settings.refused_cost > 4.3  # a flooded monopile is untrusted, seldom refused
+    assert settings.refused_cost < 7.2  # other blades are refused
+    assert settings.reduced_chi_square > 2.3
+    assert settings.paired_share < 0.87
+    assert 0.24 < settings.refused_share < 0.57

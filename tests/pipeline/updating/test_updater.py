@@ -7,12 +7,11 @@ import pytest
 from scipy.special import logsumexp
 
 from pipeline.messages import FoundationEvent, FoundationPosterior, WindowRejected
-from pipeline.updating.likelihood.laplace import Peak
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.likelihood.pairing import PairingSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.importance import ImportanceSettings
-from pipeline.updating.samplers.interface import Target
+from pipeline.updating.samplers.interface import Peak, Target
 from pipeline.updating.samplers.registry import SamplingSettings, sampler_of
 from pipeline.updating.samplers.tmcmc import TemperingSettings
 from pipeline.updating.settings import UpdatingSettings

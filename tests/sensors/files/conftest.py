@@ -1,5 +1,6 @@
 """One measurement, written in every format that is read."""
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,9 +9,11 @@ import numpy as np
 import obspy
 import pyarrow as pa
 import pytest
+import pyuff
 from nptdms import ChannelObject, RootObject, TdmsWriter
 from numpy.typing import NDArray
 from pyarrow import parquet
+from scipy.io import savemat
 
 from sensors.acquisition.blocks import NANOSECONDS
 
@@ -79,6 +82,44 @@ def write_miniseed(path: Path) -> None:
     obspy.Stream(traces).write(str(path), format="MSEED", encoding="FLOAT64")
 
 
+def write_mat(path: Path) -> None:
+    notes = {"fs": RATE, "start_timestamp": START, "names": np.array(NAMES, dtype=object)}
+    savemat(path, {"tower": notes | {"samples": SAMPLES, "units": "m/s^2"}}, do_compression=True)
+
+
+def write_uff(path: Path) -> None:
+    blank = {
+        f"{axis}_{key}": 0
+        for axis in ("abscissa", "ordinate", "orddenom", "z_axis")
+        for key in ("spec_data_type", "len_unit_exp", "force_unit_exp", "temp_unit_exp")
+    }
+    labels = ("abscissa", "ordinate", "orddenom", "z_axis")
+    blank |= {f"{axis}_axis_units_lab": "NONE" for axis in labels}
+    blank |= dict.fromkeys(("id1", "id2", "id3", "id4", "id5"), "NONE")
+    blank |= dict.fromkeys(("ver_num", "load_case_id", "ref_node", "ref_dir", "z_axis_value"), 0)
+    blank |= dict.fromkeys(("rsp_ent_name", "ref_ent_name"), "NONE")
+    for node, column in zip((145, 106), SAMPLES.T, strict=True):
+        own = {
+            **{"type": 58, "binary": 1, "func_type": 1, "rsp_node": node, "rsp_dir": 1},
+            **{"ord_data_type": 4, "num_pts": len(column), "data": column, "x": SECONDS},
+            **{"abscissa_spacing": 1, "abscissa_min": 0.0, "abscissa_inc": 1 / RATE},
+            **{"ordinate_spec_data_type": 12, "ordinate_axis_units_lab": "m/s^2"},
+        }
+        pyuff.UFF(str(path)).write_sets(blank | own, mode="add")
+
+
+def write_outb(path: Path) -> None:
+    """Uncompressed, as OpenFAST writes with OutFmt binary and full precision."""
+    path.write_bytes(
+        struct.pack("<hiidd", 3, 2, len(SAMPLES), 0.0, 1 / RATE)
+        + struct.pack("<i", 4)
+        + b"test"
+        + b"".join(f"{text:<10}".encode() for text in ("Time", *NAMES))
+        + b"".join(f"{text:<10}".encode() for text in ("(s)", "(m/s^2)", "(m/s^2)"))
+        + SAMPLES.astype("<f8").tobytes()
+    )
+
+
 WRITERS: dict[str, Callable[[Path], None]] = {
     "csv": write_csv,
     "parquet": write_parquet,
@@ -86,6 +127,9 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "h5": write_hdf5,
     "tdms": write_tdms,
     "mseed": write_miniseed,
+    "mat": write_mat,
+    "uff": write_uff,
+    "outb": write_outb,
 }
 
 

@@ -1,5 +1,6 @@
 """Arrays with notes as programs leave them: odd shapes, odd clocks, counts with a scale."""
 
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pyarrow as pa
 import pytest
 from nptdms import ChannelObject, TdmsWriter
 from pyarrow import parquet
+from scipy.io import savemat
 
 from sensors.files.formats import read_file
 from sensors.files.table import FileError
@@ -84,7 +86,7 @@ def test_the_times_say_which_side_of_a_matrix_is_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arrays", "complaint"),
+    ("arrays", "message"),
     [
         ({"fs": "fast"}, "sampling rate is 'fast'; one number"),
         ({"dt": 0.0}, "sampling interval is 0 s"),
@@ -93,10 +95,8 @@ def test_the_times_say_which_side_of_a_matrix_is_time(tmp_path: Path) -> None:
         ({"time": np.where(np.arange(60) == 3, np.datetime64("NaT"), STAMPS)}, "in sample 4"),
     ],
 )
-def test_notes_that_make_no_sense_are_one_line(
-    tmp_path: Path, arrays: Notes, complaint: str
-) -> None:
-    with pytest.raises(FileError, match=complaint) as error:
+def test_notes_that_make_no_sense_are_one_line(tmp_path: Path, arrays: Notes, message: str) -> None:
+    with pytest.raises(FileError, match=message) as error:
         read_file(npz(tmp_path, acc=SAMPLES, **arrays))
     assert "\n" not in str(error.value)
 
@@ -146,18 +146,16 @@ def test_the_unit_of_a_time_says_since_when(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("attribute", "complaint"), [("ticks", r"is in \[ticks\]"), ("pandas", "a table of pandas")]
+    ("attribute", "message"), [("ticks", r"is in \[ticks\]"), ("pandas", "a table of pandas")]
 )
-def test_what_a_file_leaves_open_is_one_line(
-    tmp_path: Path, attribute: str, complaint: str
-) -> None:
+def test_what_a_file_leaves_open_is_one_line(tmp_path: Path, attribute: str, message: str) -> None:
     def fill(file: h5py.File) -> None:
         file["g/acc"], file["g/time"] = SAMPLES, SECONDS
         file["g/time"].attrs["units"] = attribute
         if attribute == "pandas":
             file["g"].attrs["pandas_type"] = "frame"
 
-    with pytest.raises(FileError, match=complaint):
+    with pytest.raises(FileError, match=message):
         read_file(hdf5(tmp_path, fill))
 
 
@@ -176,9 +174,9 @@ def test_a_log_among_miniseed_records_is_no_channel(tmp_path: Path) -> None:
         header = {"channel": code, "sampling_rate": RATE if code != "LOG" else 0.0}
         return obspy.Trace(data, header)
 
-    told = trace("LOG", np.frombuffer(b"said" * 20, dtype="S1"))
+    log = trace("LOG", np.frombuffer(b"text" * 20, dtype="S1"))
     with pytest.warns(UserWarning, match="different encodings"):
-        obspy.Stream([trace("HNX", SAMPLES[:, 0].copy()), told]).write(
+        obspy.Stream([trace("HNX", SAMPLES[:, 0].copy()), log]).write(
             str(tmp_path / "a.mseed"), format="MSEED"
         )
     assert read_file(tmp_path / "a.mseed").names == ("...HNX",)
@@ -197,3 +195,83 @@ def test_columns_of_parquet_are_understood_by_their_types(tmp_path: Path) -> Non
     assert (table.names, table.start_ns, table.sampling_rate) == (("a", "b"), START_NS, RATE)
     half = SAMPLES[:, 1].astype(np.float16)
     np.testing.assert_array_equal(table.samples.T, [np.round(SAMPLES[:, 0]), half])
+
+
+def test_structures_of_matlab_are_groups_with_their_own_notes(tmp_path: Path) -> None:
+    content = {
+        "tower": {"acc": SAMPLES, "fs": RATE, "units": "g", "names": np.array(["a", "b"], object)},
+        "comment": "made today",
+        "settings": {"empty": np.zeros((0, 0)), "flag": True},
+    }
+    savemat(tmp_path / "a.mat", content)
+    table = read_file(tmp_path / "a.mat")
+    assert table.names == ("a", "b")
+    assert table.units == ("m/s²", "m/s²")
+    assert table.sampling_rate == RATE
+    np.testing.assert_allclose(table.samples, 9.80665 * SAMPLES)
+
+
+def test_days_of_matlab_in_a_mat_file_have_a_date(tmp_path: Path) -> None:
+    days = 719_529 + START_NS / 86_400e9 + SECONDS / 86_400
+    savemat(tmp_path / "a.mat", {"time": days[:, None], "acc": SAMPLES.T})
+    table = read_file(tmp_path / "a.mat")
+    np.testing.assert_array_equal(table.samples, SAMPLES)
+    assert abs(table.start_ns - START_NS) < 100_000  # what a double holds of such days
+    assert table.sampling_rate == pytest.approx(RATE)
+
+
+def outb(kind: int, samples: np.ndarray[Any, Any]) -> bytes:
+    """Samples (n, 2) as OpenFAST packs them into 16 bits, with names of 10 or of 14 characters."""
+    length = 14 if kind == 4 else 10
+    scale = np.float32(60_000 / np.ptp(samples, axis=0))
+    offset = np.float32(-30_000 - scale * samples.min(axis=0))
+    packed = np.round(samples * scale + offset).astype("<i2")
+    times = (1e4, -5.0) if kind == 1 else (0.0, 1 / RATE)
+    stored = np.round(SECONDS * 1e4 - 5.0).astype("<i4").tobytes() if kind == 1 else b""
+    texts = ("Time", "TwHt1ALxt", "TwHt1ALyt", "(s)", "(m/s^2)", "(m/s^2)")
+    return (
+        struct.pack("<h", kind)
+        + (struct.pack("<h", length) if kind == 4 else b"")
+        + struct.pack("<iidd", 2, len(samples), *times)
+        + scale.tobytes()
+        + offset.tobytes()
+        + struct.pack("<i", 5)
+        + b"ptfm "
+        + b"".join(text.ljust(length).encode() for text in texts)
+        + stored
+        + packed.tobytes()
+    )
+
+
+@pytest.mark.parametrize("kind", [1, 2, 4])
+def test_openfast_packs_its_output_into_sixteen_bits(tmp_path: Path, kind: int) -> None:
+    (tmp_path / "a.outb").write_bytes(outb(kind, SAMPLES))
+    table = read_file(tmp_path / "a.outb")
+    assert table.names == ("TwHt1ALxt", "TwHt1ALyt")
+    assert table.units == ("m/s²", "m/s²")
+    assert table.sampling_rate == pytest.approx(RATE)
+    step = np.ptp(SAMPLES, axis=0).max() / 60_000
+    np.testing.assert_allclose(table.samples, SAMPLES, rtol=0, atol=0.6 * step)
+
+
+def test_openfast_writes_text_with_units_below_the_names(tmp_path: Path) -> None:
+    head = (
+        "\nPredictions were generated on 12-Oct-2024 at 14:06:34 using OpenFAST, compiled 64-bit\n"
+        "linked with NWTC Subroutine Library; ElastoDyn; AeroDyn\n\n"
+        "Description from the FAST input file: IEA 15 MW\n\n"
+        "Time      \tTwHt1ALxt \tTwHt1ALyt \n(s)       \t(m/s^2)   \t(m/s^2)   \n"
+    )
+    rows = [f"{t:10.4f}\t{a:14.6E}\t{b:14.6E}" for t, (a, b) in zip(SECONDS, SAMPLES, strict=True)]
+    (tmp_path / "a.out").write_text(head + "\n".join(rows) + "\n")
+    table = read_file(tmp_path / "a.out")
+    assert table.names == ("TwHt1ALxt", "TwHt1ALyt")
+    assert table.units == ("m/s²", "m/s²")
+    assert table.sampling_rate == pytest.approx(RATE)
+    np.testing.assert_allclose(table.samples, SAMPLES, rtol=1e-6, atol=1e-9)
+
+
+def test_a_universal_file_without_time_responses_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.uff"
+    path.write_text("    -1\n   151\nmodel\n\n\n\n\n\n\n    -1\n")
+    with pytest.raises(FileError, match="no time response"):
+        read_file(path)

@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from sensors.structure.assembly import StructuralModel, added_mass, assemble, wetted_share
-from sensors.structure.description import RigidBody, TurbineDescription
+from sensors.structure.description import RigidBody, TurbineDescription, Water
 from sensors.structure.foundation import FoundationSprings, TurbineError
 from sensors.structure.rotor_nacelle import blade_axes, rigid_bodies
 from tests.sensors.structure.towers import CLAMPED, LENGTH, parked_turbine, uniform_tower
@@ -287,3 +287,24 @@ def test_a_clamped_foundation_is_stiffer_than_any_soil() -> None:
     on_soil = FoundationSprings(k11=1e9, k22=1e11, k12=0.0)
     soft, stiff = (frequencies(uniform_tower(foundation=f))[0] for f in (on_soil, CLAMPED))
     assert soft < stiff
+
+
+def test_a_flooded_tube_carries_the_water_that_its_steel_leaves_room_for() -> None:
+    """Outer circle = steel + water inside: two routes to one mass."""
+    sea = Water(density=1025.0, added_mass_coefficient=1.0)
+    for tube in parked_turbine().tubes[:7]:
+        inside = added_mass(tube, replace(sea, inside=True)) - added_mass(tube, sea)
+        steel = tube.mass_per_length / tube.density  # its cross-section [m²]
+        room = np.pi * tube.diameter**2 / 4 - steel
+        assert inside == pytest.approx(sea.density * room, rel=1e-9)
+    assert added_mass(parked_turbine().tubes[0], None) == 0.0
+
+
+def test_what_displaces_its_own_water_moves_it() -> None:
+    """Archimedes: with C_a = 1 the added mass is that of the displaced water."""
+    tube = parked_turbine().tubes[0]
+    sea = Water(density=1000.0, added_mass_coefficient=1.0)
+    displaced = 1000.0 * np.pi * (tube.diameter / 2) ** 2
+    assert added_mass(tube, sea) == pytest.approx(displaced)
+    doubled = replace(sea, added_mass_coefficient=2.0)
+    assert added_mass(tube, doubled) == pytest.approx(2 * displaced)

@@ -1,5 +1,7 @@
 """The rotor-nacelle assembly as a rigid body, and its blades clamped at the root."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -85,7 +87,7 @@ def test_six_averaged_elements_make_a_clamped_blade_three_to_five_percent_softer
     assert 0.95 < ratio < 0.97
 
 
-def test_a_blade_that_nobody_holds_bends_in_no_rigid_motion() -> None:
+def test_a_free_blade_bends_in_no_rigid_motion() -> None:
     blades = parked_turbine().blades
     assert blades is not None
     bending = blade_bending(blades, "flap")
@@ -98,3 +100,16 @@ def test_a_blade_that_nobody_holds_bends_in_no_rigid_motion() -> None:
         part.mass_per_length * (part.outer**3 - part.inner**3) / 3 for part in blades.elements
     )
     assert turning @ bending.mass @ turning == pytest.approx(inertia)
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 30.0, 90.0, 200.0])
+def test_the_azimuth_turns_the_rotor_from_up_towards_the_side(azimuth: float) -> None:
+    turbine = parked_turbine()
+    assert turbine.blades is not None
+    nacelle, blades = turbine.rotor_nacelle, replace(turbine.blades, azimuth=azimuth, cone=0.0)
+    spans = [blade_axes(nacelle, blades, number).span for number in range(blades.number)]
+    for number, span in enumerate(spans):
+        angle = np.radians(azimuth + 360 * number / blades.number)
+        up = np.array([np.sin(np.radians(nacelle.tilt)), 0, np.cos(np.radians(nacelle.tilt))])
+        assert span == pytest.approx(np.cos(angle) * up + np.sin(angle) * np.array([0.0, 1, 0]))
+    assert np.sum(spans, axis=0) == pytest.approx(np.zeros(3), abs=1e-12)  # the rotor balances

@@ -127,7 +127,7 @@ def test_pilewatch_ack_writes_the_file_where_no_session_runs(tmp_path: Path) -> 
 
     assert done.exit_code == 0
     assert "ada" in table.stdout
-    assert "7 is no open notice" in str(wrong.exception)
+    assert "7 is no open alarm" in str(wrong.exception)
 
 
 def test_a_session_tells_of_its_gap(short_recording: Path, tmp_path: Path) -> None:

@@ -73,3 +73,11 @@ def test_segments_of_any_number_add_up_to_the_block(n_lags: int, block_length: i
 def test_a_record_shorter_than_its_blocks_is_refused() -> None:
     with pytest.raises(ValueError, match="too few"):
         lag_covariances(samples(n=30), n_lags=20, block_length=12)
+
+
+@pytest.mark.parametrize("n_blocks", [2, 5, 40])
+def test_deviations_add_up_to_the_unbiased_variance_of_the_mean(n_blocks: int) -> None:
+    """Bessel's n − 1: with few blocks, n instead makes every standard deviation too small."""
+    covariances = lag_covariances(samples(n=3 + n_blocks * 20), n_lags=3, block_length=20)
+    of_mean = covariances.blocks.var(axis=0, ddof=1) / n_blocks
+    np.testing.assert_allclose(np.sum(covariances.deviations**2, axis=0), of_mean, rtol=1e-10)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.updating.change.detector import ChangeDetector, ChangeState
+from pipeline.updating.change.detector import ChangeDetector, ChangeState, Verdict
 from pipeline.updating.change.modal_drift import FAMILY, SHIFTS
 from pipeline.updating.change.settings import ChangeSettings
 from pipeline.updating.change.stiffness_change import STIFFNESS_SHIFTS
@@ -158,3 +158,23 @@ def test_a_shift_that_says_too_little_is_left_undecided():
 def test_settings_that_make_no_sense_are_told(settings, told):
     with pytest.raises(UpdatingError, match=told):
         ChangeSettings(**settings)
+
+
+@pytest.mark.parametrize("duration", [600.0, 1800.0])
+def test_the_changes_expected_in_a_year_of_windows_are_those_of_the_settings(duration):
+    settings = ChangeSettings(changes_per_year=3.0)
+    detector, generator = ChangeDetector(settings), np.random.default_rng(61)
+    state = detector.updated(ChangeState(), window_of(0, generator), None)
+    verdict = detector.verdict(state, known_of(state), window_duration=duration)
+    windows_in_a_year = 365.25 * 86400 / duration
+    assert verdict.hazard * windows_in_a_year == pytest.approx(3.0, rel=2e-3)
+
+
+def test_the_chance_of_a_change_is_bayes_rule_on_the_hazard_and_the_ratio():
+    """Odds = hazard × R: where the windows say nothing, R = 1 and the hazard is left."""
+    verdict = Verdict(np.log(np.full((2, 1), 0.5)), log_threshold=5.0, hazard=0.01)
+    assert verdict.probability == pytest.approx(0.01 / 1.01)
+    assert not verdict.alarm
+    loud = Verdict(np.log(np.full((2, 1), 500.0)), log_threshold=5.0, hazard=0.01)
+    assert loud.probability == pytest.approx(10 / 11)
+    assert loud.alarm

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from pipeline.updating.likelihood.laplace import Peak, laplace_peak, starting_points
+from pipeline.updating.likelihood.laplace import laplace_peak, starting_points
 from pipeline.updating.prior import Prior
+from pipeline.updating.samplers.interface import Peak
 from tests.pipeline.updating.likelihood.test_likelihood import TRUTH, evidence_of, likelihood_of
 from tests.pipeline.updating.small_tower import NOMINAL, LinearTower
 

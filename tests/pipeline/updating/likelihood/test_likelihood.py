@@ -250,3 +250,31 @@ def test_a_close_pair_is_compared_by_its_mean_with_the_mean_of_the_two():
 def test_settings_that_are_negative_are_refused_with_their_value():
     with pytest.raises(UpdatingError, match=r"-0\.1"):
         LikelihoodSettings(frequency_floor=-0.1)
+
+
+def test_a_neighbour_that_may_be_meant_is_one_more_standard_deviation_of_the_frequency():
+    """Independent errors add in quadrature: the estimate's, the floor, the neighbour's distance."""
+    evidence, _ = evidence_of(3, seed=31)
+    gap, settings = 0.02, LikelihoodSettings()
+    alone = likelihood_of(evidence, settings)
+    beside = likelihood_of(evidence, settings, gap=gap)
+    rows = alone.frequency_components
+    added = np.diag(beside.measurement_covariance - alone.measurement_covariance)
+    assert added[rows] == pytest.approx(gap**2)
+    assert np.delete(added, rows) == pytest.approx(0.0)
+    floor = settings.frequency_floor * np.array([mode.frequency for mode in evidence.modes])
+    own = np.array([mode.frequency_std for mode in evidence.modes])
+    variances = np.diag(beside.measurement_covariance)[rows]
+    assert variances == pytest.approx(own**2 + floor**2 + gap**2)
+
+
+def test_however_many_windows_agree_a_frequency_is_never_known_better_than_its_floor():
+    """Identification has a small persistent bias that windows do not average out. On independent
+    data it is .10 to .18 % for single modes and below .05 % for most, so that less than .04 %
+    would claim more than was found, and more than .06 % would throw information away."""
+    evidence, _ = evidence_of(400, seed=32, frequency_std=0.001)
+    likelihood = likelihood_of(evidence, LikelihoodSettings())
+    frequencies = np.array([mode.frequency for mode in evidence.modes])
+    variances = np.diag(likelihood.measurement_covariance)[likelihood.frequency_components]
+    shares = np.sqrt(variances) / frequencies
+    assert np.all((shares > 0.0004) & (shares < 0.0006))

@@ -6,12 +6,16 @@ import pytest
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.importance import (
+    Adaptation,
     ImportanceSampler,
     ImportanceSettings,
     WeightedDraws,
     systematic_choice,
+    weighted_draws,
 )
+from pipeline.updating.samplers.interface import CountedDensity
 from pipeline.updating.samplers.registry import EnsembleSampler
+from pipeline.updating.samplers.student_t import StudentMixture
 from tests.pipeline.updating.known_densities import (
     COVARIANCE,
     MEAN,
@@ -136,3 +140,31 @@ def test_systematic_choice_takes_every_index_its_share_of_times():
 def test_a_setting_that_cannot_work_is_refused_with_its_value(settings, number):
     with pytest.raises(UpdatingError, match=number):
         ImportanceSettings(**settings)
+
+
+def test_an_index_is_chosen_as_often_as_its_weight_says_on_average():
+    """Systematic resampling is unbiased only because its grid begins anywhere."""
+    generator = np.random.default_rng(41)
+    weights = np.array([0.13, 0.07, 0.42, 0.38])
+    counts = np.mean(
+        [np.bincount(systematic_choice(weights, 3, generator), minlength=4) for _ in range(4000)],
+        axis=0,
+    )
+    assert counts == pytest.approx(3 * weights, abs=0.03)  # four standard errors
+
+
+def test_a_large_round_and_a_small_one_give_the_same_posterior_as_two_equal_ones():
+    """Balance heuristic: every draw is weighted by all rounds' proposals, each as large as it was.
+    With N(0, 1) between two proposals, the fitted one has its mean at 0 whichever was larger."""
+    generator = np.random.default_rng(42)
+
+    def normal(points):
+        return -0.5 * (points**2).sum(axis=1), points[:, 0].copy()
+
+    left, right = (StudentMixture.single(np.array([m, m]), np.eye(2)) for m in (-1.5, 1.5))
+    adaptation = Adaptation(CountedDensity(normal), left, generator, components=1)
+    adaptation.learn(weighted_draws(CountedDensity(normal), left, 300, generator))
+    adaptation.proposal = right
+    adaptation.learn(weighted_draws(CountedDensity(normal), right, 6000, generator))
+    mean = adaptation.proposal.shares @ adaptation.proposal.means
+    assert mean == pytest.approx(0, abs=0.15)  # equal shares would put it at .6

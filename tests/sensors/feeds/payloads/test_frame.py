@@ -87,3 +87,10 @@ def test_a_frame_without_names_has_all_channels_of_the_layout() -> None:
     assert read.names == ("a", "b")
     assert reader.read(encoded(Frame(1, 1, 10**18, 40.0, SAMPLES[:, :1])), "") is None
     assert "1 channels without names; the layout has 2" in counts.refusal
+
+
+@pytest.mark.parametrize("rate", [0.0, -40.0, 1e-9, 1e12, float("inf"), float("nan")])
+def test_a_frame_that_no_instrument_samples_at_is_refused_with_its_rate(rate: float) -> None:
+    payload = encoded(Frame(0, 1, 10**18, rate, SAMPLES, ("ax", "ay")))
+    with pytest.raises(FrameError, match="sampling_rate is"):
+        decoded(payload)

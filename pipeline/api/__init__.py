@@ -1,0 +1,1 @@
+"""The library's public face; installed as the top-level package `pilewatch`."""

@@ -1,0 +1,38 @@
+"""pilewatch as a library: measurements in, modes and the foundation's stiffness out.
+
+    import pilewatch as pw
+
+    modes = pw.identify(samples, sampling_rate=40.0)         # an array, (n, n_channels)
+    modes.to_dataframe()
+
+    measurement = pw.read("tower.csv", layout="tower.toml")
+    posterior = pw.update(pw.identify(measurement, window=600.0), pw.Structure("my-turbine.toml"))
+    posterior.plot()
+
+What is exported here is stable: from this version on it changes by semantic versioning only.
+"""
+
+from . import _own_packages  # noqa: F401  # first: it checks where the rest would come from
+from .errors import InputError
+from .measurement import Measurement, read, simulate
+from .modes import Modes, identify
+from .posterior import Posterior, update
+from .session import Session, open_session
+from .structure import Structure, StructureModes
+
+open = open_session  # noqa: A001  # as in other libraries of the field
+
+__all__ = [
+    "InputError",
+    "Measurement",
+    "Modes",
+    "Posterior",
+    "Session",
+    "Structure",
+    "StructureModes",
+    "identify",
+    "open",
+    "read",
+    "simulate",
+    "update",
+]

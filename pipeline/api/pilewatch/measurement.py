@@ -1,0 +1,235 @@
+"""Measurement: samples of several channels with their rate, start and places."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
+from sensors.files.table import Quantity
+
+from .errors import InputError, require
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Measurement:
+    """What the channels of a structure measured, evenly sampled."""
+
+    samples: FloatArray
+    """(n_samples, n_channels) in the channels' units; NaN where a sample is missing."""
+    sampling_rate: float
+    """[Hz]"""
+    channels: tuple[str, ...]
+    """Channel names, in the order of the columns."""
+    units: tuple[str, ...]
+    """Unit of each channel; "" for unscaled."""
+    start_ns: int = 0
+    """First sample [ns since 1970-01-01 UTC]; 0 where it is not known."""
+    layout: SensorLayout | None = None
+    """Where each channel is and along which axis it measures; None where it is not known."""
+    quantities: tuple[Quantity, ...] | None = None
+    """What each channel measures; None for all the same."""
+
+    @property
+    def duration(self) -> float:
+        """Length of the record [s]."""
+        return len(self.samples) / self.sampling_rate
+
+    @property
+    def times(self) -> FloatArray:
+        """(n_samples,) seconds since the first sample [s]."""
+        return np.arange(len(self.samples)) / self.sampling_rate
+
+    def __repr__(self) -> str:
+        return (
+            f"<Measurement: {len(self.channels)} channels, {self.duration:.6g} s "
+            f"at {self.sampling_rate:g} Hz>"
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The samples as a table, one column a channel, indexed by time.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index: UTC time stamps where the start is known, else seconds.
+        """
+        pandas = require("pandas")
+        index: Any = pandas.Index(self.times, name="time_s")
+        if self.start_ns:
+            stamps = self.start_ns + np.round(self.times * 1e9).astype(np.int64)
+            index = pandas.DatetimeIndex(stamps, tz="UTC", name="time")
+        return pandas.DataFrame(self.samples, index=index, columns=list(self.channels))
+
+    def to_xarray(self) -> xr.DataArray:
+        """The samples as a labelled array with the dimensions time [s] and channel."""
+        xarray = require("xarray")
+        return xarray.DataArray(
+            self.samples,
+            coords={"time": self.times, "channel": list(self.channels)},
+            dims=("time", "channel"),
+            attrs={"sampling_rate": self.sampling_rate, "start_ns": self.start_ns},
+            name="samples",
+        )
+
+    def plot(self) -> Any:
+        """Draw each channel over time.
+
+        Returns
+        -------
+        numpy.ndarray of matplotlib.axes.Axes
+            One a channel.
+        """
+        pyplot = require("matplotlib.pyplot")
+        height = 1.2 * len(self.channels) + 0.8
+        _, axes = pyplot.subplots(len(self.channels), sharex=True, figsize=(9, height))
+        for number, axis in enumerate(np.atleast_1d(axes)):
+            axis.plot(self.times, self.samples[:, number], linewidth=0.5)
+            unit = self.units[number]
+            axis.set_ylabel(f"{self.channels[number]}" + (f"\n[{unit}]" if unit else ""))
+        np.atleast_1d(axes)[-1].set_xlabel("time [s]")
+        return axes
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    sampling_rate: float | None = None,
+    layout: str | os.PathLike[str] | None = None,
+) -> Measurement:
+    """Read a recording (MCAP) or a file of measurements.
+
+    Parameters
+    ----------
+    path : str or path
+        MCAP, CSV, TSV, Parquet, NPZ, HDF5, MATLAB, TDMS, miniSEED, ….
+    sampling_rate : float, optional
+        [Hz]; needed where the file has neither a rate nor a time column.
+    layout : str or path, optional
+        Layout file (TOML): which channels, where they are, in what units.
+
+    Returns
+    -------
+    Measurement
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or its sampling rate is not known.
+    """
+    from pipeline.offline.identify_file import recorded_channels
+    from sensors.files.formats import read_file
+    from sensors.files.layout_file import layout_by_names, load_layout
+    from sensors.files.table import EVERYTHING
+
+    file = Path(path)
+    mapping = None if layout is None else load_layout(Path(layout))
+    wanted = EVERYTHING if mapping is None else mapping.wanted()
+    table = recorded_channels(file) if file.suffix == ".mcap" else read_file(file, wanted=wanted)
+    if mapping is not None:
+        table = mapping.chosen(table)
+    rate = sampling_rate or table.sampling_rate
+    if rate is None:
+        raise InputError(
+            f"{file} has neither a sampling rate nor a time column: give sampling_rate [Hz]"
+        )
+    known = mapping or layout_by_names(table.names)
+    return Measurement(
+        samples=table.samples,
+        sampling_rate=rate,
+        channels=table.names,
+        units=table.units,
+        start_ns=table.start_ns,
+        layout=None if known is None else known.sensor_layout(table),
+        quantities=table.quantities,
+    )
+
+
+def simulate(
+    scenario: str = "parked", *, duration: float | None = None, seed: int | None = None
+) -> Measurement:
+    """Simulate a scenario's turbine and what its accelerometers measure.
+
+    Parameters
+    ----------
+    scenario : str
+        Name of a shipped scenario or path of a scenario file.
+    duration : float, optional
+        [s]; the scenario's by default.
+    seed : int, optional
+        Of the random loads and noise; the scenario's by default.
+
+    Returns
+    -------
+    Measurement
+        Of the scenario's first turbine.
+
+    Raises
+    ------
+    InputError
+        If there is no such scenario.
+    """
+    from pipeline.scenario import load_scenario, with_overrides
+    from pipeline.sources.sources import simulated
+    from sensors.acquisition.blocks import AccelerationBlock
+
+    source = simulated(with_overrides(load_scenario(scenario), duration=duration, seed=seed))
+    turbine = source.layout.turbine
+    blocks = [
+        message
+        for message in source.messages()
+        if isinstance(message, AccelerationBlock) and message.turbine == turbine
+    ]
+    return Measurement(
+        samples=np.concatenate([block.samples for block in blocks]).astype(np.float64),
+        sampling_rate=blocks[0].sampling_rate,
+        channels=source.layout.channel_names,
+        units=tuple(channel.unit for channel in source.layout.channels),
+        start_ns=blocks[0].start_ns,
+        layout=source.layout,
+    )
+
+
+def measurement_of(
+    samples: Measurement | ArrayLike,
+    sampling_rate: float | None,
+    channels: Sequence[str] | None,
+    layout: SensorLayout | None,
+) -> Measurement:
+    """A Measurement of what a caller gave: one already, or an array with its rate.
+
+    Raises
+    ------
+    InputError
+        If an array has not two axes, no channel, no sampling rate above 0, or names that do not
+        fit.
+    """
+    if isinstance(samples, Measurement):
+        return samples
+    values = np.asarray(samples, dtype=np.float64)
+    if values.ndim == 1:
+        values = values[:, None]
+    if values.ndim != 2 or values.shape[1] == 0:
+        raise InputError(f"samples are of shape {values.shape}; (n_samples, n_channels) is needed")
+    if sampling_rate is None or not 0 < sampling_rate < float("inf"):
+        raise InputError(f"sampling_rate is {sampling_rate}; an array needs a positive one [Hz]")
+    if layout is not None:
+        channels = layout.channel_names
+    names = tuple(channels or (f"ch{number + 1}" for number in range(values.shape[1])))
+    if len(names) != values.shape[1]:
+        raise InputError(f"{len(names)} channel names for {values.shape[1]} channels")
+    units = ("",) * len(names)
+    if layout is not None:
+        units = tuple(channel.unit for channel in layout.channels)
+    return Measurement(values, float(sampling_rate), names, units, layout=layout)

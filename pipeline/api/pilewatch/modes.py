@@ -1,0 +1,222 @@
+"""Modes of a structure from its measured response, with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipeline.messages import ModalEstimate, Mode, QualityWarning, WindowRejected
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
+
+from .errors import InputError, require
+from .measurement import Measurement, measurement_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Modes:
+    """Modes identified in each window of a measurement."""
+
+    estimates: tuple[ModalEstimate, ...]
+    """One a window that was identified, in order of time."""
+    rejected: tuple[WindowRejected, ...]
+    """Windows that were not identified, each with its reason."""
+    channels: tuple[str, ...]
+    """Channel names, in the order of the shapes' components."""
+    layout: SensorLayout | None = None
+    """Where the channels are; None where it is not known."""
+
+    @property
+    def last(self) -> tuple[Mode, ...]:
+        """Modes of the last identified window, lowest frequency first."""
+        return self.estimates[-1].modes if self.estimates else ()
+
+    @property
+    def frequencies(self) -> FloatArray:
+        """(n_modes,) natural frequencies of the last identified window [Hz]."""
+        return np.array([mode.frequency for mode in self.last])
+
+    @property
+    def damping_ratios(self) -> FloatArray:
+        """(n_modes,) fractions of critical damping in the last identified window [-]."""
+        return np.array([mode.damping_ratio for mode in self.last])
+
+    @property
+    def shapes(self) -> FloatArray:
+        """(n_modes, n_channels) shapes of the last identified window, largest component 1 [-]."""
+        return np.array([mode.shape for mode in self.last]).reshape(-1, len(self.channels))
+
+    @property
+    def warnings(self) -> tuple[QualityWarning, ...]:
+        """Every reservation of the windows once, then why windows were rejected."""
+        found = [warning for estimate in self.estimates for warning in estimate.warnings]
+        found += [QualityWarning(each.code, each.reason) for each in self.rejected]
+        return tuple(dict.fromkeys(found))
+
+    def __len__(self) -> int:
+        return len(self.last)
+
+    def __repr__(self) -> str:
+        windows = f"{len(self.estimates)} window{'' if len(self.estimates) == 1 else 's'}"
+        rejected = f", {len(self.rejected)} rejected" if self.rejected else ""
+        listed = ", ".join(f"{f:.4g}" for f in self.frequencies[:8])
+        more = ", …" if len(self) > 8 else ""
+        return f"<Modes: {len(self)} in the last of {windows}{rejected}: {listed}{more} Hz>"
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a mode and window.
+
+        Returns
+        -------
+        pandas.DataFrame
+            window, start (UTC), mode, frequency_hz, frequency_std_hz, damping_ratio,
+            damping_ratio_std, quality, then one column a channel with the shape.
+        """
+        pandas = require("pandas")
+        rows = [
+            {
+                "window": estimate.window,
+                "start": pandas.Timestamp(estimate.start_ns, tz="UTC"),
+                "mode": mode.name,
+                "frequency_hz": mode.frequency,
+                "frequency_std_hz": mode.frequency_std,
+                "damping_ratio": mode.damping_ratio,
+                "damping_ratio_std": mode.damping_ratio_std,
+                "quality": mode.quality,
+            }
+            | dict(zip(self.channels, mode.shape.tolist(), strict=True))
+            for estimate in self.estimates
+            for mode in estimate.modes
+        ]
+        return pandas.DataFrame(rows)
+
+    def to_xarray(self) -> xr.Dataset:
+        """The last window's modes: frequency, damping ratio and shape with their std."""
+        xarray = require("xarray")
+        per_mode = {
+            name: ("mode", np.array([getattr(mode, name) for mode in self.last]))
+            for name in ("frequency", "frequency_std", "damping_ratio", "damping_ratio_std")
+        }
+        shapes = {"shape": (("mode", "channel"), self.shapes)}
+        coordinates = {"mode": [mode.name for mode in self.last], "channel": list(self.channels)}
+        return xarray.Dataset(per_mode | shapes, coords=coordinates)
+
+    def plot(self) -> Any:
+        """Draw the frequencies of all windows with their 90 % intervals.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        pyplot = require("matplotlib.pyplot")
+        _, axis = pyplot.subplots(figsize=(9, 5))
+        for estimate in self.estimates:
+            stds = np.array([mode.frequency_std for mode in estimate.modes])
+            frequencies = [mode.frequency for mode in estimate.modes]
+            place = np.full(len(frequencies), estimate.window)
+            axis.errorbar(place, frequencies, yerr=1.645 * stds, fmt=".", color="C0")
+        axis.set(xlabel="window", ylabel="natural frequency [Hz]", yscale="log")
+        return axis
+
+
+def identify(
+    samples: Measurement | ArrayLike,
+    sampling_rate: float | None = None,
+    *,
+    channels: Sequence[str] | None = None,
+    layout: SensorLayout | None = None,
+    window: float | None = None,
+) -> Modes:
+    """Identify the modes of a structure from its measured response alone (SSI-cov).
+
+    Parameters
+    ----------
+    samples : Measurement or array_like, shape (n_samples, n_channels)
+        Accelerations, velocities or displacements under ambient load, in any unit.
+    sampling_rate : float, optional
+        [Hz]; needed with an array.
+    channels : sequence of str, optional
+        Channel names of an array.
+    layout : SensorLayout, optional
+        Where the channels of an array are; `update` needs it.
+    window : float, optional
+        Length of one window [s]; the whole record by default.
+
+    Returns
+    -------
+    Modes
+
+    Raises
+    ------
+    InputError
+        If the samples have no rate or not two axes, or the window does not fit.
+    """
+    from pipeline.oma.identification import identify as identify_samples
+    from pipeline.oma.tracking import ModeTracker
+
+    measured = measurement_of(samples, sampling_rate, channels, layout)
+    length = _window_samples(measured, window)
+    tracker = ModeTracker()
+    estimates: list[ModalEstimate] = []
+    rejected: list[WindowRejected] = []
+    turbine = measured.layout.turbine if measured.layout else "structure"
+    for number, first in enumerate(range(0, len(measured.samples) - length + 1, length)):
+        found = identify_samples(
+            measured.samples[first : first + length],
+            measured.sampling_rate,
+            channel_names=measured.channels,
+            quantities=measured.quantities,
+        )
+        start_ns = measured.start_ns + round(first / measured.sampling_rate * NANOSECONDS)
+        end_ns = start_ns + round(length / measured.sampling_rate * NANOSECONDS)
+        if found.rejection is not None:
+            why = found.rejection
+            reason = WindowRejected(turbine, number, start_ns, end_ns, why.code, why.text)
+            rejected.append(reason)
+            continue
+        estimates.append(
+            ModalEstimate(
+                turbine=turbine,
+                window=number,
+                start_ns=start_ns,
+                end_ns=end_ns,
+                layout_id=measured.layout.layout_id if measured.layout else "",
+                channels=measured.channels,
+                modes=tracker.named(found.modes),
+                warnings=found.warnings,
+            )
+        )
+    return Modes(tuple(estimates), tuple(rejected), measured.channels, measured.layout)
+
+
+def _window_samples(measured: Measurement, window: float | None) -> int:
+    if window is None:
+        return len(measured.samples)
+    if not 0 < window <= measured.duration * (1 + 1e-9):
+        raise InputError(f"window is {window:g} s; the record is {measured.duration:.6g} s long")
+    return round(window * measured.sampling_rate)
+
+
+def with_layout(modes: Modes, layout: SensorLayout) -> Modes:
+    """The same modes with the places of their channels.
+
+    Raises
+    ------
+    InputError
+        If the layout's channels are not those of the modes.
+    """
+    if layout.channel_names != modes.channels:
+        raise InputError(
+            f"the layout has the channels {', '.join(layout.channel_names)}; the modes have "
+            f"{', '.join(modes.channels)}"
+        )
+    return replace(modes, layout=layout)

@@ -1,0 +1,180 @@
+"""Posterior of the foundation's springs from identified modes and a structure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipeline.messages import FoundationEvent, FoundationPosterior, QualityWarning, WindowRejected
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
+
+from .errors import InputError, require
+from .modes import Modes, with_layout
+from .structure import Structure
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+SPRINGS = ("k11", "k22", "k12")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Posterior:
+    """What the identified modes tell of k11, k22 and k12 after the last window."""
+
+    message: FoundationPosterior
+    """As it is published and recorded: quantiles, pairs, diagnostics."""
+    nominal: FloatArray
+    """(3,) the description's k11 [N/m], k22 [N·m/rad], k12 [N/rad]."""
+    rejected: tuple[WindowRejected, ...] = ()
+    """Windows that did not enter, each with its reason."""
+    events: tuple[FoundationEvent, ...] = ()
+    """Changes of the structure that were noticed on the way."""
+
+    @property
+    def draws(self) -> FloatArray:
+        """(n_draws, 3) draws of k11 [N/m], k22 [N·m/rad], k12 [N/rad]."""
+        return np.asarray(self.message.draws[:, :3])
+
+    @property
+    def ratios(self) -> FloatArray:
+        """(n_draws, 3) the draws over nominal [-]."""
+        return self.draws / self.nominal
+
+    @property
+    def trusted(self) -> bool:
+        """Whether nothing contradicts the posterior; see `warnings`."""
+        return self.message.trusted
+
+    @property
+    def warnings(self) -> tuple[QualityWarning, ...]:
+        """What speaks against it, or limits it."""
+        return self.message.warnings
+
+    def __repr__(self) -> str:
+        medians, half = np.median(self.ratios, axis=0), self._half_widths()
+        springs = ", ".join(
+            f"{name} {m:.3f} ± {h:.3f}" for name, m, h in zip(SPRINGS, medians, half, strict=True)
+        )
+        verdict = "trusted" if self.trusted else "NOT trusted"
+        return (
+            f"<Posterior: {springs} × nominal (90 %), {self.message.n_windows} windows, {verdict}>"
+        )
+
+    def _half_widths(self) -> FloatArray:
+        low, high = np.quantile(self.ratios, [0.05, 0.95], axis=0)
+        return np.asarray((high - low) / 2)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a parameter: unit, nominal, median, 5 % and 95 % quantile."""
+        pandas = require("pandas")
+        summaries = (*self.message.parameters, *self.message.figures)
+        names = ("name", "unit", "nominal", "median", "p05", "p95")
+        rows = [{name: getattr(each, name) for name in names} for each in summaries]
+        return pandas.DataFrame(rows).set_index("name")
+
+    def to_xarray(self) -> xr.Dataset:
+        """The draws of k11, k22 and k12 with the dimensions chain and draw."""
+        xarray = require("xarray")
+        variables = {
+            name: (("chain", "draw"), self.draws[None, :, number])
+            for number, name in enumerate(SPRINGS)
+        }
+        return xarray.Dataset(variables)
+
+    def to_inference_data(self) -> Any:
+        """The draws for arviz.
+
+        Returns
+        -------
+        arviz.InferenceData or xarray.DataTree
+            With the group `posterior`; which of the two depends on the arviz installed.
+        """
+        arviz = require("arviz")
+        if hasattr(arviz, "convert_to_datatree"):  # arviz 1: a tree of xarray's own
+            return arviz.convert_to_datatree(self.to_xarray())
+        return arviz.convert_to_inference_data(self.to_xarray())
+
+    def plot(self) -> Any:
+        """Draw the corner plot of k11, k22 and k12 over nominal.
+
+        Returns
+        -------
+        numpy.ndarray of matplotlib.axes.Axes, shape (3, 3)
+        """
+        pyplot = require("matplotlib.pyplot")
+        _, axes = pyplot.subplots(3, 3, figsize=(7, 7), sharex="col")
+        for row in range(3):
+            for column in range(3):
+                axis = axes[row, column]
+                if column > row:
+                    axis.set_axis_off()
+                elif column == row:
+                    axis.hist(self.ratios[:, row], bins=40, density=True, color="C0")
+                    axis.set_yticks([])
+                else:
+                    axis.plot(self.ratios[:, column], self.ratios[:, row], ".", ms=2, alpha=0.4)
+                if row == 2:
+                    axis.set_xlabel(f"{SPRINGS[column]} / nominal")
+                if column == 0 and row > 0:
+                    axis.set_ylabel(f"{SPRINGS[row]} / nominal")
+        return axes
+
+
+def update(
+    modes: Modes,
+    structure: Structure | None = None,
+    *,
+    layout: SensorLayout | None = None,
+    seed: int = 1,
+) -> Posterior:
+    """Infer the foundation's springs from identified modes.
+
+    Parameters
+    ----------
+    modes : Modes
+        Of one or several windows; they must carry the places of their channels, or `layout` does.
+    structure : Structure, optional
+        The turbine; the shipped IEA 15 MW on a monopile by default.
+    layout : SensorLayout, optional
+        Where the channels are.
+    seed : int
+        Of the sampler.
+
+    Returns
+    -------
+    Posterior
+        After the last window that entered.
+
+    Raises
+    ------
+    InputError
+        If the places of the channels are not known, or no window could be used; the message has
+        the last reason.
+    """
+    from pipeline.updating.updater import FoundationUpdater
+
+    if layout is not None:
+        modes = with_layout(modes, layout)
+    if modes.layout is None:
+        raise InputError(
+            "where the channels are is not known: give layout=…, or read the file with its layout"
+        )
+    chosen = structure or Structure()
+    updater = FoundationUpdater(chosen.model(modes.layout), modes.layout, seed=seed)
+    state = updater.initial_state()
+    answers: list[FoundationEvent | FoundationPosterior | WindowRejected] = []
+    for estimate in modes.estimates:
+        state, given = updater.watched(state, estimate)
+        answers += given
+    rejected = tuple(each for each in answers if isinstance(each, WindowRejected))
+    posteriors = [each for each in answers if isinstance(each, FoundationPosterior)]
+    if not posteriors:
+        reasons = [each.reason for each in (*modes.rejected, *rejected)]
+        raise InputError(f"no window could be used: {reasons[-1] if reasons else 'there is none'}")
+    events = tuple(each for each in answers if isinstance(each, FoundationEvent))
+    return Posterior(posteriors[-1], chosen.nominal, rejected, events)

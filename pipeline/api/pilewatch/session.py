@@ -1,0 +1,109 @@
+"""Session: a recording with the results that it holds."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.messages import FoundationEvent, FoundationPosterior, ModalEstimate, WindowRejected
+from sensors.acquisition.layout import SensorLayout
+
+from .errors import require
+from .measurement import Measurement, read
+from .modes import Modes
+from .posterior import SPRINGS, Posterior
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Session:
+    """What was recorded of one turbine: its modes, posteriors and events."""
+
+    path: Path
+    """The recording."""
+    turbine: str
+    """Whose results these are."""
+    modes: Modes
+    """Modes of every identified window, and the rejected ones."""
+    posteriors: tuple[Posterior, ...]
+    """After each window that entered, in order of time."""
+    events: tuple[FoundationEvent, ...]
+    """Changes of the structure that were noticed."""
+
+    @property
+    def posterior(self) -> Posterior | None:
+        """The last posterior; None where there is none."""
+        return self.posteriors[-1] if self.posteriors else None
+
+    def measurement(self) -> Measurement:
+        """The recorded samples, read when they are asked for."""
+        return read(self.path)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Session {self.path.name}: {self.turbine}, {len(self.modes.estimates)} windows, "
+            f"{len(self.posteriors)} posteriors, {len(self.events)} events>"
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The posterior over time: median, 5 % and 95 % quantile of each spring over nominal."""
+        pandas = require("pandas")
+        rows = []
+        for posterior in self.posteriors:
+            row = {"time": pandas.Timestamp(posterior.message.time_ns, tz="UTC")}
+            quantiles = np.quantile(posterior.ratios, [0.05, 0.5, 0.95], axis=0)
+            for number, name in enumerate(SPRINGS):
+                for label, value in zip(
+                    ("p05", "median", "p95"), quantiles[:, number], strict=True
+                ):
+                    row[f"{name}_{label}"] = value
+            rows.append(row | {"trusted": posterior.trusted})
+        return pandas.DataFrame(rows)
+
+
+def open_session(path: str | os.PathLike[str], turbine: str | None = None) -> Session:
+    """Open a recording with the results that it holds.
+
+    Parameters
+    ----------
+    path : str or path
+        An MCAP file, such as `out/session.mcap`.
+    turbine : str, optional
+        Id of the turbine; the first one in the recording by default.
+
+    Returns
+    -------
+    Session
+
+    Raises
+    ------
+    InputError
+        If it is no recording.
+    """
+    from pipeline.recording.reader import read_messages
+
+    file = Path(path)
+    kinds = (SensorLayout, ModalEstimate, WindowRejected, FoundationPosterior, FoundationEvent)
+    messages = list(read_messages(file, kinds))
+    name = turbine or (messages[0].turbine if messages else "")
+    ours = [message for message in messages if message.turbine == name]
+    layouts = [message for message in ours if isinstance(message, SensorLayout)]
+    estimates = tuple(message for message in ours if isinstance(message, ModalEstimate))
+    rejected = tuple(message for message in ours if isinstance(message, WindowRejected))
+    posteriors = tuple(
+        Posterior(message, np.array([each.nominal for each in message.parameters[:3]]))
+        for message in ours
+        if isinstance(message, FoundationPosterior)
+    )
+    events = tuple(message for message in ours if isinstance(message, FoundationEvent))
+    layout = layouts[-1] if layouts else None
+    channels = estimates[-1].channels if estimates else (layout.channel_names if layout else ())
+    if layout is not None and layout.channel_names != channels:
+        layout = None  # of several units: the estimates join their channels
+    return Session(file, name, Modes(estimates, rejected, channels, layout), posteriors, events)

@@ -1,0 +1,148 @@
+"""Structure: a turbine's description and the modes that it has on given springs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
+from sensors.arrays import FloatArray
+from sensors.structure.description import TurbineDescription, load_turbine
+
+from .errors import InputError, require
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sensors.dynamics.modal_model import ModalModel
+
+ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # of the shipped scenario's accelerometers [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class StructureModes:
+    """Natural frequencies and shapes that a structure has on given springs."""
+
+    labels: tuple[str, ...]
+    """Label of each mode; "1" to "11" are the publication's."""
+    frequencies: FloatArray
+    """(n_modes,) [Hz]"""
+    shapes: FloatArray
+    """(n_modes, n_channels) as the sensors read them, largest component 1 [-]"""
+    channels: tuple[str, ...]
+    """Channel names, in the order of the shapes' components."""
+
+    def __repr__(self) -> str:
+        listed = ", ".join(f"{f:.4g}" for f in np.sort(self.frequencies)[:6])
+        return f"<StructureModes: {len(self.labels)} modes: {listed}, … Hz>"
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a mode: label, frequency_hz, then one column a channel."""
+        pandas = require("pandas")
+        rows = {"label": self.labels, "frequency_hz": self.frequencies}
+        columns = dict(zip(self.channels, self.shapes.T, strict=True))
+        return pandas.DataFrame(rows | columns).sort_values("frequency_hz", ignore_index=True)
+
+
+class Structure:
+    """A monopile turbine: shipped by name, or read from a description file.
+
+    Parameters
+    ----------
+    description : str, path or TurbineDescription
+        "iea15mw_monopile", or the path of a TOML file (`pilewatch describe --template`).
+    sign : {"published", "embedded-pile"}, optional
+        Sign convention of k12; the description's by default.
+
+    Raises
+    ------
+    InputError
+        If the description cannot be read.
+    """
+
+    def __init__(
+        self,
+        description: str | os.PathLike[str] | TurbineDescription = "iea15mw_monopile",
+        *,
+        sign: str | None = None,
+    ) -> None:
+        if not isinstance(description, TurbineDescription):
+            description = load_turbine(os.fspath(description))
+        if sign is not None:
+            if sign not in ("published", "embedded-pile"):
+                raise InputError(f"sign is {sign!r}; it is 'published' or 'embedded-pile'")
+            description = description.with_sign(sign)  # type: ignore[arg-type]  # checked above
+        self.description = description
+        """What the structure is made of."""
+
+    @property
+    def nominal(self) -> FloatArray:
+        """(3,) nominal k11 [N/m], k22 [N·m/rad], k12 [N/rad]."""
+        return np.asarray(self.description.nominal)
+
+    def __repr__(self) -> str:
+        return f"<Structure: {self.description.name}>"
+
+    def model(self, layout: SensorLayout | None = None) -> ModalModel:
+        """The reduced model that the updating evaluates, seen by the sensors of a layout."""
+        from sensors.dynamics.modal_model import ModalModel
+
+        return ModalModel(self.description, layout or default_layout(self.description.name))
+
+    def modes(
+        self, ratios: Sequence[float] = (1.0, 1.0, 1.0), layout: SensorLayout | None = None
+    ) -> StructureModes:
+        """Modes on springs of `ratios` times the nominal k11, k22, k12.
+
+        Parameters
+        ----------
+        ratios : sequence of 3 floats
+            k11, k22, k12 over nominal [-].
+        layout : SensorLayout, optional
+            Sensors by which the shapes are read; the shipped scenario's by default.
+
+        Returns
+        -------
+        StructureModes
+
+        Raises
+        ------
+        InputError
+            If the springs are not positive definite.
+        """
+        model = self.model(layout)
+        modal = model.modal((np.asarray(ratios, dtype=np.float64) * model.nominal)[None])
+        if not modal.admissible[0]:
+            raise InputError(
+                f"ratios are {tuple(ratios)}; k11·k22 must exceed k12² and the structure must "
+                "stand under gravity"
+            )
+        names = (layout or default_layout(self.description.name)).channel_names
+        return StructureModes(
+            tuple(model.labels), modal.frequencies[0], modal.shapes[0], tuple(names)
+        )
+
+    def plot(self) -> Any:
+        """Draw the tubes of the structure to scale, water and mudline marked.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        pyplot = require("matplotlib.pyplot")
+        _, axis = pyplot.subplots(figsize=(3, 7))
+        for tube in self.description.tubes:
+            half = tube.diameter / 2
+            axis.fill_betweenx([tube.bottom, tube.top], -half, half, color="C0", alpha=0.6)
+        axis.axhline(0.0, color="C9", linewidth=1)
+        axis.set(ylabel="elevation above mean water level [m]", xlabel="[m]", aspect="equal")
+        return axis
+
+
+def default_layout(turbine: str) -> SensorLayout:
+    """Bi-axial accelerometers at the shipped scenario's elevations."""
+    return biaxial_layout("tower-1", turbine=turbine, unit="tower", elevations=ELEVATIONS)

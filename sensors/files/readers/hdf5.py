@@ -1,0 +1,105 @@
+"""HDF5 → SEP005 channels.
+
+Datasets are the arrays; attributes of the file, of a group and of the dataset are its notes, the
+nearest first, and so are datasets of one value or of text; see `named_arrays`. A dataset's
+`scale_factor` (or `scale`), `add_offset` and `_FillValue` are applied as the CF conventions have
+it. Needs h5py (extra `hdf5`).
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.files.named_arrays import NamedArray, find_channels
+from sensors.files.sep005 import Channel
+from sensors.files.table import FileError, require_file, require_module
+
+SCALE = ("scale_factor", "scale")
+SHIFT = ("add_offset", "offset")
+FILL = ("_FillValue", "missing_value")
+
+
+def read_hdf5(path: Path) -> list[Channel]:
+    """Return the channels of an HDF5 file.
+
+    Returns
+    -------
+    list[Channel]
+
+    Raises
+    ------
+    FileError
+        If it is missing, damaged or holds none, or h5py is not installed.
+    """
+    h5py = require_module("h5py", "hdf5", path)
+    try:
+        with h5py.File(require_file(path), "r") as file:
+            arrays = _arrays(file, "", {}, h5py, path)
+    except FileError:
+        raise
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise FileError(f"{path}: no readable HDF5 file: {reason}") from error
+    return find_channels(arrays, path)
+
+
+def _arrays(
+    group: Any, place: str, around: dict[str, Any], h5py: Any, path: Path
+) -> list[NamedArray]:
+    """All datasets in a group and below, with the attributes that hold for them."""
+    if b"pandas_type" in {key.encode() for key in group.attrs}:
+        raise FileError(
+            f"{path}: {place or '/'} is a table of pandas; DataFrame.to_parquet writes what is "
+            "read here"
+        )
+    members = {name: group.get(name) for name in group if not name.startswith("#")}
+    datasets = {name: each for name, each in members.items() if isinstance(each, h5py.Dataset)}
+    notes = around | dict(group.attrs)
+    notes |= {name: each for name, one in datasets.items() if (each := _note(one)) is not None}
+    found = []
+    for name, member in members.items():
+        if isinstance(member, h5py.Group):
+            found += _arrays(member, f"{place}{name}/", notes, h5py, path)
+        elif name in datasets and name not in notes and member.shape is not None:
+            own = dict(member.attrs)
+            values = _in_units(member[()], own, f"{path}: {place}{name}")
+            found.append(NamedArray(f"{place}{name}", values, notes | own, own))
+    return found
+
+
+def _note(dataset: Any) -> Any:
+    """The content of a dataset of one value or of text; None of any other."""
+    if dataset.shape is None or dataset.dtype.names is not None:
+        return None
+    if dataset.dtype.kind in "OS":
+        is_text = dataset.dtype.kind == "S" or dataset.dtype.metadata
+        return dataset[()] if is_text else None
+    if dataset.dtype.kind in "iuf" and dataset.size == 1:
+        return np.asarray(dataset[()]).reshape(-1)[0]
+    return None
+
+
+def _in_units(values: NDArray[Any], notes: dict[str, Any], place: str) -> NDArray[Any]:
+    """Counts as what they stand for; NaN where the file marks a missing value."""
+    if values.dtype.kind not in "iuf":
+        return values
+    scale, shift, fill = (_factor(notes, names, place) for names in (SCALE, SHIFT, FILL))
+    if scale is None and fill is None and "add_offset" not in notes:
+        return values
+    missing = values == fill if fill is not None else np.zeros(values.shape, dtype=bool)
+    inside = values * (1.0 if scale is None else scale)
+    if scale is not None or "add_offset" in notes:
+        inside = inside + (0.0 if shift is None else shift)
+    return np.where(missing, np.nan, inside) if missing.any() else np.asarray(inside)
+
+
+def _factor(notes: dict[str, Any], names: tuple[str, ...], place: str) -> Any:
+    name = next((name for name in names if name in notes), None)
+    if name is None:
+        return None
+    stated = np.asarray(notes[name])
+    if stated.size != 1 or stated.dtype.kind not in "iuf":
+        raise FileError(f"{place}: its attribute {name} is {notes[name]!r}; one number is needed")
+    return stated.reshape(-1)[0]

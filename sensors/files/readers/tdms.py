@@ -1,0 +1,59 @@
+"""National Instruments' TDMS → SEP005 channels.
+
+Properties of the file, of a group and of the channel are its notes, the nearest first: LabVIEW
+writes `wf_increment` [s], `wf_start_time` and `unit_string`; see `named_arrays`. Needs npTDMS
+(extra `tdms`).
+"""
+
+import logging
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sensors.files.named_arrays import NamedArray, find_channels
+from sensors.files.sep005 import Channel
+from sensors.files.table import FileError, require_file, require_module
+
+DAMAGE = (
+    *(OSError, ValueError, LookupError, EOFError, struct.error, NotImplementedError),
+    *(AttributeError, TypeError, ArithmeticError, MemoryError),
+)
+
+
+def read_tdms(path: Path) -> list[Channel]:
+    """Return the channels of a TDMS file.
+
+    Returns
+    -------
+    list[Channel]
+
+    Raises
+    ------
+    FileError
+        If it is missing, damaged or holds none, or npTDMS is not installed.
+    """
+    nptdms = require_module("nptdms", "tdms", path)
+    logging.getLogger("nptdms").setLevel(logging.ERROR)  # a cut file is reported below, once
+    try:
+        with nptdms.TdmsFile.open(require_file(path)) as file:
+            arrays = list(_arrays(file))
+            cut = file.file_status.incomplete_final_segment
+    except FileError:
+        raise
+    except DAMAGE as error:
+        reason = " ".join(str(error).split())
+        raise FileError(f"{path}: no readable TDMS file: {reason}") from error
+    if cut:
+        raise FileError(f"{path}: the TDMS file was cut off before its end")
+    return find_channels(arrays, path)
+
+
+def _arrays(file: Any) -> Iterator[NamedArray]:
+    for group in file.groups():
+        for channel in group.channels():
+            own = dict(channel.properties)
+            notes = {**file.properties, **group.properties, **own}
+            yield NamedArray(f"{group.name}/{channel.name}", np.asarray(channel[:]), notes, own)

@@ -1,0 +1,95 @@
+"""`import pilewatch`: arrays and files in, modes and posteriors out, in a handful of lines."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.messages import FoundationPosterior
+from pipeline.recording.reader import read_messages
+
+pw = pytest.importorskip("pilewatch", reason="the project is not installed")
+
+
+@pytest.fixture(scope="module")
+def measurement(short_recording: Path) -> "pw.Measurement":
+    return pw.read(short_recording)
+
+
+def test_a_recording_is_read_with_the_places_of_its_channels(
+    measurement: "pw.Measurement",
+) -> None:
+    assert measurement.samples.shape == (9600, 8)
+    assert measurement.sampling_rate == 40.0
+    assert measurement.layout is not None
+    assert measurement.layout.channel_names == measurement.channels
+    assert repr(measurement) == "<Measurement: 8 channels, 240 s at 40 Hz>"
+
+
+def test_an_array_and_a_turbine_give_a_posterior_in_four_lines(
+    measurement: "pw.Measurement",
+) -> None:
+    modes = pw.identify(measurement, window=120.0)
+    posterior = pw.update(modes, pw.Structure())
+    assert posterior.draws.shape[1] == 3
+    np.testing.assert_allclose(np.median(posterior.ratios, axis=0), 1.0, atol=0.1)
+    assert "× nominal" in repr(posterior)
+
+
+def test_a_session_has_the_posteriors_that_were_recorded(
+    short_recording: Path, tmp_path: Path
+) -> None:
+    from pipeline.run.options import SessionOptions
+    from pipeline.run.run import run_session
+    from pipeline.sources.sources import replayed
+
+    run_session(replayed(short_recording), SessionOptions(tmp_path, way="lock-step", rrd=False))
+    session = pw.open(tmp_path / "session.mcap")
+    recorded = list(read_messages(tmp_path / "session.mcap", (FoundationPosterior,)))
+    assert len(session.posteriors) == len(recorded) == 2
+    assert session.posterior is not None
+    np.testing.assert_array_equal(session.posterior.message.draws, recorded[-1].draws)
+
+
+def test_frequencies_of_an_array_need_no_names_and_no_places() -> None:
+    generator = np.random.default_rng(7)
+    modes = pw.identify(generator.standard_normal((6000, 2)), sampling_rate=20.0)
+    assert modes.channels == ("ch1", "ch2")
+    assert len(modes.estimates) + len(modes.rejected) == 1
+
+
+@pytest.mark.parametrize(
+    ("samples", "rate", "said"),
+    [
+        (np.zeros((10, 2, 2)), 40.0, "of shape"),
+        (np.zeros((1000, 2)), 0.0, "sampling_rate is 0"),
+        (np.zeros((1000, 2)), None, "sampling_rate is None"),
+    ],
+)
+def test_an_array_that_cannot_be_understood_is_refused_in_one_line(
+    samples: np.ndarray, rate: float | None, said: str
+) -> None:
+    with pytest.raises(pw.InputError, match=said):
+        pw.identify(samples, rate)
+
+
+def test_a_posterior_without_places_of_the_channels_is_refused() -> None:
+    modes = pw.identify(np.random.default_rng(1).standard_normal((6000, 2)), 20.0)
+    with pytest.raises(pw.InputError, match="where the channels are"):
+        pw.update(modes)
+
+
+def test_modes_of_the_structure_are_those_of_table_1() -> None:
+    modes = pw.Structure().modes()
+    first = dict(zip(modes.labels, modes.frequencies, strict=True))
+    assert first["1"] == pytest.approx(0.1573, rel=2e-3)
+    assert first["11"] == pytest.approx(12.12, rel=1e-2)
+
+
+def test_tables_have_a_row_a_mode_and_a_parameter(measurement: "pw.Measurement") -> None:
+    pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
+    modes = pw.identify(measurement)
+    table = modes.to_dataframe()
+    assert len(table) == len(modes)
+    np.testing.assert_array_equal(table["frequency_hz"], modes.frequencies)
+    assert list(pw.update(modes).to_dataframe().index[:3]) == ["k11", "k22", "k12"]

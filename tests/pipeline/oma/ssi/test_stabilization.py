@@ -1,0 +1,77 @@
+"""Poles of many model orders become modes: which belong together, and what they differ by."""
+
+import numpy as np
+import pytest
+
+from pipeline.oma.ssi.stabilization import PoleCloud, clusters, unexplained_spread
+
+ALONG = np.array([1.0, 0.0])
+
+
+def turned(mac: float) -> np.ndarray:
+    """A shape whose MAC with `ALONG` is given: cos² of the angle between them."""
+    return np.array([np.sqrt(mac), np.sqrt(1 - mac)])
+
+
+def cloud(
+    frequencies: list[float],
+    stds: list[float],
+    shapes: list[np.ndarray],
+    *,
+    deviations: np.ndarray | None = None,
+) -> PoleCloud:
+    """One pole an order, by default with errors that are independent of each other."""
+    n = len(frequencies)
+    return PoleCloud(
+        orders=np.arange(n),
+        indices=np.zeros(n, dtype=int),
+        frequencies=np.array(frequencies),
+        damping_ratios=np.full(n, 0.01),
+        shapes=np.array(shapes, dtype=complex),
+        frequency_deviations=np.diag(stds) if deviations is None else deviations,
+        damping_deviations=np.zeros((n, n)),
+    )
+
+
+@pytest.mark.parametrize(("mac", "n_modes"), [(0.99, 1), (0.93, 1), (0.87, 2), (0.5, 2)])
+def test_poles_of_one_frequency_are_one_mode_only_if_their_shapes_agree(
+    mac: float, n_modes: int
+) -> None:
+    """A MAC of .9 is an angle of 18°: what two orders make of one mode differs by less."""
+    shapes = [ALONG] * 10 + [turned(mac)] * 10
+    found = clusters(cloud([1.0] * 20, [1e-3] * 20, shapes), n_orders=20, minimum_presence=0.4)
+    assert len(found) == n_modes
+    assert sum(len(each.members) for each in found) == 20
+
+
+def spread_with(blurred_std: float) -> float:
+    """Of twenty sharp poles at 1 Hz, whose errors are the same, and a blurred one .19 % higher."""
+    deviations = np.zeros((21, 2))
+    deviations[:20, 0], deviations[20, 1] = 1e-5, blurred_std
+    poles = cloud([1.0] * 20 + [1.0019], [], [ALONG] * 21, deviations=deviations)
+    (mode,) = clusters(poles, n_orders=21, minimum_presence=0.5)
+    return mode.frequency_spread
+
+
+def test_a_pole_known_half_as_well_adds_a_quarter_as_much_to_the_spread() -> None:
+    """Poles are weighted by their inverse variances, as independent estimates of one frequency."""
+    assert spread_with(1e-4) ** 2 / spread_with(2e-4) ** 2 == pytest.approx(4, rel=0.05)
+
+
+def test_three_four_five() -> None:
+    """Estimates five apart, of which a standard deviation of three is explained, leave four."""
+    differences, deviations = np.full(8, 5.0), np.full((8, 9), 1.0)
+    spread = unexplained_spread(differences, deviations, weights=np.ones(8))
+    assert spread == pytest.approx(4.0)
+
+
+def test_what_estimates_differ_by_is_not_counted_twice() -> None:
+    """Independent estimates whose stds are right leave on average no spread to be explained."""
+    generator, n = np.random.default_rng(21), 20_000
+    stds = generator.uniform(0.5, 2.0, n)
+    differences = stds * generator.standard_normal(n)
+    spread = unexplained_spread(differences, stds[:, None], weights=stds**-2)
+    assert spread < 0.15 * stds.mean()
+    truly_apart = differences + 1.5 * generator.standard_normal(n)
+    spread = unexplained_spread(truly_apart, stds[:, None], weights=np.ones(n))
+    assert spread == pytest.approx(1.5, rel=0.03)

@@ -1,0 +1,86 @@
+"""One mode that two bands report: which estimate stays, and how sure of it one may be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.messages import Mode
+from pipeline.oma.band_merging import merged
+from pipeline.oma.ssi.band_identification import mode_from_factor
+from pipeline.oma.ssi.bands import Band
+
+SHAPE = np.array([1.0, 0.5])
+STD = 1e-3  # [Hz]
+DAMPING_STD = 1e-3
+SLOW = Band(decimation=8, sampling_rate=5.0, lowest=0.1, highest=1.9, orders=(2,), block_rows=10)
+FAST = replace(SLOW, decimation=1, sampling_rate=40.0, highest=16.0)
+
+
+def mode(frequency: float, column: int, *, std: float = STD, damping: float = 0.01) -> Mode:
+    """Known to `std`, its errors in one time block of its own."""
+    factor = np.zeros((4, 6))
+    factor[0, column], factor[1, column], factor[3, column] = std, DAMPING_STD, 0.01
+    return mode_from_factor(
+        frequency=frequency,
+        damping_ratio=damping,
+        shape=SHAPE,
+        block_factor=factor,
+        own_factor=np.zeros((4, 2)),
+        phase_collinearity=1.0,
+        presence=1.0,
+    )
+
+
+def only(slow: Mode, fast: Mode) -> Mode:
+    (found,) = merged([[slow], [fast]], [SLOW, FAST])
+    assert not found.alone
+    return found.mode
+
+
+def test_bands_that_agree_change_nothing() -> None:
+    slow, fast = mode(1.0, 0), mode(1.0, 1)
+    assert only(slow, fast).frequency_std == pytest.approx(slow.frequency_std)
+
+
+def test_what_two_bands_differ_by_beyond_their_stds_enters_the_std_of_the_one_that_stays() -> None:
+    """Two estimates of equal weight, d apart with variance 2 s²: spread² = (d² − 2 s²) / 2."""
+    distance = 4e-3
+    kept = only(mode(1.0, 0), mode(1.0 + distance, 1))
+    spread = (distance**2 - 2 * STD**2) / 2
+    assert kept.frequency == 1.0  # the slower band's
+    assert kept.frequency_std == pytest.approx(np.sqrt(STD**2 + spread))
+    assert kept.frequency_std == pytest.approx(np.sqrt(kept.covariance[0, 0]))
+
+
+def test_damping_ratios_that_differ_widen_the_damping_ratio_alone() -> None:
+    slow, fast = mode(1.0, 0), mode(1.0, 1, damping=0.015)
+    kept = only(slow, fast)
+    spread = (0.005**2 - 2 * DAMPING_STD**2) / 2
+    assert kept.damping_ratio_std == pytest.approx(np.sqrt(DAMPING_STD**2 + spread))
+    assert kept.frequency_std == pytest.approx(slow.frequency_std)
+
+
+def test_errors_that_both_bands_share_explain_no_difference_between_them() -> None:
+    distance = 2e-3
+    shared, apart = (only(mode(1.0, 0), mode(1.0 + distance, column)) for column in (0, 1))
+    assert shared.frequency_std == pytest.approx(np.sqrt(STD**2 + distance**2 / 2))
+    assert shared.frequency_std > apart.frequency_std
+
+
+def test_the_faster_bands_estimate_stays_where_it_is_much_sharper() -> None:
+    slow, blurred = mode(1.001, 0), mode(1.001, 0, std=4 * STD)
+    assert only(slow, mode(1.0, 1)).frequency == 1.001
+    assert only(blurred, mode(1.0, 1)).frequency == 1.0
+
+
+def test_a_mode_in_the_reach_of_two_bands_that_one_of_them_reports_is_alone() -> None:
+    within, above = merged([[], [mode(1.0, 0), mode(5.0, 1)]], [SLOW, FAST])
+    assert within.alone
+    assert not above.alone
+
+
+def test_modes_of_other_shape_or_frequency_are_not_merged() -> None:
+    across = replace(mode(1.0, 1), shape=np.array([1.0, -1.0]))
+    assert len(merged([[mode(1.0, 0)], [across]], [SLOW, FAST])) == 2
+    assert len(merged([[mode(1.0, 0)], [mode(1.02, 1)]], [SLOW, FAST])) == 2

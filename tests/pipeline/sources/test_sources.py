@@ -1,0 +1,106 @@
+"""A source states its structure, or there is none; a recording brings the files it names."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pipeline.recording.info import recording_info
+from pipeline.recording.reader import read_messages
+from pipeline.recording.writer import whole_recording
+from pipeline.run.options import SessionOptions
+from pipeline.run.run import run_session
+from pipeline.scenario import load_scenario, scenario_from_metadata, scenario_metadata
+from pipeline.sources.feed_publisher import feed_source
+from pipeline.sources.sources import (
+    SourceError,
+    open_source,
+    record_simulation,
+    replayed,
+    simulated,
+)
+from sensors.errors import InputError
+from sensors.structure.description import load_turbine, shipped_text
+
+OWN = """
+[turbine]
+id = "own"
+description = "own-tower.toml"
+[simulation]
+duration = 3.0
+structure = "other-mesh.toml"
+"""
+
+
+@pytest.fixture
+def own_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording of a turbine that a user described, and an empty folder to work in."""
+    home, elsewhere = tmp_path / "home", tmp_path / "elsewhere"
+    home.mkdir()
+    elsewhere.mkdir()
+    monkeypatch.chdir(home)
+    text = shipped_text("iea15mw_monopile")
+    Path("own-tower.toml").write_text(text.replace("thickness = 0.0", "thickness = 0.1", 1))
+    Path("other-mesh.toml").write_text(text)
+    Path("own.toml").write_text(OWN)
+    record_simulation(simulated(load_scenario("own.toml")), tmp_path / "own.mcap")
+    monkeypatch.chdir(elsewhere)
+    return tmp_path / "own.mcap"
+
+
+def test_a_recording_of_an_own_turbine_brings_its_description(own_recording: Path) -> None:
+    described = load_turbine(own_recording.parent / "home" / "own-tower.toml")
+    source = replayed(own_recording)
+    assert source.scenario.structure == described
+    again = scenario_from_metadata(scenario_metadata(source.scenario), "a recording of the replay")
+    assert again.structure == described
+    stored = json.loads(recording_info(own_recording).metadata["scenario"]["files"])
+    assert set(stored) == {"own-tower.toml", "other-mesh.toml"}
+
+
+def test_a_recording_of_an_own_turbine_runs_in_an_empty_folder(own_recording: Path) -> None:
+    out = Path("out")
+    run_session(replayed(own_recording), SessionOptions(out=out, way="lock-step", rrd=False))
+    again = replayed(out / "session.mcap").scenario.structure
+    assert again == replayed(own_recording).scenario.structure
+
+
+def test_a_recording_of_a_shipped_turbine_stores_no_files() -> None:
+    assert "files" not in scenario_metadata(load_scenario("parked"))
+
+
+def test_a_scenario_beside_a_simulated_one_is_refused() -> None:
+    with pytest.raises(SourceError, match="tide and --source simulate:parked name two scenarios"):
+        open_source("simulate:parked", "tide")
+    assert open_source("simulate:parked", "parked").scenario.name == "parked"
+    assert open_source("simulate", "tide").scenario.name == "tide"
+
+
+def test_a_live_source_without_a_scenario_has_no_structure(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    assert not open_source("live").scenario.has_structure
+    assert "no structure is given: modes are tracked" in caplog.text
+    assert open_source("live", "parked").scenario.has_structure
+    assert load_scenario(open_source("live").scenario.origin).turbine.description == "none"
+
+
+def test_a_feed_without_a_scenario_has_no_structure() -> None:
+    source = feed_source("udp://127.0.0.1:0", None, None)
+    assert not source.scenario.has_structure
+    assert source.scenario.turbine.id == source.layout.turbine
+
+
+def test_a_recording_without_a_scenario_has_no_structure(
+    tmp_path: Path, short_recording: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    bare = tmp_path / "bare.mcap"
+    with whole_recording(bare, metadata={}) as recorder:
+        for message in read_messages(short_recording):
+            recorder.handle(message)
+    source = replayed(bare)
+    assert not source.scenario.has_structure
+    assert source.scenario.turbine.id == source.layout.turbine
+    assert "no structure is given" in caplog.text
+    with pytest.raises(InputError, match="has no structural model"):
+        _ = source.scenario.structure

@@ -1,0 +1,77 @@
+"""A layout file states what a measurement's own file leaves open: places, time, units."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+
+from sensors.acquisition.layout import LayoutError
+from sensors.files.formats import read_file
+from sensors.files.layout_file import load_layout
+from sensors.files.table import FileError
+
+RATE = 50.0  # [Hz]
+SAMPLES = np.round(np.random.default_rng(8).normal(size=(40, 1)), 6)
+TICKS = 20 * np.arange(len(SAMPLES))  # [ms]
+CHANNEL = '[[channels]]\nname = "a"\nelevation = 80.0\ndirection = [1, 0, 0]\n'
+
+
+def layout(folder: Path, time: str) -> Path:
+    path = folder / "layout.toml"
+    path.write_text(f"{CHANNEL}[time]\n{time}\n", encoding="utf-8")
+    return path
+
+
+def write_text(path: Path) -> None:
+    rows = [f"{tick},{float(value)!r},1" for tick, value in zip(TICKS, SAMPLES[:, 0], strict=True)]
+    path.write_text("\n".join(["Messpunkt,a [m/s²],date", *rows]) + "\n")
+
+
+def write_parquet(path: Path) -> None:
+    parquet.write_table(pa.table({"Messpunkt": TICKS, "a [m/s²]": SAMPLES[:, 0]}), path)
+
+
+def write_npz(path: Path) -> None:
+    np.savez(path, **{"Messpunkt": TICKS, "a [m/s²]": SAMPLES[:, 0]})
+
+
+WRITERS = {"csv": write_text, "parquet": write_parquet, "npz": write_npz}
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_a_layout_states_which_column_is_the_time_and_in_what_unit(
+    tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"measured.{suffix}"
+    WRITERS[suffix](path)
+    mapping = load_layout(layout(tmp_path, 'column = "Messpunkt"\nunit = "ms"'))
+    table = read_file(path, wanted=mapping.wanted())
+    assert table.names == ("a",)
+    np.testing.assert_array_equal(table.samples, SAMPLES)
+    assert table.sampling_rate == pytest.approx(RATE)
+    assert table.start_ns == 0
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+def test_a_time_that_the_file_lacks_is_one_line(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"measured.{suffix}"
+    WRITERS[suffix](path)
+    mapping = load_layout(layout(tmp_path, 'column = "t"'))
+    with pytest.raises(FileError, match=r"no (column|series) 't' to be the time; it has Messpunkt"):
+        read_file(path, wanted=mapping.wanted())
+
+
+def test_a_unit_of_time_that_is_none_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(LayoutError, match=r"unit is 'm/s'; it can be s, ms"):
+        load_layout(layout(tmp_path, 'column = "t"\nunit = "m/s"'))
+
+
+def test_a_layout_with_all_heights_at_sea_level_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "layout.toml"
+    path.write_text(CHANNEL.replace("80.0", "0.0"))
+    with pytest.raises(LayoutError, match="elevation is 0 for all 1 channels; fill in"):
+        load_layout(path)
+    path.write_text(CHANNEL.replace("80.0", "0.0").replace("[1, 0, 0]", "[0, 0, 1]"))
+    assert load_layout(path).channels[0].elevation == 0.0  # a vertical sensor on a bridge's deck

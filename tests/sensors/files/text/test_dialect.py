@@ -1,0 +1,40 @@
+"""What the beginning of a file says is read from whole lines only."""
+
+from pathlib import Path
+
+import pytest
+
+from sensors.files.text.dialect import BEGINNING, read_head
+
+
+def cut_within(folder: Path, cell: str, *, kept: int) -> Path:
+    """A long file of which `kept` characters of one line's last cell are among those looked at."""
+    row = "12.500;0.125\n"
+    last = f"12.500;{cell}\n"
+    before = BEGINNING - len("12.500;") - kept
+    head = "t;a\n"
+    rows = (before - len(head)) // len(row)
+    padding = before - len(head) - rows * len(row)
+    text = f"# {'.' * (padding - 3)}\n" if padding >= 3 else ""
+    if padding < 3:  # too little room for a comment: give one row less
+        rows -= 1
+        text = f"# {'.' * (padding + len(row) - 3)}\n"
+    path = folder / "long.csv"
+    path.write_text(text + head + row * rows + last + row * 100, encoding="ascii")
+    with path.open("rb") as file:
+        assert file.read(BEGINNING).endswith(b";" + cell[:kept].encode())
+    return path
+
+
+@pytest.mark.parametrize(("cell", "kept"), [("-0.125", 1), ("nan5", 2), ("0.125", 0)])
+def test_a_line_that_was_begun_says_nothing_of_missing_values(
+    tmp_path: Path, cell: str, kept: int
+) -> None:
+    """Of "-0.125" only "-" may be among what is looked at, which elsewhere stands for no value."""
+    assert read_head(cut_within(tmp_path, cell, kept=kept)).missing == ()
+
+
+def test_a_cell_without_a_value_is_known_as_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "short.csv"
+    path.write_text("t;a\n0;1\n1;-\n2;3\n3;4\n", encoding="ascii")
+    assert read_head(path).missing == ("-",)

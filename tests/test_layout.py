@@ -1,0 +1,138 @@
+"""The folders keep their plan: twelve modules at most, arrows one way, one meaning a name.
+
+`layout_exceptions.json` lists names that are still defined in two modules. It may only shrink.
+"""
+
+import ast
+import json
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+EXCEPTIONS = json.loads((Path(__file__).parent / "layout_exceptions.json").read_text())
+MOST_MODULES = 12  # in one folder
+MOST_LOOSE = 5  # directly in pipeline/
+FACE = "pipeline.api.pilewatch"  # the library's public face: relative imports, names of its own
+ENTRY_POINTS = {"pipeline.__main__"}  # run by name, imported by nothing
+
+
+@cache
+def modules() -> dict[str, ast.Module]:
+    """Syntax tree of every product module by its dotted name; a package has its folder's."""
+    trees = {}
+    for top in ("sensors", "pipeline"):
+        for path in sorted((ROOT / top).rglob("*.py")):
+            if "_pb2" not in path.name:
+                name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+                trees[name.removesuffix(".__init__")] = ast.parse(path.read_text("utf-8"))
+    return trees
+
+
+def folders() -> dict[str, list[str]]:
+    """Modules of each folder that has any, `__init__` aside."""
+    rooms: dict[str, list[str]] = defaultdict(list)
+    for top in ("sensors", "pipeline"):
+        for path in (ROOT / top).rglob("*.py"):
+            if path.name != "__init__.py" and "_pb2" not in path.name:
+                rooms[str(path.parent.relative_to(ROOT))].append(path.stem)
+    return rooms
+
+
+@cache
+def imports() -> dict[str, frozenset[str]]:
+    """Product modules that each product module imports, at any depth of its code."""
+    known = modules()
+    return {name: frozenset(_imported(tree, known)) for name, tree in known.items()}
+
+
+def _imported(tree: ast.Module, known: dict[str, ast.Module]) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in known)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            module = f"{FACE}.{node.module}" if node.level else node.module
+            for alias in node.names:
+                inner = f"{module}.{alias.name}"
+                if inner in known:
+                    yield inner
+                elif module in known:
+                    yield module
+
+
+def definitions() -> dict[str, list[str]]:
+    """Modules that define each public class or constant."""
+    places: dict[str, list[str]] = defaultdict(list)
+    for name, tree in modules().items():
+        for node in () if name.startswith(FACE) else tree.body:
+            for defined in _defined(node):
+                if not defined.startswith("_") and defined != "logger":
+                    places[defined].append(name)
+    return places
+
+
+def _defined(node: ast.stmt) -> Iterator[str]:
+    if isinstance(node, ast.ClassDef):
+        yield node.name
+    elif isinstance(node, ast.Assign):
+        yield from (target.id for target in node.targets if isinstance(target, ast.Name))
+    elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+        yield node.target.id
+
+
+def test_no_folder_is_crowded() -> None:
+    crowded = {
+        room: len(inside) for room, inside in folders().items() if len(inside) > MOST_MODULES
+    }
+    assert not crowded
+    assert len([m for m in folders()["pipeline"] if m != "__main__"]) <= MOST_LOOSE
+
+
+def test_sibling_folders_do_not_import_each_other_in_a_circle() -> None:
+    arrows = set()
+    for importer, imported in imports().items():
+        for other in imported:
+            pair = _siblings(importer, other)
+            if pair is not None:
+                arrows.add(pair)
+    assert not {(a, b) for a, b in arrows if (b, a) in arrows and a < b}
+
+
+def _siblings(importer: str, imported: str) -> tuple[str, str] | None:
+    """The two folders of one parent that an import crosses; None within one folder."""
+    ours, theirs = importer.split("."), imported.split(".")
+    for depth, (a, b) in enumerate(zip(ours, theirs, strict=False)):
+        if a != b:
+            here, there = ".".join(ours[: depth + 1]), ".".join(theirs[: depth + 1])
+            both = (ROOT / here.replace(".", "/")).is_dir() and (
+                ROOT / there.replace(".", "/")
+            ).is_dir()
+            return (here, there) if both else None
+    return None
+
+
+def test_a_name_has_one_meaning() -> None:
+    twice = {name for name, places in definitions().items() if len(places) > 1}
+    assert twice <= set(EXCEPTIONS["defined twice"])
+
+
+def test_every_module_is_used() -> None:
+    used = frozenset().union(*imports().values())
+    packages = {name for name in modules() if (ROOT / name.replace(".", "/")).is_dir()}
+    unused = set(modules()) - used - packages - ENTRY_POINTS - set(EXCEPTIONS["loaded by name"])
+    assert not unused
+
+
+def test_no_node_is_asked_for_what_it_may_not_have() -> None:
+    asking = [
+        name
+        for name, tree in modules().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id == "getattr"
+        and len(node.args) == 3
+        and "node" in ast.unparse(node.args[0])
+    ]
+    assert set(asking) <= set(EXCEPTIONS["getattr with a default"])
