@@ -1,6 +1,6 @@
 """Unchanged files of an archive: `python -m tests.benchmarks survey [--files 500]`.
 
-Copies of a recording of 10 minutes with names of their own are surveyed once; the time a file of the second
+Copies of a recording with names of their own are surveyed once; the time a file of the second
 survey, which finds them unchanged, is what a daily run costs for all earlier days.
 """
 
