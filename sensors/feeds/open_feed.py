@@ -15,7 +15,7 @@ from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages
 from sensors.feeds.payloads.scada import ScadaReader
 from sensors.feeds.position import FeedPosition, position_file
 from sensors.feeds.protocol import Arrival, Feed, FeedCounts, FeedError
-from sensors.feeds.seedlink import SeedLinkFeed
+from sensors.feeds.seedlink.seedlink_feed import SeedLinkFeed
 from sensors.feeds.udp import UdpFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 

@@ -12,7 +12,7 @@ from pipeline.updating.structural.alternatives import (
 )
 from pipeline.updating.structural.joint_fit import JointFit
 from pipeline.updating.structural.prior import GaussianBelief, JointCoordinates, StructuralPrior
-from pipeline.updating.structural.sensor_figures import SensorReadings, sensor_figures
+from pipeline.updating.structural.sensors.figures import SensorReadings, sensor_figures
 from sensors.acquisition.layout import SensorLayout
 from sensors.dynamics.figure_model import BladeMesh, FigureModel
 from sensors.structure.description import TurbineDescription
@@ -20,7 +20,7 @@ from sensors.structure.description import TurbineDescription
 if TYPE_CHECKING:
     from pipeline.updating.settings import UpdatingSettings
 
-POPULATION_DRAWS = 2000  # of a farm's prior, for its Gaussian
+JOINT_POPULATION_DRAWS = 2000  # of a farm's prior, for its Gaussian
 SEARCH_SEED = 3  # beside the scenario's
 
 
@@ -102,7 +102,7 @@ def _named(turbine: TurbineDescription, mesh: BladeMesh, flooded: bool) -> str:
 
 def _belief(population: StiffnessPopulation, coordinates: JointCoordinates) -> GaussianBelief:
     """A farm's prior of the springs as one Gaussian, outlying turbines in its spread."""
-    drawn = population.draws(POPULATION_DRAWS, np.random.default_rng(0))
+    drawn = population.draws(JOINT_POPULATION_DRAWS, np.random.default_rng(0))
     u = coordinates.of_ratios(drawn)
     return GaussianBelief(
         ("k11", "k22", "k12"), u.mean(axis=0), np.asarray(np.linalg.inv(np.cov(u, rowvar=False)))

@@ -17,7 +17,7 @@ from typing import Any
 
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.prior import StructuralPrior, UncertainFigure
-from pipeline.updating.structural.sensor_figures import GAIN_STD, HEADING_STD, HEIGHT_STD
+from pipeline.updating.structural.sensors.figures import GAIN_STD, HEADING_STD, HEIGHT_STD
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import (
     FIGURES,
