@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from pipeline.messages import StreamGap
+from pipeline.messages import FoundationEvent, StreamGap
 from pipeline.monitoring.metrics import MetricsNode, listened, served
 from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
@@ -160,3 +160,16 @@ def test_a_lock_step_session_serves_its_figures(short_recording: Path, tmp_path:
 
     (last,) = seen
     assert last["pilewatch_messages_total", "AccelerationBlock", "iea15mw"] == 30
+
+
+def test_an_event_has_the_time_at_which_it_was_noticed_not_that_of_the_change() -> None:
+    """A scrape counts how long ago a person could have known."""
+    noticed, since = START_NS + 3600 * SECOND, START_NS
+    event = FoundationEvent(
+        "t1", 6, noticed, "foundation", 0.9, since, since, since, changes=(), shifts=(), text="k22"
+    )
+    desk = MetricsNode(Clock())
+    desk.handle(event)
+    assert (
+        figures(desk)["pilewatch_event_timestamp_seconds", "foundation", "t1"] == noticed / SECOND
+    )
