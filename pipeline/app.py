@@ -13,17 +13,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.nodes.identification import IdentificationInContext
+from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.node import Node
-from pipeline.nodes.updating import UpdatingInContext
+from pipeline.nodes.updating import UpdatingNode
 from pipeline.oma.references import references_among
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Metadata
-from pipeline.runtime.identification_restart import (
-    KeptIdentification,
-    ResumedIdentification,
-    recorded_past,
-)
+from pipeline.runtime.recorded_past import recorded_past
+from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.runtime.updaters import Turbines
 from pipeline.scenario import Scenario
 from pipeline.viewer.outputs.outputs import ViewerOutput
@@ -40,9 +37,10 @@ class Outputs:
     metadata: Metadata | None = None  # stored in the recording
     views: tuple[ViewerOutput, ...] = ()
     session: str = "pilewatch"  # what the viewer calls it
-    checkpoints: Path | None = None  # folder of the updating's state; None: it begins anew
-    earlier: tuple[Path, ...] = ()  # recordings that the identification goes on from
-    tracks: Path | None = None  # folder of its latest answers, where it has no recordings
+    checkpoints: Path | None = None  # folder of the updating's snapshots; None: nothing is kept
+    tracks: Path | None = None  # folder of the identification's snapshots
+    earlier: tuple[Path, ...] = ()  # recordings in which it finds the samples of an open window
+    epoch: int = 0  # number of the run that writes into the folders
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,18 +75,26 @@ def build(
     references_among(layout.channel_names, scenario.oma)
     if scenario.has_structure:
         _require_accelerations(layout)
-    turbines = Turbines(scenario, layout, layouts or {}, outputs.checkpoints)
+    turbines = Turbines(
+        scenario,
+        layout,
+        layouts or {},
+        outputs.checkpoints,
+        epoch=outputs.epoch,
+        earlier=outputs.earlier,
+    )
 
     def identification() -> Node:
-        if outputs.earlier:
-            return ResumedIdentification(scenario.oma, recorded_past(outputs.earlier, scenario.oma))
-        if outputs.tracks:
-            return KeptIdentification(ResumedIdentification(scenario.oma), outputs.tracks)
-        return IdentificationInContext(scenario.oma)
+        if outputs.tracks is None:
+            return IdentificationNode(scenario.oma)
+        store = SnapshotFolder(outputs.tracks, "identification", epoch=outputs.epoch)
+        past = recorded_past(outputs.earlier, scenario.oma)
+        return IdentificationNode(scenario.oma, store=store, past=past)
 
     def viewer() -> Node:
         drawn = scenario.structure if scenario.has_structure else bare_mast(layout)
-        return Viewer(outputs.views, drawn, session=outputs.session)
+        known = scenario.has_structure
+        return Viewer(outputs.views, drawn, session=outputs.session, has_structure=known)
 
     def recorder() -> Node:
         assert outputs.recording is not None
@@ -99,9 +105,9 @@ def build(
             settings=scenario.recording,
         )
 
-    graph = [Plan(IdentificationInContext, identification)]
+    graph = [Plan(IdentificationNode, identification)]
     if scenario.has_structure:
-        graph.append(Plan(UpdatingInContext, turbines.updating))
+        graph.append(Plan(UpdatingNode, turbines.updating))
     if outputs.views:
         graph.append(Plan(Viewer, viewer))
     if outputs.recording:

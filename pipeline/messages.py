@@ -64,6 +64,23 @@ class Mode:
         return np.linalg.norm(self.covariance_factor[2:], axis=1)
 
 
+@dataclass(frozen=True, slots=True)
+class UnitOrigin:
+    """Where a window begins in one acquisition unit's own count of samples: no clock can move it.
+
+    A window's identity is its turbine and the origins of its units.
+    """
+
+    unit: str
+    """Acquisition unit id."""
+    session: str
+    """Session of the unit's blocks."""
+    boot: int
+    """Starts of the unit under that session's name before this one."""
+    first_sample: int
+    """First sample of the window since the start of the unit."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ModalEstimate:
     """The modes identified in one window, lowest frequency first."""
@@ -82,6 +99,7 @@ class ModalEstimate:
     rotor_speed: float = float("nan")  # [rpm]
     yaw: float = float("nan")  # [deg]
     water_level: float = float("nan")  # [m]
+    origins: tuple[UnitOrigin, ...] = ()  # identity of the window; none in older recordings
 
     @property
     def duration(self) -> float:
@@ -117,6 +135,14 @@ class WindowRejected:
     end_ns: int
     code: str  # stable: "gap", "nan", "constant", …
     reason: str  # for people: "gap of 0.4 s in unit tower at 12.0 s"
+    origins: tuple[UnitOrigin, ...] = ()  # identity of the window
+
+
+def same_window(one: ModalEstimate | WindowRejected, other: ModalEstimate | WindowRejected) -> bool:
+    """Whether two answers are of one window: by its identity, in older recordings by its start."""
+    if one.origins and other.origins:
+        return (one.turbine, one.origins) == (other.turbine, other.origins)
+    return (one.turbine, one.start_ns) == (other.turbine, other.start_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +173,35 @@ class ParameterSummary:
     contraction: float = float("nan")  # 1 − interval / the prior's; 0: nothing was learned [-]
 
 
+@dataclass(frozen=True, slots=True)
+class FigureShare:
+    """What one uncertain figure of the structure adds to each spring's uncertainty."""
+
+    name: str  # of the figure, or "measurement": what is left
+    k11: float  # share of the variance of ln k11 [-]
+    k22: float  # likewise
+    k12: float
+
+
+@dataclass(frozen=True, slots=True)
+class StructureAlternative:
+    """One of several structures that no figure leads between: flooded or not, …"""
+
+    name: str
+    probability: float  # given the data [-]
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeStiffness:
+    """A stiffness over that of a reference period; errors of the structure cancel."""
+
+    name: str  # "k11", "k22" or "k12"
+    median: float  # [-]
+    p05: float  # 5 % quantile [-]
+    p95: float  # 95 % quantile [-]
+    reference_ns: int  # end of the reference period
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundationPosterior:
     """Posterior of the foundation's coupled springs given all accepted windows so far."""
@@ -174,6 +229,12 @@ class FoundationPosterior:
     population: str = ""  # the farm's prior that it began with; "" for the uniform one
     figures: tuple[ParameterSummary, ...] = ()  # of the structure that are uncertain as well
     change_probability: float = 0.0  # that the modes have changed since the last event [-]
+    structure: str = ""  # "exact", "uncertain"; "" in messages from before there was a choice
+    budget: tuple[FigureShare, ...] = ()  # of the springs' variance; none for an exact structure
+    alternatives: tuple[StructureAlternative, ...] = ()  # likeliest first
+    unpredicted_share: float = 0.0  # of the modes, each predicted by the others [-]
+    relative: tuple[RelativeStiffness, ...] = ()  # to the period before the last event
+    origins: tuple[UnitOrigin, ...] = ()  # identity of the last window that entered
 
     def parameter(self, name: str) -> ParameterSummary:
         """The parameter of that name; KeyError where there is none."""
@@ -233,6 +294,7 @@ class FoundationEvent:
     changes: tuple[StiffnessChange, ...]  # k11, k22, k12; none for a modal drift
     shifts: tuple[FrequencyShift, ...]  # of every mode seen before and after
     text: str  # one sentence for people
+    origins: tuple[UnitOrigin, ...] = ()  # identity of the window in which it was noticed
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,6 +359,7 @@ class NodeStatus:
     malformed: int = 0  # messages that were dropped: forged, oversized, broken
     recovered: int = 0  # blocks that came when their link was back, from where they were kept
     recorded: int = 0  # of a recorder: blocks in its recording, those of its earlier parts too
+    refused: tuple[MessageCount, ...] = ()  # blocks that were not used, by the reason's code
 
 
 Message = (

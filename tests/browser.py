@@ -27,7 +27,7 @@ from urllib.parse import urlsplit
 from PIL import Image
 
 from pipeline.viewer.outputs.outputs import WebPage
-from pipeline.viewer.outputs.viewer_process import free_port, served_page
+from pipeline.viewer.outputs.viewer_process import free_port, serve_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -175,7 +175,7 @@ def served(place: str) -> Iterator[str]:
     if place.startswith("http"):
         yield place
     elif place.endswith(".rrd"):
-        with served_page(WebPage(free_port(0), free_port(0)), Path(place)) as shown:
+        with serve_page(WebPage(free_port(0), free_port(0)), Path(place)) as shown:
             yield shown.address
     else:
         yield Path(place).resolve().as_uri()

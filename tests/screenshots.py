@@ -31,7 +31,7 @@ SETTLING = 2.0  # between two pictures that are the same when a tab is finished 
 SHADES = 128  # of a picture's palette: enough for flat surfaces and lines
 EXPECTED = {  # colours that data, not decoration, fill in each tab
     "Overview": (colours.POSTERIOR, colours.MODEL),
-    "Signals": (colours.LEVELS[2], colours.LEVELS[3], colours.QUIET),
+    "Signals": (colours.LEVELS[2], colours.LEVELS[3], colours.NEUTRAL),
     "Modes": (colours.MEASURED, colours.MODEL),
     "Foundation": (colours.POSTERIOR,),
     "All turbines": (colours.LEVELS[0], colours.LEVELS[1]),

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from pipeline.report.html import TextTable, document, paragraph, table_of
+from pipeline.report.html import TextTable, document, paragraph, table_html
 from pipeline.viewer.outputs.outputs import WebPage
-from pipeline.viewer.outputs.viewer_process import free_port, served_page
+from pipeline.viewer.outputs.viewer_process import free_port, serve_page
 from tests import browser
 from tests.browser import DESK, PHONE, Heard, Screen
 
@@ -45,7 +45,7 @@ def test_a_report_fits_any_screen_and_its_wide_table_scrolls_by_itself(
     chromium: Any, tmp_path: Path, screen: Screen
 ):
     head = tuple(f"a long heading {number}" for number in range(20))
-    table = table_of(TextTable("wide", head, (head,)))
+    table = table_html(TextTable("wide", head, (head,)))
     report = tmp_path / "report.html"
     report.write_text(document("title", paragraph("words " * 200) + table), "utf-8")
     with browser.opened(chromium, report.as_uri(), screen) as (page, heard):
@@ -58,7 +58,7 @@ def test_a_report_fits_any_screen_and_its_wide_table_scrolls_by_itself(
 def test_the_viewer_starts_on_our_page_and_asks_nobody_outside(chromium: Any):
     small = Screen("small", 720, 400)  # drawn in software
     with (
-        served_page(WebPage(free_port(0), free_port(0))) as shown,
+        serve_page(WebPage(free_port(0), free_port(0))) as shown,
         browser.opened(chromium, shown.address, small) as (page, heard),
     ):
         browser.start_viewer(page)
@@ -69,7 +69,7 @@ def test_the_viewer_starts_on_our_page_and_asks_nobody_outside(chromium: Any):
 @needs_chromium
 def test_a_phone_is_asked_first_and_told_of_the_report(chromium: Any):
     with (
-        served_page(WebPage(free_port(0), free_port(0))) as shown,
+        serve_page(WebPage(free_port(0), free_port(0))) as shown,
         browser.opened(chromium, shown.address, PHONE) as (page, heard),
     ):
         assert page.locator("#open").is_visible()

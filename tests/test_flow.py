@@ -14,7 +14,7 @@ import pytest
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.offline.identify_file import recorded_channels
-from pipeline.offline.update_recording import holds_estimates, recorded_source, updated_from
+from pipeline.offline.update_recording import holds_estimates, recorded_source, update_from
 from pipeline.recording.reader import read_messages
 from pipeline.run.options import SessionOptions, Way
 from pipeline.run.run import run_session
@@ -114,7 +114,7 @@ def test_updating_from_a_recording_gives_the_sessions_posterior(
     recording = sessions["threads"] / "session.mcap"
     assert holds_estimates(recording)
     source = recorded_source(recording, scenario=None, sampler=None)
-    summary = updated_from(source, identify=identify)
+    summary = update_from(source, identify=identify)
     reference = posteriors(sessions["lock-step"])[-1]
     assert summary.posterior is not None
     np.testing.assert_array_equal(summary.posterior.draws, reference.draws)

@@ -26,6 +26,7 @@ from threadpoolctl import threadpool_info
 
 from pipeline.app import Outputs, build
 from pipeline.messages import FoundationPosterior, Message, ModalEstimate, NodeStatus
+from pipeline.nodes.node import NodeStatistics
 from pipeline.runtime import runner
 from pipeline.scenario import load_scenario
 from pipeline.sources.sources import Source, replayed, simulated
@@ -60,6 +61,7 @@ class Witness:
 
     name = "witness"
     inputs = tuple(stream.message for stream in STREAMS)
+    statistics = NodeStatistics()
 
     def __init__(self) -> None:
         self._hashes: dict[str, Any] = defaultdict(hashlib.sha256)

@@ -17,7 +17,7 @@ from pipeline.messages import (
     ModalEstimate,
     WindowRejected,
 )
-from pipeline.nodes.identification import IdentificationInContext
+from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.reader import read_messages
 from pipeline.runtime.runner import one_blas_thread, with_end
@@ -57,7 +57,7 @@ def identified(call: IdentificationCall) -> tuple[Message, ...]:
 
     Modes have no names. Raises RecordingError where a file cannot be read to its end.
     """
-    node = IdentificationInContext(call.settings, compared=False)
+    node = IdentificationNode(call.settings, compared=False)
     answers: list[Message] = []
     with one_blas_thread():
         for message in chain(call.layouts, with_end(task_messages(call.task))):

@@ -29,6 +29,7 @@ from pipeline.transport.codec import decode, encode
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
+from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
 from sensors.dynamics.modal_model import ModalModel
@@ -61,6 +62,13 @@ class UpdatingPlan:
             self.settings,
             seed=self.seed,
             population=self.population,
+            joint=joint_inference(
+                self.structure,
+                self.layout,
+                self.settings,
+                seed=self.seed,
+                population=self.population,
+            ),
         )
 
     @property

@@ -1,12 +1,13 @@
-"""What the commands share: where they speak, how they show progress, how they are stopped."""
+"""What the commands share: output streams, progress bars, options, signals."""
 
 import re
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -15,20 +16,21 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
-    from sensors.acquisition.blocks import AccelerationBlock
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
     from pipeline.viewer.outputs.outputs import ViewerOutput
+    from sensors.acquisition.blocks import AccelerationBlock
 
-# Without emoji: they would take the place of what stands between two colons, as in an address.
-people = Console(stderr=True, emoji=False)  # progress, warnings, errors
+# Without emoji: they would replace what is between two colons, as in an address.
+stderr = Console(stderr=True, emoji=False)  # progress, warnings, errors
 output = Console(emoji=False)  # results
 
 ScenarioOption = Annotated[
     str | None,
     typer.Option(help="A shipped scenario (e.g. parked) or a TOML file of your own."),
+]
+SamplerChoice = Literal["importance", "emcee", "tmcmc", "tmcmc-published"]  # of the updating
+SamplerOption = Annotated[
+    SamplerChoice | None,
+    typer.Option("--sampler", help="Default: the scenario's, else importance."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
@@ -37,8 +39,9 @@ ZenohConfigOption = Annotated[
     Path | None,
     typer.Option("--zenoh-config", help="A Zenoh configuration (JSON5), as zenohd reads it."),
 ]
+ZenohMode = Literal["peer", "client", "router"]
 ModeOption = Annotated[
-    str,
+    ZenohMode,
     typer.Option("--mode", help="peer: find each other; client: of a router; router: be one."),
 ]
 ListenOption = Annotated[
@@ -52,23 +55,30 @@ ConnectOption = Annotated[
 
 
 def zenoh_settings(
-    mode: str, listen: list[str] | None, connect: list[str] | None, config: Path | None
+    mode: ZenohMode, listen: list[str] | None, connect: list[str] | None, config: Path | None
 ) -> Any:
-    """How the command's session finds the others. Raises InputError for a mode that is none, or
-    one that a file decides."""
+    """Return how the command's session finds the others.
+
+    Raises
+    ------
+    InputError
+        If the mode is unknown, or set by a file.
+    """
     from pipeline.transport.zenoh_bus import ZenohSettings
 
-    match mode:
-        case "peer" | "client" | "router" if config is None or mode == "peer":
-            return ZenohSettings(mode, tuple(listen or ()), tuple(connect or ()), False, config)
-        case "peer" | "client" | "router":
-            raise InputError(f"--mode {mode} and --zenoh-config {config}: the file says the mode")
-        case _:
-            raise InputError(f"--mode {mode} is none of peer, client and router")
+    if config is not None and mode != "peer":
+        raise InputError(f"--mode {mode} and --zenoh-config {config}: the file sets the mode")
+    return ZenohSettings(mode, tuple(listen or ()), tuple(connect or ()), False, config)
 
 
 def speed_of(text: str) -> float:
-    """What `--speed` says. Raises InputError for what is no speed."""
+    """Return the factor of `--speed`.
+
+    Raises
+    ------
+    InputError
+        If the text is no speed.
+    """
     try:
         speed = float("inf") if text == "max" else float(text)
     except ValueError:
@@ -78,14 +88,14 @@ def speed_of(text: str) -> float:
     return speed
 
 
-def escaped(text: str) -> str:
-    """Text whose brackets are brackets, not markup, whatever backslashes stand before them."""
+def escape_markup(text: str) -> str:
+    """Text whose brackets are not read as markup, also after backslashes."""
     return re.sub(r"(\\*)\[", r"\1\1\\[", text)
 
 
 @contextmanager
-def stopped_by_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set, so that files are closed before the end."""
+def stop_on_signals() -> Iterator[threading.Event]:
+    """Set an event on Ctrl-C and SIGTERM, so that files are closed before the end."""
     stopping = threading.Event()
     names = (signal.SIGINT, signal.SIGTERM)
     before = {name: signal.signal(name, lambda *_: stopping.set()) for name in names}
@@ -98,7 +108,7 @@ def stopped_by_signals() -> Iterator[threading.Event]:
 
 @contextmanager
 def progress(title: str, duration: float | None) -> Iterator["Callable[[AccelerationBlock], None]"]:
-    """A bar of measured time on the error stream; gives the function that moves it."""
+    """Draw a bar of measured time on the error stream; yield the function that advances it."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -106,46 +116,54 @@ def progress(title: str, duration: float | None) -> Iterator["Callable[[Accelera
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=people, transient=True) as bar:
-        task = bar.add_task(escaped(title), total=duration)
+    with Progress(*columns, console=stderr, transient=True) as bar:
+        task = bar.add_task(escape_markup(title), total=duration)
         yield lambda block: bar.advance(task, block.duration)
 
 
 VIEW_HELP = (
     "spawn: a viewer's window; web: a page for a browser on this machine; "
-    "connect=URL: a viewer that runs."
+    "connect=URL: a running viewer."
 )
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A viewer that can be drawn on."""
+    """A viewer of `--view`."""
 
-    output: "ViewerOutput | None"  # None: nothing is shown
-    page: str = ""  # what a browser opens; "" where no page is served
+    output: "ViewerOutput | None"
+    """Where to draw; None without a viewer."""
+    page: str = ""
+    """Address for a browser; "" where no page is served."""
 
-    def stay(self, stopping: threading.Event) -> None:
-        """Keep a served page up until Ctrl-C: it holds what was drawn, and is gone afterwards."""
+    def wait(self, stopping: threading.Event) -> None:
+        """Keep a served page up until Ctrl-C: it holds what was drawn until then."""
         if self.page and not stopping.is_set():
-            people.print(f"The page stays at {self.page} until Ctrl-C.", soft_wrap=True)
+            stderr.print(f"The page stays at {self.page} until Ctrl-C.", soft_wrap=True)
             stopping.wait()
 
 
 @contextmanager
-def viewing(asked: str | None, *pictures: Path) -> Iterator[View]:
-    """The viewer of `--view`; a page is served for as long as the context lasts.
+def open_view(asked: str | None, *pictures: Path) -> Iterator[View]:
+    """Open the viewer of `--view`; a page is served for as long as the context lasts.
 
-    pictures   .rrd files that the page shows
+    Parameters
+    ----------
+    pictures : Path
+        .rrd files that the page opens.
 
-    Raises ViewerError for a word that is none, and where no page can be served.
+    Raises
+    ------
+    ViewerError
+        If the word is unknown or no page can be served.
     """
     from pipeline.viewer.outputs.outputs import WebPage, parse_view
-    from pipeline.viewer.outputs.viewer_process import served_page
+    from pipeline.viewer.outputs.viewer_process import serve_page
 
     view = None if asked is None else parse_view(asked)
     if not isinstance(view, WebPage):
         yield View(view)
         return
-    with served_page(view, *pictures) as shown:
-        people.print(f"Open in a browser: {shown.address}", soft_wrap=True)
+    with serve_page(view, *pictures) as shown:
+        stderr.print(f"Open in a browser: {shown.address}", soft_wrap=True)
         yield View(shown.output, shown.address)

@@ -1,30 +1,12 @@
-"""`pilewatch farm`: what the turbines of a farm say of each other."""
+"""`pilewatch farm` and `reprocess`: pool a farm's turbines, process an archive."""
 
 import json
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-
-from pipeline.cli.console import (
-    JsonOption,
-    ZenohConfigOption,
-    escaped,
-    output,
-    people,
-    stopped_by_signals,
-    zenoh_settings,
-)
-
-if TYPE_CHECKING:
-    from pipeline.farm.farm import Farm
-    from pipeline.messages import FoundationPosterior
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import TYPE_CHECKING
-
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -34,14 +16,26 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from pipeline.cli.console import ScenarioOption
+from pipeline.cli.console import (
+    JsonOption,
+    SamplerOption,
+    ScenarioOption,
+    ZenohConfigOption,
+    escape_markup,
+    output,
+    stderr,
+    stop_on_signals,
+    zenoh_settings,
+)
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
     from pipeline.archive.reprocessing import ArchiveReport
     from pipeline.archive.work import Workers
+    from pipeline.farm.farm import Farm
+    from pipeline.messages import FoundationPosterior
 
-ROUGH = 1.1  # R-hat of a pooling beyond which its intervals are called rough
+HIGHEST_RHAT = 1.1  # R-hat of a pooling above which a warning is printed
 
 
 def farm(
@@ -49,46 +43,48 @@ def farm(
         list[Path] | None,
         typer.Argument(
             help="Sessions or recordings with posteriors, or folders of them; without any, the "
-            "session that runs in --out or at --connect."
+            "running session of --out or --connect."
         ),
     ] = None,
     connect: Annotated[
-        str | None, typer.Option(help="Zenoh endpoint of a session or router that runs.")
+        str | None, typer.Option(help="Zenoh endpoint of a running session or router.")
     ] = None,
     zenoh_config: ZenohConfigOption = None,
-    out: Annotated[Path, typer.Option(help="Folder of the session that runs.")] = Path("out"),
+    out: Annotated[Path, typer.Option(help="Folder of the running session.")] = Path("out"),
     prior: Annotated[
         Path | None,
         typer.Option(
-            help="Write what the farm says of one more turbine, for [updating] population."
+            help="Write the farm's prior of a further turbine, for [updating] population."
         ),
     ] = None,
     parquet: Annotated[
-        Path | None, typer.Option(help="Write a table, one row a turbine and spring.")
+        Path | None, typer.Option(help="Write a table, one row per turbine and spring.")
     ] = None,
     follow: Annotated[
         bool,
         typer.Option(
-            "--follow", help="Pool again when posteriors come, and publish, until stopped."
+            "--follow", help="Pool again with every new posterior and publish, until stopped."
         ),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Pool the posteriors of turbines alike: sharper springs, and those unlike the others."""
-    from sensors.errors import InputError
-
+    """Pool the posteriors of similar turbines: narrower intervals, and outliers."""
     if files and (connect or zenoh_config or follow):
-        raise InputError("FILES are recordings; --connect, --zenoh-config and --follow need none")
+        raise InputError(
+            "FILES are recordings; --connect, --zenoh-config and --follow exclude them"
+        )
     if files:
         from pipeline.farm.sources import recorded_posteriors
 
-        _tell(recorded_posteriors(files), prior, parquet, as_json)
+        _pool_and_print(recorded_posteriors(files), prior, parquet, as_json)
         return
-    _of_running_sessions(_whom(connect, zenoh_config, out), follow, prior, parquet, as_json)
+    _pool_running_sessions(
+        _farm_endpoint(connect, zenoh_config, out), follow, prior, parquet, as_json
+    )
 
 
-def _whom(connect: str | None, zenoh_config: Path | None, out: Path) -> Any:
-    """How the sessions that run are reached."""
+def _farm_endpoint(connect: str | None, zenoh_config: Path | None, out: Path) -> Any:
+    """Return how the running sessions are reached."""
     from pipeline.monitoring.status import endpoint_of
 
     if zenoh_config is not None:
@@ -97,7 +93,7 @@ def _whom(connect: str | None, zenoh_config: Path | None, out: Path) -> Any:
     return zenoh_settings("client", None, [endpoint], None)
 
 
-def _of_running_sessions(
+def _pool_running_sessions(
     settings: Any, follow: bool, prior: Path | None, parquet: Path | None, as_json: bool
 ) -> None:
     from pipeline.farm.results import pooled_posterior
@@ -107,20 +103,20 @@ def _of_running_sessions(
 
     with closing(ZenohBus(settings)) as bus, closing(RunningFarm(bus)) as running:
         if not follow:
-            _tell(running.posteriors(), prior, parquet, as_json)
+            _pool_and_print(running.posteriors(), prior, parquet, as_json)
             return
-        with stopped_by_signals() as stopping:
+        with stop_on_signals() as stopping:
             for posteriors in running.rounds(stopping):
                 try:
-                    found = _tell(posteriors, prior, parquet, as_json)
+                    found = _pool_and_print(posteriors, prior, parquet, as_json)
                 except FarmError as error:  # too few as yet
-                    people.print(escaped(str(error)), soft_wrap=True)
+                    stderr.print(escape_markup(str(error)), soft_wrap=True)
                     continue
                 for turbine in found.turbines:
                     bus.publish(pooled_posterior(found, turbine))
 
 
-def _tell(
+def _pool_and_print(
     posteriors: "Sequence[FoundationPosterior]",
     prior: Path | None,
     parquet: Path | None,
@@ -144,8 +140,6 @@ def _tell(
 
 
 def _write(path: Path, text: str) -> None:
-    from sensors.errors import InputError
-
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -158,12 +152,14 @@ def _print(found: "Farm") -> None:
     output.print(farm_table(found))
     for turbine in found.turbines:
         if turbine.outlying:
-            output.print(f"[bold red]unlike:[/] {escaped(turbine.text)}", soft_wrap=True)
-    if not found.rhat <= ROUGH:
+            output.print(f"[bold red]outlier:[/] {escape_markup(turbine.text)}", soft_wrap=True)
+    if not found.rhat <= HIGHEST_RHAT:
         text = f"the chains of the pooling disagree (R-hat {found.rhat:.2f}): intervals are rough"
         output.print(f"[yellow]{text}[/]", soft_wrap=True)
     for each in found.left_out:
-        output.print(f"{escaped(each.turbine)} left out: {escaped(each.reason)}", soft_wrap=True)
+        output.print(
+            f"{escape_markup(each.turbine)} left out: {escape_markup(each.reason)}", soft_wrap=True
+        )
 
 
 PHASES = {"reading": "files read", "identifying": "files identified", "updating": "windows updated"}
@@ -177,37 +173,34 @@ def reprocess(
         ),
     ],
     out: Annotated[
-        Path, typer.Option("-o", "--out", help="Folder of the results, and of what is finished.")
+        Path, typer.Option("-o", "--out", help="Folder of results and intermediate files.")
     ] = Path("results"),
     cluster: Annotated[
         str | None,
-        typer.Option(help="A Dask scheduler (tcp://HOST:8786) whose workers read the archive too."),
+        typer.Option(help="A Dask scheduler (tcp://HOST:8786) whose workers can read the archive."),
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes of this machine; as many as it has cores, else."),
+        typer.Option(min=1, help="Processes on this machine; default: as many as it has cores."),
     ] = None,
     serial: Annotated[
-        bool, typer.Option("--serial", help="In this process alone; the same numbers bit by bit.")
+        bool, typer.Option("--serial", help="In this process only; the results are bit-identical.")
     ] = False,
-    sampler: Annotated[
-        str | None,
-        typer.Option(help="importance (default), emcee, tmcmc or tmcmc-published."),
-    ] = None,
+    sampler: SamplerOption = None,
     scenario: ScenarioOption = None,
 ) -> None:
-    """Identify and update years of recordings in parallel; what is finished is not done again."""
+    """Identify and update years of recordings in parallel; a repeated call continues."""
     from pipeline.archive.reprocessing import reprocessed
     from pipeline.archive.survey import archive_files
 
     files = archive_files(archive)
     try:
-        with _workers(cluster, workers, serial) as chosen, _bars() as bars:
+        with _workers(cluster, workers, serial) as chosen, _progress_bars() as bars:
             report = reprocessed(
                 files, out, chosen, scenario=scenario, sampler=sampler, report=bars
             )
     except KeyboardInterrupt:
-        people.print(f"Stopped. What is finished is kept in {out}; the same command goes on there.")
+        stderr.print(f"Stopped. Finished results are kept in {out}; the same command continues.")
         raise typer.Exit(130) from None
     _print_report(report, out)
     if report.failures:
@@ -228,8 +221,8 @@ def _workers(
 
 
 @contextmanager
-def _bars() -> Iterator[Callable[[str, int, int], None]]:
-    """A bar a phase with the time that is left, on the error stream."""
+def _progress_bars() -> Iterator[Callable[[str, int, int], None]]:
+    """Draw one progress bar per phase on the error stream."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -238,24 +231,24 @@ def _bars() -> Iterator[Callable[[str, int, int], None]]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=people, transient=True) as progress:
+    with Progress(*columns, console=stderr, transient=True) as progress:
         tasks = {phase: progress.add_task(text, total=None) for phase, text in PHASES.items()}
         yield lambda phase, done, total: progress.update(tasks[phase], completed=done, total=total)
 
 
 def _print_report(report: "ArchiveReport", out: Path) -> None:
-    said = (
+    text = (
         f"{report.files - len(report.failures)} of {report.files} files, "
         f"{report.turbines} turbine{'s' * (report.turbines != 1)}: {report.identified} windows "
         f"identified, {report.rejected} rejected, {report.posteriors} posteriors, "
         f"{report.events} events"
     )
-    output.print(said)
+    output.print(text)
     if report.found_finished:
-        output.print(f"{report.found_finished} results were finished before, {report.done_now} now")
+        output.print(f"{report.found_finished} results existed already, {report.done_now} are new")
     for copy in report.copies:
-        people.print(f"{copy} is a copy of another file and was not used twice")
+        stderr.print(f"{copy} is a copy of another file and was skipped")
     for failure in report.failures:
         text = failure.text if failure.path in failure.text else f"{failure.path}: {failure.text}"
-        people.print(f"[bold red]pilewatch:[/] {escaped(text)}", soft_wrap=True)
+        stderr.print(f"[bold red]pilewatch:[/] {escape_markup(text)}", soft_wrap=True)
     output.print(f"in {out}: {', '.join(path.name for path in report.tables)}")

@@ -1,10 +1,11 @@
-"""`pilewatch feed`: a live instrument, published as any other sensor is."""
+"""`pilewatch feed`, `publish`, `control`, `certificates`: live sources and replays."""
 
 import json
 import threading
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -15,15 +16,19 @@ from pipeline.cli.console import (
     ModeOption,
     ScenarioOption,
     ZenohConfigOption,
-    escaped,
+    escape_markup,
     output,
-    people,
     progress,
     speed_of,
-    stopped_by_signals,
+    stderr,
+    stop_on_signals,
     zenoh_settings,
 )
+from pipeline.cli.tables.cells import count_noun
 from sensors.errors import InputError
+from sensors.feeds.protocol import printable
+
+SNIFFED_FOR = 10.0  # without --for [s]
 
 if TYPE_CHECKING:
     from pipeline.sources.recorded_source import RecordedSource
@@ -35,23 +40,32 @@ def feed(
         str,
         typer.Argument(
             help="mqtt://HOST/TOPIC, seedlink://HOST/NET.STA, udp://:PORT, scada+mqtt://HOST/TOPIC "
-            "or scada+csv:FILE; s. README, Live instruments."
+            "or scada+csv:FILE; see README, Live instruments."
         ),
     ],
     layout: Annotated[
         Path | None,
-        typer.Option(help="TOML that says where its channels are; else the scenario's sensors."),
+        typer.Option(help="TOML file of its channels; default: the scenario's sensors."),
     ] = None,
     scenario: ScenarioOption = None,
-    turbine: Annotated[
-        str | None, typer.Option(help="That it belongs to; else the layout's.")
-    ] = None,
+    turbine: Annotated[str | None, typer.Option(help="Its turbine; default: the layout's.")] = None,
     once: Annotated[
-        bool, typer.Option("--once", help="Give up where nobody answers at the start.")
+        bool, typer.Option("--once", help="Fail if the instrument does not answer at the start.")
     ] = False,
     seconds: Annotated[
         float | None, typer.Option("--for", help="Stop after so many seconds.")
     ] = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="STATE_DIRECTORY",
+            help="Folder where it is remembered how far the source was published: a feed that was "
+            "killed goes on there.",
+        ),
+    ] = None,
+    sniff: Annotated[
+        bool, typer.Option("--sniff", help="Print what comes and a mapping that reads it (MQTT).")
+    ] = False,
     connect: ConnectOption = None,
     listen: ListenOption = None,
     mode: ModeOption = "peer",
@@ -63,53 +77,88 @@ def feed(
     from sensors.feeds.open_feed import open_feed
 
     if seconds is not None and not seconds > 0:
-        raise InputError(f"--for {seconds:g} is no time; a positive number of seconds is needed")
+        raise InputError(f"--for {seconds:g}: a positive number of seconds is needed")
+    if sniff:
+        _sniff(address, SNIFFED_FOR if seconds is None else seconds)
+        return
     settings = zenoh_settings(mode, listen, connect, zenoh_config)
     if layout is not None and scenario is not None:
         raise InputError(
-            f"--layout {layout} and --scenario {scenario}: both say where the channels are"
+            f"--layout {layout} and --scenario {scenario}: both define the channels; give one"
         )
     channels = channels_of(layout, scenario)
     if turbine is not None:
         channels = replace(channels, turbine=turbine)
-    live = open_feed(address, channels, once=once)
-    with stopped_by_signals() as stopping, progress(address, None) as report:
+    live = open_feed(address, channels, once=once, state=state)
+    with stop_on_signals() as stopping, progress(address, None) as report:
         if seconds is not None:
             timer = threading.Timer(seconds, stopping.set)
             timer.daemon = True
             timer.start()
-        fed = publish_feed(
+        published_feed = publish_feed(
             live,
             sensor_layout(channels),
             settings,
             stopping=stopping,
             report=report,
-            connected=lambda: people.print(f"connected: {escaped(address)}", soft_wrap=True),
+            connected=lambda: stderr.print(f"connected: {escape_markup(address)}", soft_wrap=True),
         )
-    _print(fed, channels.turbine, blocks=live.gives_blocks)
+    _print(published_feed, channels.turbine, blocks=live.gives_blocks)
 
 
-def _print(fed: Any, turbine: str, *, blocks: bool) -> None:
-    status = fed.status
-    given = counted(fed.blocks, "block") if blocks else counted(fed.scada_samples, "SCADA sample")
+def _sniff(address: str, seconds: float) -> None:
+    """Print topics, channels and a mapping of what comes in some seconds."""
+    from sensors.feeds.message_capture import captured_messages
+    from sensors.feeds.payloads.sniff import sniffed
+
+    with stop_on_signals() as stopping:
+        messages = captured_messages(address, seconds, stopping)
+    if not messages:
+        raise InputError(f"{address}: no message came in {seconds:g} s")
+    for topic, count in Counter(topic for topic, _ in messages).most_common(20):
+        output.print(f"{count:6d}  {printable(topic, 100)}", markup=False)
+    example = messages[-1][1]
+    output.print(printable(example[:400].decode("utf-8", "replace"), 400), markup=False)
+    found = sniffed(messages)
+    if not found.mapping:
+        raise InputError(f"{address}: no preset reads these messages, and no mapping was found")
+    for name, samples in found.channels.items():
+        output.print(f"{samples:6d}  samples of {printable(name, 100)}", markup=False)
     output.print(
-        f"{given} of {turbine} published; {counted(status.received[0].count, 'message')} received, "
-        f"{status.lost} lost, {status.late} late, {status.duplicate} twice, "
+        f"{found.sampling_rate:g} Hz, units {', '.join(found.units) or 'not given'}, "
+        f"{found.refused} of {len(messages)} messages not read",
+        markup=False,
+    )
+    output.print(_advice(found.mapping, found.toml), markup=False)
+
+
+def _advice(mapping: str, toml: str) -> str:
+    if toml:
+        return f"write this into mapping.toml, and use ?mapping=mapping.toml:\n{toml}"
+    return "no mapping is needed" if mapping == "json" else f"use ?mapping={mapping}"
+
+
+def _print(published_feed: Any, turbine: str, *, blocks: bool) -> None:
+    status = published_feed.status
+    given = (
+        count_noun(published_feed.blocks, "block")
+        if blocks
+        else count_noun(published_feed.scada_samples, "SCADA sample")
+    )
+    output.print(
+        f"{given} of {turbine} published; "
+        f"{count_noun(status.received[0].count, 'message')} received, "
+        f"{status.lost} lost, {status.late} late, {status.duplicate} duplicate, "
         f"{status.malformed} refused",
         soft_wrap=True,
         markup=False,
     )
-    for doubt in status.warnings:  # in a stranger's words, perhaps
-        output.print(doubt.text, soft_wrap=True, markup=False)
-
-
-def counted(number: int, what: str) -> str:
-    """`1 block`, `2 blocks`."""
-    return f"{number} {what}{'s' * (number != 1)}"
+    for warning in status.warnings:  # untrusted text: no markup
+        output.print(warning.text, soft_wrap=True, markup=False)
 
 
 def certificates(
-    folder: Annotated[Path, typer.Argument(help="Where certificates and configurations go.")],
+    folder: Annotated[Path, typer.Argument(help="Folder of certificates and configurations.")],
     unit: Annotated[
         list[str] | None,
         typer.Option("--unit", help="TURBINE/UNIT that may publish; repeatable. Name all of them."),
@@ -124,7 +173,8 @@ def certificates(
 ) -> None:
     """Make TLS certificates and Zenoh configurations with access control.
 
-    What exists is kept; the configurations are written anew. Keep FOLDER out of version control.
+    Existing certificates are kept; the configurations are written again. Keep FOLDER out of
+    version control.
     """
     from pipeline.deploy.access import SHORE, parse_unit, write_configurations
     from pipeline.deploy.certificates import AUTHORITY, make_certificates
@@ -135,12 +185,15 @@ def certificates(
     if taken:
         raise InputError(f"{', '.join(sorted(taken))} cannot name two machines or the authority")
     if not units and not viewer:
-        raise InputError("nobody may connect: name --unit TURBINE/UNIT or --viewer NAME")
+        raise InputError("no client is named: give --unit TURBINE/UNIT or --viewer NAME")
     made = make_certificates(folder, names, host=host)
     written = write_configurations(folder, units, viewer or (), host=host, port=port)
     output.print(f"new certificates: {', '.join(made) or 'none'}", soft_wrap=True)
     output.print("Written: " + ", ".join(str(path) for path in written), soft_wrap=True)
-    output.print(f"On the shore: pilewatch run --source live --zenoh-config {folder}/{SHORE}.json5")
+    output.print(
+        "On the shore: pilewatch run --source live --scenario my.toml "
+        f"--zenoh-config {folder}/{SHORE}.json5"
+    )
 
 
 def publish(
@@ -152,17 +205,17 @@ def publish(
     mode: ModeOption = "peer",
     zenoh_config: ZenohConfigOption = None,
 ) -> None:
-    """Publish a source to sessions that listen (`pilewatch run --source live`), nothing else."""
+    """Publish a source to listening sessions (`pilewatch run --source live`)."""
     from pipeline.sources.publisher import publish_source
 
     settings = zenoh_settings(mode, listen, connect, zenoh_config)
     factor = speed_of(speed)
     opened = _published(source, scenario)
-    with stopped_by_signals() as stopping, progress(opened.text, opened.duration) as report:
+    with stop_on_signals() as stopping, progress(opened.text, opened.duration) as report:
         count = publish_source(opened, settings, speed=factor, stopping=stopping, report=report)
     n_turbines = len(opened.turbines)
-    whose = f"{n_turbines} turbines" if n_turbines > 1 else opened.layout.turbine
-    output.print(f"{count} blocks of {whose} published")
+    turbines = f"{n_turbines} turbines" if n_turbines > 1 else opened.layout.turbine
+    output.print(f"{count} blocks of {turbines} published")
 
 
 def _published(source: str, scenario: str | None) -> "Source | RecordedSource":
@@ -178,32 +231,33 @@ def _published(source: str, scenario: str | None) -> "Source | RecordedSource":
 
 
 def control(
-    action: Annotated[str, typer.Argument(help="play, pause, seek, speed or state.")],
+    action: Annotated[
+        Literal["play", "pause", "seek", "speed", "state"],
+        typer.Argument(help="What to do; state: report position and speed."),
+    ],
     value: Annotated[
         float | None, typer.Argument(help="seek: seconds from the first sample; speed: a factor.")
     ] = None,
     connect: Annotated[
         str | None,
-        typer.Option(help="Zenoh endpoint of what plays; otherwise the session in --out."),
+        typer.Option(help="Zenoh endpoint of the replay; default: the session in --out."),
     ] = None,
     zenoh_config: ZenohConfigOption = None,
-    out: Annotated[Path, typer.Option(help="Folder of the session that runs.")] = Path("out"),
+    out: Annotated[Path, typer.Option(help="Folder of the running session.")] = Path("out"),
     as_json: JsonOption = False,
 ) -> None:
-    """Pause, go on, seek or change the speed of a replay that runs."""
+    """Pause, play, seek or change the speed of a running replay."""
     from pipeline.monitoring.status import endpoint_of
-    from pipeline.sources.replay_control import ACTIONS, KEY
+    from pipeline.sources.replay_control import KEY
     from pipeline.transport.zenoh_bus import asked
 
-    if action not in ACTIONS:
-        raise InputError(f"{action!r} is none of {', '.join(ACTIONS)}")
-    whom: Any = zenoh_settings("peer", None, None, zenoh_config)
+    endpoint: Any = zenoh_settings("peer", None, None, zenoh_config)
     if zenoh_config is None:
-        whom = endpoint_of(out) if connect is None else connect
+        endpoint = endpoint_of(out) if connect is None else connect
     request = json.dumps({"do": action, "value": value}).encode()
-    answers = [json.loads(each) for each in asked(whom, f"{KEY}/*", request)]
+    answers = [json.loads(each) for each in asked(endpoint, f"{KEY}/*", request)]
     if not answers:
-        raise InputError("nothing is being played there")
+        raise InputError("no replay runs there")
     for answer in answers:
         if "error" in answer:
             raise InputError(answer["error"])
@@ -211,6 +265,6 @@ def control(
         output.print_json(json.dumps(answers))
         return
     for answer in answers:
-        pace = "as fast as it can be" if answer["speed"] is None else f"{answer['speed']:g} ×"
+        pace = "as fast as possible" if answer["speed"] is None else f"{answer['speed']:g} ×"
         state = "playing" if answer["playing"] else "paused"
         output.print(f"{answer['source']}: {state} at {answer['position_s']:.1f} s, {pace}")

@@ -1,12 +1,12 @@
-"""`pilewatch identify` and `pilewatch modes`: modes that were measured, modes of the model."""
+"""`pilewatch identify`, `modes` and `describe`: measured modes, modes of a model."""
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pipeline.cli.console import JsonOption, ScenarioOption, escaped, output, people
+from pipeline.cli.console import JsonOption, ScenarioOption, escape_markup, output, stderr
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,46 +17,49 @@ def identify(
     file: Annotated[
         Path,
         typer.Argument(
-            help="An MCAP recording or a file of measurements: CSV, TSV, Parquet, NPZ, HDF5, TDMS "
-            "or miniSEED. A CSV has a header row; a time column called t, time or timestamp, its "
-            "unit in brackets; channel units in brackets."
+            help="An MCAP recording or a file of measurements: CSV, TSV, Parquet, NPZ, HDF5, "
+            "MATLAB, OpenFAST, TDMS, miniSEED or UFF. A CSV has a header row; a time column called "
+            "t, time or timestamp, its unit in brackets; channel units in brackets."
         ),
     ],
     sampling_rate: Annotated[
-        float | None, typer.Option(help="[Hz]; needed where the file has no time column.")
+        float | None,
+        typer.Option(help="Sampling rate [Hz]; needed where the file has no time column."),
     ] = None,
     window: Annotated[
-        float | None, typer.Option(help="[s]; without it the whole file is one window.")
+        float | None, typer.Option(help="Length of a window [s]; default: the whole file.")
     ] = None,
     lowest_frequency: Annotated[
-        float | None, typer.Option(help="Lowest mode sought [Hz]; without it from the record.")
+        float | None,
+        typer.Option(help="Lowest frequency of a mode [Hz]; default: from the record."),
     ] = None,
     highest_frequency: Annotated[
-        float | None, typer.Option(help="Highest mode sought [Hz]; without it from the rate.")
+        float | None,
+        typer.Option(help="Highest frequency of a mode [Hz]; default: from the sampling rate."),
     ] = None,
     layout: Annotated[
         Path | None,
-        typer.Option(help="TOML file of the channels to use, as `pilewatch import` has it."),
+        typer.Option(help="TOML file of the channels to use, as for `pilewatch import`."),
     ] = None,
     plot: Annotated[
         Path | None,
         typer.Option(
             help="Draw the stabilisation diagram over the spectra as a PNG; of several windows, "
-            "the first one identified."
+            "the first identified one."
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Find the modes of the structure in a file; needs no turbine."""
+    """Identify the modes of the structure in a file; needs no turbine."""
     from pipeline.cli.tables.modes import identified_modes_table
     from pipeline.offline.identify_file import identify_file
     from pipeline.oma.settings import OmaSettings
     from pipeline.state.run_modes import combined_modes
     from sensors.files.layout_file import load_layout
 
-    if plot is not None and not plot.parent.is_dir():  # before the work, not after it
-        raise InputError(f"--plot {plot}: there is no folder {plot.parent}")
-    with people.status(f"identifying {file}"):
+    if plot is not None and not plot.parent.is_dir():  # before the identification, not after it
+        raise InputError(f"--plot {plot}: the folder {plot.parent} does not exist")
+    with stderr.status(f"identifying {file}"):
         found = identify_file(
             file,
             sampling_rate=sampling_rate,
@@ -69,8 +72,10 @@ def identify(
     if plot is not None:
         _draw(found, file, plot)
     modes = combined_modes(found.estimates)
+    if not modes and not as_json:
+        raise InputError(f"{file}: {_why_no_modes(found)}")
     for warning in found.warnings:
-        people.print(f"[yellow]{warning.code}[/]: {escaped(warning.text)}", soft_wrap=True)
+        stderr.print(f"[yellow]{warning.code}[/]: {escape_markup(warning.text)}", soft_wrap=True)
     if as_json:
         figures = {
             "modes": [mode.as_json() for mode in modes],
@@ -81,8 +86,19 @@ def identify(
             "channels": list(found.channels),
         }
         output.print_json(json.dumps(figures))
+        if not modes:
+            raise InputError(f"{file}: {_why_no_modes(found)}")
     else:
         output.print(identified_modes_table(modes, len(found.estimates)))
+
+
+def _why_no_modes(found: "FileIdentification") -> str:
+    """Return the reason of the first rejected window, or that no pole was stable."""
+    if not found.rejected:
+        return "no mode was identified: no pole is stable over the model orders"
+    windows = len(found.rejected) + len(found.estimates)
+    reason = found.rejected[0].reason
+    return reason if windows == 1 else f"none of {windows} windows was identified: {reason}"
 
 
 def _draw(found: "FileIdentification", file: Path, plot: Path) -> None:
@@ -90,13 +106,13 @@ def _draw(found: "FileIdentification", file: Path, plot: Path) -> None:
 
     window = found.first_identified
     if window is None:
-        people.print(f"{plot} was not drawn: no window of {file} was identified", soft_wrap=True)
+        stderr.print(f"{plot} was not drawn: no window of {file} was identified", soft_wrap=True)
         return
     title = f"{file.name}, window {window.number + 1}"
     draw_stabilisation(
         window.identification, window.samples, found.sampling_rate, plot, title=title
     )
-    people.print(f"Drawn: {plot} ({title})", soft_wrap=True)
+    stderr.print(f"Drawn: {plot} ({title})", soft_wrap=True)
 
 
 def modes(
@@ -105,19 +121,20 @@ def modes(
         typer.Option(help="k11,k22,k12 as ratios to nominal, e.g. 1,0.9,1."),
     ] = None,
     sign: Annotated[
-        str | None, typer.Option(help="Sign convention of k12: published or embedded-pile.")
+        Literal["published", "embedded-pile"] | None,
+        typer.Option(help="Sign convention of k12; default: the scenario's."),
     ] = None,
     turbine: Annotated[
-        str | None, typer.Option(help="A shipped turbine or a TOML description of your own.")
+        str | None, typer.Option(help="A shipped turbine or a TOML description.")
     ] = None,
     scenario: ScenarioOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print the model's modes: Table 1's eleven first, then the others that sensors can see."""
+    """Print the model's modes: Table 1's eleven first, then the others that the sensors measure."""
     from pipeline.cli.tables.modes import model_modes_table
     from pipeline.offline.model_modes import model_modes
 
-    with people.status("solving the model"):
+    with stderr.status("solving the model"):
         found = model_modes(theta=theta, sign=sign, turbine=turbine, scenario=scenario)
     if as_json:
         output.print_json(json.dumps({"modes": found.as_json()}))
@@ -127,10 +144,10 @@ def modes(
 
 def describe(
     turbine: Annotated[
-        str, typer.Argument(help="A shipped turbine or a TOML description of your own.")
+        str, typer.Argument(help="A shipped turbine or a TOML description.")
     ] = "iea15mw_monopile",
     template: Annotated[
-        bool, typer.Option("--template", help="Print it as TOML, to start one's own from.")
+        bool, typer.Option("--template", help="Print it as TOML, to start a description from.")
     ] = False,
     plot: Annotated[
         Path | None, typer.Option(help="Draw the structure and its first modes as a PNG.")
@@ -146,11 +163,11 @@ def describe(
     if template:
         typer.echo(turbine_text(turbine), nl=False)
         return
-    with people.status("solving the model"):
+    with stderr.status("solving the model"):
         figures = structure_figures(load_turbine(turbine))
     if plot is not None:
         draw_structure(figures, plot)
-        people.print(f"Drawn: {plot}", soft_wrap=True)
+        stderr.print(f"Drawn: {plot}", soft_wrap=True)
     if as_json:
         output.print_json(json.dumps(figures.as_json()))
     else:

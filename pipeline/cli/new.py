@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.console import escaped, output, people
+from pipeline.cli.console import escape_markup, output, stderr
 
 
 def new(
@@ -27,19 +27,19 @@ def new(
     from pipeline.offline.new_project import start_project
 
     folder = out or Path(files[0].stem)
-    with people.status(f"reading {', '.join(str(file) for file in files)}"):
+    with stderr.status(f"reading {', '.join(str(file) for file in files)}"):
         project = start_project(
             files, folder, name=name, structure=structure, sampling_rate=sampling_rate
         )
     output.print(f"{len(project.channels)} channels at {project.sampling_rate:g} Hz:")
     for each in project.channels:
-        output.print(f"  {escaped(each.name)}: {escaped(each.reason)}", highlight=False)
+        output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
     if not project.complete:
         output.print(
             f"What the names do not have is a guess: correct {folder / 'layout.toml'} and import "
             "again where heights and axes matter (mode shapes, a structure).",
             soft_wrap=True,
         )
-    where = escaped(str(folder))
+    where = escape_markup(str(folder))
     output.print(f"Written: {where}/layout.toml, {where}/scenario.toml, {project.recording}")
     output.print(f"Next:  cd {where} && pilewatch run && pilewatch report out", soft_wrap=True)

@@ -1,11 +1,12 @@
-"""`pilewatch simulate`, `info` and `salvage`: recordings made, looked at and mended."""
+"""`pilewatch simulate`, `info`, `salvage`, `import`, `export`: work with recordings."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.cli.console import ScenarioOption, escaped, output, people, progress
+from pipeline.cli.console import JsonOption, ScenarioOption, escape_markup, output, progress, stderr
 from sensors.errors import InputError
 
 
@@ -15,15 +16,15 @@ def simulate(
     ] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The MCAP file to write.")] = None,
     duration: Annotated[
-        float | None, typer.Option(help="Duration [s], instead of the scenario's.")
+        float | None, typer.Option(help="Duration [s]; default: the scenario's.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed, instead of the scenario's.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed; default: the scenario's.")] = None,
     show_list: Annotated[bool, typer.Option("--list", help="List the shipped scenarios.")] = False,
     describe: Annotated[
-        str | None, typer.Option(help="Say what a scenario simulates, and simulate nothing.")
+        str | None, typer.Option(help="Describe a scenario without simulating it.")
     ] = None,
 ) -> None:
-    """Simulate a scenario's turbine and record what its sensors say."""
+    """Simulate a scenario's turbine and record its sensors."""
     from pipeline.cli.tables.recordings import (
         scenario_description,
         scenario_settings,
@@ -36,14 +37,16 @@ def simulate(
         output.print(scenarios_table([load_scenario(name) for name in shipped_scenarios()]))
         return
     if describe is not None:
-        told = load_scenario(describe)
-        output.print(escaped(scenario_description(told)), highlight=False)
-        output.print(f"\n{escaped(scenario_settings(told))}", highlight=False, soft_wrap=True)
+        described = load_scenario(describe)
+        output.print(escape_markup(scenario_description(described)), highlight=False)
+        output.print(
+            f"\n{escape_markup(scenario_settings(described))}", highlight=False, soft_wrap=True
+        )
         return
     if scenario is None or out is None:
         raise InputError(
-            "simulate needs a scenario and -o FILE.mcap; `pilewatch simulate --list` shows the "
-            "scenarios that come with it"
+            "simulate needs a scenario and -o FILE.mcap; `pilewatch simulate --list` lists the "
+            "shipped scenarios"
         )
     chosen = with_overrides(load_scenario(scenario), duration=duration, seed=seed)
     source = simulated(chosen)
@@ -54,57 +57,61 @@ def simulate(
 
 def info(
     file: Annotated[Path, typer.Argument(help="An MCAP recording.")],
+    as_json: JsonOption = False,
 ) -> None:
-    """Show what a recording holds: channels, duration, gaps, scenario, truth."""
-    from pipeline.cli.tables.recordings import recording_tables
+    """List what a recording holds: channels, duration, gaps, scenario, truth."""
+    from pipeline.cli.tables.recordings import info_json, recording_tables
     from pipeline.recording.info import recording_info
 
-    with people.status(f"reading {file}"):
+    with stderr.status(f"reading {file}"):
         found = recording_info(file)
+    if as_json:
+        output.print_json(json.dumps(info_json(found)))
+        return
     for table in recording_tables(found):
         output.print(table)
     for section, texts in found.metadata.items():
         for key, text in texts.items():
             if "\n" not in text:
-                output.print(f"{section}.{key} = {escaped(text)}", soft_wrap=True)
+                output.print(f"{section}.{key} = {escape_markup(text)}", soft_wrap=True)
 
 
 def salvage(
-    file: Annotated[Path, typer.Argument(help="A cut or damaged recording; it stays as it is.")],
+    file: Annotated[Path, typer.Argument(help="A cut or damaged recording; it is not changed.")],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="The file to write; FILE.salvaged.mcap unless given."),
+        typer.Option("-o", "--out", help="The file to write; default: FILE.salvaged.mcap."),
     ] = None,
 ) -> None:
-    """Bring back every complete chunk of a recording that was cut off or damaged."""
+    """Recover every complete chunk of a cut or damaged recording."""
     from pipeline.recording.salvage import salvage as salvaged
     from pipeline.recording.salvage import salvaged_name
 
     target = salvaged_name(file) if out is None else out
-    with people.status(f"reading {file}"):
-        remains = salvaged(file, target)
-    output.print(f"{target}: {remains.recovered}", soft_wrap=True)
+    with stderr.status(f"reading {file}"):
+        salvaged_content = salvaged(file, target)
+    output.print(f"{target}: {salvaged_content.recovered}", soft_wrap=True)
 
 
 def import_files(
     files: Annotated[
         list[Path],
         typer.Argument(
-            help="CSV, TSV, Parquet, NPZ, HDF5, TDMS or miniSEED; several are joined in order of "
-            "time."
+            help="CSV, TSV, Parquet, NPZ, HDF5, MATLAB, OpenFAST, TDMS, miniSEED or UFF; several "
+            "are joined in order of time."
         ),
     ],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The MCAP file to write.")] = None,
     layout: Annotated[
         Path | None,
-        typer.Option(help="TOML file: where each channel was, what it measured, in what unit."),
+        typer.Option(help="TOML file: position, quantity and unit of each channel."),
     ] = None,
     template: Annotated[
         bool, typer.Option("--template", help="Print a layout file of the channels, to fill in.")
     ] = False,
     sampling_rate: Annotated[
         float | None,
-        typer.Option(help="[Hz]; count the samples by it, whatever time stamps there are."),
+        typer.Option(help="Sampling rate [Hz]; the samples are counted, time stamps ignored."),
     ] = None,
     reader: Annotated[
         str | None,
@@ -112,7 +119,10 @@ def import_files(
     ] = None,
     scenario: ScenarioOption = None,
 ) -> None:
-    """Make a recording of files of measurements. Without a scenario, running it tracks modes."""
+    """Make a recording of files of measurements.
+
+    Without a scenario, running it tracks modes only.
+    """
     from pipeline.scenario import load_scenario
     from pipeline.sources.import_files import open_measurement, record_measurement
     from sensors.files.formats import channels_in
@@ -146,16 +156,19 @@ def export(
         bool,
         typer.Option(
             "--imu",
-            help="imu.mcap: samples only, a ROS 2 message each, as Foxglove and PlotJuggler draw.",
+            help="imu.mcap: samples only, one ROS 2 message each, for Foxglove and PlotJuggler.",
         ),
     ] = False,
     out: Annotated[
-        Path, typer.Option("-o", "--out", help="The folder of the files; nothing is overwritten.")
+        Path,
+        typer.Option(
+            "-o", "--out", help="Folder of the files; existing files are not overwritten."
+        ),
     ] = Path("export"),
 ) -> None:
     """Write a recording's samples and results as CSV or Parquet files, or its samples for viewers.
 
-    `pilewatch identify` reads the samples' CSV again.
+    `pilewatch identify` reads the CSV of the samples.
     """
     from pipeline.export.export import export as exported
     from pipeline.export.imu import export_imu

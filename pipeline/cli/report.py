@@ -1,4 +1,4 @@
-"""`pilewatch report`: a recorded session as one page to send."""
+"""`pilewatch report` and `show`: a recorded session as a page or in the viewer."""
 
 import json
 from pathlib import Path
@@ -9,11 +9,11 @@ import typer
 from pipeline.cli.console import (
     VIEW_HELP,
     JsonOption,
+    open_view,
     output,
-    people,
     progress,
-    stopped_by_signals,
-    viewing,
+    stderr,
+    stop_on_signals,
 )
 from sensors.errors import InputError
 
@@ -24,7 +24,7 @@ def report(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="The HTML file; report.html in this folder if not."),
+        typer.Option("-o", "--out", help="The HTML file; default: report.html in this folder."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -33,31 +33,31 @@ def report(
     from pipeline.report.page import write_page
     from pipeline.report.recorded_session import read_session
 
-    with people.status(f"reading {session}"):
+    with stderr.status(f"reading {session}"):
         read = read_session(session)
     if out is not None or not as_json:
         page = out or Path("report.html")
-        with people.status(f"drawing {page}"):
+        with stderr.status(f"drawing {page}"):
             write_page(read, page)
-        people.print(f"{page}: {page.stat().st_size / 1e6:.2f} MB", soft_wrap=True)
+        stderr.print(f"{page}: {page.stat().st_size / 1e6:.2f} MB", soft_wrap=True)
     if as_json:
         output.print_json(json.dumps(session_json(read)))
 
 
 def show(
     file: Annotated[
-        Path, typer.Argument(help="A session's MCAP recording, or pictures that exist (.rrd).")
+        Path, typer.Argument(help="A session's MCAP recording, or an existing .rrd file.")
     ],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="Where the pictures go; beside the recording if not."),
+        typer.Option("-o", "--out", help="The .rrd file; default: beside the recording."),
     ] = None,
     view: Annotated[
         str | None,
         typer.Option(help=f"{VIEW_HELP} No file is then written."),
     ] = None,
 ) -> None:
-    """Draw a recorded session for the Rerun viewer, or open pictures that exist."""
+    """Draw a recorded session for the Rerun viewer, or open an existing .rrd file."""
     from pipeline.offline.draw_recording import PICTURES, open_pictures
 
     if file.suffix != PICTURES:
@@ -79,19 +79,19 @@ def _draw(recording: Path, out: Path | None, view: str | None) -> None:
     from pipeline.viewer.outputs.outputs import RrdFile
 
     duration = recording_info(recording).duration
-    with viewing(view) as shown:
+    with open_view(view) as shown:
         drawn = shown.output or pictures_of(recording, out)
         with progress(f"drawing {recording}", duration) as report:
             draw_recording(recording, (drawn,), report=report)
         if isinstance(drawn, RrdFile):
-            output.print(f"Look at it: rerun {drawn.path}", soft_wrap=True)
-        with stopped_by_signals() as stopping:
-            shown.stay(stopping)
+            output.print(f"Open it: rerun {drawn.path}", soft_wrap=True)
+        with stop_on_signals() as stopping:
+            shown.wait(stopping)
 
 
 def _serve(pictures: Path) -> None:
     from pipeline.offline.draw_recording import require_pictures
 
     require_pictures(pictures)
-    with viewing("web", pictures) as shown, stopped_by_signals() as stopping:
-        shown.stay(stopping)
+    with open_view("web", pictures) as shown, stop_on_signals() as stopping:
+        shown.wait(stopping)

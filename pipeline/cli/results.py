@@ -1,16 +1,16 @@
-"""What a session, or the updating from a recording, tells a person."""
+"""Print the results of a session or of the updating from a recording."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from pipeline.cli.console import escaped, output
+from pipeline.cli.console import escape_markup, output
 from pipeline.state.json_values import Json
 
 if TYPE_CHECKING:
     from pipeline.monitoring.summary import SessionSummary
     from pipeline.scenario import Scenario
 
-TOLD_OF_A_KIND = 3  # doubts, and windows not used; all are in summary.json
+PRINTED_PER_CODE = 3  # warnings and rejected windows; all are in summary.json
 
 
 def print_results(
@@ -20,11 +20,16 @@ def print_results(
     scenario: "Scenario",
     misfits: bool = False,
 ) -> None:
-    """Modes, posterior, changes, windows not used, doubts.
+    """Print modes, posterior, changes, rejected windows, warnings.
 
-    figures   the content of summary.json
-    scenario  of the session; without a structural model there is no posterior to speak of
-    misfits   also how each mode fits; always where the posterior is not to be trusted
+    Parameters
+    ----------
+    figures : Json
+        Content of summary.json.
+    scenario : Scenario
+        Scenario of the session; without a structural model there is no posterior.
+    misfits : bool, optional
+        Whether to print the misfit of each mode; always printed for an untrusted posterior.
     """
     from pipeline.cli.tables.modes import identified_modes_table, nearest_modes_table
     from pipeline.cli.tables.posteriors import misfit_table, posterior_table
@@ -44,27 +49,27 @@ def print_results(
         if not summary.posterior.trusted:
             output.print("[bold red]NOT TRUSTED[/]: the data contradict the model.")
     for event in figures["events"]:
-        output.print(f"[bold]change:[/] {escaped(event['text'])}")
+        output.print(f"[bold]change:[/] {escape_markup(event['text'])}")
     for code, reasons in _by_code(figures["windows"]["rejected"]).items():
-        for rejected in reasons[:TOLD_OF_A_KIND]:
+        for rejected in reasons[:PRINTED_PER_CODE]:
             output.print(
-                f"window at {rejected['start']:.0f} s not used: {escaped(rejected['reason'])}"
+                f"window at {rejected['start']:.0f} s rejected: {escape_markup(rejected['reason'])}"
             )
-        _print_rest(reasons, f"windows not used ({code})")
-    for code, doubts in _by_code(figures["warnings"]).items():
-        for doubt in doubts[:TOLD_OF_A_KIND]:
-            output.print(f"[yellow]{code}[/]: {escaped(doubt['text'])}")
-        _print_rest(doubts, code)
+        _print_rest(reasons, f"rejected windows ({code})")
+    for code, warnings in _by_code(figures["warnings"]).items():
+        for warning in warnings[:PRINTED_PER_CODE]:
+            output.print(f"[yellow]{code}[/]: {escape_markup(warning['text'])}")
+        _print_rest(warnings, code)
 
 
-def _by_code(told: Sequence[Json]) -> dict[str, list[Json]]:
-    """Code → what has it, in the order in which each was first told."""
+def _by_code(items: Sequence[Json]) -> dict[str, list[Json]]:
+    """Return code → items with it, in the order of first occurrence."""
     found: dict[str, list[Json]] = {}
-    for each in told:
+    for each in items:
         found.setdefault(each["code"], []).append(each)
     return found
 
 
-def _print_rest(told: Sequence[Json], kind: str) -> None:
-    if (rest := len(told) - TOLD_OF_A_KIND) > 0:
+def _print_rest(items: Sequence[Json], kind: str) -> None:
+    if (rest := len(items) - PRINTED_PER_CODE) > 0:
         output.print(f"[dim]… and {rest} more {kind}[/]")

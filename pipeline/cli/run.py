@@ -1,10 +1,10 @@
-"""`pilewatch run` and `pilewatch node`: a session, and one node of it."""
+"""`pilewatch run` and `pilewatch node`: a run, and one of its nodes."""
 
 import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -14,14 +14,15 @@ from pipeline.cli.console import (
     JsonOption,
     ListenOption,
     ModeOption,
+    SamplerOption,
     ScenarioOption,
     ZenohConfigOption,
-    escaped,
+    escape_markup,
+    open_view,
     output,
     progress,
     speed_of,
-    stopped_by_signals,
-    viewing,
+    stop_on_signals,
     zenoh_settings,
 )
 from pipeline.cli.results import print_results
@@ -40,11 +41,11 @@ def run(
     scenario: ScenarioOption = None,
     layout: Annotated[
         Path | None,
-        typer.Option(help="Of a file or an instrument: TOML that says where its channels are."),
+        typer.Option(help="TOML file of the channels of a file or an instrument."),
     ] = None,
     speed: Annotated[
         str,
-        typer.Option(help="max: as fast as the nodes follow; 1: real time; 10: ten times faster."),
+        typer.Option(help="max: as fast as the nodes process; 1: real time; 10: ten times faster."),
     ] = "max",
     start: Annotated[
         float, typer.Option("--from", help="Replay from here on [s from the first sample].")
@@ -52,7 +53,7 @@ def run(
     end: Annotated[
         float | None, typer.Option("--to", help="Replay up to here [s from the first sample].")
     ] = None,
-    loop: Annotated[int, typer.Option(help="Replay so many times, one after the other.")] = 1,
+    loop: Annotated[int, typer.Option(help="Number of replays, one after the other.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for session.mcap, .rrd, summary.json.")] = Path(
         "out"
     ),
@@ -61,19 +62,19 @@ def run(
         typer.Option(help=VIEW_HELP),
     ] = None,
     rrd: Annotated[bool, typer.Option(help="Write out/session.rrd for the Rerun viewer.")] = True,
-    sampler: Annotated[
-        str | None,
-        typer.Option(help="importance (default), emcee, tmcmc or tmcmc-published."),
-    ] = None,
+    sampler: SamplerOption = None,
     processes: Annotated[
         bool, typer.Option("--processes", help="Each node in a process of its own.")
     ] = False,
     shards: Annotated[
-        int, typer.Option(help="With --processes: so many share a farm's turbines.")
+        int,
+        typer.Option(help="With --processes: number of processes that share a farm's turbines."),
     ] = 1,
     elsewhere: Annotated[
         list[str] | None,
-        typer.Option(help="A node that runs on other machines (`node NAME --shard …`); live only."),
+        typer.Option(
+            help="A node that runs on other machines (`node NAME --shard …`); live sources only."
+        ),
     ] = None,
     lock_step: Annotated[
         bool, typer.Option("--lock-step", help="One thread, no transport; for checks.")
@@ -84,18 +85,18 @@ def run(
     zenoh_config: ZenohConfigOption = None,
     fresh: Annotated[
         bool,
-        typer.Option("--fresh", help="Begin with nothing seen, even where a checkpoint exists."),
+        typer.Option("--fresh", help="Ignore existing checkpoints."),
     ] = False,
     metrics: Annotated[
-        int | None, typer.Option(help="Port on this machine where Prometheus may ask: /metrics.")
+        int | None, typer.Option(help="Port on this machine for Prometheus: /metrics.")
     ] = None,
     notices: Annotated[
         Path | None,
-        typer.Option(help="TOML file: who is told of changes, gaps and faults, and how."),
+        typer.Option(help="TOML file: recipients of alarms on changes, gaps and faults."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Turn accelerations into a posterior of the foundation's stiffness."""
+    """Estimate the foundation's stiffness from accelerations."""
     from pipeline.monitoring.alarms.settings import load_notices
     from pipeline.run.run import run_session
     from pipeline.sources.feed_publisher import feed_source
@@ -115,8 +116,8 @@ def run(
         shards=shards,
         elsewhere=tuple(elsewhere or ()),
     )
-    told = None if notices is None else load_notices(notices)
-    options = replace(options, metrics=metrics, notices=told)
+    alarm_settings = None if notices is None else load_notices(notices)
+    options = replace(options, metrics=metrics, notices=alarm_settings)
     playback = Playback(start, float("inf") if end is None else end, loop)
     if source is not None and is_feed(source):
         if processes:
@@ -124,11 +125,11 @@ def run(
                 f"--processes and --source {source}: run `pilewatch feed {source}` beside "
                 "`pilewatch run --source live --processes`"
             )
-        opened = feed_source(source, layout, scenario)
+        opened = feed_source(source, layout, scenario, state=None if fresh else out)
     else:
         opened = open_source(_imported(source, out, layout, scenario), scenario)
     opened = opened.with_sampler(sampler).with_playback(playback)
-    with stopped_by_signals() as stopping, viewing(view) as shown:
+    with stop_on_signals() as stopping, open_view(view) as shown:
         with progress(opened.text, opened.duration) as report:
             session = run_session(
                 opened,
@@ -143,8 +144,10 @@ def run(
             _print_session(session, opened.scenario)
             if len(opened.turbines) > 1:
                 shown_of = session.figures["turbine"]
-                output.print(escaped(of_a_farm(opened.turbines, shown_of, out)), soft_wrap=True)
-        shown.stay(stopping)
+                output.print(
+                    escape_markup(farm_note(opened.turbines, shown_of, out)), soft_wrap=True
+                )
+        shown.wait(stopping)
     if not session.complete:
         raise typer.Exit(2)
 
@@ -152,7 +155,7 @@ def run(
 def _imported(
     source: str | None, out: Path, layout: Path | None, scenario: str | None
 ) -> str | None:
-    """The source, a file of measurements turned into the replay of its import in `out`."""
+    """Return the source; a file of measurements is imported into `out` and replayed."""
     from pipeline.sources.import_files import imported_source
 
     if source is None or not Path(source).is_file():
@@ -188,8 +191,8 @@ def _session_options(
     )
 
 
-def of_a_farm(turbines: Sequence[str], shown: str, out: Path) -> str:
-    """Whose results were printed, and where those of the others are."""
+def farm_note(turbines: Sequence[str], shown: str, out: Path) -> str:
+    """Return a note on whose results were printed, and where the others are."""
     return (
         f"These are the results of {shown}, one of {len(turbines)} turbines; all of them: "
         f"pilewatch farm {out}"
@@ -203,16 +206,19 @@ def _print_session(session: Any, scenario: Any) -> None:
     output.print(
         f"{stream['published']} blocks published, {stream['recorded']} recorded, "
         f"{stream['lost']} lost, {stream['recovered']} recovered, {stream['late']} late, "
-        f"{stream['duplicate']} twice; "
+        f"{stream['duplicate']} duplicate; "
         f"{figures['duration_s']:.0f} s of measurements in {timing['wall_s']:.1f} s"
     )
     output.print("Written: " + ", ".join(str(path) for path in session.files), soft_wrap=True)
     if any(path.suffix == ".rrd" for path in session.files):
-        output.print(f"Look at it: rerun {session.files[1]}", soft_wrap=True)
+        output.print(f"Open it: rerun {session.files[1]}", soft_wrap=True)
 
 
 def node(
-    name: Annotated[str, typer.Argument(help="identification, updating, recorder or viewer.")],
+    name: Annotated[
+        Literal["identification", "updating", "recorder", "viewer"],
+        typer.Argument(help="Which node of the graph."),
+    ],
     connect: ConnectOption = None,
     listen: ListenOption = None,
     mode: ModeOption = "peer",
@@ -220,25 +226,25 @@ def node(
     scenario: ScenarioOption = None,
     recording: Annotated[
         Path | None,
-        typer.Option(help="Take sensor layout (and scenario, unless given) from this recording."),
+        typer.Option(help="Recording with the sensor layout, and the scenario unless given."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for what the node writes.")] = Path("out"),
     view: Annotated[str | None, typer.Option(help="For the viewer: as in `run`.")] = None,
     rrd: Annotated[bool, typer.Option(help="For the viewer: write session.rrd.")] = True,
-    sampler: Annotated[str | None, typer.Option(help="For updating: as in `run`.")] = None,
+    sampler: SamplerOption = None,
     shard: Annotated[
         str | None,
-        typer.Option(help="1/4: of a farm's turbines the first of four such nodes' share."),
+        typer.Option(help="1/4: the first of four parts of a farm's turbines."),
     ] = None,
     tied: Annotated[
-        bool, typer.Option("--tied", help="Stop when standard input ends: the parent has gone.")
+        bool, typer.Option("--tied", help="Stop when standard input ends, with the parent process.")
     ] = False,
     fresh: Annotated[
         bool,
-        typer.Option("--fresh", help="Begin with nothing seen, even where a checkpoint exists."),
+        typer.Option("--fresh", help="Ignore existing checkpoints."),
     ] = False,
 ) -> None:
-    """Run one node of the graph by itself until it is told to stop (Ctrl-C or SIGTERM)."""
+    """Run one node of the graph until Ctrl-C or SIGTERM."""
     from pipeline.run.run import run_node
     from pipeline.runtime.supervisor import stopped_with_parent
     from pipeline.sources.sources import open_source
@@ -253,7 +259,8 @@ def node(
     )
     opened = open_source("live" if recording is None else f"replay:{recording}", scenario)
     source = opened.with_sampler(sampler)
-    with stopped_by_signals() as stopping, viewing(view) as shown:
+    with stop_on_signals() as stopping, open_view(view) as shown:
         if tied:
             stopped_with_parent(stopping)
-        run_node(name, source, replace(options, view=shown.output), stopping, shard)
+        options = replace(options, view=shown.output)
+        run_node(name, source, options, stopping, shard, tied=tied)

@@ -1,4 +1,4 @@
-"""`pilewatch update`: the posterior that a recording gives, without a session round it."""
+"""`pilewatch update` and `reproduce`: the posterior of a recording, the published example."""
 
 import json
 import time
@@ -16,39 +16,38 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from pipeline.cli.console import JsonOption, ScenarioOption, output, people, progress
+from pipeline.cli.console import JsonOption, SamplerOption, ScenarioOption, output, progress, stderr
 from pipeline.cli.results import print_results
 from sensors.errors import InputError
 
 
 def update(
     file: Annotated[Path, typer.Argument(help="An MCAP recording or session.")],
-    sampler: Annotated[
-        str | None,
-        typer.Option(help="importance (default), emcee, tmcmc or tmcmc-published."),
-    ] = None,
+    sampler: SamplerOption = None,
     scenario: ScenarioOption = None,
     identify: Annotated[
         bool,
-        typer.Option("--identify", help="From the accelerations, even where modes were recorded."),
+        typer.Option(
+            "--identify", help="Identify from the accelerations, even where modes were recorded."
+        ),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Update the foundation's stiffness from a recording, and say how every mode fits."""
-    from pipeline.offline.update_recording import holds_estimates, recorded_source, updated_from
+    """Update the foundation's stiffness from a recording; print the misfit of every mode."""
+    from pipeline.offline.update_recording import holds_estimates, recorded_source, update_from
 
     started = time.monotonic()
     source = recorded_source(file, scenario=scenario, sampler=sampler)
     again = identify or not holds_estimates(file)
     what = "identifying and updating" if again else "updating from recorded modes"
     with progress(f"{what}: {file}", source.duration) as report:
-        summary = updated_from(source, identify=again, report=report)
+        summary = update_from(source, identify=again, report=report)
     figures = summary.as_json(wall=time.monotonic() - started)
     if as_json:
         output.print_json(json.dumps(figures))
         return
     if not again:
-        people.print("From the modes that were recorded; --identify begins with the accelerations.")
+        stderr.print("From the recorded modes; --identify starts from the accelerations.")
     print_results(summary, figures, scenario=source.scenario, misfits=True)
 
 
@@ -57,8 +56,8 @@ FIRST_SEED = 101
 
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the report.")] = Path("reproduction"),
-    seeds: Annotated[int, typer.Option(help="How many seeds; one takes minutes.")] = 1,
-    first_seed: Annotated[int, typer.Option(help="The first of them.")] = FIRST_SEED,
+    seeds: Annotated[int, typer.Option(help="Number of seeds; one takes minutes.")] = 1,
+    first_seed: Annotated[int, typer.Option(help="The first seed.")] = FIRST_SEED,
 ) -> None:
     """Run the publication's example and write its tables and figure beside ours."""
     from pipeline.reproduction.page import write_report
@@ -75,7 +74,7 @@ def reproduce(
         TextColumn("left:"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=people, transient=True) as bar:
+    with Progress(*columns, console=stderr, transient=True) as bar:
         total = seeds * len(SPRING_SIGNS)
         task = bar.add_task("simulate, identify, update (two processes)", total=total)
         study = run_study(

@@ -1,4 +1,4 @@
-"""The export itself: a recording, or a session's folder, into a folder of tables."""
+"""Export a recording, or a session's folder, into a folder of tables."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import ReplayedTower
 from sensors.errors import InputError
 
-HELD_RESULTS = 1000  # rows of a table that are made into one piece
+HELD_RESULTS = 1000  # rows of a table that are written together
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +36,21 @@ def export(
     *,
     report: Callable[[AccelerationBlock], None] | None = None,
 ) -> tuple[Exported, ...]:
-    """Write the samples and the results of a recording; of what there is none, there is no file.
+    """Write the samples and the results of a recording; kinds without rows make no file.
 
-    recording   a file, or a folder with a session's parts
-    folder      made where it is missing
-    report      called with every block of accelerations
+    Parameters
+    ----------
+    recording : Path
+        A file, or a folder with a session's parts.
+    folder : Path
+        Created where it is missing.
+    report : Callable[[AccelerationBlock], None] | None, optional
+        Called with every block of accelerations.
 
-    Raises RecordingError, SourceError, and InputError where a file exists or cannot be written.
+    Raises
+    ------
+    RecordingError, SourceError, InputError
+        If a file exists or cannot be written.
     """
     files = session_files(recording)
     try:
@@ -56,7 +64,7 @@ def export(
 
 
 class _TableFiles:
-    """The files of an export, each opened when its first row comes."""
+    """The files of an export, each opened with its first row."""
 
     def __init__(self, folder: Path, form: Format) -> None:
         self.open: dict[str, TableFile] = {}
@@ -65,7 +73,7 @@ class _TableFiles:
         self._units: dict[tuple[str, str, str, int], TableFile] = {}
 
     def of_unit(self, block: AccelerationBlock, layout: SensorLayout | None) -> TableFile:
-        """A unit's samples; where its channels change, they go on in another file."""
+        """Return the file of a unit's samples; a change of its channels starts another file."""
         key = (block.turbine, block.unit, block.layout_id, block.samples.shape[1])
         if key not in self._units:
             plain = f"samples-{_as_name(block.turbine)}-{_as_name(block.unit)}"
@@ -77,7 +85,7 @@ class _TableFiles:
         return self._units[key]
 
     def of_results(self, table: ResultTable) -> TableFile:
-        """The file of one kind of result."""
+        """Return the file of one kind of result."""
         if table.name not in self.open:
             self.open[table.name] = TableFile(self._path(table.name), table.schema, self.form)
         return self.open[table.name]
@@ -88,9 +96,12 @@ class _TableFiles:
 
 @contextmanager
 def _table_files(folder: Path, form: Format) -> Iterator[_TableFiles]:
-    """Files that are whole in the end; where writing fails or is interrupted, there are none.
+    """Open the files of an export; remove all where writing fails or is interrupted.
 
-    Raises InputError where a disk takes no more.
+    Raises
+    ------
+    InputError
+        If a disk is full.
     """
     tables = _TableFiles(folder, form)
     try:
@@ -121,7 +132,7 @@ def _export_samples(
 def recorded_samples(
     files: list[Path],
 ) -> Iterator[tuple[AccelerationBlock, SensorLayout | None]]:
-    """Blocks in order of time, every one once, each with its layout where that is known."""
+    """Yield each block once, in order of time, with its layout where that is known."""
     layouts: dict[str, SensorLayout] = {}
     recorded: Iterator[SensorMessage] = (each for file in files for each in sensor_messages(file))
     for message in each_block_once(ReplayedTower(recorded)):

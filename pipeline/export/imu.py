@@ -1,4 +1,4 @@
-"""Accelerations as the messages of inertial measurement units: a level of the tower is an IMU.
+"""Export accelerations as messages of inertial measurement units, one IMU per level.
 
     FILE.mcap ─► imu.mcap     /TURBINE/UNIT/z145/imu, one sensor_msgs/Imu a sample
 
@@ -28,10 +28,14 @@ from sensors.errors import InputError
 
 
 class ImuFile:
-    """Messages to `path`, compressed chunk by chunk; finished when the context ends, and
-    removed where that is an error before the first message.
+    """Write messages to `path`, compressed chunk by chunk.
 
-    Raises InputError where the file exists or cannot be made.
+    The file is finished when the context ends, and removed after an error before the first message.
+
+    Raises
+    ------
+    InputError
+        If the file exists or cannot be created.
     """
 
     def __init__(self, path: Path) -> None:
@@ -85,19 +89,25 @@ FILE_NAME = "imu.mcap"
 class Imu:
     """The channels of one place that together measure up to three directions."""
 
-    name: str  # "z145"; of the second at the same level "z145-2"
-    columns: tuple[int, ...]  # of the unit's blocks
-    axes: NDArray[np.float64]  # (n_channels, 3) x, y, z of the channels' readings; NaN: unmeasured
+    name: str
+    """"z145"; of the second at the same level "z145-2"."""
+    columns: tuple[int, ...]
+    """Columns of the unit's blocks."""
+    axes: NDArray[np.float64]
+    """Readings to x, y, z, shape (n_channels, 3) [-]; NaN along an unmeasured axis."""
 
     def accelerations(self, samples: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(n_samples, 3) along x, y, z [m/s²], NaN along an axis that is not measured."""
+        """Return accelerations along x, y, z, shape (n_samples, 3) [m/s²]; NaN if unmeasured."""
         return np.asarray(samples[:, self.columns].astype(float) @ self.axes)
 
 
 def imus_of(layout: SensorLayout) -> tuple[Imu, ...]:
-    """Channels of one elevation are one IMU as long as their directions are independent.
+    """Group channels of one elevation into an IMU while their directions are independent.
 
-    Raises InputError for a channel that is no accelerometer.
+    Raises
+    ------
+    InputError
+        If a channel is no accelerometer.
     """
     groups: dict[str, list[int]] = {}
     for column, channel in enumerate(layout.channels):
@@ -122,7 +132,7 @@ def _independent(layout: SensorLayout, columns: list[int]) -> bool:
 
 
 def _axes(directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n_channels, 3) what turns readings into x, y, z: a reading is direction · acceleration."""
+    """Return readings to x, y, z, shape (n_channels, 3): a reading is direction · acceleration."""
     inverse = np.linalg.pinv(directions)  # (3, n_channels)
     measured = np.isclose(inverse @ directions, AXES, atol=1e-6).all(axis=1)
     inverse[~measured] = np.nan
@@ -137,8 +147,10 @@ def export_imu(
 ) -> tuple[Exported, ...]:
     """Write the samples of a recording, or of a session's folder, as `imu.mcap`.
 
-    Raises RecordingError, SourceError, and InputError where the file exists or cannot be written,
-    or where a block's layout is not known.
+    Raises
+    ------
+    RecordingError, SourceError, InputError
+        If the file exists or cannot be written, or where a block's layout is not known.
     """
     files = session_files(recording)
     path = folder / FILE_NAME
@@ -157,8 +169,8 @@ def _messages(
 ) -> Iterator[tuple[Imu, list[bytes]]]:
     if layout is None or len(layout.channels) != block.samples.shape[1]:
         raise InputError(
-            f"--imu: the recording does not say where the {block.samples.shape[1]} channels of "
-            f"unit {block.unit} sit (layout {block.layout_id}); export them with --csv or --parquet"
+            f"--imu: the recording has no positions of the {block.samples.shape[1]} channels of "
+            f"unit {block.unit} (layout {block.layout_id}); export them with --csv or --parquet"
         )
     times_ns = sample_times(block)
     for imu in imus_of(layout):

@@ -1,4 +1,4 @@
-"""What was made of the samples, one table a kind; times UTC, units in brackets.
+"""Tables of the results, one per kind; times UTC, units in brackets.
 
 `number` counts the modes of a window from 1: with turbine and window it names a mode in `modes`
 and `mode_shapes`, also where a mode has no name yet.
@@ -34,15 +34,17 @@ _SPAN = (("start", TIMESTAMP), ("end", TIMESTAMP))
 
 @dataclass(frozen=True, slots=True)
 class ResultTable:
-    """One table: from which message it is made, and how."""
+    """One table: its message type and how its rows are made."""
 
     name: str
     message: type
     columns: tuple[tuple[str, pa.DataType], ...]
-    rows: Callable[[Any], Iterator[Row]]  # of one message
+    rows: Callable[[Any], Iterator[Row]]
+    """Rows of one message."""
 
     @property
     def schema(self) -> pa.Schema:
+        """Arrow schema of the table."""
         return pa.schema(list(self.columns))
 
 
@@ -74,7 +76,7 @@ def _posterior(posterior: FoundationPosterior) -> Iterator[Row]:
         posterior.sampler, posterior.ess, posterior.rhat, posterior.reduced_chi_square,
         posterior.paired_share, posterior.pairing_cost, posterior.change_probability,
         posterior.trusted,
-        "; ".join(f"{doubt.code}: {doubt.text}" for doubt in posterior.warnings),
+        "; ".join(f"{warning.code}: {warning.text}" for warning in posterior.warnings),
     )  # fmt: skip
 
 
@@ -238,5 +240,5 @@ RESULT_TABLES = (
 
 
 def tables_of(message: Message) -> tuple[ResultTable, ...]:
-    """The tables that a message has rows in."""
+    """Return the tables in which a message has rows."""
     return tuple(table for table in RESULT_TABLES if type(message) is table.message)

@@ -1,4 +1,4 @@
-"""sensor_msgs/Imu of ROS 2, as CDR bytes: what RViz, Foxglove and PlotJuggler draw unaided.
+"""Encode sensor_msgs/Imu of ROS 2 as CDR bytes, for RViz, Foxglove and PlotJuggler.
 
     offset  0  00 01 00 00                     CDR, little endian
             4  int32 sec, uint32 nanosec       header.stamp
@@ -8,8 +8,8 @@
                                                velocity (3), its covariance (9), linear
                                                acceleration (3) [m/s²], its covariance (9)
 
-A covariance that begins with −1 says that its quantity is not measured (ROS REP 145); one of zeros
-says that it is not known. An axis that no sensor measures is NaN.
+A covariance that starts with −1 means that its quantity is not measured (ROS REP 145); zeros mean
+that it is unknown. An axis that no sensor measures is NaN.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ ORIENTATION_COVARIANCE, ANGULAR_VELOCITY_COVARIANCE, LINEAR_ACCELERATION = 4, 16
 N_FIGURES = 37
 NOT_MEASURED = -1.0
 
-_PARTS = {  # as rosbag2 writes it beside the messages: the type, then those it is made of
+_PARTS = {  # the message type, then its parts, as rosbag2 writes them
     "": (
         "std_msgs/Header header\n"
         "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
@@ -45,11 +45,16 @@ DEFINITION = "".join(
 def imu_messages(
     times_ns: NDArray[np.int64], accelerations: NDArray[np.float64], frame: str
 ) -> list[bytes]:
-    """One message a sample.
+    """Return one message per sample.
 
-    times_ns        (n,) [ns since 1970-01-01 UTC]
-    accelerations   (n, 3) along x, y, z [m/s²]; NaN where an axis is not measured
-    frame           what the axes belong to
+    Parameters
+    ----------
+    times_ns : ndarray of int, shape (n,)
+        Times of the samples [ns since 1970-01-01 UTC].
+    accelerations : ndarray of float, shape (n, 3)
+        Along x, y, z [m/s²]; NaN where an axis is not measured.
+    frame : str
+        Name of the frame of the axes.
     """
     head = _head(frame)
     messages = np.zeros((len(times_ns), len(head) + 8 * N_FIGURES), dtype=np.uint8)
@@ -65,7 +70,7 @@ def imu_messages(
 
 
 def _head(frame: str) -> bytes:
-    """Everything before the figures, at time 0."""
+    """Return everything before the figures, at time 0."""
     name = frame.encode() + b"\x00"
     body = bytes(8) + len(name).to_bytes(4, "little") + name
     return ENCAPSULATION + body + bytes(-len(body) % ALIGNMENT)

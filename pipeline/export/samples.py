@@ -1,4 +1,4 @@
-"""Accelerations as a table: time, then one column a channel with its unit.
+"""Accelerations as a table: time, then one column per channel with its unit.
 
 CSV      `time [s]`: seconds since 1970-01-01 UTC, as `pilewatch identify` reads them
 Parquet  `time`: timestamps of nanoseconds, UTC
@@ -22,9 +22,12 @@ TIMESTAMP = pa.timestamp("ns", tz="UTC")
 def samples_schema(
     block: AccelerationBlock, layout: SensorLayout | None, form: Format
 ) -> pa.Schema:
-    """Columns of a unit's samples.
+    """Return the columns of a unit's samples.
 
-    layout   what the channels are; where it is not known, or of another number, they are numbered
+    Parameters
+    ----------
+    layout : SensorLayout | None
+        Names and units of the channels; None or another number of channels: they are numbered.
     """
     time = pa.field("time [s]", pa.float64()) if form == "csv" else pa.field("time", TIMESTAMP)
     titles = (
@@ -42,7 +45,7 @@ def samples_schema(
 
 
 def samples_table(block: AccelerationBlock, schema: pa.Schema) -> pa.Table:
-    """The samples of one block."""
+    """Return the samples of one block."""
     times_ns = sample_times(block)
     if schema.field(0).type == TIMESTAMP:
         times = pa.array(times_ns, TIMESTAMP)
@@ -53,11 +56,11 @@ def samples_table(block: AccelerationBlock, schema: pa.Schema) -> pa.Table:
 
 
 def sample_times(block: AccelerationBlock) -> NDArray[np.int64]:
-    """(n_samples,) [ns since 1970-01-01 UTC]"""
+    """Return the times of a block's samples, shape (n_samples,) [ns since 1970-01-01 UTC]."""
     since_start = np.arange(len(block.samples)) * (NANOSECONDS / block.sampling_rate)
     return np.asarray(block.start_ns + np.rint(since_start).astype(np.int64))
 
 
 def _plain(name: str) -> str:
-    """A channel's name without what separates columns."""
+    """Return a channel's name without separators of columns."""
     return re.sub(r'[,;\t"\r\n\[\]()]', "_", name)

@@ -1,4 +1,4 @@
-"""One table on its way into a file, written piece by piece."""
+"""Write one table into a file, part by part."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -16,11 +16,17 @@ ROW_GROUP = 16_384  # rows that are held and written together: seven minutes at 
 
 
 class TableFile:
-    """Rows to `path`, a CSV with a header row or a Parquet file of row groups.
+    """Write rows to `path`, a CSV with a header row or a Parquet file of row groups.
 
-    schema   names and types of the columns; its metadata goes into a Parquet file
+    Parameters
+    ----------
+    schema : pa.Schema
+        Names and types of the columns; its metadata goes into a Parquet file.
 
-    Raises InputError where the file exists or cannot be made.
+    Raises
+    ------
+    InputError
+        If the file exists or cannot be created.
     """
 
     def __init__(self, path: Path, schema: pa.Schema, form: Format) -> None:
@@ -43,14 +49,14 @@ class TableFile:
         )
 
     def add_rows(self, rows: Sequence[Sequence[Any]]) -> None:
-        """Rows of values in the order of the columns."""
+        """Add rows of values in the order of the columns."""
         self._held_rows += rows
         self._count(len(rows))
 
-    def add(self, piece: pa.Table) -> None:
-        """Rows as a table of the schema."""
-        self._held.append(piece)
-        self._count(len(piece))
+    def add(self, part: pa.Table) -> None:
+        """Add rows as a table of the schema."""
+        self._held.append(part)
+        self._count(len(part))
 
     def close(self) -> None:
         """Write what is held and finish the file."""
@@ -59,7 +65,7 @@ class TableFile:
         self._file.close()
 
     def remove(self) -> None:
-        """Let go of an unfinished file, and have it gone."""
+        """Close and remove an unfinished file."""
         with suppress(OSError, pa.ArrowException):
             self._writer.close()
         with suppress(OSError):  # what it still holds finds no room either

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from pipeline.messages import FoundationPosterior, Message, StreamGap
+from pipeline.nodes.node import NodeStatistics
 from pipeline.state.health import Health, NodeHealth, StreamHealth
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import posterior_summary
@@ -52,6 +53,11 @@ class StatusNode:
             elif isinstance(message, FoundationPosterior):
                 self._posteriors[message.turbine] = message
         return ()
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """It counts nothing of its own."""
+        return NodeStatistics()
 
     def close(self) -> None:
         """Nothing is held."""

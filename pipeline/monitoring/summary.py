@@ -20,8 +20,10 @@ from pipeline.messages import (
     QualityWarning,
     StreamGap,
     WindowRejected,
+    same_window,
 )
 from pipeline.nodes.by_turbine import of_kind
+from pipeline.nodes.node import NodeStatistics
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import empty_summary, posterior_summary
 from pipeline.state.run_modes import CombinedMode, combined_modes
@@ -102,7 +104,7 @@ class SessionSummary:
 
     def _add_estimate(self, estimate: ModalEstimate) -> None:
         """A window once, even where a restarted identification has seen it again."""
-        if all(each.start_ns != estimate.start_ns for each in self.estimates):
+        if all(not same_window(each, estimate) for each in self.estimates):
             modes = tuple(replace(mode, covariance_factor=NO_FACTOR) for mode in estimate.modes)
             self.estimates.append(replace(estimate, modes=modes))
             self._let_go(self.estimates, "windows")
@@ -125,10 +127,9 @@ class SessionSummary:
         """A window once; the identification, restarted, also rejects what it has identified
         before, its samples no longer to be had. The updating may reject what was identified."""
         again = any(
-            (each.start_ns, each.code) == (rejected.start_ns, rejected.code)
-            for each in self.rejected
+            each.code == rejected.code and same_window(each, rejected) for each in self.rejected
         )
-        seen = any(each.start_ns == rejected.start_ns for each in self.estimates)
+        seen = any(same_window(each, rejected) for each in self.estimates)
         if not again and not (seen and rejected.code == "gap"):
             self.rejected.append(rejected)
             self._let_go(self.rejected, "rejected")
@@ -139,6 +140,11 @@ class SessionSummary:
         if not self.live or self.first_ns is None:
             return list(told)
         return [each for each in told if each.end_ns > self.first_ns]
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """It counts nothing of its own."""
+        return NodeStatistics()
 
     def close(self) -> None:
         """Nothing is held."""

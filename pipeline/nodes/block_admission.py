@@ -1,103 +1,339 @@
-"""Which blocks may enter a running session: a unit's clock runs on, its channels stay.
+"""Which blocks of a unit are used: its samples go on, its channels stay, whatever its clock says.
 
-    block fits the last one taken ──► taken
-    it does not ──► held; dropped when the next one fits again
-                    five on end that fit each other: the unit has begun anew ──► all are taken
+    block follows the last one taken ──► taken
+    it does not ──► held; refused when the next one follows again
+                    five on end that follow each other: the unit goes on with them
 
-A forged or broken block has no other effect than its count; a unit that has restarted without
-saying so, or was away for more than a day, is followed after five blocks. A rate at which a window
-would be more than any instrument's is followed by nobody.
+A forged, stray or broken block has no other effect than its count under the reason's code. A unit
+that starts again, under a new session's name or the same, is followed after five blocks, or at once
+where the end of its session was announced. Its starts under one session's name are its boots.
 """
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
+import numpy as np
+
+from pipeline.oma.windows.unit_clock import CLOCK_ERROR, STEP
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
-STUBBORN = 5  # blocks on end that fit each other and not the session
-FARTHEST = 86_400.0  # from one block to the next of a session [s]
+STUBBORN = 5  # blocks on end that follow each other and not the last one taken
+RETURNING = 1000  # the same, of a session that is over and whose stamps are of the past
 MOST_SAMPLES = 10**8  # that may be missing in between: a day at 1 kHz
 MOST_VALUES = 5e7  # of a window: ten minutes of eight channels at 10 kHz; in memory 200 MB
-CLOCK_STEP = 3600.0  # largest of a unit's clock against its sample count [s]
+MOST_CHANNELS = 100  # of a unit: the time for a window grows with their square
+REMEMBERED = 600  # blocks whose samples are recognised
+FEWEST_SAMPLES = 10  # of a block that is not like another by chance
+MOST_SESSION_NAMES = 64  # names of sessions whose boots are remembered
+
+# Codes of refusals, as they are counted in a NodeStatus.
+TOO_LARGE = "window-too-large"
+TOO_MANY_CHANNELS = "too-many-channels"
+UNFIT = "does-not-follow"
+OTHER_SESSION = "other-session"
+CONFLICT = "conflicting-content"
+REPEATED = "repeated-samples"
+LAYOUT = "not-its-layout"
+UNITS = "cannot-be-joined"
+
+
+@dataclass(frozen=True, slots=True)
+class BlockMark:
+    """A block without its samples."""
+
+    session: str
+    sequence: int
+    first_sample: int
+    n_samples: int
+    start_ns: int
+    sampling_rate: float
+    """[Hz]"""
+    n_channels: int
+
+    @classmethod
+    def of(cls, block: AccelerationBlock) -> "BlockMark":
+        """The mark of a block."""
+        return cls(
+            block.session,
+            block.sequence,
+            block.first_sample,
+            len(block.samples),
+            block.start_ns,
+            block.sampling_rate,
+            block.samples.shape[1],
+        )
+
+    @property
+    def next_sample(self) -> int:
+        """One after the block's last."""
+        return self.first_sample + self.n_samples
+
+    @property
+    def end_ns(self) -> int:
+        """Stamp one sample after the block's last [ns]."""
+        return self.start_ns + round(self.n_samples / self.sampling_rate * NANOSECONDS)
 
 
 @dataclass(frozen=True, slots=True)
 class Admission:
-    """What the gate lets through."""
+    """What may be used now."""
 
-    blocks: tuple[AccelerationBlock, ...]
-    anew: bool = False  # they begin a session of their own, whatever their names
+    blocks: tuple[AccelerationBlock, ...] = ()
+    """In the order of arrival."""
+    starts: bool = False
+    """Whether they begin a boot: what was running before is over."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a block cannot be used: a stable code, and a sentence for people."""
+
+    code: str
+    text: str
 
 
 class BlockAdmission:
     """Watches the blocks of one unit."""
 
     def __init__(self) -> None:
-        self.unfit = 0  # blocks that were dropped
-        self.complaint = ""  # what was wrong with the last one that was held or dropped
-        self._last: AccelerationBlock | None = None
+        self.refused: Counter[str] = Counter()  # blocks, by the reason's code
+        self.complaint = ""  # what was wrong with the last one that was held or refused
+        self.boot = 0  # starts under the present session's name before this one
+        self.conflicts: list[int] = []  # first samples that came with two contents in this boot
+        self.sequence_jumps = 0  # block numbers that jumped where samples did not
+        self._boots: dict[str, int] = {}  # by session's name, the latest last
+        self._last: BlockMark | None = None
+        self._ended = False  # the end of the present session was announced
         self._held: list[AccelerationBlock] = []
+        self._held_in_all = 0
+        self._contents: dict[int, int] = {}  # first sample → hash of samples, of this boot
+        self._samples: dict[int, int] = {}  # hash of samples → first sample
 
-    def admit(self, block: AccelerationBlock, refusal: str = "") -> Admission:
+    @property
+    def session(self) -> str | None:
+        """Name of the present session; None before the first block."""
+        return None if self._last is None else self._last.session
+
+    @property
+    def unfit(self) -> int:
+        """Blocks that were refused in all."""
+        return self.refused.total()
+
+    def admit(self, block: AccelerationBlock, refusal: Refusal | None = None) -> Admission:
         """Take a block as it arrives.
 
-        refusal   why the session that runs cannot go on with it; "" where it can
+        Parameters
+        ----------
+        block : AccelerationBlock
+        refusal : Refusal, optional
+            Why what runs cannot go on with the block; None where it can.
         """
-        complaint = refusal or ("" if self._last is None else block_complaint(self._last, block))
-        if not complaint:
+        if self._last is None:
+            return self._begin((block,))
+        if self._ended and block.session != self.session and not self._is_over(block.session):
+            before = [each for each in self._held if each.session == block.session]
+            self._held, self._held_in_all = [], 0
+            return self._begin((*before, block))
+        against = refusal or self._against(block)
+        if against is None:
             self._drop_held()
-            self._last = block
-            return Admission((block,))
-        self.complaint = complaint
-        if self._held and not fits(self._held[-1], block):
+            return self._taken(block)
+        self.complaint = against.text
+        if self._held and refusal_of(BlockMark.of(self._held[-1]), block) is not None:
             self._drop_held()
         self._held.append(block)
-        if len(self._held) < STUBBORN:
-            return Admission(())
-        blocks, self._held, self._last = tuple(self._held), [], block
-        return Admission(blocks, anew=True)
+        self._held_in_all += 1
+        if self._held_in_all < self._needed(block):
+            if len(self._held) > STUBBORN:
+                self._refuse(self._held.pop(0))
+            return Admission()
+        blocks, self._held, self._held_in_all = tuple(self._held), [], 0
+        return self._continued(blocks) if self._goes_on(blocks[0]) else self._begin(blocks)
 
-    def refuse(self, complaint: str) -> None:
-        """Count a block that no session can take, however many like it come."""
-        self.unfit += 1
-        self.complaint = complaint
+    def note_end(self, session: str) -> Admission:
+        """Take note that a session's end was announced; its blocks that are held are let in."""
+        if session == self.session:
+            self._ended = True
+        if not self._held or self._held[-1].session != session or self._is_over(session):
+            return Admission()
+        blocks, self._held, self._held_in_all = tuple(self._held), [], 0
+        return self._begin(blocks)
+
+    def refuse(self, refusal: Refusal) -> None:
+        """Count a block that cannot be used, however many like it come."""
+        self.refused[refusal.code] += 1
+        self.complaint = refusal.text
+
+    def state(self) -> dict[str, Any]:
+        """What a restart needs, as JSON can say it."""
+        last = None if self._last is None else asdict(self._last)
+        return {"boot": self.boot, "boots": self._boots, "last": last}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `state` gave."""
+        self.boot = int(state["boot"])
+        self._boots = {str(name): int(boot) for name, boot in state["boots"].items()}
+        self._last = None if state["last"] is None else BlockMark(**state["last"])
+
+    def begin_after(self, mark: BlockMark) -> None:
+        """Expect the block with that mark, or one that follows it."""
+        self._last = mark
+
+    def _against(self, block: AccelerationBlock) -> Refusal | None:
+        assert self._last is not None
+        against = refusal_of(self._last, block)
+        if against is not None or not self._held:
+            return against
+        if _tight(BlockMark.of(self._held[-1]), block) and not _tight(self._last, block):
+            return Refusal(UNFIT, "its stamps go on from those of blocks that do not follow")
+        return None
+
+    def _taken(self, block: AccelerationBlock) -> Admission:
+        assert self._last is not None
+        against = self._content_refusal(block)
+        if against is not None:
+            self.refuse(against)
+            return Admission()
+        if block.first_sample > self._last.first_sample:
+            contiguous = block.first_sample == self._last.next_sample
+            self.sequence_jumps += contiguous and block.sequence != self._last.sequence + 1
+            self._last = BlockMark.of(block)
+        return Admission((block,))
+
+    def _content_refusal(self, block: AccelerationBlock) -> Refusal | None:
+        """Of a block whose number came with other samples, or whose samples with another number."""
+        content = hash(block.samples.tobytes())
+        known = self._contents.get(block.first_sample)
+        if known is not None:
+            if known == content:
+                return None  # the same once more
+            self.conflicts = [*self.conflicts, block.first_sample][-REMEMBERED:]
+            return Refusal(
+                CONFLICT,
+                f"sample {block.first_sample} came twice with different values: two devices send "
+                "under one name",
+            )
+        alive = len(block.samples) >= FEWEST_SAMPLES and np.ptp(block.samples, axis=0).all()
+        if content in self._samples and alive:
+            return Refusal(
+                REPEATED,
+                f"its values are those of sample {self._samples[content]} bit for bit, under "
+                f"number {block.first_sample}",
+            )
+        self._contents[block.first_sample] = content
+        self._samples[content] = block.first_sample
+        if len(self._contents) > REMEMBERED:
+            oldest = self._contents.pop(next(iter(self._contents)))
+            self._samples.pop(oldest, None)
+        return None
+
+    def _needed(self, block: AccelerationBlock) -> int:
+        """Blocks on end that it takes."""
+        assert self._last is not None
+        of_the_past = self._is_over(block.session) and block.start_ns < self._last.end_ns
+        return RETURNING if of_the_past and self._held[0].sequence > 0 else STUBBORN
+
+    def _is_over(self, session: str) -> bool:
+        """Whether another session has followed a session."""
+        return session != self.session and session in self._boots
+
+    def _goes_on(self, block: AccelerationBlock) -> bool:
+        """Whether a block is of the present boot, after a gap in which the clock was set."""
+        last = self._last
+        assert last is not None
+        if block.session != last.session or block.first_sample < last.next_sample:
+            return False
+        if (block.sampling_rate, block.samples.shape[1]) != (last.sampling_rate, last.n_channels):
+            return False
+        blocks = block.sequence - last.sequence
+        counted = (block.first_sample - last.first_sample) / last.n_samples
+        few = block.first_sample - last.first_sample <= MOST_SAMPLES
+        return few and blocks > 0 and abs(counted - blocks) <= max(2.0, 0.5 * blocks)
+
+    def _continued(self, blocks: tuple[AccelerationBlock, ...]) -> Admission:
+        self._last = BlockMark.of(blocks[-1])
+        return Admission(blocks)
+
+    def _begin(self, blocks: tuple[AccelerationBlock, ...]) -> Admission:
+        name = blocks[0].session
+        self.boot = self._boots.pop(name, -1) + 1
+        self._boots[name] = self.boot
+        if len(self._boots) > MOST_SESSION_NAMES:
+            del self._boots[next(iter(self._boots))]
+        self._last, self._ended = BlockMark.of(blocks[-1]), False
+        self._contents.clear()
+        self._samples.clear()
+        self.conflicts = []
+        for block in blocks:
+            self._content_refusal(block)
+        return Admission(blocks, starts=True)
+
+    def _refuse(self, block: AccelerationBlock) -> None:
+        other = self._last is not None and block.session != self._last.session
+        self.refused[OTHER_SESSION if other else UNFIT] += 1
 
     def _drop_held(self) -> None:
-        self.unfit += len(self._held)
+        for block in self._held:
+            self._refuse(block)
         self._held.clear()
+        self._held_in_all = 0
 
 
-def fits(last: AccelerationBlock, block: AccelerationBlock) -> bool:
-    """Whether one unit may have sent both. A new session may have other channels and rate."""
-    return not block_complaint(last, block)
+def refusal_of(last: BlockMark, block: AccelerationBlock) -> Refusal | None:
+    """Why one boot of one unit cannot have sent both; None where it may.
 
-
-def block_complaint(last: AccelerationBlock, block: AccelerationBlock) -> str:
-    """Why one unit cannot have sent both; "" where it may."""
+    A block that follows without a gap may have any stamp: clocks are set.
+    """
     if block.session != last.session:
-        between = abs(block.start_ns - last.end_ns) / NANOSECONDS
-        if between <= FARTHEST and between * block.sampling_rate <= MOST_SAMPLES:
-            return ""
-        return f"another session, {between:g} s from the last one's end"
-    rate, n_channels = last.sampling_rate, last.samples.shape[1]
-    if (block.sampling_rate, block.samples.shape[1]) != (rate, n_channels):
-        return (
+        return Refusal(OTHER_SESSION, f"session {block.session!r} within {last.session!r}")
+    if (block.sampling_rate, block.samples.shape[1]) != (last.sampling_rate, last.n_channels):
+        return Refusal(
+            UNFIT,
             f"{block.samples.shape[1]} channels at {block.sampling_rate:g} Hz in a session of "
-            f"{n_channels} at {rate:g} Hz"
+            f"{last.n_channels} at {last.sampling_rate:g} Hz",
         )
-    since = (block.first_sample - last.first_sample) / rate
-    clock = (block.start_ns - last.start_ns) / NANOSECONDS
-    few = max(abs(since), abs(clock)) * rate <= MOST_SAMPLES
-    if few and abs(since) <= FARTHEST and abs(clock - since) <= CLOCK_STEP:
-        return ""
-    return f"{since:g} s after the last one by its samples, {clock:g} s by its clock"
+    if block.first_sample == last.next_sample or _tight(last, block):
+        return None
+    since, clock = _apart(last, block)
+    return Refusal(
+        UNFIT, f"{since:g} s after the last one by its samples, {clock:g} s by its clock"
+    )
 
 
-def window_complaint(block: AccelerationBlock, duration: float) -> str:
-    """Why a window [s] of such blocks cannot be held; "" where it can."""
-    n_values = duration * block.sampling_rate * block.samples.shape[1]
+def _apart(last: BlockMark, block: AccelerationBlock) -> tuple[float, float]:
+    """Time between two blocks by samples and by stamps [s]."""
+    since = (block.first_sample - last.first_sample) / last.sampling_rate
+    return since, (block.start_ns - last.start_ns) / NANOSECONDS
+
+
+def _tight(last: BlockMark, block: AccelerationBlock) -> bool:
+    """Whether stamps and samples agree on the time between two blocks."""
+    since, clock = _apart(last, block)
+    few = max(abs(since), abs(clock)) * last.sampling_rate <= MOST_SAMPLES
+    return few and abs(clock - since) <= STEP + CLOCK_ERROR * abs(since)
+
+
+def window_refusal(block: AccelerationBlock, duration: float) -> Refusal | None:
+    """Why a window of such blocks cannot be identified; None where it can.
+
+    Parameters
+    ----------
+    duration : float
+        Of a window [s].
+    """
+    n_channels = block.samples.shape[1]
+    if n_channels > MOST_CHANNELS:
+        return Refusal(
+            TOO_MANY_CHANNELS,
+            f"{n_channels} channels; a unit has at most {MOST_CHANNELS} that are identified",
+        )
+    n_values = duration * block.sampling_rate * n_channels
     if n_values <= MOST_VALUES:
-        return ""
-    return (
+        return None
+    return Refusal(
+        TOO_LARGE,
         f"a window of {duration:g} s would hold {n_values:.3g} values at {block.sampling_rate:g} "
-        f"Hz; at most {MOST_VALUES:g} are held"
+        f"Hz; at most {MOST_VALUES:g} are held",
     )

@@ -7,17 +7,17 @@ Every shard takes every message and leaves alone what is another's; so the books
 count messages by node, hold for shards as they do for nodes.
 """
 
+import logging
 import zlib
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, Protocol, TypeVar
 
-from pipeline.messages import (
-    Message,
-    NodeStatus,
-    QualityWarning,
-)
-from pipeline.nodes.node import Node
+from pipeline.messages import Message, NodeStatus, QualityWarning
+from pipeline.nodes.node import Node, NodeSnapshot, NodeStatistics, TurbineNode
 from sensors.errors import InputError
+
+logger = logging.getLogger(__name__)
 
 
 class ShardError(InputError):
@@ -81,19 +81,9 @@ class ShardedNode:
         return ()
 
     @property
-    def warnings(self) -> tuple[QualityWarning, ...]:
+    def statistics(self) -> NodeStatistics:
         """The node's own."""
-        return getattr(self._node, "warnings", ())
-
-    @property
-    def late(self) -> int:
-        """Blocks that came too late for the node."""
-        return getattr(self._node, "late", 0)
-
-    @property
-    def duplicate(self) -> int:
-        """Blocks that the node got twice."""
-        return getattr(self._node, "duplicate", 0)
+        return self._node.statistics
 
     def close(self) -> None:
         """Let go of what the node holds."""
@@ -106,38 +96,153 @@ def of_kind(name: str, kind: str) -> bool:
 
 
 MOST_TURBINES = 300  # of a session; an updater of each holds 3 MB
-MOST_UNITS = 16  # of a turbine
 
 
 class LimitedMembers:
-    """Names of those that were heard.
+    """Names that were heard, so many at most.
 
-    When one more comes, who has said least goes; of these, who has been silent longest. So a flood
-    of new names drives out names of the flood, and nobody who has been speaking for a while.
+    When one more comes, the one heard least goes; of these, the one silent longest. So a flood of
+    new names drives out names of the flood, and none that has been heard for a while.
     """
 
     def __init__(self, most: int) -> None:
         self.gone = 0  # names that had to go
         self._most = most
-        self._said: dict[str, int] = {}  # by name, the longest silent first
+        self._heard: dict[str, int] = {}  # by name, the longest silent first
 
     def __len__(self) -> int:
-        return len(self._said)
+        return len(self._heard)
 
     def heard(self, name: str) -> str | None:
-        """Note that somebody speaks; who has to go for it, if anybody has."""
+        """Mark `name` as recently used; return the evicted name, or None."""
         leaving = None
-        if name not in self._said and len(self._said) >= self._most:
-            leaving = min(self._said, key=self._said.__getitem__)  # the first of equals
-            del self._said[leaving]
+        if name not in self._heard and len(self._heard) >= self._most:
+            leaving = min(self._heard, key=self._heard.__getitem__)  # the first of equals
+            del self._heard[leaving]
             self.gone += 1
-        self._said[name] = self._said.pop(name, 0) + 1
+        self._heard[name] = self._heard.pop(name, 0) + 1
         return leaving
 
 
-def told_of_gone(gone: int, limits: str) -> tuple[QualityWarning, ...]:
-    """What a node says that had to let somebody go; nothing where nobody had to."""
-    if not gone:
-        return ()
-    text = f"more than {limits}: {gone} times who had said least was let go"
-    return (QualityWarning("too-many-turbines", text),)
+def too_many(limit: str, gone: int) -> QualityWarning:
+    """That members had to be let go, and how often."""
+    return QualityWarning(
+        "too-many-turbines", f"more than {limit}: {gone} times the least heard one was let go"
+    )
+
+
+class SnapshotStore(Protocol):
+    """Keeps what nodes must not forget."""
+
+    def read(self, turbine: str) -> NodeSnapshot | None:
+        """The turbine's snapshot; None where there is none. Raises CheckpointError."""
+        ...
+
+    def write(self, turbine: str, snapshot: NodeSnapshot) -> None:
+        """Replace the turbine's snapshot in one step. Raises OSError."""
+        ...
+
+
+N = TypeVar("N", bound=TurbineNode)
+
+
+class NodeByTurbine(Generic[N]):
+    """One node a turbine: made when the turbine is first heard of, restored from where the one
+    before it ended, snapshot after what it must not forget, let go where there are too many.
+
+    Parameters
+    ----------
+    make : callable
+        Turbine → its node.
+    store : SnapshotStore, optional
+        Where nodes go on from; None: they begin with nothing seen. A disk that is full costs the
+        snapshot, not the answers; `statistics` warns of it.
+    past : sequence of Message
+        What was recorded last, in the order of recording.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[str], N],
+        *,
+        store: SnapshotStore | None = None,
+        past: Sequence[Message] = (),
+    ) -> None:
+        self.members: dict[str, N] = {}
+        self._make = make
+        self._store = store
+        self._past: dict[str, list[Message]] = {}
+        for message in past:
+            self._past.setdefault(message.turbine, []).append(message)
+        self._names = LimitedMembers(MOST_TURBINES)
+        self._kept: dict[str, int] = {}  # revision of the last snapshot
+        self._not_kept: tuple[QualityWarning, ...] = ()
+        self._of_the_past = NodeStatistics()
+        self._to_say: list[Message] = []  # by nodes that were made before their first message
+
+    def begin(self, turbine: str) -> None:
+        """Make a turbine's node before its first message.
+
+        Raises CheckpointError for a snapshot that it cannot go on from.
+        """
+        self._to_say += self._begun(turbine)
+
+    def _begun(self, turbine: str) -> Iterator[Message]:
+        """The turbine's node made; what it says again, or for the first time."""
+        if turbine in self.members:
+            return
+        node = self.members[turbine] = self._make(turbine)
+        self._kept[turbine] = node.revision
+        snapshot = None if self._store is None else self._store.read(turbine)
+        past = self._past.pop(turbine, [])
+        if snapshot is not None:
+            yield from node.restore(snapshot, past)
+
+    def handle(self, message: Message) -> Iterator[Message]:
+        """The answers of the turbine's node; when they have been taken, its snapshot is kept."""
+        turbine = message.turbine
+        leaving = self._names.heard(turbine)
+        if leaving is not None and leaving in self.members:
+            yield from self._let_go(leaving)
+        said, self._to_say = self._to_say, []
+        yield from said
+        yield from self._begun(turbine)
+        yield from self.members[turbine].handle(message)
+        self._keep(turbine)
+
+    def _let_go(self, turbine: str) -> Iterator[Message]:
+        node = self.members.pop(turbine)
+        self._kept.pop(turbine, None)
+        yield from node.finish()
+        self._of_the_past += replace(node.statistics, warnings=())
+
+    def _keep(self, turbine: str) -> None:
+        node = self.members[turbine]
+        if self._store is None or node.revision == self._kept[turbine]:
+            return
+        self._kept[turbine] = node.revision
+        try:
+            self._store.write(turbine, node.snapshot())
+        except OSError as error:
+            reason = error.strerror or error
+            text = f"{error.filename} could not be written ({reason}): a restart goes on from "
+            if not self._not_kept:
+                logger.error("%sthe snapshot before", text)
+            self._not_kept = (
+                QualityWarning("checkpoint-not-written", f"{text}the snapshot before"),
+            )
+        else:
+            self._not_kept = ()
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """Of all turbines."""
+        counts = self._of_the_past
+        for node in self.members.values():
+            counts += node.statistics
+        gone = self._names.gone
+        warnings = (too_many(f"{MOST_TURBINES} turbines", gone),) if gone else ()
+        return counts + NodeStatistics(warnings=(*self._not_kept, *warnings))
+
+    def close(self) -> None:
+        """Nothing is held: snapshots are whole after every window."""

@@ -1,8 +1,9 @@
-"""IdentificationNode: acceleration blocks in, one modal estimate a window out."""
+"""Identification: acceleration blocks in, one modal estimate a window out."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from typing import Generic, Protocol, TypeVar
+import json
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 
 from pipeline.messages import (
     Message,
@@ -11,338 +12,491 @@ from pipeline.messages import (
     StreamEnd,
     WindowRejected,
 )
-from pipeline.nodes.block_admission import BlockAdmission, window_complaint
-from pipeline.nodes.by_turbine import MOST_TURBINES, MOST_UNITS, LimitedMembers, told_of_gone
+from pipeline.nodes.block_admission import BlockAdmission, BlockMark, window_refusal
+from pipeline.nodes.by_turbine import LimitedMembers, NodeByTurbine, SnapshotStore, too_many
+from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog, rejected_estimate
-from pipeline.nodes.unit_streams import JoinedSession, UnitSession
+from pipeline.nodes.unit_streams import Boot, JoinedSession, UnitSession
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.tracking import DIES_AFTER
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
+MOST_UNITS = 16  # of a turbine
 LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
+MARKS = 10_000  # of a unit's latest blocks: where a restart reads on
+SAID_AGAIN = 2  # answers that may not have reached a recording before a kill
 
 Session = UnitSession | JoinedSession
+WindowAnswer = ModalEstimate | WindowRejected
 
 
-class IdentificationNode:
-    """Cuts each turbine's blocks into windows and identifies them.
+class _Unit:
+    """What is remembered of one acquisition unit."""
+
+    def __init__(self, lateness: float) -> None:
+        self.admission = BlockAdmission()
+        self.monitor = BlockMonitor(lateness)
+        self.layouts: dict[str, SensorLayout] = {}  # by their ids, the latest last
+        self.ends: dict[str, StreamEnd] = {}  # by session: announced, blocks still missing
+        self.marks: deque[BlockMark] = deque(maxlen=MARKS)  # of the present boot
+
+    @property
+    def layout(self) -> SensorLayout | None:
+        """The latest."""
+        return next(reversed(self.layouts.values()), None)
+
+    @property
+    def boot(self) -> Boot:
+        """The present one."""
+        return Boot(self.admission.session or "", self.admission.boot)
+
+
+class TurbineIdentification:
+    """Cuts one turbine's blocks into windows and identifies them.
 
     Answers every window with a ModalEstimate or a WindowRejected, and every gap with a StreamGap.
-    Windows begin with the session's first sample. Where the layouts name several acquisition units
-    of a turbine, these are joined on one clock; else a new session of the unit begins anew.
-    """
-
-    name = "identification"
-    inputs: tuple[type, ...] = (SensorLayout, AccelerationBlock, StreamEnd)
-
-    def __init__(self, settings: OmaSettings | None = None):
-        self._settings = settings or OmaSettings()
-        self._layouts: dict[str, SensorLayout] = {}
-        self._sessions: dict[str, Session] = {}  # by turbine
-        self._gates: dict[tuple[str, str], BlockAdmission] = {}  # by turbine and unit
-        self._ends: dict[tuple[str, str, str], StreamEnd] = {}  # announced, blocks still missing
-        self._late_of_ended = self._duplicate_of_ended = 0  # blocks of sessions that are over
-        self._unfit_of_forgotten = 0  # blocks of units that were let go
-
-    def handle(self, message: Message) -> Iterable[Message]:
-        match message:
-            case SensorLayout():
-                self._note_layout(message)
-            case AccelerationBlock():
-                yield from self._admitted(message)
-            case StreamEnd():
-                self._note_end(message)
-                yield from self._finish_if_complete(message.turbine)
-
-    def recall(self, answer: ModalEstimate | WindowRejected) -> None:
-        """Take up what an identification that has ended answered; needs the turbine's session."""
-        if answer.turbine in self._sessions:
-            self._sessions[answer.turbine].recall(answer)
-
-    def forget(self, turbine: str) -> Iterator[Message]:
-        """Let go of a turbine; what its session still has to say."""
-        if turbine in self._sessions:
-            yield from self._end_session(turbine)
-        units = {unit for of, unit in self._gates if of == turbine}
-        units |= {layout.unit for layout in self._layouts.values() if layout.turbine == turbine}
-        units |= {unit for of, unit, _ in self._ends if of == turbine}
-        for unit in units:
-            self.forget_unit(turbine, unit)
-
-    def forget_unit(self, turbine: str, unit: str) -> None:
-        """Let go of a unit of a turbine; a session that it has part in goes on without it."""
-        gate = self._gates.pop((turbine, unit), None)
-        self._unfit_of_forgotten += 0 if gate is None else gate.unfit
-        for layout_id in self._layout_ids(turbine, unit):
-            del self._layouts[layout_id]
-        for end in self._ends_of(turbine, unit):
-            del self._ends[end]
-
-    def _layout_ids(self, turbine: str, unit: str) -> list[str]:
-        known = self._layouts.items()
-        return [name for name, of in known if (of.turbine, of.unit) == (turbine, unit)]
-
-    def _ends_of(self, turbine: str, unit: str) -> list[tuple[str, str, str]]:
-        return [key for key in self._ends if key[:2] == (turbine, unit)]
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-    def _note_layout(self, layout: SensorLayout) -> None:
-        """The latest of each unit are kept."""
-        self._layouts.pop(layout.layout_id, None)
-        self._layouts[layout.layout_id] = layout
-        for oldest in self._layout_ids(layout.turbine, layout.unit)[:-LATEST_OF_A_UNIT]:
-            del self._layouts[oldest]
-
-    def _note_end(self, end: StreamEnd) -> None:
-        """The latest of each unit are kept."""
-        self._ends[end.turbine, end.unit, end.session] = end
-        for oldest in self._ends_of(end.turbine, end.unit)[:-LATEST_OF_A_UNIT]:
-            del self._ends[oldest]
-
-    def _admitted(self, block: AccelerationBlock) -> Iterator[Message]:
-        gate = self._gates.setdefault((block.turbine, block.unit), BlockAdmission())
-        too_much = window_complaint(block, self._settings.window_duration)
-        if too_much:
-            gate.refuse(too_much)
-            return
-        session = self._sessions.get(block.turbine)
-        admission = gate.admit(block, "" if session is None else session.refusal(block))
-        if admission.anew and block.turbine in self._sessions:
-            yield from self._end_session(block.turbine)
-        for each in admission.blocks:
-            yield from self._take(each)
-
-    def _take(self, block: AccelerationBlock) -> Iterator[Message]:
-        session = self._sessions.get(block.turbine)
-        if session is None or not session.goes_on_with(block):
-            if session is not None:
-                yield from self._end_session(block.turbine)
-            session = self._sessions[block.turbine] = self._new_session(block)
-        misfit = session.misfit(block)
-        if misfit:
-            self._gates[block.turbine, block.unit].refuse(misfit)
-            return
-        yield from session.push(block)
-        yield from self._finish_if_complete(block.turbine)
-
-    def _new_session(self, block: AccelerationBlock) -> Session:
-        units = {
-            layout.unit: layout
-            for layout in self._layouts.values()
-            if layout.turbine == block.turbine
-        }
-        if len(units) > 1 and block.unit in units:
-            layouts = [units[unit] for unit in sorted(units)]
-            return JoinedSession(layouts, self._settings)
-        return UnitSession(block, self._settings, self._layouts)
-
-    def _finish_if_complete(self, turbine: str) -> Iterator[Message]:
-        """Finish a session whose ends and last blocks are all here, whichever came first: they
-        travel on different keys, so an end may overtake blocks that had to be fetched again."""
-        session = self._sessions.get(turbine)
-        if session is None:
-            return
-        ends = [self._ends.get((turbine, unit, name)) for unit, (name, _) in session.newest.items()]
-        newest = [newest_ns for _, newest_ns in session.newest.values()]
-        if all(
-            end is not None and reached >= end.time_ns
-            for end, reached in zip(ends, newest, strict=True)
-        ):
-            for unit, (name, _) in session.newest.items():
-                del self._ends[turbine, unit, name]
-            yield from self._end_session(turbine)
-
-    def _end_session(self, turbine: str) -> Iterator[Message]:
-        """What a session still has to say; its blocks stay counted."""
-        session = self._sessions.pop(turbine)
-        self._late_of_ended += session.late
-        self._duplicate_of_ended += session.duplicate
-        yield from session.finish()
-
-    @property
-    def late(self) -> int:
-        """Blocks that came too late to be used."""
-        return self._late_of_ended + sum(session.late for session in self._sessions.values())
-
-    @property
-    def duplicate(self) -> int:
-        """Blocks that came twice."""
-        return self._duplicate_of_ended + sum(
-            session.duplicate for session in self._sessions.values()
-        )
-
-    @property
-    def unfit(self) -> int:
-        """Blocks that did not fit their unit's session and were dropped."""
-        return self._unfit_of_forgotten + sum(gate.unfit for gate in self._gates.values())
-
-    @property
-    def complaint(self) -> str:
-        """Of one of them: whose it was and what was wrong; "" where there are none."""
-        for (turbine, unit), gate in reversed(self._gates.items()):
-            if gate.unfit:
-                return f"unit {unit} of {turbine}: {gate.complaint}"
-        return ""
-
-
-class Accounted(Protocol):
-    """What every identification tells of the blocks that it was given."""
-
-    @property
-    def late(self) -> int: ...
-
-    @property
-    def duplicate(self) -> int: ...
-
-    def close(self) -> None: ...
-
-
-Inner = TypeVar("Inner", bound=Accounted)
-
-
-class Coat(Generic[Inner]):
-    """Holds the inner node; whoever wears it writes `handle`."""
-
-    def __init__(self, inner: Inner) -> None:
-        self._inner = inner
-
-    def close(self) -> None:
-        """Close the inner node."""
-        self._inner.close()
-
-    @property
-    def late(self) -> int:
-        """Blocks that came when their window was over, by the inner node's account."""
-        return self._inner.late
-
-    @property
-    def duplicate(self) -> int:
-        """Blocks that came twice, by the inner node's account."""
-        return self._inner.duplicate
-
-
-class IdentificationInContext(Coat[IdentificationNode]):
-    """The identification with what it knows of operation, clock, link and wiring.
+    Windows begin with a boot's first sample. Where the layouts name several acquisition units,
+    these are joined on one clock; else a new boot of the unit begins another session.
 
     Every estimate carries the state, yaw and water level of its window by SCADA. What the link and
-    the clock did wrong is told with the next estimate; a window in which two channels have changed
-    place is rejected.
+    the clock did wrong is reported with the next estimate; a window in which two channels have
+    changed place is rejected.
 
-    compared   False: whoever has all windows compares each one's channels with the window's before
+    Parameters
+    ----------
+    settings : OmaSettings
+    compared : bool
+        False: a caller that has all windows compares each one's channels with the window's before.
     """
 
-    name = "identification"
-    inputs: tuple[type, ...] = (*IdentificationNode.inputs, ScadaSample)
-
-    def __init__(self, settings: OmaSettings | None = None, *, compared: bool = True) -> None:
+    def __init__(self, settings: OmaSettings, *, compared: bool = True) -> None:
+        self.revision = 0
+        self._settings = settings
         self._compared = compared
-        self._settings = settings or OmaSettings()
-        super().__init__(IdentificationNode(self._settings))
+        self._units: dict[str, _Unit] = {}
+        self._names = LimitedMembers(MOST_UNITS)
+        self._session: Session | None = None
+        self._layouts: dict[str, SensorLayout] = {}  # of all units, by their ids
         self._log = OperationLog()
-        self._blocks: dict[str, dict[str, BlockMonitor]] = {}  # by turbine and unit
-        self._layouts: dict[tuple[str, str], SensorLayout] = {}  # by turbine and unit
-        self._channels: dict[str, ChannelSwapMonitor] = {}
-        self._turbines = LimitedMembers(MOST_TURBINES)
-        self._units: dict[str, LimitedMembers] = {}  # by turbine
-        self._units_gone = 0  # that were let go because their turbine had too many
+        self._channels = ChannelSwapMonitor()
+        self._of_the_past = NodeStatistics()  # of sessions and units that are gone
+        self._answers: tuple[WindowAnswer, ...] = ()  # the latest
+        self._resumable: _Resumable | None = None  # session of an identification that has ended
 
     def handle(self, message: Message) -> Iterator[Message]:
-        yield from self._make_room(message)
-        if isinstance(message, ScadaSample):
-            self._log.note(message)
-            return
-        if isinstance(message, AccelerationBlock):
-            units = self._blocks.setdefault(message.turbine, {})
-            units.setdefault(message.unit, BlockMonitor(self._settings.lateness)).note(message)
-        if isinstance(message, SensorLayout):
-            self._layouts[message.turbine, message.unit] = message
-        yield from self._answers(self._inner.handle(message))
+        """The answers to a block; other messages say what they mean."""
+        for answer in self._answers_to(message):
+            said = self._in_context(answer) if isinstance(answer, ModalEstimate) else answer
+            yield said
+            if isinstance(said, WindowAnswer):
+                self._keep(said)
 
-    def _answers(self, inner: Iterable[Message]) -> Iterator[Message]:
-        for answer in inner:
-            yield self._in_context(answer) if isinstance(answer, ModalEstimate) else answer
+    def _keep(self, answer: WindowAnswer) -> None:
+        answers = (*self._answers, answer)[-DIES_AFTER - 1 :]
+        before, latest = answers[:-SAID_AGAIN], answers[-SAID_AGAIN:]
+        self._answers = (*map(_without_covariances, before), *latest)
+        self.revision += 1
 
-    def _make_room(self, message: Message) -> Iterator[Message]:
-        """Let go of a turbine, or of a unit of one, where there are too many with this one."""
-        leaving = self._turbines.heard(message.turbine)
-        if leaving is not None:
-            yield from self._answers(self._inner.forget(leaving))
-            self._log.forget(leaving)
-            self._blocks.pop(leaving, None)
-            self._channels.pop(leaving, None)
-            self._units.pop(leaving, None)
-            for key in [key for key in self._layouts if key[0] == leaving]:
-                del self._layouts[key]
-        if isinstance(message, (AccelerationBlock, SensorLayout, StreamEnd)):
-            units = self._units.setdefault(message.turbine, LimitedMembers(MOST_UNITS))
-            silent = units.heard(message.unit)
-            if silent is not None:
-                self._units_gone += 1
-                self._inner.forget_unit(message.turbine, silent)
-                self._blocks.get(message.turbine, {}).pop(silent, None)
-                self._layouts.pop((message.turbine, silent), None)
+    def _answers_to(self, message: Message) -> Iterator[Message]:
+        match message:
+            case ScadaSample():
+                self._log.note(message)
+            case SensorLayout():
+                self._note_layout(self._unit(message.unit), message)
+            case AccelerationBlock():
+                yield from self._admitted(self._unit(message.unit), message)
+            case StreamEnd():
+                yield from self._ended(self._unit(message.unit), message)
 
-    def recall(self, answer: ModalEstimate | WindowRejected) -> None:
+    def finish(self) -> Iterator[Message]:
+        """What the session still has to say."""
+        if self._session is not None:
+            for answer in self._end_session():
+                yield self._in_context(answer) if isinstance(answer, ModalEstimate) else answer
+
+    def recall(self, answer: WindowAnswer) -> None:
         """Take up what an identification that has ended answered, so that modes keep their names
         and channels are compared with the last good window's."""
         if isinstance(answer, ModalEstimate):
-            self._channels.setdefault(answer.turbine, ChannelSwapMonitor()).swap_in(answer)
-        self._inner.recall(answer)
+            self._channels.swap_in(answer)
+        if self._session is not None:
+            self._session.recall(answer)
 
-    def _in_context(self, estimate: ModalEstimate) -> ModalEstimate | WindowRejected:
+    def _unit(self, name: str) -> _Unit:
+        """What is remembered of a unit; of too many, the one that was heard least goes."""
+        leaving = self._names.heard(name)
+        if leaving is not None and leaving in self._units:
+            gone = self._units.pop(leaving)
+            refused = NodeStatistics(rejected=gone.admission.refused)
+            self._of_the_past = self._of_the_past + refused
+            for layout_id in gone.layouts:
+                self._layouts.pop(layout_id, None)
+        if name not in self._units:
+            self._units[name] = _Unit(self._settings.lateness)
+        return self._units[name]
+
+    def _note_layout(self, unit: _Unit, layout: SensorLayout) -> None:
+        """The latest of each unit are kept."""
+        for layouts in (unit.layouts, self._layouts):
+            layouts.pop(layout.layout_id, None)
+            layouts[layout.layout_id] = layout
+        for oldest in list(unit.layouts)[:-LATEST_OF_A_UNIT]:
+            del unit.layouts[oldest]
+            self._layouts.pop(oldest, None)
+
+    def _ended(self, unit: _Unit, end: StreamEnd) -> Iterator[Message]:
+        unit.ends[end.session] = end
+        for oldest in list(unit.ends)[:-LATEST_OF_A_UNIT]:
+            del unit.ends[oldest]
+        admission = unit.admission.note_end(end.session)
+        if admission.blocks:
+            yield from self._taken(unit, admission.blocks, starts=admission.starts)
+        yield from self._finish_if_complete()
+
+    def _admitted(self, unit: _Unit, block: AccelerationBlock) -> Iterator[Message]:
+        too_much = window_refusal(block, self._settings.window_duration)
+        if too_much is not None:
+            unit.admission.refuse(too_much)
+            return
+        refusal = None if self._session is None else self._session.refusal(block)
+        admission = unit.admission.admit(block, refusal)
+        yield from self._taken(unit, admission.blocks, starts=admission.starts)
+
+    def _taken(
+        self, unit: _Unit, blocks: tuple[AccelerationBlock, ...], *, starts: bool
+    ) -> Iterator[Message]:
+        if starts:
+            unit.monitor.restart()
+            unit.marks.clear()
+            self.revision += 1
+        if blocks and self._session is not None and self._session.refusal(blocks[0]) is not None:
+            yield from self._end_session()
+        for block in blocks:
+            unit.monitor.note(block)
+            unit.marks.append(BlockMark.of(block))
+            yield from self._take(unit, block)
+
+    def _take(self, unit: _Unit, block: AccelerationBlock) -> Iterator[Message]:
+        if self._session is None or not self._session.goes_on_with(block, unit.boot):
+            if self._session is not None:
+                yield from self._end_session()
+            self._session = self._begun(unit, block)
+        misfit = self._session.misfit(block)
+        if misfit is not None:
+            unit.admission.refuse(misfit)
+            return
+        begins = not unit.marks or unit.marks[0] == BlockMark.of(block)
+        yield from self._session.push(block, unit.boot, 0 if begins else block.first_sample)
+        if self._session.has_lost_time:
+            unused = self._session.release()
+            yield from self._end_session()
+            for each in unused:
+                yield from self._take(self._units[each.unit], each)
+            return
+        yield from self._finish_if_complete()
+
+    def _begun(self, unit: _Unit, block: AccelerationBlock) -> Session:
+        session = self._session_for(unit, block)
+        resumable, self._resumable = self._resumable, None
+        if resumable is None or resumable.boots.get(block.unit) != unit.boot:
+            return session
+        self._session = session
+        if isinstance(session, JoinedSession):
+            session.resume_boots(resumable.boots)
+        if resumable.joined == isinstance(session, JoinedSession):
+            session.resume(resumable.session, resumable.needed)
+        for answer in self._answers:
+            self.recall(answer)
+        return session
+
+    def _session_for(self, unit: _Unit, block: AccelerationBlock) -> Session:
+        latest = {name: each.layout for name, each in self._units.items()}
+        layouts = {name: layout for name, layout in latest.items() if layout is not None}
+        if len(layouts) > 1 and block.unit in layouts:
+            return JoinedSession([layouts[name] for name in sorted(layouts)], self._settings)
+        return UnitSession(block, unit.boot, self._settings, self._layouts)
+
+    def _finish_if_complete(self) -> Iterator[Message]:
+        """Finish a session whose ends and last blocks are all here, whichever came first: they
+        travel on different keys, so an end may overtake blocks that had to be fetched again."""
+        if self._session is None:
+            return
+        newest = self._session.newest
+        ends = [self._units[unit].ends.get(name) for unit, (name, _) in newest.items()]
+        reached = [end_ns for _, end_ns in newest.values()]
+        if newest and all(
+            end is not None and last >= end.time_ns for end, last in zip(ends, reached, strict=True)
+        ):
+            for unit, (name, _) in newest.items():
+                del self._units[unit].ends[name]
+            yield from self._end_session()
+
+    def _end_session(self) -> Iterator[Message]:
+        """What a session still has to say; its blocks stay counted."""
+        session, self._session = self._session, None
+        assert session is not None
+        yield from session.finish()
+        counts = NodeStatistics(late=session.late, duplicate=session.duplicate)
+        self._of_the_past = self._of_the_past + counts
+
+    def _in_context(self, estimate: ModalEstimate) -> WindowAnswer:
         estimate = self._log.with_conditions(estimate)
-        still = self._still_channel(estimate)
-        if still is not None:
-            return rejected_estimate(estimate, "constant", still)
+        against = self._still_channel(estimate)
+        if against is not None:
+            return rejected_estimate(estimate, "constant", against)
+        against = self._conflict(estimate)
+        if against is not None:
+            return rejected_estimate(estimate, "conflicting-blocks", against)
         if self._compared:
-            watch = self._channels.setdefault(estimate.turbine, ChannelSwapMonitor())
-            swapped = watch.swap_in(estimate)
+            swapped = self._channels.swap_in(estimate)
             if swapped is not None:
                 return rejected_estimate(estimate, "swapped-channels", swapped)
-        doubts = self._link_and_clock_doubts(estimate)
+        doubts = self._link_and_clock_warnings(estimate)
         return replace(estimate, warnings=estimate.warnings + doubts)
+
+    def _spans(self, estimate: ModalEstimate) -> Iterator[tuple[str, _Unit, int, int]]:
+        """Each unit whose present boot the window lies in, with its first sample and one past its
+        last."""
+        for origin in estimate.origins:
+            unit = self._units.get(origin.unit)
+            if unit is None or unit.boot != Boot(origin.session, origin.boot) or not unit.marks:
+                continue
+            n_samples = round(estimate.duration * unit.marks[-1].sampling_rate)
+            yield origin.unit, unit, origin.first_sample, origin.first_sample + n_samples
 
     def _still_channel(self, estimate: ModalEstimate) -> str | None:
         """Which channel of the estimate kept one value for a while, in words."""
-        for unit, watch in self._blocks[estimate.turbine].items():
-            still = watch.still_channel(estimate.start_ns, estimate.end_ns)
+        for name, unit, first, end in self._spans(estimate):
+            still = unit.monitor.still_channel(first, end)
             if still is None:
                 continue
             channel, since = still
-            layout = self._layouts.get((estimate.turbine, unit))
-            names = layout.channel_names if layout else estimate.channels
-            for name in names[channel : channel + 1]:  # a layout may not be that of the blocks
-                for known_as in (name, f"{unit}/{name}"):  # the latter where two units have one
+            names = unit.layout.channel_names if unit.layout else estimate.channels
+            for each in names[channel : channel + 1]:  # a layout may not be that of the blocks
+                for known_as in (each, f"{name}/{each}"):  # the latter where two units have one
                     if known_as in estimate.channels:
                         return f"{known_as} stands still from {since:.0f} s on"
         return None
 
-    def _link_and_clock_doubts(self, estimate: ModalEstimate) -> tuple[QualityWarning, ...]:
+    def _conflict(self, estimate: ModalEstimate) -> str | None:
+        """That blocks of the window came with two contents, in words."""
+        for name, unit, first, end in self._spans(estimate):
+            count = sum(first <= sample < end for sample in unit.admission.conflicts)
+            if count:
+                return (
+                    f"{count} blocks of unit {name} came twice with different values: two devices "
+                    "send under one name"
+                )
+        return None
+
+    def _link_and_clock_warnings(self, estimate: ModalEstimate) -> tuple[QualityWarning, ...]:
         """What link and clock of every unit did wrong; of several units, each by its name."""
-        units = self._blocks[estimate.turbine]
+        several = len(self._units) > 1
         return tuple(
-            replace(doubt, text=f"unit {unit}: {doubt.text}") if len(units) > 1 else doubt
-            for unit, watch in units.items()
-            for doubt in watch.warnings_until(estimate.end_ns)
+            replace(warning, text=f"unit {name}: {warning.text}") if several else warning
+            for name, unit, _, end in self._spans(estimate)
+            for warning in unit.monitor.warnings_until(end)
         )
 
     @property
-    def warnings(self) -> tuple[QualityWarning, ...]:
-        """What the node says in its status beside its counts."""
-        said = []
-        if self._inner.unfit:
-            said.append(
-                QualityWarning(
-                    "unfit-blocks",
-                    f"{self._inner.unfit} blocks of another rate, shape or time than their "
-                    f"session's were dropped; the last of {self._inner.complaint}",
-                )
+    def statistics(self) -> NodeStatistics:
+        """Blocks that were not used, and why."""
+        counts = self._of_the_past
+        if self._session is not None:
+            session = self._session
+            counts += NodeStatistics(late=session.late, duplicate=session.duplicate)
+        for unit in self._units.values():
+            counts += NodeStatistics(rejected=unit.admission.refused)
+        return counts
+
+    @property
+    def complaint(self) -> str:
+        """Of one of the blocks that were refused: whose it was and what was wrong; "" of none."""
+        for name, unit in reversed(self._units.items()):
+            if unit.admission.unfit:
+                return f"unit {name}: {unit.admission.complaint}"
+        return ""
+
+    @property
+    def sequence_jumps(self) -> int:
+        """Block numbers that jumped where no sample is missing."""
+        return sum(unit.admission.sequence_jumps for unit in self._units.values())
+
+    @property
+    def units_gone(self) -> int:
+        """Units that were let go because the turbine had too many."""
+        return self._names.gone
+
+    # ---- restart ------------------------------------------------------------------------------
+
+    def snapshot(self) -> NodeSnapshot:
+        """The numbers that windows go by; samples are read again from where they are kept."""
+        session = self._session
+        needed = {} if session is None else session.needed()
+        marks = {name: _mark_before(self._units[name], first) for name, first in needed.items()}
+        state = {
+            "units": {name: unit.admission.state() for name, unit in self._units.items()},
+            "boots": {n: [u.boot.session, u.boot.number] for n, u in self._units.items()},
+            "joined": isinstance(session, JoinedSession),
+            "session": None if session is None else session.state(),
+            "marks": {name: asdict(mark) for name, mark in marks.items() if mark is not None},
+        }
+        layouts = [unit.layout for unit in self._units.values() if unit.layout is not None]
+        return NodeSnapshot(json.dumps(state).encode(), (*layouts, *self._answers))
+
+    def restore(self, snapshot: NodeSnapshot, past: Iterable[Message]) -> Iterator[Message]:
+        """Go on from a snapshot, with the samples that were recorded since.
+
+        The latest answers are given once more: they may not have reached a recording.
+        """
+        state = json.loads(snapshot.state)
+        marks = {name: BlockMark(**mark) for name, mark in state["marks"].items()}
+        for message in snapshot.messages:
+            if isinstance(message, SensorLayout):
+                self._note_layout(self._unit(message.unit), message)
+        answers = [each for each in snapshot.messages if isinstance(each, WindowAnswer)]
+        self._answers = tuple(answers)
+        for name, admission in state["units"].items():
+            self._unit(name).admission.resume(admission)
+        if state["session"] is not None:
+            self._resumable = _Resumable(
+                {name: Boot(session, number) for name, (session, number) in state["boots"].items()},
+                joined=bool(state["joined"]),
+                session=state["session"],
+                needed={name: mark.first_sample for name, mark in marks.items()},
             )
-        gone = self._turbines.gone + self._units_gone
-        limits = f"{MOST_TURBINES} turbines and {MOST_UNITS} units of a turbine"
-        return (*said, *told_of_gone(gone, limits))
+            for name, mark in marks.items():
+                self._unit(name).admission.begin_after(mark)
+        yield from answers[-SAID_AGAIN:]
+        for message in refill(past, marks):
+            yield from self.handle(message)
+
+
+@dataclass(frozen=True, slots=True)
+class _Resumable:
+    """A session of an identification that has ended."""
+
+    boots: dict[str, Boot]
+    joined: bool
+    session: dict[str, object]
+    needed: dict[str, int]
+
+
+class IdentificationNode(NodeByTurbine[TurbineIdentification]):
+    """The identification of any number of turbines.
+
+    Parameters
+    ----------
+    settings : OmaSettings, optional
+    compared : bool
+        See `TurbineIdentification`.
+    store : SnapshotStore, optional
+        Where it goes on from; None: it begins with nothing seen.
+    past : sequence of Message
+        What was recorded last, in the order of recording.
+    """
+
+    name = "identification"
+    inputs = (SensorLayout, AccelerationBlock, StreamEnd, ScadaSample)
+
+    def __init__(
+        self,
+        settings: OmaSettings | None = None,
+        *,
+        compared: bool = True,
+        store: SnapshotStore | None = None,
+        past: Sequence[Message] = (),
+    ) -> None:
+        chosen = settings or OmaSettings()
+        super().__init__(
+            lambda _: TurbineIdentification(chosen, compared=compared), store=store, past=past
+        )
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """Of all turbines; what was refused is a warning too."""
+        counts = super().statistics
+        return counts + NodeStatistics(warnings=tuple(self._refusals(counts)))
+
+    def _refusals(self, counts: NodeStatistics) -> Iterator[QualityWarning]:
+        if counts.rejected:
+            last = next(
+                (
+                    each.complaint.replace(":", f" of {turbine}:", 1)
+                    for turbine, each in reversed(self.members.items())
+                    if each.complaint
+                ),
+                "a unit that is gone",
+            )
+            yield QualityWarning(
+                "unfit-blocks",
+                f"{counts.rejected.total()} blocks of another rate, shape, time or sender than "
+                f"their unit's were refused; the last of {last}",
+            )
+        jumps = sum(each.sequence_jumps for each in self.members.values())
+        if jumps:
+            yield QualityWarning(
+                "sequence-jump", f"block numbers jumped {jumps} times where no sample is missing"
+            )
+        gone = sum(each.units_gone for each in self.members.values())
+        if gone:
+            yield too_many(f"{MOST_UNITS} units of a turbine", gone)
+
+
+def refill(past: Iterable[Message], marks: dict[str, BlockMark]) -> Iterator[Message]:
+    """What was recorded since the blocks with these marks, they included, in its order.
+
+    Parameters
+    ----------
+    past : iterable of Message
+        Of one turbine, in the order of recording.
+    marks : dict
+        Unit → its first block that is needed.
+    """
+    reached: set[str] = set()
+    messages = list(past)
+    last = {
+        unit: max(
+            (n for n, each in enumerate(messages) if _is_marked(each, unit, mark)), default=None
+        )
+        for unit, mark in marks.items()
+    }
+    for number, message in enumerate(messages):
+        if isinstance(message, AccelerationBlock):
+            if number == last.get(message.unit):
+                reached.add(message.unit)
+            if message.unit in reached:
+                yield message
+        elif isinstance(message, SensorLayout | ScadaSample):
+            yield message
+
+
+def _is_marked(message: Message, unit: str, mark: BlockMark) -> bool:
+    return (
+        isinstance(message, AccelerationBlock)
+        and message.unit == unit
+        and BlockMark.of(message) == mark
+    )
+
+
+def _mark_before(unit: _Unit, needed: int) -> BlockMark | None:
+    """The block that holds a sample, or the last one before it."""
+    before = [mark for mark in unit.marks if mark.first_sample <= needed]
+    if not before:
+        return unit.marks[0] if unit.marks else None
+    return max(before, key=lambda each: each.first_sample)
+
+
+def _without_covariances(answer: WindowAnswer) -> WindowAnswer:
+    """An estimate as far as its modes' names need it: a hundredth of its size."""
+    if isinstance(answer, WindowRejected):
+        return answer
+    modes = tuple(
+        replace(mode, covariance_factor=mode.covariance_factor[:, :0], n_block_columns=0)
+        for mode in answer.modes
+    )
+    return replace(answer, modes=modes)

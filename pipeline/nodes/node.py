@@ -1,9 +1,39 @@
-"""What a node is: a name, the messages it takes, and what it answers."""
+"""What a node is: a name, the messages it takes, what it answers, what it counts."""
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from typing import Protocol
 
-from pipeline.messages import Message
+from pipeline.messages import Message, QualityWarning
+
+
+@dataclass(frozen=True, slots=True)
+class NodeStatistics:
+    """What a node counts of the blocks that it is given, and warns of."""
+
+    lost: int = 0
+    """Blocks that it received and could not keep."""
+    late: int = 0
+    """Blocks that came too late to be used."""
+    duplicate: int = 0
+    """Blocks that came twice."""
+    recorded: int = 0
+    """Blocks in a recorder's recording, those of its earlier parts too."""
+    rejected: Counter[str] = field(default_factory=Counter)
+    """Blocks that were refused, by the reason's code."""
+    warnings: tuple[QualityWarning, ...] = ()
+
+    def __add__(self, other: "NodeStatistics") -> "NodeStatistics":
+        """Both together."""
+        return NodeStatistics(
+            self.lost + other.lost,
+            self.late + other.late,
+            self.duplicate + other.duplicate,
+            self.recorded + other.recorded,
+            self.rejected + other.rejected,
+            self.warnings + other.warnings,
+        )
 
 
 class Node(Protocol):
@@ -23,10 +53,56 @@ class Node(Protocol):
         """Message types that it takes."""
         ...
 
+    @property
+    def statistics(self) -> NodeStatistics:
+        """What it counts and warns of until now."""
+        ...
+
     def handle(self, message: Message) -> Iterable[Message]:
         """Take one message, give what follows from it, in order."""
         ...
 
     def close(self) -> None:
         """Let go of what the node holds; called once, at the end."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSnapshot:
+    """What a node of one turbine must not forget."""
+
+    state: bytes
+    """As the node itself reads it."""
+    messages: tuple[Message, ...] = ()
+    """Layouts, latest answers: what is kept as it was sent."""
+
+
+class TurbineNode(Protocol):
+    """A node of one turbine: `NodeByTurbine` holds one of each, evicts and restarts them."""
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """What it counts and warns of until now."""
+        ...
+
+    @property
+    def revision(self) -> int:
+        """Grows whenever there is more to keep."""
+        ...
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        """Take one message of the turbine, give what follows from it, in order."""
+        ...
+
+    def finish(self) -> Iterator[Message]:
+        """What is still to be said before the node goes."""
+        ...
+
+    def snapshot(self) -> NodeSnapshot:
+        """What must not be forgotten."""
+        ...
+
+    def restore(self, snapshot: NodeSnapshot, past: Iterable[Message]) -> Iterator[Message]:
+        """Go on from a snapshot and from what was recorded; what is said again or for the first
+        time."""
         ...

@@ -95,4 +95,5 @@ def rejected_estimate(estimate: ModalEstimate, code: str, reason: str) -> Window
         end_ns=estimate.end_ns,
         code=code,
         reason=reason,
+        origins=estimate.origins,
     )

@@ -3,10 +3,14 @@
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
-from pipeline.nodes.node import Node
+from pipeline.nodes.node import NodeStatistics
 from sensors.acquisition.blocks import AccelerationBlock
+
+if TYPE_CHECKING:
+    from pipeline.nodes.node import Node
 
 
 class NodeAccount:
@@ -17,7 +21,7 @@ class NodeAccount:
     clock     → time [ns since 1970]; an argument, so that nodes and tests need none
     """
 
-    def __init__(self, node: Node, turbine: str, clock: Callable[[], int]) -> None:
+    def __init__(self, node: "Node", turbine: str, clock: Callable[[], int]) -> None:
         self.node = node
         self.last_sequence = -1  # of the acceleration blocks handled
         self._turbine = turbine
@@ -75,7 +79,8 @@ class NodeAccount:
         malformed   messages that were dropped before they reached it
         refusal     of the last of them: where it came and what was wrong
         """
-        doubts: tuple[QualityWarning, ...] = getattr(self.node, "warnings", ())
+        counts: NodeStatistics = self.node.statistics
+        doubts = counts.warnings
         if malformed:
             doubts += (
                 QualityWarning("malformed", f"messages were dropped, the last one {refusal}"),
@@ -88,14 +93,15 @@ class NodeAccount:
             last_sequence=self.last_sequence,
             received=message_counts(self._received),
             published=message_counts(self._published),
-            lost=lost + getattr(self.node, "lost", 0),
-            late=getattr(self.node, "late", 0),
-            duplicate=getattr(self.node, "duplicate", 0),
+            lost=lost + counts.lost,
+            late=counts.late,
+            duplicate=counts.duplicate,
             busy_s=self._busy_ns * 1e-9,
             warnings=doubts,
             malformed=malformed,
             recovered=recovered,
-            recorded=getattr(self.node, "recorded", 0),
+            recorded=counts.recorded,
+            refused=message_counts(counts.rejected),
         )
 
 

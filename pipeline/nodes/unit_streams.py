@@ -1,90 +1,158 @@
-"""What must be remembered of a running session: of one acquisition unit, or of several joined.
+"""What must be remembered of running units: of one acquisition unit, or of several joined.
 
 one unit      blocks ─► BlockOrder ─────────────────────────► WindowIdentification
 several       blocks ─► BlockOrder of each ─► UnitJoiner ───► WindowIdentification
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
-from pipeline.messages import Message, ModalEstimate, WindowRejected
+from pipeline.messages import Message, ModalEstimate, UnitOrigin, WindowRejected
+from pipeline.nodes.block_admission import LAYOUT, STUBBORN, UNITS, Refusal
 from pipeline.nodes.window_identification import WindowIdentification
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.unit_alignment import UnitJoiner
-from pipeline.oma.windows.windowing import BlockOrder, MissingSamples
-from sensors.acquisition.blocks import AccelerationBlock
+from pipeline.oma.windows.unit_clock import ClockStep, clock_step, stamp_of
+from pipeline.oma.windows.windowing import BlockOrder, MissingSamples, Window
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+
+LARGEST_LEAD = 3600.0  # by which a unit that starts may be ahead of the others [s]
+SILENT = 20  # blocks of each of the other units after which a unit has nothing to say
+
+OrderedPiece = AccelerationBlock | MissingSamples
+
+
+@dataclass(frozen=True, slots=True)
+class Boot:
+    """A start of a unit."""
+
+    session: str
+    number: int
+    """Starts under that session's name before it."""
 
 
 class UnitSession:
-    """One session of a turbine's only unit."""
+    """One boot of a turbine's only unit."""
 
     def __init__(
         self,
         first: AccelerationBlock,
+        boot: Boot,
         settings: OmaSettings,
         layouts: dict[str, SensorLayout],
     ):
-        self._unit, self._name = first.unit, first.session
+        self._unit, self._boot = first.unit, boot
+        self._settings = settings
         self._order = BlockOrder(settings.lateness)
-        self._windows = WindowIdentification(first.turbine, first.unit, settings, layouts)
-        self._newest_ns = 0
+        self._windows = WindowIdentification(
+            first.turbine, first.unit, settings, layouts, origins=self._origins
+        )
+        self._rate = first.sampling_rate
+        self._newest: AccelerationBlock | None = None
 
     @property
     def newest(self) -> dict[str, tuple[str, int]]:
-        """Session and end of the newest block [ns] of every unit."""
-        return {self._unit: (self._name, self._newest_ns)}
+        """Session and end of the newest block by its number [ns] of every unit."""
+        end_ns = 0 if self._newest is None else self._newest.end_ns
+        return {self._unit: (self._boot.session, end_ns)}
 
-    def goes_on_with(self, block: AccelerationBlock) -> bool:
-        """Whether a block belongs to this session."""
-        return (block.unit, block.session) == (self._unit, self._name)
+    def goes_on_with(self, block: AccelerationBlock, boot: Boot) -> bool:
+        """Whether a block belongs to this boot."""
+        return (block.unit, boot) == (self._unit, self._boot)
 
-    def refusal(self, _: AccelerationBlock) -> str:
-        """Why the session cannot go on with a block; with its only unit's it can."""
-        return ""
+    def refusal(self, _: AccelerationBlock) -> Refusal | None:
+        """Why what runs cannot go on with a block; with its only unit's it can."""
+        return None
 
-    def misfit(self, _: AccelerationBlock) -> str:
+    def misfit(self, _: AccelerationBlock) -> Refusal | None:
         """Why a block is of no use, however many like it come; the only unit's never is."""
-        return ""
+        return None
 
-    def push(self, block: AccelerationBlock) -> Iterator[Message]:
-        self._newest_ns = max(self._newest_ns, block.end_ns)
+    def push(self, block: AccelerationBlock, _: Boot, first: int) -> Iterator[Message]:
+        """Take a block of this boot; `first` is the sample that its unit is expected to begin
+        with."""
+        if self._newest is None and first:
+            self._order.expect(first)
+        if self._newest is None or block.first_sample >= self._newest.first_sample:
+            self._newest = block
         yield from self._answers(self._order.push(block))
 
     def finish(self) -> Iterator[Message]:
+        """Answer what is left."""
         yield from self._answers(self._order.flush())
         yield from self._windows.finish()
+
+    def release(self) -> list[AccelerationBlock]:
+        """Blocks that what follows may use: none."""
+        return []
+
+    @property
+    def has_lost_time(self) -> bool:
+        """Whether the units' stamps have left the clock that they are joined on; one has none."""
+        return False
 
     def recall(self, answer: ModalEstimate | WindowRejected) -> None:
         """See `WindowIdentification.recall`."""
         self._windows.recall(answer)
 
-    def _answers(self, pieces: Iterable[AccelerationBlock | MissingSamples]) -> Iterator[Message]:
+    def needed(self) -> dict[str, int]:
+        """First sample of each unit that is not in an answered window."""
+        hop = self._settings.hop * self._rate
+        return {self._unit: round(self._windows.next_index * hop)}
+
+    def state(self) -> dict[str, Any]:
+        """What a restart needs beside the samples, as JSON can say it."""
+        return {"window": self._windows.next_index}
+
+    def resume(self, state: Mapping[str, Any], needed: Mapping[str, int]) -> None:
+        """Go on with the first window that is not answered."""
+        self._order = BlockOrder(self._settings.lateness, needed[self._unit])
+        self._windows.begin_at(int(state["window"]))
+
+    def _origins(self, window: Window) -> tuple[UnitOrigin, ...]:
+        boot = self._boot
+        return (UnitOrigin(self._unit, boot.session, boot.number, window.first_sample),)
+
+    def _answers(self, pieces: Iterable[OrderedPiece]) -> Iterator[Message]:
         for piece in pieces:
             if isinstance(piece, MissingSamples):
-                yield self._windows.gap(piece, self._unit, self._name)
+                yield self._windows.gap(piece, self._unit, self._boot.session)
             yield from self._windows.push(piece)
 
     @property
     def late(self) -> int:
+        """Blocks that came too late."""
         return self._order.late
 
     @property
     def duplicate(self) -> int:
+        """Blocks that came twice."""
         return self._order.duplicate
 
 
 class JoinedSession:
     """The units of a turbine, joined from the first of their blocks on.
 
-    A unit that starts anew goes on in the same session: its channels are missing in between.
+    A unit that starts again goes on in the same session: its channels are missing in between. One
+    whose stamps step is left out until they agree with the others' again. Where no unit that is
+    heard agrees with the joined clock, it `has_lost_time`: another session begins.
     """
 
     def __init__(self, layouts: Sequence[SensorLayout], settings: OmaSettings):
         self._settings = settings
         self._joiner = UnitJoiner(layouts, settings.lateness)
         self._orders: dict[str, BlockOrder] = {}
-        self._late = self._duplicate = 0  # blocks of sessions of units that are over
-        self.newest: dict[str, tuple[str, int]] = {}
+        self._boots: dict[str, Boot] = {}
+        self._late = self._duplicate = 0  # blocks of boots of units that are over
+        self._newest: dict[str, AccelerationBlock] = {}
+        self._out: set[str] = set()  # units whose stamps do not agree with the others'
+        self._disagreed: dict[str, int] = {}  # blocks of a unit on end
+        self._heard: dict[str, int] = {}  # number of the unit's last block among all
+        self._n_pushed = 0
+        self._unused: deque[AccelerationBlock] = deque(maxlen=STUBBORN * len(layouts))
         joined = self._joiner.layout
         self._windows = WindowIdentification(
             joined.turbine,
@@ -92,32 +160,64 @@ class JoinedSession:
             settings,
             {joined.layout_id: joined},
             columns={unit: self._joiner.columns(unit) for unit in self._joiner.units},
+            origins=self._origins,
         )
 
-    def goes_on_with(self, block: AccelerationBlock) -> bool:
+    @property
+    def newest(self) -> dict[str, tuple[str, int]]:
+        """Session and end of the newest block by its number [ns] of every unit."""
+        return {unit: (each.session, each.end_ns) for unit, each in self._newest.items()}
+
+    def goes_on_with(self, block: AccelerationBlock, _: Boot) -> bool:
         """Whether a block belongs to this session."""
         return block.unit in self._joiner.units
 
-    def refusal(self, block: AccelerationBlock) -> str:
-        """Why a unit's block cannot be joined with the others'; "" where it can."""
-        return self._joiner.refusal(block) if self.goes_on_with(block) else ""
+    def refusal(self, block: AccelerationBlock) -> Refusal | None:
+        """Why a unit's block cannot be joined with the others'; None where it can."""
+        if block.unit not in self._joiner.units:
+            return None
+        text = self._joiner.refusal(block)
+        return Refusal(UNITS, text) if text else None
 
-    def misfit(self, block: AccelerationBlock) -> str:
-        """Why a block is of no use, however many like it come; "" where it is of some."""
+    def misfit(self, block: AccelerationBlock) -> Refusal | None:
+        """Why a block is of no use, however many like it come; None where it is of some."""
         named, own = len(self._joiner.columns(block.unit)), block.samples.shape[1]
-        return "" if own == named else f"{own} channels where its unit's layout names {named}"
+        if own == named:
+            return None
+        return Refusal(LAYOUT, f"{own} channels where its unit's layout names {named}")
 
-    def push(self, block: AccelerationBlock) -> Iterator[Message]:
-        """Take a block of which `misfit` says nothing."""
-        name, newest_ns = self.newest.get(block.unit, (block.session, 0))
-        if block.unit not in self._orders or name != block.session:
-            yield from self._close_order(block)
-            self._orders[block.unit] = BlockOrder(self._settings.lateness)
-            newest_ns = 0
-        self.newest[block.unit] = (block.session, max(newest_ns, block.end_ns))
-        yield from self._taken(block, list(self._orders[block.unit].push(block)))
+    def push(self, block: AccelerationBlock, boot: Boot, first: int) -> Iterator[Message]:
+        """Take a block of which `misfit` says nothing; `first` is the sample that its unit is
+        expected to begin with."""
+        self._n_pushed += 1
+        self._heard[block.unit] = self._n_pushed
+        if self._boots.get(block.unit) != boot:
+            yield from self._restarted(block, boot, first)
+        used = self._agrees(block)
+        before = self._newest.get(block.unit)
+        if before is None or block.first_sample >= before.first_sample:
+            self._newest[block.unit] = block
+        past = self._joiner.is_past(block)
+        agreed = used and not past
+        self._disagreed[block.unit] = 0 if agreed else self._disagreed.get(block.unit, 0) + 1
+        if not agreed:
+            self._unused.append(block)
+        if used:
+            yield from self._taken(block, list(self._orders[block.unit].push(block)))
+
+    @property
+    def has_lost_time(self) -> bool:
+        """Whether no unit that is heard agrees with the joined clock."""
+        recent = self._n_pushed - SILENT * len(self._joiner.units)
+        heard = [unit for unit, number in self._heard.items() if number > recent]
+        return all(self._disagreed.get(unit, 0) >= STUBBORN for unit in heard)
+
+    def release(self) -> list[AccelerationBlock]:
+        """Blocks that could not be used and that another session may begin with."""
+        return list(self._unused)
 
     def finish(self) -> Iterator[Message]:
+        """Answer what is left."""
         for unit, order in self._orders.items():
             pieces = list(order.flush())
             blocks = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
@@ -132,10 +232,70 @@ class JoinedSession:
         """See `WindowIdentification.recall`."""
         self._windows.recall(answer)
 
-    def _close_order(self, following: AccelerationBlock) -> Iterator[Message]:
-        """What still waits of the unit's session before this block's."""
-        order = self._orders.get(following.unit)
-        if order is None:
+    def needed(self) -> dict[str, int]:
+        """First sample of each unit that is not in an answered window or fits its clock's line."""
+        return {
+            unit: self._joiner.needed(unit, self._windows.next_index * self._settings.hop)
+            for unit in self._newest
+        }
+
+    def state(self) -> dict[str, Any]:
+        """What a restart needs beside the samples, as JSON can say it."""
+        grid = self._joiner.grid
+        return {"window": self._windows.next_index, "grid": None if grid is None else list(grid)}
+
+    def resume(self, state: Mapping[str, Any], needed: Mapping[str, int]) -> None:
+        """Go on with the first window that is not answered, on the same clock."""
+        for unit, first in needed.items():
+            self._orders[unit] = BlockOrder(self._settings.lateness, first)
+        if state["grid"] is None:
+            return
+        origin_ns, rate, session = state["grid"]
+        index = int(state["window"])
+        self._joiner.resume(origin_ns, rate, session, round(index * self._settings.hop * rate))
+        self._windows.begin_at(index)
+
+    def resume_boots(self, boots: Mapping[str, Boot]) -> None:
+        """Which boots of the units run."""
+        self._boots = dict(boots)
+        for unit in boots:
+            self._orders.setdefault(unit, BlockOrder(self._settings.lateness))
+
+    def _agrees(self, block: AccelerationBlock) -> bool:
+        """Whether a block's stamp is one that the units can be joined on."""
+        before = self._newest.get(block.unit)
+        others = [
+            each.end_ns
+            for unit, each in self._newest.items()
+            if unit != block.unit and unit not in self._out
+        ]
+        lead = (block.start_ns - max(others)) / NANOSECONDS if others else 0.0
+        if before is None:
+            if lead > LARGEST_LEAD:
+                self._out.add(block.unit)
+        elif block.first_sample >= before.first_sample:
+            step = clock_step(stamp_of(before), stamp_of(block), block.sampling_rate)
+            if step:
+                self._out.add(block.unit)
+                self._windows.note_step(block.unit, ClockStep(block.first_sample, step))
+        if block.unit not in self._out:
+            return True
+        if not others or abs(lead) > self._settings.lateness + 2 * block.duration:
+            return False
+        self._out.discard(block.unit)
+        self._joiner.restart(block.unit)
+        self._orders[block.unit] = BlockOrder(self._settings.lateness, block.first_sample)
+        return True
+
+    def _restarted(self, block: AccelerationBlock, boot: Boot, first: int) -> Iterator[Message]:
+        """What still waits of the unit's boot before this block's."""
+        order = self._orders.get(block.unit)
+        known = self._boots.get(block.unit)
+        self._boots[block.unit] = boot
+        self._newest.pop(block.unit, None)
+        self._out.discard(block.unit)
+        self._orders[block.unit] = BlockOrder(self._settings.lateness, first)
+        if order is None or known is None:
             return
         pieces = list(order.flush())
         self._late += order.late
@@ -143,20 +303,29 @@ class JoinedSession:
         blocks = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
         if blocks:
             yield from self._taken(blocks[-1], pieces)
+        self._joiner.restart(block.unit)
 
-    def _taken(
-        self, block: AccelerationBlock, pieces: Sequence[AccelerationBlock | MissingSamples]
-    ) -> Iterator[Message]:
+    def _taken(self, block: AccelerationBlock, pieces: Sequence[OrderedPiece]) -> Iterator[Message]:
         for piece in pieces:
             if isinstance(piece, MissingSamples):
                 yield self._windows.gap(piece, block.unit, block.session)
         for joined in self._joiner.push(block, pieces):
             yield from self._windows.push(joined)
 
+    def _origins(self, window: Window) -> tuple[UnitOrigin, ...]:
+        beginnings = self._joiner.beginnings(window.first_sample)
+        return tuple(
+            UnitOrigin(unit, self._boots[unit].session, self._boots[unit].number, sample)
+            for unit, sample in sorted(beginnings.items())
+            if unit in self._boots
+        )
+
     @property
     def late(self) -> int:
+        """Blocks that came too late."""
         return self._late + sum(order.late for order in self._orders.values())
 
     @property
     def duplicate(self) -> int:
+        """Blocks that came twice."""
         return self._duplicate + sum(order.duplicate for order in self._orders.values())

@@ -1,6 +1,9 @@
-"""The updating node: each modal estimate refreshes the foundation's posterior."""
+"""Updating: each modal estimate refreshes its turbine's posterior, once."""
 
-from collections.abc import Callable, Iterable, Mapping
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
 
 from pipeline.messages import (
     FoundationEvent,
@@ -8,105 +11,257 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     QualityWarning,
+    UnitOrigin,
     WindowRejected,
 )
-from pipeline.nodes.by_turbine import MOST_TURBINES, LimitedMembers, told_of_gone
+from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
 from pipeline.nodes.nacelle_axes import in_nacelle_axes
-from pipeline.nodes.node import Node
-from pipeline.nodes.operating_state import OperationSettings, refusal_by_operation
+from pipeline.nodes.node import NodeSnapshot, NodeStatistics
+from pipeline.nodes.operating_state import (
+    OperationSettings,
+    refusal_by_operation,
+    rejected_estimate,
+)
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.updater import FoundationUpdater
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 
+LATEST = 10  # answers that are given again when their estimates come again
+MOST_BOOTS = 256  # sets of units' boots whose last window is remembered
+MOST_LAYOUTS = 1000  # of turbines of which no estimate has come
+OLDER_REACH = 2 * 86_400  # before the last window of an older snapshot, in which windows count as
+# answered [s]
 
-class FoundationUpdaterNode:
-    """Refreshes the foundation-stiffness posterior with each accepted modal estimate."""
+Answer = FoundationEvent | FoundationPosterior | WindowRejected
+Boots = tuple[tuple[str, str, int], ...]  # unit, session and number of each unit's boot
 
-    name = "updating"
-    inputs: tuple[type, ...] = (ModalEstimate,)
 
-    def __init__(self, updater: FoundationUpdater, state: UpdatingState | None = None) -> None:
-        """state: what an earlier session ended with; None to begin with nothing seen."""
+class AnsweredWindows:
+    """Which windows have been answered, by where they begin in their units' own counts.
+
+    Windows of the same boots come in order, so that the last one of each says it of all.
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[Boots, int] = {}  # first sample of the last window, in the first unit
+        self._without_origins: set[int] = set()  # ends of windows of older recordings [ns]
+        self._older_ns: int | None = None  # end of the last window by an older snapshot
+
+    def __contains__(self, estimate: ModalEstimate) -> bool:
+        """Whether a window has been answered."""
+        if self._older_ns is not None:
+            before = self._older_ns - estimate.end_ns
+            if 0 <= before <= OLDER_REACH * NANOSECONDS:
+                return True
+        if not estimate.origins:
+            return estimate.end_ns in self._without_origins
+        boots, first = _key(estimate.origins)
+        return first <= self._last.get(boots, -1)
+
+    def add(self, estimate: ModalEstimate) -> None:
+        """Remember a window as answered."""
+        self._older_ns = None
+        if not estimate.origins:
+            self._without_origins.add(estimate.end_ns)
+            if len(self._without_origins) > 2 * MOST_BOOTS:
+                self._without_origins.discard(min(self._without_origins))
+            return
+        boots, first = _key(estimate.origins)
+        self._last[boots] = max(first, self._last.pop(boots, -1))
+        if len(self._last) > MOST_BOOTS:
+            del self._last[next(iter(self._last))]
+
+    def state(self) -> dict[str, Any]:
+        """As JSON can say it."""
+        return {
+            "last": [[list(map(list, boots)), first] for boots, first in self._last.items()],
+            "without_origins": sorted(self._without_origins),
+        }
+
+    def resume(self, state: dict[str, Any]) -> None:
+        """Go on from what `state` gave, or from an older snapshot's last window."""
+        self._older_ns = state.get("answered_ns")
+        self._without_origins = set(state.get("without_origins", ()))
+        self._last = {
+            tuple((unit, session, number) for unit, session, number in boots): first
+            for boots, first in state.get("last", ())
+        }
+
+
+def _key(origins: Sequence[UnitOrigin]) -> tuple[Boots, int]:
+    return tuple((o.unit, o.session, o.boot) for o in origins), origins[0].first_sample
+
+
+class TurbineUpdating:
+    """Refreshes one turbine's posterior with each accepted modal estimate.
+
+    Parameters
+    ----------
+    updater : FoundationUpdater
+        The mathematics.
+    layout : SensorLayout, optional
+        Of the sensors, along whose axes the model's shapes are read; None: as the estimates say.
+    settings : OperationSettings, optional
+        Which windows may update the foundation.
+    """
+
+    def __init__(
+        self,
+        updater: FoundationUpdater,
+        layout: SensorLayout | None = None,
+        settings: OperationSettings | None = None,
+    ) -> None:
+        self.revision = 0
         self._updater = updater
-        self._state = state or updater.initial_state()
+        self._layout = layout
+        self._settings = settings or OperationSettings()
+        self._state = updater.initial_state()
+        self._answered = AnsweredWindows()
+        self._answers: tuple[Answer, ...] = ()  # the latest
+        self._different: dict[str, str] = {}  # unit → how its layout differs from the scenario's
 
     @property
     def state(self) -> UpdatingState:
         """What the node remembers, O(1) in the number of windows."""
         return self._state
 
-    def checkpoint(self) -> bytes:
-        """The state as a small file's bytes; `FoundationUpdater.restored` reads them."""
-        return self._updater.saved(self._state)
-
-    def handle(
-        self, message: Message
-    ) -> Iterable[FoundationEvent | FoundationPosterior | WindowRejected]:
+    def handle(self, message: Message) -> Sequence[Answer]:
         """The posterior after a ModalEstimate, before it the event where the structure has
-        changed; or why the estimate could not be used."""
-        if isinstance(message, ModalEstimate):
-            self._state, answers = self._updater.watched(self._state, message)
-            return answers
-        return ()
+        changed; or why the estimate could not be used. One that comes again gets the answers that
+        it got, if they are among the latest."""
+        if isinstance(message, SensorLayout):
+            self._compare(message)
+        if not isinstance(message, ModalEstimate):
+            return ()
+        if message in self._answered:
+            return tuple(each for each in self._answers if _is_of(each, message))
+        answers = tuple(_identified(each, message) for each in self._answers_to(message))
+        self._answers = (*self._answers, *answers)[-LATEST:]
+        self._answered.add(message)
+        self.revision += 1
+        return answers
 
-    def close(self) -> None:
-        """Nothing is held."""
+    def _answers_to(self, estimate: ModalEstimate) -> Iterable[Answer]:
+        refused = refusal_by_operation(estimate, self._settings)
+        if refused is not None:
+            return (refused,)
+        if estimate.end_ns <= estimate.start_ns:
+            text = "the window ends where it begins: its unit's clock was set"
+            return (rejected_estimate(estimate, "no-duration", text),)
+        if self._layout is not None:
+            estimate = in_nacelle_axes(estimate, self._layout)
+        self._state, answers = self._updater.watched(self._state, estimate)
+        return answers
+
+    def _compare(self, live: SensorLayout) -> None:
+        """Note how what a unit says of its channels differs from what the model is read at."""
+        if self._layout is None:
+            return
+        described = {channel.name: channel for channel in self._layout.channels}
+        different = [
+            channel.name
+            for channel in live.channels
+            for name in (channel.name, f"{live.unit}/{channel.name}")
+            if name in described
+            and (channel.elevation, channel.direction, channel.coupling)
+            != (described[name].elevation, described[name].direction, described[name].coupling)
+        ]
+        self._different.pop(live.unit, None)
+        if different:
+            self._different[live.unit] = (
+                f"unit {live.unit} says another height, direction or coupling of "
+                f"{', '.join(different)} than the scenario, which is used"
+            )
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """A layout that differs from the scenario's is warned of."""
+        warnings = [QualityWarning("layout-differs", text) for text in self._different.values()]
+        return NodeStatistics(warnings=tuple(warnings))
+
+    def finish(self) -> Iterator[Message]:
+        """Nothing is left to say."""
+        return iter(())
+
+    def snapshot(self) -> NodeSnapshot:
+        """The state, which windows have been answered, and the latest answers."""
+        head = json.dumps(self._answered.state()).encode()
+        state = head + b"\n" + self._updater.saved(self._state)
+        return NodeSnapshot(state, self._answers)
+
+    def restore(self, snapshot: NodeSnapshot, past: Iterable[Message]) -> Iterator[Message]:
+        """Go on from a snapshot, with the estimates that were recorded and not answered.
+
+        Raises CheckpointError.
+        """
+        head, _, state = snapshot.state.partition(b"\n")
+        self._state = self._updater.restored(state)
+        self._answered.resume(json.loads(head))
+        self._answers = tuple(each for each in snapshot.messages if isinstance(each, Answer))
+        estimates = [each for each in past if isinstance(each, ModalEstimate)]
+        return (a for each in estimates if each not in self._answered for a in self.handle(each))
 
 
-class UpdatingInContext:
-    """The updating, one updater a turbine, fed with windows of the allowed states alone.
+def _identified(answer: Answer, estimate: ModalEstimate) -> Answer:
+    """The answer with its window's identity, its times in order whatever the clock did."""
+    if isinstance(answer, FoundationEvent):
+        earliest, latest = sorted((answer.since_earliest_ns, answer.since_latest_ns))
+        return replace(
+            answer,
+            since_earliest_ns=earliest,
+            since_latest_ns=latest,
+            origins=estimate.origins,
+        )
+    return replace(answer, origins=estimate.origins)
 
-    make      → the updating node of one more turbine
-    layout    of the sensors, whose axes the model's shapes are read along
-    settings  which states are allowed
-    special   turbines of a farm: how the updating node of each is made, and its own layout
+
+def _is_of(answer: Answer, estimate: ModalEstimate) -> bool:
+    if answer.origins or estimate.origins:
+        return answer.origins == estimate.origins
+    end_ns = answer.end_ns if isinstance(answer, WindowRejected) else answer.time_ns
+    return end_ns == estimate.end_ns
+
+
+class UpdatingNode(NodeByTurbine[TurbineUpdating]):
+    """The updating of any number of turbines, fed with windows of the allowed states alone.
+
+    Parameters
+    ----------
+    make : callable
+        Turbine → its updating.
+    store : SnapshotStore, optional
+        Where it goes on from; None: it begins with nothing seen.
+    past : sequence of Message
+        Estimates that were recorded last.
     """
 
     name = "updating"
-    inputs: tuple[type, ...] = (ModalEstimate,)
+    inputs = (ModalEstimate, SensorLayout)
 
     def __init__(
         self,
-        make: Callable[[], Node],
-        layout: SensorLayout,
-        settings: OperationSettings | None = None,
+        make: Callable[[str], TurbineUpdating],
         *,
-        special: Mapping[str, tuple[Callable[[], Node], SensorLayout]] | None = None,
+        store: SnapshotStore | None = None,
+        past: Sequence[Message] = (),
     ) -> None:
-        self._make = make
-        self._layout = layout
-        self._settings = settings or OperationSettings()
-        self._special = dict(special or {})
-        self._spare: Node | None = make()  # made before the first window waits for it
-        self._updaters: dict[str, Node] = {}
-        self._turbines = LimitedMembers(MOST_TURBINES)
+        super().__init__(self._made, store=store, past=past)
+        self._make_one = make
+        self._layouts: dict[tuple[str, str], SensorLayout] = {}  # of turbines without an estimate
 
-    def handle(self, message: Message) -> Iterable[Message]:
-        if not isinstance(message, ModalEstimate):
-            return ()
-        refused = refusal_by_operation(message, self._settings)
-        if refused is not None:
-            return (refused,)
-        leaving = self._turbines.heard(message.turbine)
-        if leaving is not None:
-            self._updaters.pop(leaving).close()
-        make, layout = self._special.get(message.turbine, (self._made, self._layout))
-        if message.turbine not in self._updaters:
-            self._updaters[message.turbine] = make()
-        return self._updaters[message.turbine].handle(in_nacelle_axes(message, layout))
+    def handle(self, message: Message) -> Iterator[Message]:
+        """See `NodeByTurbine.handle`; a layout alone makes no updating."""
+        if not isinstance(message, SensorLayout) or message.turbine in self.members:
+            yield from super().handle(message)
+            return
+        self._layouts.pop((message.turbine, message.unit), None)
+        self._layouts[message.turbine, message.unit] = message
+        if len(self._layouts) > MOST_LAYOUTS:
+            del self._layouts[next(iter(self._layouts))]
 
-    def _made(self) -> Node:
-        """An updater of a turbine like most; the first was made before it was needed."""
-        spare, self._spare = self._spare, None
-        return spare or self._make()
-
-    @property
-    def warnings(self) -> tuple[QualityWarning, ...]:
-        """What the updaters say in the node's status."""
-        updaters = self._updaters.values()
-        told = tuple(doubt for each in updaters for doubt in getattr(each, "warnings", ()))
-        return told + told_of_gone(self._turbines.gone, f"{MOST_TURBINES} turbines")
-
-    def close(self) -> None:
-        for updater in self._updaters.values():
-            updater.close()
+    def _made(self, turbine: str) -> TurbineUpdating:
+        node = self._make_one(turbine)
+        for key in [key for key in self._layouts if key[0] == turbine]:
+            node.handle(self._layouts.pop(key))
+        return node

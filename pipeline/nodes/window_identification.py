@@ -1,15 +1,18 @@
 """Cut ordered blocks into windows; identify each or reject it with a reason."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pipeline.messages import (
     Message,
     ModalEstimate,
+    Mode,
     QualityWarning,
     StabilisationDiagram,
     StreamGap,
+    UnitOrigin,
     WindowRejected,
 )
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
@@ -19,6 +22,7 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.stabilization import PoleCloud
 from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
+from pipeline.oma.windows.unit_clock import CLOCK_ERROR, ClockFit, ClockStep, text_of_step
 from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import SensorLayout
@@ -48,12 +52,22 @@ def stabilisation_diagram(
 
 
 Columns = dict[str, list[int]]  # which channels are a unit's, of several
+Origins = Callable[[Window], tuple[UnitOrigin, ...]]
+
+MOST_CLOCK_STEPS = 8  # of joined units' clocks that are reported with a window
+CORRECTED_DRIFT = 10e-6  # of stamps, beyond which frequencies follow them [-]
+
+
+def no_origins(_: Window) -> tuple[UnitOrigin, ...]:
+    """Of a window whose units are not known."""
+    return ()
 
 
 class WindowIdentification:
     """Cuts ordered pieces into windows and answers each.
 
     columns   which channels are a unit's, where several are joined
+    origins   → where a window begins in its units' own counts
     """
 
     def __init__(
@@ -64,8 +78,11 @@ class WindowIdentification:
         layouts: dict[str, SensorLayout],
         *,
         columns: Columns | None = None,
+        origins: Origins = no_origins,
     ):
         self._turbine, self._unit = turbine, unit
+        self._origins_of = origins
+        self._unit_steps: list[tuple[str, ClockStep]] = []  # of joined units, since the last window
         self._cutter = WindowCutter(settings.window_duration, settings.hop)
         self._tracker = ModeTracker()
         self._stretch: StreamingIdentifier | None = None  # since the last gap
@@ -73,6 +90,19 @@ class WindowIdentification:
         self._settings = settings
         self._layouts = layouts
         self._columns = columns or {}
+
+    @property
+    def next_index(self) -> int:
+        """Number of the next window."""
+        return self._cutter.next_index
+
+    def begin_at(self, index: int) -> None:
+        """Begin with that window, those before having been answered."""
+        self._cutter.begin_at(index)
+
+    def note_step(self, unit: str, step: ClockStep) -> None:
+        """Report with the next window that the stamps of a joined unit have stepped."""
+        self._unit_steps = [*self._unit_steps, (unit, step)][-MOST_CLOCK_STEPS:]
 
     def push(self, piece: AccelerationBlock | MissingSamples) -> Iterator[Message]:
         if isinstance(piece, MissingSamples):
@@ -137,7 +167,9 @@ class WindowIdentification:
         answer = self._concluded(window, result, missing, present)
         yield answer
         if isinstance(answer, ModalEstimate):
-            yield stabilisation_diagram(answer, result.diagrams)
+            diagram = stabilisation_diagram(answer, result.diagrams)
+            ratio = 1.0 / (1.0 + drift_of(window.clock))
+            yield diagram if ratio == 1.0 else _in_true_time(diagram, ratio)
 
     def _concluded(
         self, window: Window, result: Identification, missing: dict[str, float], present: list[int]
@@ -150,12 +182,12 @@ class WindowIdentification:
             QualityWarning("missing-unit", _missing_text({unit: span}, f"unit {unit}"))
             for unit, span in missing.items()
         )
-        clocks = self._clock_doubts(window, result, missing)
+        clocks = self._clock_doubts(window, result, missing) + self._step_warnings()
         unusable = next((doubt for doubt in clocks if doubt.code == "unsynchronised-units"), None)
         if unusable is not None:
             return self._rejected(window, unusable)
         places = ChannelPlaces(tuple(present), window.samples.shape[1]) if missing else None
-        modes = self._tracker.named(result.modes, on=places)
+        modes = self._tracker.named(in_true_time(result.modes, window.clock), on=places)
         events = tuple(QualityWarning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
         return ModalEstimate(
             turbine=self._turbine,
@@ -167,6 +199,18 @@ class WindowIdentification:
             modes=modes,
             weight=self._settings.hop / self._settings.window_duration,
             warnings=result.warnings + _status_warnings(window.status) + doubts + clocks + events,
+            origins=self._origins_of(window),
+        )
+
+    def _step_warnings(self) -> tuple[QualityWarning, ...]:
+        steps, self._unit_steps = self._unit_steps, []
+        return tuple(
+            QualityWarning(
+                "clock-step",
+                f"the stamps of unit {unit} stepped by {step.seconds:+.3f} s against its sample "
+                "count; it is left out until they agree with the others' again",
+            )
+            for unit, step in steps
         )
 
     def _present(self, window: Window, missing: Iterable[str]) -> list[int]:
@@ -237,6 +281,17 @@ class WindowIdentification:
                 f"the session of unit {self._unit} ended {window.duration:.3g} s into a window of "
                 f"{self._settings.window_duration:g} s",
             )
+        if window.steps:
+            step = max(window.steps, key=lambda each: abs(each.seconds))
+            more = f" ({len(window.steps)} steps in all)" if len(window.steps) > 1 else ""
+            text = text_of_step(step, self._unit, window.first_sample, window.sampling_rate)
+            return QualityWarning("clock-step", text + more)
+        if window.clock is not None and window.clock.exceeds(CLOCK_ERROR):
+            return QualityWarning(
+                "clock-rate",
+                f"the stamps of unit {self._unit} run {1e2 * window.clock.drift:+.2f} % against "
+                "its sampling rate: one of them is wrong",
+            )
         if window.status & BlockStatus.SENSOR_FAULT:
             return QualityWarning("sensor-fault", f"unit {self._unit} reports a faulty channel")
         if len(missing) == len(self._columns) > 0:
@@ -252,7 +307,49 @@ class WindowIdentification:
             end_ns=window.end_ns,
             code=why.code,
             reason=why.text,
+            origins=self._origins_of(window),
         )
+
+
+def drift_of(clock: ClockFit | None) -> float:
+    """Drift that is taken out of a window's frequencies [-]; 0 for one that is none."""
+    return clock.drift if clock is not None and clock.exceeds(CORRECTED_DRIFT) else 0.0
+
+
+def in_true_time(modes: Sequence[Mode], clock: ClockFit | None) -> tuple[Mode, ...]:
+    """Modes of a window on the time of its stamps.
+
+    Notes
+    -----
+    Identification counts samples. Where the stamps run (1 + δ) times as fast as the nominal count,
+    the true rate is 1/(1 + δ) of the nominal one; frequencies and their standard deviations scale
+    with the rate, damping ratios and shapes do not depend on it.
+    """
+    drift = drift_of(clock)
+    if drift == 0.0:
+        return tuple(modes)
+    ratio = 1.0 / (1.0 + drift)
+    scaled = []
+    for mode in modes:
+        factor = mode.covariance_factor.copy()
+        factor[0] *= ratio
+        scaled.append(
+            replace(
+                mode,
+                frequency=mode.frequency * ratio,
+                frequency_std=mode.frequency_std * ratio,
+                covariance_factor=factor,
+            )
+        )
+    return tuple(scaled)
+
+
+def _in_true_time(diagram: StabilisationDiagram, ratio: float) -> StabilisationDiagram:
+    return replace(
+        diagram,
+        frequencies=(diagram.frequencies * ratio).astype(np.float32),
+        frequency_stds=(diagram.frequency_stds * ratio).astype(np.float32),
+    )
 
 
 def _missing_text(missing: dict[str, float], who: str) -> str:

@@ -1,4 +1,4 @@
-"""What a structure's description comes to: heights, masses, first modes. `pilewatch describe`."""
+"""Key figures of a structure's description: heights, masses, first modes (`pilewatch describe`)."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,32 +12,34 @@ from sensors.dynamics.full_model_modes import FullModes, full_modes
 from sensors.structure.description import Direction, TurbineDescription
 
 N_MODES = 6
-POINTS = 60  # of the tower, at which its shapes are known
-HIGHEST_FREQUENCY = 12.5  # up to which modes are looked for [Hz]
+POINTS = 60  # of the tower at which its shapes are computed
+HIGHEST_FREQUENCY = 12.5  # of the modes [Hz]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StructureFigures:
-    """Key figures of a description, to see whether it is the structure that was meant."""
+    """Key figures of a description, to check it against the intended structure."""
 
     description: TurbineDescription
-    elevations: FloatArray  # where the shapes are known, (n,) [m]
-    modes: FullModes  # at the description's springs; shapes: fore-aft × n, then side-side × n
+    elevations: FloatArray
+    """Elevations of the shapes, shape (n,) [m]."""
+    modes: FullModes
+    """Modes at the description's springs; shapes: fore-aft × n, then side-side × n."""
 
     @property
     def tube_mass(self) -> float:
-        """Of monopile and tower above the mudline [kg]."""
+        """Mass of monopile and tower above the mudline [kg]."""
         return sum(tube.mass_per_length * tube.length for tube in self.description.tubes)
 
     @property
     def top_mass(self) -> float:
-        """Of nacelle, hub and everything that moves with the tower's top but the blades [kg]."""
+        """Mass of nacelle, hub and other bodies on the tower's top, without blades [kg]."""
         top = self.description.rotor_nacelle
         return top.hub_mass + sum(body.mass for body in top.bodies)
 
     @property
     def blade_mass(self) -> float:
-        """Of all blades [kg]."""
+        """Mass of all blades [kg]."""
         blades = self.description.blades
         if blades is None:
             return 0.0
@@ -45,7 +47,7 @@ class StructureFigures:
 
     @property
     def water_depth(self) -> float:
-        """From the mudline to the water's level; 0 without water [m]."""
+        """Depth from the mudline to the water's level; 0 without water [m]."""
         water = self.description.water
         return 0.0 if water is None else max(0.0, water.level - self.description.mudline)
 
@@ -57,12 +59,12 @@ class StructureFigures:
         return [(float(f), direction, float(share)) for f, direction, share in rows][:N_MODES]
 
     def shape(self, mode: int) -> FloatArray:
-        """Of the tower in the mode's own direction, (n,), largest 1 [-]."""
+        """Return the tower's shape in the mode's direction, shape (n,), largest component 1 [-]."""
         fore_aft, side_side = np.split(self.modes.shapes[mode].real, 2)
         return fore_aft if self.modes.directions[mode] == "FA" else side_side
 
     def rows(self) -> list[tuple[str, str]]:
-        """What a person reads first: names and figures with their units."""
+        """Return names and figures with their units."""
         described = self.description
         k11, k22, k12 = described.nominal
         rotor = described.blades
@@ -82,7 +84,7 @@ class StructureFigures:
         ]
 
     def as_json(self) -> dict[str, Any]:
-        """The entries of `describe --json`."""
+        """Return the entries of `describe --json`."""
         k11, k22, k12 = map(float, self.description.nominal)
         return {
             "name": self.description.name,
@@ -103,9 +105,12 @@ class StructureFigures:
 
 
 def structure_figures(description: TurbineDescription) -> StructureFigures:
-    """Key figures and first modes of a description.
+    """Return key figures and first modes of a description.
 
-    Raises TurbineError where the springs are not positive definite or the structure would fall.
+    Raises
+    ------
+    TurbineError
+        If the springs are not positive definite or the structure would fall.
     """
     bottom, top = description.mudline, description.tower_top
     elevations = np.linspace(bottom, top, POINTS + 1)[1:]

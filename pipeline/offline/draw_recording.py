@@ -1,4 +1,4 @@
-"""A recorded session as pictures, long after it ended: what `pilewatch show` does."""
+"""Draw a recorded session: `pilewatch show`."""
 
 import os
 import subprocess
@@ -24,17 +24,26 @@ def draw_recording(
     *,
     report: Callable[[AccelerationBlock], None] | None = None,
 ) -> None:
-    """Draw everything that a recording holds, results where there are some.
+    """Draw everything that a recording holds.
 
-    recording   MCAP file
-    report      called with every block of accelerations
+    Parameters
+    ----------
+    recording : Path
+        An MCAP file.
+    report : Callable[[AccelerationBlock], None] | None, optional
+        Called with every block of accelerations.
 
-    Raises RecordingError, SourceError or ViewerError, one line each.
+    Raises
+    ------
+    RecordingError, SourceError, ViewerError
+        One line each.
     """
     source = replayed(recording)
     known = source.scenario.has_structure
     structure = source.scenario.structure if known else bare_mast(source.layout)
-    viewer = Viewer(outputs, structure, session=f"{recording.name}", unhurried=True)
+    viewer = Viewer(
+        outputs, structure, session=recording.name, has_structure=known, wait_for_viewer=True
+    )
     try:
         for message in read_messages(recording):
             _draw(viewer, message, report)
@@ -52,9 +61,12 @@ def _draw(
 
 
 def pictures_of(recording: Path, out: Path | None) -> RrdFile:
-    """Where the pictures of a recording go: `out`, or beside it under its own name.
+    """Return whe .rrd file of a recording: `out`, or beside it under its own name.
 
-    Raises InputError where that file exists: it may be another session's.
+    Raises
+    ------
+    InputError
+        If that file exists: it may be another session's.
     """
     path = out or recording.with_suffix(PICTURES)
     if path.exists():
@@ -65,7 +77,10 @@ def pictures_of(recording: Path, out: Path | None) -> RrdFile:
 def open_pictures(path: Path) -> None:
     """Open a .rrd in the Rerun viewer and wait until its window is closed.
 
-    Raises ViewerError where the viewer cannot be started.
+    Raises
+    ------
+    ViewerError
+        If the viewer cannot be started.
     """
     require_pictures(path)
     command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(path)]
@@ -79,6 +94,6 @@ def open_pictures(path: Path) -> None:
 
 
 def require_pictures(path: Path) -> None:
-    """ViewerError where there is no such file."""
+    """Raise ViewerError where there is no such file."""
     if not path.exists():
         raise ViewerError(f"{path} does not exist")

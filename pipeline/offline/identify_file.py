@@ -1,4 +1,4 @@
-"""Identification of a file, without turbine, transport or posterior: `pilewatch identify`."""
+"""Identify the modes in a file, without turbine, transport or posterior: `pilewatch identify`."""
 
 import heapq
 from collections.abc import Iterator
@@ -24,40 +24,46 @@ from sensors.files.formats import read_file
 from sensors.files.layout_file import LayoutFile
 from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError, Quantity
 
-JOINING = 5.0  # how long a unit that is missing is waited for [s]
+JOINING = 5.0  # waiting time for a missing unit [s]
 RATE_TOLERANCE = 0.02  # between the sampling rate given and the time stamps, relative
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IdentifiedWindow:
-    """A window with everything that its stabilisation diagram is drawn from."""
+    """An identified window with the data of its stabilisation diagram."""
 
-    number: int  # counted from 0
-    samples: NDArray[np.float64]  # (n, n_channels)
+    number: int
+    """Number of the window, from 0."""
+    samples: NDArray[np.float64]
+    """Samples, shape (n, n_channels) [unit of the channels]."""
     identification: Identification
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FileIdentification:
-    """What a file's windows gave, in order of time."""
+    """Results of a file's windows, in order of time."""
 
     estimates: tuple[ModalEstimate, ...]
     rejected: tuple[WindowRejected, ...]
-    sampling_rate: float  # [Hz]
-    duration: float  # [s]
+    sampling_rate: float
+    """Sampling rate [Hz]."""
+    duration: float
+    """Duration of the file [s]."""
     channels: tuple[str, ...]
-    start_ns: int  # first sample [ns since 1970-01-01 UTC]; 0 where the file does not say
-    first_identified: IdentifiedWindow | None  # None where every window was rejected
+    start_ns: int
+    """Time of the first sample [ns since 1970-01-01 UTC]; 0 where the file does not say."""
+    first_identified: IdentifiedWindow | None
+    """The first identified window; None where every window was rejected."""
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """Every doubt once: of the windows, then of those rejected."""
-        doubts = [doubt for estimate in self.estimates for doubt in estimate.warnings]
-        doubts += [QualityWarning(each.code, each.reason) for each in self.rejected]
-        return tuple(dict.fromkeys(doubts))
+        """Every warning once: of identified windows, then of rejected ones."""
+        warnings = [each for estimate in self.estimates for each in estimate.warnings]
+        warnings += [QualityWarning(each.code, each.reason) for each in self.rejected]
+        return tuple(dict.fromkeys(warnings))
 
     def windows_json(self) -> dict[str, Any]:
-        """As in `summary.json`: how many were identified, and the others with their reasons."""
+        """Return the number of identified windows and the rejected ones, as in `summary.json`."""
         rejected = [
             {
                 "start": (each.start_ns - self.start_ns) / NANOSECONDS,
@@ -77,13 +83,21 @@ def identify_file(
     settings: OmaSettings | None = None,
     layout: LayoutFile | None = None,
 ) -> FileIdentification:
-    """Modes of the structure that a recording or a file of measurements shows.
+    """Identify the modes in a recording or a file of measurements.
 
-    sampling_rate   [Hz]; needed where the file says neither its rate nor when its samples were
-    window          [s]; None: the whole file is one window
-    layout          which channels, in what units; None: all, as the file has them
+    Parameters
+    ----------
+    sampling_rate : float | None, optional
+        Sampling rate [Hz]; needed where the file has neither a rate nor times.
+    window : float | None, optional
+        Length of a window [s]; None: the whole file is one window.
+    layout : LayoutFile | None, optional
+        Channels to use and their units; None: all, as in the file.
 
-    Raises InputError: a file that cannot be read, no sampling rate, a window longer than the file.
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has no sampling rate or is shorter than the window.
     """
     table, rate = _read(path, sampling_rate, layout)
     duration = len(table.samples) / rate
@@ -123,17 +137,21 @@ def _read(
             raise FileError(STANDING.format(path=path))
     if sampling_rate is None and stamped is None:
         raise FileError(
-            f"{path} says no sampling rate and has no time column (t, time or timestamp): give "
+            f"{path} has neither a sampling rate nor a time column (t, time or timestamp): give "
             "--sampling-rate HZ"
         )
     return table, sampling_rate or stamped or 0.0
 
 
 def recorded_channels(path: Path) -> ChannelTable:
-    """The samples of a recording's first turbine, in order of time; missing blocks show in `times`.
-    Several acquisition units are joined on one clock.
+    """Return the samples of a recording's first turbine, in order of time.
 
-    Raises RecordingError, and FileError where it holds no blocks.
+    Missing blocks are visible in `times`. Several acquisition units are joined on one clock.
+
+    Raises
+    ------
+    RecordingError, FileError
+        If it holds no blocks.
     """
     layouts: dict[str, SensorLayout] = {}
     blocks: dict[str, list[AccelerationBlock]] = {}  # of the first turbine, by unit
@@ -149,7 +167,7 @@ def recorded_channels(path: Path) -> ChannelTable:
         raise FileError(f"{path} holds no acceleration blocks")
     by_unit = {unit: _in_order(blocks[unit]) for unit in sorted(blocks)}
     if len(by_unit) > 1:
-        return _joined(by_unit, layouts)
+        return _join_blocks(by_unit, layouts)
     (ordered,) = by_unit.values()
     return _table(ordered, layouts)
 
@@ -159,16 +177,16 @@ def _in_order(blocks: list[AccelerationBlock]) -> list[AccelerationBlock]:
     return sorted(once.values(), key=lambda block: block.start_ns)
 
 
-def _joined(
+def _join_blocks(
     by_unit: dict[str, list[AccelerationBlock]], layouts: dict[str, SensorLayout]
 ) -> ChannelTable:
     joiner = UnitJoiner([layouts[blocks[0].layout_id] for blocks in by_unit.values()], JOINING)
     orders = {unit: BlockOrder(JOINING) for unit in by_unit}
-    pieces: list[AccelerationBlock | MissingSamples] = []
+    chunks: list[AccelerationBlock | MissingSamples] = []
     for block in heapq.merge(*by_unit.values(), key=lambda block: block.start_ns):
-        pieces += joiner.push(block, list(orders[block.unit].push(block)))
-    pieces += joiner.finish()
-    joined = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
+        chunks += joiner.push(block, list(orders[block.unit].push(block)))
+    chunks += joiner.finish()
+    joined = [chunk for chunk in chunks if isinstance(chunk, AccelerationBlock)]
     return _table(joined, {joiner.layout.layout_id: joiner.layout})
 
 
@@ -191,7 +209,7 @@ def _table(blocks: list[AccelerationBlock], layouts: dict[str, SensorLayout]) ->
 def _guess(
     table: ChannelTable, quantities: tuple[Quantity, ...] | None
 ) -> tuple[QualityWarning, ...]:
-    """A warning where the file does not say what its channels measure, and their phases do."""
+    """Return a warning where the measured quantities are inferred from phases, not declared."""
     if quantities is None or table.quantities is not None:
         return ()
     slower = [
@@ -200,7 +218,7 @@ def _guess(
     text = (
         f"{', '.join(slower)} {'lags' if len(slower) == 1 else 'lag'} the other channels by a "
         "quarter of a period: taken for velocities beside accelerations (or displacements beside "
-        "velocities); units in the header would tell"
+        "velocities); give units in the header to set this"
     )
     return (QualityWarning("quantities-guessed", text),)
 
@@ -235,9 +253,9 @@ def _answer(
         first, rate, None if table.times is None else table.times[first:]
     )
     end_ns = start_ns + round(len(window.samples) / rate * NANOSECONDS)
-    doubt = window.identification.rejection
-    if doubt is not None:
-        return WindowRejected("", window.number, start_ns, end_ns, doubt.code, doubt.text)
+    rejection = window.identification.rejection
+    if rejection is not None:
+        return WindowRejected("", window.number, start_ns, end_ns, rejection.code, rejection.text)
     return ModalEstimate(
         turbine="",
         window=window.number,

@@ -1,4 +1,4 @@
-"""The model's modes at one foundation stiffness, and identified ones beside them."""
+"""Compute the model's modes at one foundation stiffness, and the nearest to identified ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,11 +18,12 @@ from sensors.structure.foundation import SpringSign
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelModes:
-    """The visible modes of a turbine at one stiffness."""
+    """The modes of a turbine that its sensors measure, at one stiffness."""
 
     model: ModalModel
     modes: ModalParameters
-    ratios: NDArray[np.float64]  # (3,) k11, k22, k12 over nominal [-]
+    ratios: NDArray[np.float64]
+    """k11, k22, k12 over nominal, shape (3,) [-]."""
 
     @property
     def published(self) -> dict[str, float]:
@@ -30,7 +31,7 @@ class ModelModes:
         return {mode.name: mode.frequency for mode in self.model.description.reference_modes}
 
     def as_json(self) -> list[dict[str, Any]]:
-        """The entries of `modes --json`, Table 1's modes first."""
+        """Return the entries of `modes --json`, Table 1's modes first."""
         return [
             {
                 "name": label,
@@ -51,14 +52,23 @@ def model_modes(
     turbine: str | None = None,
     scenario: str | None = None,
 ) -> ModelModes:
-    """Modes of a turbine at the sensors of a scenario.
+    """Compute the modes of a turbine at the sensors of a scenario.
 
-    theta      "k11,k22,k12" as ratios to nominal; None: nominal
-    sign       "published" or "embedded-pile"; None: the scenario's
-    turbine    shipped name or path of a description; None: the scenario's
-    scenario   shipped name or path; None: the default one
+    Parameters
+    ----------
+    theta : str | None, optional
+        "k11,k22,k12" as ratios to nominal; None: nominal.
+    sign : str | None, optional
+        "published" or "embedded-pile"; None: the scenario's.
+    turbine : str | None, optional
+        Shipped name or path of a description; None: the scenario's.
+    scenario : str | None, optional
+        Shipped name or path; None: the default one.
 
-    Raises InputError for any of them, and for springs that are not positive definite.
+    Raises
+    ------
+    InputError
+        If one of them is wrong, or the springs are not positive definite.
     """
     chosen = load_scenario(scenario or DEFAULT_SCENARIO)
     description = chosen.structure if turbine is None else load_turbine(turbine)
@@ -86,13 +96,17 @@ class NearestMode:
 
     identified: CombinedMode
     label: str
-    frequency: float  # [Hz]
-    mac: float  # NaN where the sensors are not the model's [-]
+    frequency: float
+    """Frequency of the model's mode [Hz]."""
+    mac: float
+    """MAC of both shapes [-]; NaN where the sensors differ from the model's."""
 
 
 def nearest_modes(modes: Sequence[CombinedMode], scenario: Scenario) -> list[NearestMode]:
-    """How far identified modes lie from those of the scenario's structure, mode by mode: what
-    there is to say where none are taken for each other, so that there is no posterior."""
+    """Return the nearest mode of the scenario's structure to each identified mode.
+
+    Of use where no modes are paired, so that there is no posterior.
+    """
     model = ModalModel(scenario.structure, scenario.layout)
     at_nominal = model.modal(model.nominal[None])
     frequencies, shapes = at_nominal.frequencies[0], at_nominal.shapes[0]

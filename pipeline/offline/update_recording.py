@@ -1,4 +1,4 @@
-"""The posterior that a recording gives, in one thread: what `pilewatch update` does."""
+"""Compute the posterior of a recording in one thread: `pilewatch update`."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,23 +15,29 @@ Report = Callable[[AccelerationBlock], None]
 
 
 def recorded_source(path: Path, *, scenario: str | None, sampler: str | None) -> Source:
-    """A recording under its own scenario, unless another one or another sampler is named.
+    """Return a recording as a source under its own scenario, unless another one is named.
 
-    Raises RecordingError, SourceError, ScenarioError, UpdatingError.
+    Raises
+    ------
+    RecordingError, SourceError, ScenarioError, UpdatingError
     """
     return replayed(path, scenario).with_sampler(sampler)
 
 
 def holds_estimates(path: Path) -> bool:
-    """Whether a recording's windows were identified when it was made."""
+    """Return whether a recording holds modal estimates."""
     return next(iter(read_messages(path, (ModalEstimate,))), None) is not None
 
 
-def updated_from(source: Source, *, identify: bool, report: Report | None = None) -> SessionSummary:
-    """Every window of a recording through the updating.
+def update_from(source: Source, *, identify: bool, report: Report | None = None) -> SessionSummary:
+    """Return ehe summary after updating with every window of a recording.
 
-    identify   True: from the accelerations; False: from the estimates that were recorded
-    report     called with every block of accelerations
+    Parameters
+    ----------
+    identify : bool
+        True: from the accelerations; False: from the estimates that were recorded.
+    report : Report | None, optional
+        Called with every block of accelerations.
     """
     summary = SessionSummary(source=source.text, turbine=source.layout.turbine)
     graph = build(source.scenario, source.layout, Outputs(), source.layouts)
@@ -43,15 +49,15 @@ def updated_from(source: Source, *, identify: bool, report: Report | None = None
             report(block)
 
     if identify:
-        messages, taking = source.messages(), nodes
+        messages, receiving = source.messages(), nodes
     else:
-        messages, taking = _estimates(source), [n for n in nodes if ModalEstimate in n.inputs]
-    run_lock_step(messages, [*taking, summary], turbine=source.layout.turbine, report=count)
+        messages, receiving = _estimates(source), [n for n in nodes if ModalEstimate in n.inputs]
+    run_lock_step(messages, [*receiving, summary], turbine=source.layout.turbine, report=count)
     return summary
 
 
 def _estimates(source: Source) -> Iterator[Message]:
-    """What was identified, and the truth where it is known; blocks only for the account of time."""
+    """Yield recorded estimates, truths and, to count the time, blocks."""
     assert source.recording is not None
     if source.truth is not None:
         yield source.truth

@@ -7,13 +7,14 @@ Read to continue from, not as a document: a chunk that is damaged or not whole y
 """
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from mcap.opcode import Opcode
 
-from pipeline.messages import Message
+from pipeline.messages import Message, ModalEstimate
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import (
     DAMAGE,
@@ -30,9 +31,11 @@ from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.streams import time_of
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock
 
 logger = logging.getLogger(__name__)
+
+MOST_PARTS = 48  # that are looked through for estimates: two days of an hour each
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
@@ -50,37 +53,51 @@ def files_of(path: Path) -> tuple[Path, ...]:
 def latest_messages(
     files: Sequence[Path], message_types: Sequence[type], *, horizon: float
 ) -> tuple[Message, ...]:
-    """What was recorded from `horizon` [s] before the newest sample on, in the order of recording.
+    """What was recorded last, in the order of recording: of each turbine, from where its units'
+    blocks since then amount to `horizon` [s] each.
 
     files           recordings, of which as many are read, from the newest on, as are needed
-    message_types   which to give; what holds for ever (a layout) is given from every file read
+    message_types   which to give, blocks among them; what holds for ever (a layout) is given from
+                    every file read
 
-    Empty where nothing was recorded.
+    Blocks are counted, their stamps are not looked at: clocks may have been wrong. Empty where
+    nothing was recorded.
     """
-    newest_ns: int | None = None
-    read: list[list[Message]] = []  # newest file first
-    for file in _newest_first(files):
-        messages = list(_messages_that_are_whole(file, message_types))
-        read.append(messages)
-        blocks = [each for each in messages if isinstance(each, AccelerationBlock)]
-        if not blocks:
-            continue
-        newest_ns = newest_ns or max(block.end_ns for block in blocks)
-        if min(block.start_ns for block in blocks) <= newest_ns - horizon * NANOSECONDS:
+    kept: list[Message] = []  # the latest first
+    covered: dict[tuple[str, str], float] = {}  # turbine, unit → duration of its blocks [s]
+    waited: set[tuple[str, str]] = set()  # units of the newest file that has blocks
+    for file in _newest_first(files)[:MOST_PARTS]:
+        for message in reversed(list(_messages_that_are_whole(file, message_types))):
+            unit = (message.turbine, getattr(message, "unit", ""))
+            if isinstance(message, AccelerationBlock):
+                covered[unit] = covered.get(unit, 0.0) + message.duration
+                if covered[unit] - message.duration < horizon:
+                    kept.append(message)
+            elif time_of(message) is None or not _is_covered(message.turbine, covered, horizon):
+                kept.append(message)
+        waited = waited or set(covered)
+        if waited and all(covered[unit] >= horizon for unit in waited):
             break
-    if newest_ns is None:
-        return ()
-    since_ns = newest_ns - round(horizon * NANOSECONDS)
-    return tuple(
-        message
-        for messages in reversed(read)
-        for message in messages
-        if _ends(message) is None or (_ends(message) or 0) > since_ns
-    )
+    return tuple(reversed(kept)) if covered else ()
 
 
-def _ends(message: Message) -> int | None:
-    return message.end_ns if isinstance(message, AccelerationBlock) else time_of(message)
+def latest_estimates(files: Sequence[Path], count: int) -> tuple[ModalEstimate, ...]:
+    """The latest estimates of each turbine, so many at most, in the order of recording."""
+    kept: list[ModalEstimate] = []  # the latest first
+    counts: Counter[str] = Counter()
+    for file in _newest_first(files)[:MOST_PARTS]:
+        for message in reversed(list(_messages_that_are_whole(file, (ModalEstimate,)))):
+            counts[message.turbine] += 1
+            if isinstance(message, ModalEstimate) and counts[message.turbine] <= count:
+                kept.append(message)
+        if counts and min(counts.values()) >= count:
+            break
+    return tuple(reversed(kept))
+
+
+def _is_covered(turbine: str, covered: Mapping[tuple[str, str], float], horizon: float) -> bool:
+    own = [duration for (name, _), duration in covered.items() if name == turbine]
+    return bool(own) and min(own) >= horizon
 
 
 def _newest_first(files: Sequence[Path]) -> list[Path]:

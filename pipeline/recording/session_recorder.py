@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from pipeline.messages import FoundationTruth, Message, NodeStatus, QualityWarning
+from pipeline.nodes.node import NodeStatistics
 from pipeline.recording.deduplication import Repetition, latest_payloads
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import counted_in_summary
@@ -115,6 +116,16 @@ class SessionRecorder:
         """Acceleration blocks in all parts, those of an earlier recorder too."""
         in_this_part = 0 if self._recorder is None else self._recorder.recorded[AccelerationBlock]
         return self._recorded_before + in_this_part
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """Blocks that are in the recording, that came twice, that could not be recorded."""
+        return NodeStatistics(
+            lost=self.lost,
+            duplicate=self.duplicate,
+            recorded=self.recorded,
+            warnings=self.warnings,
+        )
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Record one message, unless it has been. Gives nothing back."""

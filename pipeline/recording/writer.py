@@ -12,6 +12,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
 from pipeline.messages import Message
+from pipeline.nodes.node import NodeStatistics
 from pipeline.recording.errors import RecordingError
 from pipeline.streams import STREAMS, key_of, time_of
 from pipeline.transport.codec import encode
@@ -100,6 +101,11 @@ class Recorder:
             self._write_waiting(own_time)
             self.record(message, own_time, own_time)
         return ()
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """Blocks in the file."""
+        return NodeStatistics(recorded=self.recorded[AccelerationBlock])
 
     def close(self) -> None:
         """Finish the file and give it its name. A second call does nothing."""

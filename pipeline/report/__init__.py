@@ -1,1 +1,1 @@
-"""Pages and figures to send: what a session or a file said, for people."""
+"""Reports of a session or a file as pages and figures."""

@@ -1,8 +1,8 @@
-"""Where figures are drawn. matplotlib is an optional dependency (extra `plot`), imported here.
+"""Create matplotlib figures; matplotlib is an optional dependency (extra `plot`).
 
-Pictures for a page are SVG, so that they stay sharp on every screen and on paper and their words
-can be searched; their ink is the page's own text colour, dark or light. Clouds of points are
-pixels inside them: a thousand points as lines would be larger than the rest of the page.
+Pictures for a page are SVG, so that they stay sharp on every screen and on paper and their text
+can be searched; text and axes have the page's own text colour, dark or light. Clouds of points are
+pixels inside them: a thousand vector points would be larger than the rest of the page.
 """
 
 from collections.abc import Iterator
@@ -19,12 +19,19 @@ DOTS_PER_INCH = 200  # of what is drawn as pixels
 
 
 def new_figure(size: tuple[float, float], purpose: str) -> Any:
-    """An empty matplotlib figure.
+    """Return an empty matplotlib figure.
 
-    size      width and height [inch]
-    purpose   what it is for, in the error's words, e.g. "diagram.png"
+    Parameters
+    ----------
+    size : tuple[float, float]
+        Width and height [inch].
+    purpose : str
+        What the figure is for, as named in an error, e.g. "diagram.png".
 
-    Raises InputError where matplotlib is not installed.
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed.
     """
     try:
         from matplotlib.figure import Figure
@@ -37,9 +44,12 @@ def new_figure(size: tuple[float, float], purpose: str) -> Any:
 
 @contextmanager
 def page_figure(height: float) -> Iterator["PageFigure"]:
-    """A figure for a page, drawn and written within the `with` block.
+    """Create a figure for a page, drawn and written within the `with` block.
 
-    height   [inch]
+    Parameters
+    ----------
+    height : float
+        Height of the figure [inch].
     """
     figure = new_figure((WIDTH, height), "a report")
     from matplotlib import rc_context
@@ -55,7 +65,7 @@ class PageFigure:
         self.figure = figure
 
     def svg(self) -> str:
-        """The figure as SVG, its ink `currentColor`; the same figure gives the same text."""
+        """Return the figure as SVG, its ink `currentColor`; the same figure gives the same text."""
         written = StringIO()
         self.figure.savefig(
             written, format="svg", dpi=DOTS_PER_INCH, transparent=True, metadata={"Date": None}
@@ -63,8 +73,8 @@ class PageFigure:
         return written.getvalue().replace(INK, "currentColor")
 
 
-def paint(colour: Colour) -> str:
-    """A colour of the viewer as matplotlib and CSS write it."""
+def css_colour(colour: Colour) -> str:
+    """Return a colour of the viewer as matplotlib and CSS write it."""
     red, green, blue = colour
     return f"#{red:02x}{green:02x}{blue:02x}"
 

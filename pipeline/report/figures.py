@@ -1,6 +1,6 @@
-"""The pictures of a report: stiffness and frequencies over time, the joint posterior, the windows.
+"""Draw the pictures of a report: stiffness and frequencies over time, joint posterior, windows.
 
-Every function gives an SVG text, or "" where there is nothing to draw. Times are UTC.
+Every function returns an SVG text, or "" where there is nothing to draw. Times are UTC.
 """
 
 import importlib
@@ -17,46 +17,52 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.report.canvas import page_figure, paint
+from pipeline.report.canvas import INK, css_colour, page_figure
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import ratios
-from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_telling
+from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_informative
+from pipeline.report.wording import day, has_clock
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.viewer.pictures import colours
+from pipeline.viewer.pictures.scene import Deflection, deflection
 from sensors.arrays import FloatArray
 
 Times = NDArray[np.datetime64]
 _Spanned = ModalEstimate | WindowRejected | StreamGap
 
 QUANTILE = 1.6449  # of the standard normal distribution at 95 %
+MINUTES_NS = 600 * 10**9  # below this span, times have seconds [ns]
 FEW = 40  # windows that are drawn one by one, with bars; more are drawn as a band
-TRACKS = 8  # modes that have a picture of their own
+SHAPES = 12  # modes whose shapes are drawn
+TRACKS = 8  # modes with a panel of their own
 VECTOR_POINTS = 1500  # more of them are drawn as pixels
 
 
 def stiffness_over_time(record: TurbineRecord) -> str:
-    """Median and 90 % interval of k11, k22, k12 after every window, over nominal, with the truth
-    where it is known and the changes that were found."""
+    """Draw median and 90 % interval of k11, k22, k12 ÷ nominal after every window.
+
+    With the truth where it is known, and detected changes.
+    """
     history = sorted(record.posteriors.values(), key=lambda posterior: posterior.time_ns)
     if not history:
         return ""
-    times = moments([posterior.time_ns for posterior in history])
+    times = datetimes([posterior.time_ns for posterior in history])
     with page_figure(4.6) as page:
         panels = page.figure.subplots(len(PARAMETER_NAMES), 1, sharex=True)
         for axes, name in zip(panels, PARAMETER_NAMES, strict=True):
             bands = np.array([ratios(posterior.parameter(name)) for posterior in history])
             _band(axes, times, bands, colours.POSTERIOR)
-            _mark_distrust(axes, times, bands, [posterior.trusted for posterior in history])
+            _mark_untrusted(axes, times, bands, [posterior.trusted for posterior in history])
             _mark_truth(axes, record, name, times)
             _mark_events(axes, record.summary.events, axes is panels[0])
             axes.set_ylabel(f"{name} ÷ nominal")
         _legend(panels[0])
-        _time_axis(panels[-1])
+        _time_axis(panels[-1], record)
         return page.svg()
 
 
 def joint_posterior(posterior: FoundationPosterior | None, record: TurbineRecord) -> str:
-    """The last posterior's draws in pairs, their marginals on the diagonal, over nominal."""
+    """Return the last posterior's draws ÷ nominal: pairs, and marginals on the diagonal."""
     if posterior is None or len(posterior.draws) < 2:
         return ""
     nominal = np.array([posterior.parameter(name).nominal for name in PARAMETER_NAMES])
@@ -101,10 +107,13 @@ def _corner_panel(
         axes.tick_params(labelleft=False)
 
 
-def telling_frequencies(record: TurbineRecord) -> str:
-    """The modes that say most of the stiffness, one picture each: frequency with its 90 %
-    interval in every window, and where the last posterior has it."""
-    chosen = most_telling(frequency_tracks(record), TRACKS)
+def most_informative_frequencies(record: TurbineRecord) -> str:
+    """Return the frequencies of the modes with most information on the stiffness.
+
+    One panel per mode: frequency and 90 % interval in every window, and the frequency of the model
+    at the last posterior.
+    """
+    chosen = most_informative(frequency_tracks(record), TRACKS)
     if not chosen:
         return ""
     rows = (len(chosen) + 1) // 2
@@ -117,32 +126,34 @@ def telling_frequencies(record: TurbineRecord) -> str:
             axes.remove()
         for axes in panels.flat[max(0, len(chosen) - 2) : len(chosen)]:
             axes.tick_params(labelbottom=True)
-            _time_axis(axes, label=False)
+            _time_axis(axes, record, label=False)
         return page.svg()
 
 
 def _track_panel(axes: Any, track: FrequencyTrack) -> None:
     half = QUANTILE * track.stds
     bands = np.column_stack([track.frequencies, track.frequencies - half, track.frequencies + half])
-    _band(axes, moments(track.times_ns), bands, colours.MEASURED)
+    _band(axes, datetimes(track.times_ns), bands, colours.MEASURED)
     if np.isfinite(track.model_frequency):
-        axes.axhline(track.model_frequency, color=paint(colours.MODEL), linestyle="--", linewidth=1)
+        axes.axhline(
+            track.model_frequency, color=css_colour(colours.MODEL), linestyle="--", linewidth=1
+        )
     axes.set_title(f"{track.label} [Hz]")
     axes.locator_params(axis="y", nbins=3)
     axes.ticklabel_format(axis="y", useOffset=False)
 
 
 def all_frequencies(record: TurbineRecord) -> str:
-    """Every identified mode of every window over time, frequencies on a logarithmic scale."""
+    """Draw the frequencies of all identified modes over time."""
     tracks = frequency_tracks(record)
     if not tracks:
         return ""
-    times = moments(np.concatenate([track.times_ns for track in tracks]))
+    times = datetimes(np.concatenate([track.times_ns for track in tracks]))
     frequencies = np.concatenate([track.frequencies for track in tracks])
     with page_figure(3.4) as page:
         axes = page.figure.subplots()
         axes.plot(
-            times, frequencies, "_", markersize=4, color=paint(colours.MEASURED),
+            times, frequencies, "_", markersize=4, color=css_colour(colours.MEASURED),
             rasterized=len(times) > VECTOR_POINTS,
         )  # fmt: skip
         axes.set_yscale("log")
@@ -151,90 +162,135 @@ def all_frequencies(record: TurbineRecord) -> str:
         axes.yaxis.set_minor_formatter("")
         axes.set_ylabel("natural frequency [Hz]")
         _mark_events(axes, record.summary.events, named=False)
-        _time_axis(axes)
+        _time_axis(axes, record)
         return page.svg()
 
 
+def mode_shapes(record: TurbineRecord) -> str:
+    """Draw the identified mode shapes over the height of their sensors, one panel per mode."""
+    layout = record.layout
+    modes = [
+        mode
+        for mode in record.summary.modes
+        if layout is not None and len(mode.shape) == len(layout.channels)
+    ][:SHAPES]
+    if layout is None or not modes:
+        return ""
+    columns = min(4, len(modes))
+    rows = -(-len(modes) // columns)
+    with page_figure(0.5 + 1.7 * rows) as page:
+        panels = page.figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for axes, mode in zip(panels.flat, modes, strict=False):
+            _shape_panel(axes, deflection(layout, layout.channel_names, np.array(mode.shape)))
+            label = mode.name if mode.pair is None else f"mode {mode.name}"
+            axes.set_title(f"{label}\n{mode.frequency:.3g} Hz")
+        for axes in panels.flat[len(modes) :]:
+            axes.remove()
+        for axes in panels[:, 0]:
+            axes.set_ylabel("height [m]")
+        return page.svg()
+
+
+def _shape_panel(axes: Any, shape: Deflection) -> None:
+    """Draw fore-aft and side-side components with the larger one's maximum at 1."""
+    largest = max(float(np.abs(shape.displacements).max()), 1e-12)
+    styles = (("-", "o", colours.MEASURED), ("--", "s", colours.POSTERIOR))
+    for axis, (line, marker, colour) in enumerate(styles):
+        if not np.any(shape.displacements[:, axis]):
+            continue  # no channel measures this direction
+        axes.plot(
+            shape.displacements[:, axis] / largest, shape.elevations, linestyle=line,
+            marker=marker, markersize=3, color=css_colour(colour),
+        )  # fmt: skip
+    axes.axvline(0.0, color=INK, linewidth=0.5)
+    axes.set_xlim(-1.15, 1.15)
+    axes.set_xticks([-1, 0, 1])
+
+
 def windows_over_time(record: TurbineRecord) -> str:
-    """Which windows were identified, which were not used, where samples are missing."""
+    """Draw identified and rejected windows and gaps over time."""
     summary = record.summary
     rows: tuple[tuple[str, Sequence[_Spanned], colours.Colour], ...] = (
         ("identified", summary.estimates, colours.MEASURED),
-        ("not used", summary.rejected, colours.TROUBLE),
-        ("gaps", summary.gaps, colours.QUIET),
+        ("rejected", summary.rejected, colours.FAULT),
+        ("gaps", summary.gaps, colours.NEUTRAL),
     )
-    start, end = moments(record.span_ns)
-    visible = (end - start) // 300  # what is shorter is drawn as long as this
+    start, end = datetimes(record.span_ns)
+    visible = (end - start) // 300  # shortest bar that is drawn
     with page_figure(1.5) as page:
         axes = page.figure.subplots()
         many = sum(len(spans) for _, spans, _ in rows) > VECTOR_POINTS
         for place, (_, spans, colour) in enumerate(rows):
-            starts = moments([s.start_ns for s in spans])
-            ends = np.maximum(moments([s.end_ns for s in spans]), starts + visible)
+            starts = datetimes([s.start_ns for s in spans])
+            ends = np.maximum(datetimes([s.end_ns for s in spans]), starts + visible)
             axes.hlines(
-                [-place] * len(spans), starts, ends, color=paint(colour), linewidth=9,
+                [-place] * len(spans), starts, ends, color=css_colour(colour), linewidth=9,
                 alpha=0.75, rasterized=many,
             )  # fmt: skip
         axes.set_yticks([0, -1, -2], [name for name, _, _ in rows])
         axes.set_ylim(-2.6, 0.6)
-        axes.set_xlim(start, end)
         axes.grid(False, axis="y")
-        _time_axis(axes)
+        _time_axis(axes, record)
         return page.svg()
 
 
-def moments(times_ns: Sequence[int] | NDArray[np.int64]) -> Times:
+def datetimes(times_ns: Sequence[int] | NDArray[np.int64]) -> Times:
     """(n,) as matplotlib takes times."""
     return np.asarray(times_ns, dtype=np.int64).astype("datetime64[ns]")
 
 
 def _band(axes: Any, times: Times, bands: FloatArray, colour: colours.Colour) -> None:
-    """bands: (n, 3) middle, low, high. A few windows are points with bars, many are a band that
-    breaks where windows are missing."""
+    """Draw points with bars for a few windows, a band for many.
+
+    Parameters
+    ----------
+    bands : ndarray, shape (n, 3)
+        Middle, low, high. The band breaks where windows are missing.
+    """
     middle, low, high = bands.T
     if len(times) <= FEW:
         axes.errorbar(
             times, middle, yerr=[middle - low, high - middle], fmt="o", markersize=2.5,
-            elinewidth=1.2, color=paint(colour),
+            elinewidth=1.2, color=css_colour(colour),
         )  # fmt: skip
         return
     steps = np.diff(times).astype(np.int64)
     behind_holes = 1 + np.flatnonzero(steps > 1.5 * np.median(steps))
     for piece in np.split(np.arange(len(times)), behind_holes):
         axes.fill_between(
-            times[piece], low[piece], high[piece], color=paint(colour), alpha=0.35, linewidth=0
+            times[piece], low[piece], high[piece], color=css_colour(colour), alpha=0.35, linewidth=0
         )
-        axes.plot(times[piece], middle[piece], color=paint(colour))
+        axes.plot(times[piece], middle[piece], color=css_colour(colour))
 
 
-def _mark_distrust(axes: Any, times: Times, bands: FloatArray, trusted: Sequence[bool]) -> None:
-    doubted = ~np.array(trusted)
-    if doubted.any():
+def _mark_untrusted(axes: Any, times: Times, bands: FloatArray, trusted: Sequence[bool]) -> None:
+    untrusted = ~np.array(trusted)
+    if untrusted.any():
         axes.plot(
-            times[doubted], bands[doubted, 0], "x", color=paint(colours.TROUBLE), markersize=4,
-            label="not trusted",
+            times[untrusted], bands[untrusted, 0], "x", markersize=4,
+            color=css_colour(colours.FAULT), label="not trusted",
         )  # fmt: skip
 
 
 def _mark_truth(axes: Any, record: TurbineRecord, name: str, times: Times) -> None:
-    """A step at every time from which another truth holds."""
+    """Draw a step at every change of the truth."""
     if not record.truths:
         return
     truths = sorted(record.truths.values(), key=lambda truth: truth.time_ns)
     posterior = record.summary.posterior
     nominal = posterior.parameter(name).nominal if posterior else float("nan")
-    begun = moments([max(truth.time_ns, int(times[0].astype(np.int64))) for truth in truths])
+    starts = datetimes([max(truth.time_ns, int(times[0].astype(np.int64))) for truth in truths])
     values = [getattr(truth, name) / nominal for truth in truths]
-    end = max(times[-1], begun[-1])
+    end = max(times[-1], starts[-1])
     axes.step(
-        np.append(begun, end), [*values, values[-1]], where="post", color=_TRUTH, label="truth"
+        np.append(starts, end), [*values, values[-1]], where="post", color=_TRUTH, label="truth"
     )
 
 
 def _mark_events(axes: Any, events: Sequence[FoundationEvent], named: bool) -> None:
-    """A line where a change most probably began, its 90 % interval shaded."""
+    """Draw a line at the most probable start of a change, its 90 % interval shaded."""
     for number, event in enumerate(events):
-        since, first, last = moments(
+        since, first, last = datetimes(
             [event.since_ns, event.since_earliest_ns, event.since_latest_ns]
         )
         axes.axvspan(first, last, color=_CHANGE, alpha=0.2, linewidth=0)
@@ -251,15 +307,27 @@ def _legend(axes: Any) -> None:
         )  # fmt: skip
 
 
-def _time_axis(axes: Any, *, label: bool = True) -> None:
+def _time_axis(axes: Any, record: TurbineRecord, *, label: bool = True) -> None:
+    """Span the recording on the time axis, in UTC or, without a clock, from the start."""
+    start_ns, end_ns = record.span_ns
+    margin = (end_ns - start_ns) // 50  # without limits, a single window spans years
+    axes.set_xlim(*datetimes([start_ns - margin, end_ns + margin]))
     dates: Any = importlib.import_module("matplotlib.dates")  # its classes have no types
     locator = dates.AutoDateLocator(minticks=3, maxticks=7 if label else 5)
     locator.intervald[dates.MINUTELY].append(60)  # else two hours or two days fit no interval
     locator.intervald[dates.HOURLY].append(24)
     axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator, show_offset=label))
+    clocked = has_clock(start_ns)
+    if clocked:
+        formatter = dates.ConciseDateFormatter(locator, show_offset=False)
+    else:
+        formatter = dates.DateFormatter("%H:%M:%S" if end_ns - start_ns < MINUTES_NS else "%H:%M")
+    axes.xaxis.set_major_formatter(formatter)
     if label:
-        axes.set_xlabel("UTC")
+        unit = "h:min:s" if end_ns - start_ns < MINUTES_NS else "h:min"
+        first, last = day(start_ns), day(end_ns)
+        days = first if first == last else f"{first} to {last}"
+        axes.set_xlabel(f"{days}, UTC" if clocked else f"time since the start [{unit}]")
 
 
 def _log_ticks() -> Any:
@@ -268,6 +336,6 @@ def _log_ticks() -> Any:
     return LogLocator(subs=(1.0, 2.0, 5.0))
 
 
-_POSTERIOR = paint(colours.POSTERIOR)
-_TRUTH = paint(colours.TRUTH)
-_CHANGE = paint(colours.TROUBLE)
+_POSTERIOR = css_colour(colours.POSTERIOR)
+_TRUTH = css_colour(colours.TRUTH)
+_CHANGE = css_colour(colours.FAULT)

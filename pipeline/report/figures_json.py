@@ -1,14 +1,14 @@
-"""The report's figures for machines: `pilewatch report --json`. Names are stable: more may come."""
+"""The report as JSON: `pilewatch report --json`. Names are stable; more may be added."""
 
 from pipeline.report.recorded_session import RecordedSession, TurbineRecord
-from pipeline.report.sentences import condition, distrust, findings, headline
+from pipeline.report.sentences import condition, findings, headline, reasons_for_distrust
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks
 from pipeline.state.json_values import Json, known
 from pipeline.state.posterior_json import stiffness_summary
 
 
 def session_json(session: RecordedSession) -> Json:
-    """Everything that the page shows; times [ns since 1970-01-01 UTC], unknown values None."""
+    """Return everything on the page; times [ns since 1970-01-01 UTC], unknown values None."""
     return {
         "session": session.name,
         "files": [str(file) for file in session.files],
@@ -18,14 +18,14 @@ def session_json(session: RecordedSession) -> Json:
 
 
 def _turbine(record: TurbineRecord) -> Json:
-    """As in `summary.json` but for the timing, with what is told over time."""
+    """Return `summary.json` without the timing, with sentences and values over time."""
     summary = record.summary.as_json(wall=0.0)
     del summary["timing"], summary["source"]
     start_ns, end_ns = record.span_ns
     return summary | {
         "condition": condition(record),
         "headline": headline(record),
-        "distrust": distrust(record.summary.posterior),
+        "distrust": reasons_for_distrust(record.summary.posterior),
         "findings": findings(record),
         "start_ns": start_ns,
         "end_ns": end_ns,

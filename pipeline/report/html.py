@@ -1,7 +1,7 @@
-"""A page that needs nothing else: its frame, its tables, its pictures.
+"""Build a self-contained HTML page: its frame, tables and pictures.
 
-One file, no script, nothing loaded from anywhere: it can be sent by mail, opened on a phone, in
-the dark, and printed. What is wider than the screen (a table, a listing) scrolls by itself.
+One file, no script, nothing loaded from elsewhere: it can be mailed, opened on a phone, in dark
+mode, and printed. What is wider than the screen (a table, a listing) scrolls by itself.
 """
 
 import base64
@@ -32,9 +32,9 @@ figure svg { display: block; width: 100%; height: auto; }
 figcaption, .quiet { font-size: .875rem; opacity: .8; }
 pre { overflow-x: auto; font-size: .8rem; }
 @media (max-width: 40rem) {
-  .telling th, .telling td { white-space: normal; padding: .25rem .4rem; }
-  .telling td:first-child { min-width: 6.4rem; }  /* a date */
-  .telling .words { min-width: 9rem; }
+  .wrapping th, .wrapping td { white-space: normal; padding: .25rem .4rem; }
+  .wrapping td:first-child { min-width: 6.4rem; }  /* a date */
+  .wrapping .words { min-width: 9rem; }
 }
 @media print {
   :root { color-scheme: light; font-size: 11px; }
@@ -47,7 +47,7 @@ pre { overflow-x: auto; font-size: .8rem; }
 }
 """
 
-_NO_ICON = '<link rel="icon" href="data:,">'  # or a browser asks its server for one
+_NO_ICON = '<link rel="icon" href="data:,">'  # else a browser requests one
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +57,20 @@ class TextTable:
     title: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    words: tuple[int, ...] = ()  # columns that hold sentences rather than figures
+    words: tuple[int, ...] = ()
+    """Columns that hold sentences rather than figures."""
 
 
 def document(title: str, body: str, style: str = "") -> str:
-    """The whole page. body: HTML; style: rules beside `STYLE`."""
+    """Return the whole page.
+
+    Parameters
+    ----------
+    body : str
+        HTML of the page's body.
+    style : str, optional
+        Rules beside `STYLE`.
+    """
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>{html.escape(title)}</title>"
@@ -72,26 +81,29 @@ def document(title: str, body: str, style: str = "") -> str:
 
 
 def heading(text: str, level: int = 2, *, anchor: str = "") -> str:
-    """A heading; `anchor` is what links within the page jump to."""
+    """Return a heading; `anchor` is what links within the page jump to."""
     place = f' id="{html.escape(anchor)}"' if anchor else ""
     return f"<h{level}{place}>{html.escape(text)}</h{level}>\n"
 
 
 def paragraph(text: str, kind: str = "") -> str:
-    """A paragraph of plain text; `kind` is a class of the style."""
+    """Return a paragraph of plain text; `kind` is a class of the style."""
     return f"<p{_class(kind)}>{html.escape(text)}</p>\n"
 
 
-def listed(texts: Iterable[str], kind: str = "") -> str:
-    """A list of plain sentences; nothing where there are none."""
+def bullet_list(texts: Iterable[str], kind: str = "") -> str:
+    """Return a list of plain sentences; nothing where there are none."""
     items = "".join(f"<li>{html.escape(text)}</li>" for text in texts)
     return f"<ul{_class(kind)}>{items}</ul>\n" if items else ""
 
 
-def table_of(content: TextTable, links: Sequence[str] = ()) -> str:
-    """A table that scrolls by itself where it is wider than the screen.
+def table_html(content: TextTable, links: Sequence[str] = ()) -> str:
+    """Return a table that scrolls where it is wider than the screen.
 
-    links   where the first cell of each row leads, e.g. "#t1"; none: nowhere
+    Parameters
+    ----------
+    links : Sequence[str], optional
+        Target of the first cell of each row, e.g. "#t1"; empty: no links.
     """
     head = "".join(
         f'<th scope="col"{_class("words" if column in content.words else "")}>'
@@ -110,30 +122,39 @@ def table_of(content: TextTable, links: Sequence[str] = ()) -> str:
         rows.append("<tr>" + "".join(cells) + "</tr>")
     named = html.escape(content.title)
     above = f'<p class="title">{named}</p>' if named else ""  # a caption would scroll away with it
-    # Whoever has no mouse reaches what is hidden by the keys.
+    # With tabindex the keyboard scrolls the table.
     region = f'class="wide" role="region" tabindex="0" aria-label="{named or "table"}"'
-    telling = _class("telling" if content.words else "")  # may break its lines on a phone
+    wrapping = _class("wrapping" if content.words else "")  # may break its lines on a phone
     return (
-        f"{above}<div {region}><table{telling}><thead><tr>{head}</tr></thead>"
+        f"{above}<div {region}><table{wrapping}><thead><tr>{head}</tr></thead>"
         f"<tbody>{''.join(rows)}</tbody></table></div>\n"
     )
 
 
-def listing(text: str) -> str:
-    """Text as it stands, e.g. a file of settings."""
+def preformatted(text: str) -> str:
+    """Return text verbatim, e.g. a file of settings."""
     return f"<pre>{html.escape(text)}</pre>\n"
 
 
 def png(picture: bytes, description: str) -> str:
-    """A PNG inside the page. description: for those who cannot see it."""
+    """Return a PNG inside the page.
+
+    Parameters
+    ----------
+    description : str
+        Text for screen readers.
+    """
     encoded = base64.b64encode(picture).decode()
     return f'<img alt="{html.escape(description)}" src="data:image/png;base64,{encoded}">\n'
 
 
-def drawing(svg: str, description: str, *, caption: str = "", name: str) -> str:
-    """An SVG inside the page, its inner names made the page's own by `name`.
+def svg_figure(svg: str, description: str, *, caption: str = "", name: str) -> str:
+    """Return an SVG as a figure of the page, its ids made unique by `name`.
 
-    svg   a whole SVG file; what comes before its root element is left out
+    Parameters
+    ----------
+    svg : str
+        A whole SVG file; what comes before its root element is left out.
     """
     root = svg[svg.index("<svg") :].strip()
     own = re.sub(r'(\bid="|xlink:href="#|href="#|url\(#)', rf"\g<1>{name}-", root)

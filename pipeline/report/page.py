@@ -1,7 +1,7 @@
 """The report of a session: one page with sentences, figures, pictures and settings.
 
 Most important first: is the foundation known and has it changed (for the manager), then how well
-and from what (for the engineer), last with which settings (for whoever runs it again).
+and from what (for the engineer), last with which settings (to run it again).
 """
 
 import html
@@ -9,21 +9,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.report import figures
-from pipeline.report.canvas import paint
+from pipeline.report.canvas import css_colour
 from pipeline.report.html import (
     TextTable,
+    bullet_list,
     document,
-    drawing,
     heading,
-    listed,
-    listing,
     paragraph,
-    table_of,
+    preformatted,
+    svg_figure,
+    table_html,
 )
 from pipeline.report.recorded_session import RecordedSession, TurbineRecord
-from pipeline.report.sentences import condition, distrust, findings, headline, sentence
+from pipeline.report.sentences import condition, findings, headline, reasons_for_distrust, sentence
 from pipeline.report.tables import (
-    doubts_table,
     events_table,
     gaps_table,
     modes_table,
@@ -32,8 +31,9 @@ from pipeline.report.tables import (
     plus_minus,
     rejected_table,
     springs_table,
+    warnings_table,
 )
-from pipeline.report.wording import counted, instant, percent, span
+from pipeline.report.wording import count_noun, instant, percent, span
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
 from pipeline.viewer.pictures import colours
 from sensors.acquisition.blocks import NANOSECONDS
@@ -41,10 +41,10 @@ from sensors.errors import InputError
 
 STYLE = f"""
 .verdict {{ font-size: 1.25rem; padding: .5rem .75rem; border-left: .4rem solid; }}
-.good {{ border-color: {paint(colours.TRUTH)}; }}
-.doubt {{ border-color: {paint(colours.MODEL)}; }}
-.bad {{ border-color: {paint(colours.TROUBLE)}; }}
-.unknown {{ border-color: {paint(colours.QUIET)}; }}
+.good {{ border-color: {css_colour(colours.TRUTH)}; }}
+.doubt {{ border-color: {css_colour(colours.MODEL)}; }}
+.bad {{ border-color: {css_colour(colours.FAULT)}; }}
+.unknown {{ border-color: {css_colour(colours.NEUTRAL)}; }}
 .cards {{ display: grid; gap: .75rem; grid-template-columns: repeat(auto-fit, minmax(10.5rem, 1fr));
   margin: 1rem 0; }}
 .cards div {{ border: 1px solid #8886; border-radius: .4rem; padding: .5rem .75rem; }}
@@ -55,20 +55,23 @@ STYLE = f"""
   grid-template-columns: repeat(auto-fit, minmax(min(100%, 24rem), 1fr)); }}
 .pair figure {{ max-width: 36rem; }}
 """
-SIGNS = {
+CONDITION_MARKS = {
     "good": "✓",
     "doubt": "!",
     "bad": "✕",
     "unknown": "?",
-}  # beside the colour, not by it alone
+}  # repeats what the colour shows
 
-Key = tuple[str, str]  # name, figure
+KeyFigure = tuple[str, str]  # name, figure
 
 
 def write_page(session: RecordedSession, out: Path) -> None:
     """Write the report of a session as one HTML file.
 
-    Raises InputError where matplotlib is missing or the file cannot be written.
+    Raises
+    ------
+    InputError
+        If matplotlib is missing or the file cannot be written.
     """
     text = page(session)
     try:
@@ -78,19 +81,20 @@ def write_page(session: RecordedSession, out: Path) -> None:
 
 
 def page(session: RecordedSession) -> str:
-    """The whole report as HTML."""
+    """Return the whole report as HTML."""
     records = session.turbines
     several = len(records) > 1
     parts = [_provenance(session)]
     if several:
         links = [f"#{_anchor(number)}" for number in range(len(records))]
-        parts += [heading("All turbines"), table_of(overview_table(records), links)]
+        parts += [heading("All turbines"), table_html(overview_table(records), links)]
     for number, record in enumerate(records):
         if several:
             parts.append(heading(record.turbine, anchor=_anchor(number)))
         parts.append(_turbine(record, session.prior, f"t{number}", level=3 if several else 2))
     parts.append(_settings(session))
-    title = f"Foundation of {records[0].turbine}" if not several else f"{len(records)} foundations"
+    what = "Foundation" if any(record.has_structure for record in records) else "Modes"
+    title = f"{what} of " + (f"{len(records)} turbines" if several else records[0].turbine)
     return document(title, "".join(parts), STYLE)
 
 
@@ -103,12 +107,12 @@ def _provenance(session: RecordedSession) -> str:
     start_ns, end_ns = min(span_[0] for span_ in spans), max(span_[1] for span_ in spans)
     made = session.metadata.get("pilewatch", {})
     version = f" pilewatch {made['version']}." if "version" in made else ""
-    files = f" in {counted(len(session.files), 'file')}" if len(session.files) > 1 else ""
+    files = f" in {count_noun(len(session.files), 'file')}" if len(session.files) > 1 else ""
     text = f"{session.name}{files}, {instant(start_ns)} to {instant(end_ns)}.{version}"
     parts = [paragraph(text, "quiet")]
     if session.unread:
         names = ", ".join(path.name for path in session.unread)
-        parts.append(paragraph(f"Still being written and not in this report: {names}.", "quiet"))
+        parts.append(paragraph(f"Still being written, not in this report: {names}.", "quiet"))
     return "".join(parts)
 
 
@@ -116,7 +120,7 @@ def _turbine(record: TurbineRecord, prior: PriorSettings | None, name: str, *, l
     return "".join(
         [
             _verdict(record),
-            listed(findings(record)),
+            bullet_list(findings(record)),
             _cards(_key_figures(record)),
             _foundation(record, prior, name, level),
             _changes(record, level),
@@ -128,13 +132,15 @@ def _turbine(record: TurbineRecord, prior: PriorSettings | None, name: str, *, l
 
 def _verdict(record: TurbineRecord) -> str:
     kind = condition(record)
-    reasons = distrust(record.summary.posterior)
-    return paragraph(f"{SIGNS[kind]} {headline(record)}", f"verdict {kind}") + listed(reasons)
+    reasons = reasons_for_distrust(record.summary.posterior)
+    return paragraph(
+        f"{CONDITION_MARKS[kind]} {headline(record)}", f"verdict {kind}"
+    ) + bullet_list(reasons)
 
 
-def _key_figures(record: TurbineRecord) -> list[Key]:
+def _key_figures(record: TurbineRecord) -> list[KeyFigure]:
     summary, (start_ns, end_ns) = record.summary, record.span_ns
-    cards: list[Key] = []
+    cards: list[KeyFigure] = []
     if (posterior := summary.posterior) is not None:
         cards = [
             (f"{name} ÷ nominal", plus_minus(posterior.parameter(name))) for name in PARAMETER_NAMES
@@ -146,13 +152,14 @@ def _key_figures(record: TurbineRecord) -> list[Key]:
         ("measured", span((end_ns - start_ns) / NANOSECONDS)),
         ("missing", span(missing)),
         ("windows identified", str(len(summary.estimates))),
-        ("in the last posterior", str(used)),
         ("modes", str(len(summary.modes))),
     ]
+    if record.has_structure:
+        cards.append(("windows in the last posterior", str(used)))
     return cards
 
 
-def _cards(cards: Sequence[Key]) -> str:
+def _cards(cards: Sequence[KeyFigure]) -> str:
     items = "".join(
         f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(figure)}</dd></div>"
         for name, figure in cards
@@ -169,39 +176,40 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
             figures.stiffness_over_time(record),
             "Stiffness over time",
             "Stiffness over its nominal value after every window: median and 90 % interval"
-            + _prior_words(prior),
+            + _prior_text(prior),
         ),
         (
             figures.joint_posterior(posterior, record),
             "Joint posterior of the springs",
-            "The last posterior: draws in pairs, each spring by itself on the diagonal"
+            "The last posterior: pairs of springs, marginals on the diagonal"
             + (", truth as lines." if record.summary.truth else "."),
         ),
     )
     fit = (
-        f"{counted(posterior.n_windows, 'window')}; {posterior.paired_share:.0%} of the identified "
-        f"modes are modes of the model; reduced χ² of their frequencies "
+        f"{count_noun(posterior.n_windows, 'window')}; "
+        f"{posterior.paired_share:.0%} of the identified modes are modes of the model; "
+        f"reduced χ² of their frequencies "
         f"{posterior.reduced_chi_square:.2f}; {posterior.sampler}: {posterior.ess:.0f} effective "
         f"draws, R-hat {posterior.rhat:.3f}. σ: relative discrepancy of the model."
     )
     return (
         heading("Foundation", level)
-        + table_of(springs_table(record))
+        + table_html(springs_table(record))
         + paragraph(fit, "quiet")
         + _pair(pictures, f"{name}-foundation")
     )
 
 
-def _prior_words(prior: PriorSettings | None) -> str:
+def _prior_text(prior: PriorSettings | None) -> str:
     if prior is None:
         return "."
-    return f"; before the first it could be {prior.lowest_ratio:g} to {prior.highest_ratio:g}."
+    return f"; prior {prior.lowest_ratio:g} to {prior.highest_ratio:g}."
 
 
 def _pair(pictures: Sequence[tuple[str, str, str]], name: str) -> str:
-    """Pictures side by side where there is room; what could not be drawn is left out."""
+    """Pictures side by side where there is room; empty ones are left out."""
     drawn = [
-        drawing(svg, description, caption=caption, name=f"{name}-{number}")
+        svg_figure(svg, description, caption=caption, name=f"{name}-{number}")
         for number, (svg, description, caption) in enumerate(pictures)
         if svg
     ]
@@ -212,8 +220,8 @@ def _changes(record: TurbineRecord, level: int) -> str:
     if not record.summary.events:
         return ""
     events = record.summary.events
-    words = listed(sentence(event.text) for event in events)
-    return heading("Changes", level) + words + table_of(events_table(events))
+    words = bullet_list(sentence(event.text) for event in events)
+    return heading("Changes", level) + words + table_html(events_table(events))
 
 
 def _modes(record: TurbineRecord, name: str, level: int) -> str:
@@ -221,48 +229,65 @@ def _modes(record: TurbineRecord, name: str, level: int) -> str:
         return ""
     pictures = (
         (
-            figures.telling_frequencies(record),
-            "Frequencies of the modes that say most of the stiffness",
-            "The modes that say most of the stiffness, with their 90 % intervals; dashed: the "
-            "last posterior's model.",
+            figures.most_informative_frequencies(record),
+            *_frequency_captions(record),
         ),
         (
             figures.all_frequencies(record),
             "All identified frequencies over time",
-            "Every identified mode of every window.",
+            "All identified modes of all windows.",
+        ),
+        (
+            figures.mode_shapes(record),
+            "Mode shapes",
+            "Identified mode shapes at the sensors, largest component 1: fore-aft (x) solid, "
+            "side-side (y) dashed.",
         ),
     )
-    legend = (
-        "misfit: in standard deviations of the posterior's prediction; tells: share of the "
-        "information on the stiffness; – beside MAC: shape not used; ≈: two modes that cannot be "
-        "separated, known is their mean."
-    )
+    legend = []
+    if record.summary.posterior is not None:
+        legend = [
+            "misfit: in standard deviations of the posterior's prediction",
+            "information: share of the information on the stiffness",
+            "– beside MAC: shape not used",
+        ]
+    if any(mode.pair_id for mode in record.summary.modes):
+        legend.append("≈: mean of two modes that cannot be separated")
     return (
         heading("Modes", level)
         + _pair(pictures, f"{name}-modes")
-        + table_of(modes_table(record))
-        + paragraph(legend, "quiet")
+        + table_html(modes_table(record))
+        + (paragraph(f"{'; '.join(legend)}.", "quiet") if legend else "")
     )
 
 
+def _frequency_captions(record: TurbineRecord) -> tuple[str, str]:
+    """Return description and caption of the picture of the chosen frequencies."""
+    if record.summary.posterior is None:
+        name = "Frequencies of the modes found most often"
+        return name, f"{name}, with 90 % intervals."
+    name = "Frequencies of the modes with most information on the stiffness"
+    return name, f"{name}, 90 % intervals; dashed: model at the last posterior."
+
+
 def _quality(record: TurbineRecord, name: str, level: int) -> str:
-    picture = drawing(
+    picture = svg_figure(
         figures.windows_over_time(record),
         "Windows and gaps over time",
-        caption="Windows that were identified, windows that were not used, and gaps.",
+        caption="Identified windows, rejected windows, and gaps.",
         name=f"{name}-windows",
     )
     tables = (
         rejected_table(record.summary.rejected),
         gaps_table(record),
-        doubts_table(record),
+        warnings_table(record),
         nodes_table(record),
     )
     return (
         heading("Data quality", level)
         + f'<div class="pair">{picture}</div>\n'
         + _instruments(record)
-        + "".join(table_of(each) for each in tables if each.rows)
+        + "".join(table_html(each) for each in tables if each.rows)
     )
 
 
@@ -272,19 +297,19 @@ def _instruments(record: TurbineRecord) -> str:
         return ""
     rate = f" at {record.sampling_rate:g} Hz" if record.sampling_rate > 0 else ""
     names = ", ".join(layout.channel_names)
-    return paragraph(f"{counted(len(layout.channels), 'channel')}{rate}: {names}.", "quiet")
+    return paragraph(f"{count_noun(len(layout.channels), 'channel')}{rate}: {names}.", "quiet")
 
 
 def _settings(session: RecordedSession) -> str:
-    """What the recording says of how it was made; long texts as they stand."""
+    """Return the settings stored in the recording, long texts verbatim."""
     short, long = [], []
     for section, texts in session.metadata.items():
         for key, text in texts.items():
             if "\n" in text:
-                long.append(heading(f"{section}.{key}", 3) + listing(text))
+                long.append(heading(f"{section}.{key}", 3) + preformatted(text))
             else:
                 short.append((f"{section}.{key}", text))
     if not short and not long:
         return ""
     table = TextTable("", ("setting", "value"), tuple(short), words=(1,))
-    return heading("Settings") + (table_of(table) if short else "") + "".join(long)
+    return heading("Settings") + (table_html(table) if short else "") + "".join(long)

@@ -1,8 +1,8 @@
-"""What a session recorded, turbine by turbine, without its samples: what a report is made of.
+"""Read what a session recorded, turbine by turbine, without its samples.
 
     session.mcap ─► session.part2.mcap ─► …  ─► RecordedSession ─► [TurbineRecord, …]
 
-Memory grows with the windows, not with the samples: blocks are counted and let go.
+Memory grows with the windows, not with the samples: blocks are counted and dropped.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ from pipeline.monitoring.summary import SessionSummary
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Metadata
-from pipeline.scenario import scenario_from_metadata
+from pipeline.scenario import Scenario, scenario_from_metadata
 from pipeline.sources.session_files import session_files, unfinished_files
 from pipeline.updating.prior import PriorSettings
 from sensors.acquisition.blocks import AccelerationBlock
@@ -34,16 +34,18 @@ NO_FACTOR = np.empty((0, 0))
 
 @dataclass(frozen=True, slots=True)
 class PosteriorAtWindow:
-    """The marginals as one window left them."""
+    """Marginal posteriors after one window."""
 
-    time_ns: int  # end of the window
+    time_ns: int
+    """End of the window [ns since 1970-01-01 UTC]."""
     window: int
     parameters: tuple[ParameterSummary, ...]
     trusted: bool
-    change_probability: float  # that the modes have changed since the last event [-]
+    change_probability: float
+    """Probability that the modes have changed since the last event [-]."""
 
     def parameter(self, name: str) -> ParameterSummary:
-        """The parameter of that name; KeyError where there is none."""
+        """Return the parameter of that name; KeyError where there is none."""
         for summary in self.parameters:
             if summary.name == name:
                 return summary
@@ -52,17 +54,23 @@ class PosteriorAtWindow:
 
 @dataclass(slots=True)
 class TurbineRecord:
-    """Everything of one turbine that a report tells; grows while the recording is read."""
+    """Everything of one turbine that a report contains; grows while the recording is read."""
 
     turbine: str
     summary: SessionSummary
-    posteriors: dict[int, PosteriorAtWindow] = field(default_factory=dict)  # by end [ns]
-    truths: dict[int, FoundationTruth] = field(default_factory=dict)  # by when they begin [ns]
-    layouts: dict[str, SensorLayout] = field(default_factory=dict)  # by unit
-    sampling_rate: float = float("nan")  # [Hz]
+    posteriors: dict[int, PosteriorAtWindow] = field(default_factory=dict)
+    """Posteriors by the end of their window [ns]."""
+    truths: dict[int, FoundationTruth] = field(default_factory=dict)
+    """True stiffnesses by the time from which they hold [ns]."""
+    layouts: dict[str, SensorLayout] = field(default_factory=dict)
+    """Sensor layouts by acquisition unit."""
+    sampling_rate: float = float("nan")
+    """Sampling rate of the latest block [Hz]."""
+    has_structure: bool = True
+    """Whether the scenario has a structural model; without one there are modes only."""
 
     def take(self, message: Message) -> None:
-        """Remember one message of this turbine."""
+        """Take one message of this turbine into account."""
         match message:
             case AccelerationBlock():
                 self.summary.count(message)
@@ -90,13 +98,13 @@ class TurbineRecord:
         )
 
     def true_stiffness(self, name: str, time_ns: int) -> float | None:
-        """The simulated truth at that time in the spring's unit; None where it is not known."""
-        begun = [each for each in self.truths if each <= time_ns] or list(self.truths)[:1]
-        return getattr(self.truths[max(begun)], name) if begun else None
+        """Return the simulated truth at that time in the spring's unit; None if unknown."""
+        starts = [each for each in self.truths if each <= time_ns] or list(self.truths)[:1]
+        return getattr(self.truths[max(starts)], name) if starts else None
 
     @property
     def has_results(self) -> bool:
-        """Whether anything was made of the measurements, if only a rejection."""
+        """Whether the recording holds results, if only a rejected window."""
         return bool(self.summary.estimates or self.summary.rejected or self.posteriors)
 
     @property
@@ -107,8 +115,7 @@ class TurbineRecord:
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """From the first sample to the last; where the samples have gone, of the windows
-        [ns since 1970-01-01 UTC]."""
+        """First to last sample, or of the windows without samples [ns since 1970-01-01 UTC]."""
         summary = self.summary
         windows: list[ModalEstimate | WindowRejected] = [*summary.estimates, *summary.rejected]
         starts = [each.start_ns for each in windows]
@@ -121,21 +128,28 @@ class TurbineRecord:
 
 @dataclass(frozen=True, slots=True)
 class RecordedSession:
-    """A session as its files tell it."""
+    """A session as read from its files."""
 
     name: str
     files: tuple[Path, ...]
-    unread: tuple[Path, ...]  # parts that are still being written
-    metadata: Metadata  # of the last part
-    prior: PriorSettings | None  # of its scenario; None where it is not known
+    unread: tuple[Path, ...]
+    """Parts that are still being written."""
+    metadata: Metadata
+    """Metadata of the last part."""
+    prior: PriorSettings | None
+    """Prior of its scenario; None where it is not known."""
     turbines: tuple[TurbineRecord, ...]
 
 
 def read_session(path: Path) -> RecordedSession:
-    """A recorded session: a file, or a folder with its parts.
+    """Return a recorded session: a file, or a folder with its parts.
 
-    Raises RecordingError where a file cannot be read, and where nothing was made of the
-    measurements yet; SourceError for a folder without recordings.
+    Raises
+    ------
+    RecordingError
+        If a file cannot be read or holds no results.
+    SourceError
+        For a folder without recordings.
     """
     files = session_files(path)
     turbines: dict[str, TurbineRecord] = {}
@@ -150,26 +164,30 @@ def read_session(path: Path) -> RecordedSession:
             "makes a session of it that can be reported"
         )
     metadata = read_metadata(files[-1])
+    scenario = _scenario(metadata)
+    if scenario is not None:
+        for record in turbines.values():
+            record.has_structure = scenario.has_structure
     return RecordedSession(
         name=path.resolve().name,
         files=tuple(files),
         unread=tuple(unfinished_files(path)),
         metadata=metadata,
-        prior=_prior(metadata),
+        prior=None if scenario is None else scenario.updating.prior,
         turbines=tuple(turbines[name] for name in sorted(turbines)),
     )
 
 
-def _prior(metadata: Metadata) -> PriorSettings | None:
-    """What the updating allowed; a scenario of another version may not be readable any more."""
+def _scenario(metadata: Metadata) -> Scenario | None:
+    """Return the recorded scenario; None for one that this version cannot read."""
     try:
-        return scenario_from_metadata(metadata["scenario"], "scenario").updating.prior
+        return scenario_from_metadata(metadata["scenario"], "scenario")
     except (KeyError, InputError):
         return None
 
 
 def without_factors(estimate: ModalEstimate) -> ModalEstimate:
-    """The estimate without its covariance factors, by far its largest part."""
+    """Return the estimate without its covariance factors, by far its largest part."""
     modes = tuple(
         replace(mode, covariance_factor=NO_FACTOR, n_block_columns=0) for mode in estimate.modes
     )

@@ -1,4 +1,4 @@
-"""What a manager reads: is the foundation known, has it changed, can the data be relied on."""
+"""Sentences of a report: is the foundation known, has it changed, are the data reliable."""
 
 import math
 from collections import Counter
@@ -12,7 +12,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.report.recorded_session import TurbineRecord
-from pipeline.report.wording import counted, instant, joined, percent, period, span
+from pipeline.report.wording import count_noun, instant, join_with_and, percent, period, span
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 
@@ -24,10 +24,12 @@ SPRINGS = {
 
 
 def headline(record: TurbineRecord) -> str:
-    """The one sentence that says how the foundation is."""
+    """Return the headline: one sentence on the state of the foundation."""
     posterior = record.summary.posterior
+    if not record.has_structure:
+        return _modes_headline(record)
     if posterior is None:
-        return f"Nothing is known of the foundation's stiffness: {_why_no_posterior(record)}."
+        return f"The foundation's stiffness is not known: {_why_no_posterior(record)}."
     if not posterior.trusted:
         return "Do not use these stiffnesses: the data contradict the model."
     found = [event for event in record.summary.events if event.kind == "foundation"]
@@ -39,8 +41,10 @@ def headline(record: TurbineRecord) -> str:
 
 
 def condition(record: TurbineRecord) -> str:
-    """ "good", "doubt", "bad" or "unknown": how much of the foundation can be relied on."""
+    """Return whether the posterior is reliable: `good`, `doubt`, `bad` or `unknown`."""
     posterior = record.summary.posterior
+    if not record.has_structure:
+        return "good" if record.summary.estimates else "unknown"
     if posterior is None:
         return "unknown"
     if not posterior.trusted:
@@ -49,44 +53,46 @@ def condition(record: TurbineRecord) -> str:
 
 
 def findings(record: TurbineRecord) -> list[str]:
-    """Changes first, then what is known of each spring, then how far the data go."""
-    return [*changes(record), *stiffnesses(record), *measuring(record)]
+    """Return sentences on changes, then on each spring, then on the measurements."""
+    return [*change_sentences(record), *stiffness_sentences(record), *measurement_sentences(record)]
 
 
-def distrust(posterior: FoundationPosterior | None) -> list[str]:
-    """Why the posterior must not be used, in the updating's own words; empty where it may be."""
+def reasons_for_distrust(posterior: FoundationPosterior | None) -> list[str]:
+    """Return why the posterior must not be used; empty where it may be."""
     if posterior is None or posterior.trusted:
         return []
-    return [sentence(doubt.text) for doubt in posterior.warnings]
+    return [sentence(warning.text) for warning in posterior.warnings]
 
 
-def changes(record: TurbineRecord) -> list[str]:
-    """One sentence for each event."""
+def change_sentences(record: TurbineRecord) -> list[str]:
+    """Return one sentence for each event."""
     return [
-        f"{event_sentence(event)}{_before_and_since(record, event)}"
+        f"{event_sentence(event)}{_stiffness_before_and_after(record, event)}"
         for event in record.summary.events
     ]
 
 
 def event_sentence(event: FoundationEvent) -> str:
-    """ "k22 fell by 9.0 % [6.0, 12] on 3 March 2026 between 14:10 and 14:30 UTC"."""
+    """Return "k22 fell by 9.0 % [6.0, 12] on 3 March 2026 between 14:10 and 14:30 UTC"."""
     when = period(event.since_earliest_ns, event.since_latest_ns)
     if event.kind == "foundation" and event.changes:
-        surest = max(event.changes, key=_sureness)
-        others = [_change(each) for each in event.changes if each is not surest]
+        most_certain = max(event.changes, key=_relative_precision)
+        others = [_change(each) for each in event.changes if each is not most_certain]
         rest = f"; {', '.join(others)}" if others else ""
-        return f"{_change(surest)} {when}{rest}."
+        return f"{_change(most_certain)} {when}{rest}."
     cause = (
         "in a way that no foundation explains"
         if event.kind == "modal-drift"
-        else "perhaps by the foundation: that is undecided"
+        else "perhaps by the foundation (undecided)"
     )
     return f"The structure's modes changed {when}, {cause}{_most_shifted(event)}."
 
 
-def _before_and_since(record: TurbineRecord, event: FoundationEvent) -> str:
-    """Which springs a change that is not called the foundation's has nevertheless moved: those
-    whose intervals before and since have nothing in common."""
+def _stiffness_before_and_after(record: TurbineRecord, event: FoundationEvent) -> str:
+    """Return the springs that differ before and after a change not attributed to the foundation.
+
+    These are the springs whose 90 % intervals before and after it are disjoint.
+    """
     before = [time for time in record.posteriors if time <= event.since_ns]
     next_ns = min(
         (each.since_ns for each in record.summary.events if each.since_ns > event.since_ns),
@@ -99,16 +105,16 @@ def _before_and_since(record: TurbineRecord, event: FoundationEvent) -> str:
     moved = [
         f"{name} from {ratios(old.parameter(name))[0]:.3f} to {ratios(new.parameter(name))[0]:.3f}"
         for name in PARAMETER_NAMES
-        if _apart(old.parameter(name), new.parameter(name))
+        if _intervals_differ(old.parameter(name), new.parameter(name))
     ]
-    return f" With it the stiffness went, ÷ nominal: {joined(moved)}." if moved else ""
+    return f" Stiffness ÷ nominal changed with it: {join_with_and(moved)}." if moved else ""
 
 
-def _apart(one: ParameterSummary, other: ParameterSummary) -> bool:
+def _intervals_differ(one: ParameterSummary, other: ParameterSummary) -> bool:
     return one.p95 < other.p05 or other.p95 < one.p05
 
 
-def _sureness(change: StiffnessChange) -> float:
+def _relative_precision(change: StiffnessChange) -> float:
     width = change.p95 - change.p05
     return abs(change.median) / width if width > 0 else float("inf")
 
@@ -116,7 +122,7 @@ def _sureness(change: StiffnessChange) -> float:
 def _change(change: StiffnessChange) -> str:
     if change.p05 <= 0 <= change.p95:
         return (
-            f"{change.name} stayed within what can be told "
+            f"{change.name} did not change detectably "
             f"({100 * change.p05:+.1f} to {100 * change.p95:+.1f} %)"
         )
     low, high = sorted((abs(change.p05), abs(change.p95)))
@@ -130,13 +136,13 @@ def _most_shifted(event: FoundationEvent) -> str:
     most = max(event.shifts, key=lambda shift: abs(shift.change) / max(shift.change_std, 1e-12))
     direction = "down" if most.change < 0 else "up"
     return (
-        f"; surest of all the one at {most.frequency:.4g} Hz, {direction} by "
+        f"; most certainly the one at {most.frequency:.4g} Hz, {direction} by "
         f"{percent(most.change)} ± {percent(most.change_std)}"
     )
 
 
-def stiffnesses(record: TurbineRecord) -> list[str]:
-    """One sentence for each spring."""
+def stiffness_sentences(record: TurbineRecord) -> list[str]:
+    """Return one sentence for each spring."""
     posterior = record.summary.posterior
     if posterior is None:
         return []
@@ -147,8 +153,8 @@ def _stiffness(record: TurbineRecord, spring: ParameterSummary) -> str:
     median, low, high = ratios(spring)
     text = (
         f"{spring.name}, {SPRINGS[spring.name]}, is known to "
-        f"±{percent((high - low) / 2 / median)}: {median:.3f} × its nominal value, 90 % sure "
-        f"between {low:.3f} and {high:.3f}"
+        f"±{percent((high - low) / 2 / median)}: {median:.3f} × its nominal value, 90 % interval "
+        f"{low:.3f} to {high:.3f}"
     )
     truth = record.summary.truth
     if truth is None:
@@ -159,51 +165,67 @@ def _stiffness(record: TurbineRecord, spring: ParameterSummary) -> str:
 
 
 def ratios(spring: ParameterSummary) -> tuple[float, float, float]:
-    """Median, 5 % and 95 % quantile over nominal [-]; a negative nominal does not turn them."""
+    """Median, 5 % and 95 % quantile over nominal [-]; ordered also for a negative nominal."""
     low, high = sorted((spring.p05 / spring.nominal, spring.p95 / spring.nominal))
     return spring.median / spring.nominal, low, high
 
 
-def measuring(record: TurbineRecord) -> list[str]:
-    """How much was measured, how much of it could be used, what is missing."""
-    return [_measured(record), *_not_used(record), _missing(record)]
+def measurement_sentences(record: TurbineRecord) -> list[str]:
+    """Return sentences on what was measured, what was used and what is missing."""
+    return [_measured_duration(record), *_rejected_windows(record), _missing_samples(record)]
 
 
-def _measured(record: TurbineRecord) -> str:
+def _measured_duration(record: TurbineRecord) -> str:
     summary, (start_ns, end_ns) = record.summary, record.span_ns
-    windows = counted(len(summary.estimates), "window")
+    windows = count_noun(len(summary.estimates), "window")
     measured = span((end_ns - start_ns) / NANOSECONDS)
     return (
-        f"{measured} of measurements, from {instant(start_ns)} to {instant(end_ns)}, gave "
-        f"{windows} with {counted(len(summary.modes), 'mode')} in all."
+        f"{measured} of measurements from {instant(start_ns)} to {instant(end_ns)} gave "
+        f"{windows} with {count_noun(len(summary.modes), 'mode')} in all."
     )
 
 
-def _not_used(record: TurbineRecord) -> Iterator[str]:
+def _rejected_windows(record: TurbineRecord) -> Iterator[str]:
     identified = {estimate.start_ns for estimate in record.summary.estimates}
-    kept_back = [each for each in record.summary.rejected if each.start_ns in identified]
+    not_used = [each for each in record.summary.rejected if each.start_ns in identified]
     failed = [each for each in record.summary.rejected if each.start_ns not in identified]
     if failed:
-        yield f"{counted(len(failed), 'window')} could not be identified: {_codes(failed)}."
-    if kept_back:
-        number = counted(len(kept_back), "identified window")
-        yield f"{number} did not enter the stiffness: {_codes(kept_back)}."
+        windows = count_noun(len(failed), "window")
+        yield f"{windows} could not be identified: {_counts_by_code(failed)}."
+    if not_used:
+        number = count_noun(len(not_used), "identified window")
+        yield f"{number} did not enter the stiffness: {_counts_by_code(not_used)}."
 
 
-def _codes(rejected: Sequence[WindowRejected]) -> str:
+def _counts_by_code(rejected: Sequence[WindowRejected]) -> str:
     counts = Counter(each.code for each in rejected)
-    return joined([f"{count} × {code}" for code, count in counts.most_common()])
+    return join_with_and([f"{count} × {code}" for code, count in counts.most_common()])
 
 
-def _missing(record: TurbineRecord) -> str:
+def _missing_samples(record: TurbineRecord) -> str:
     if not record.summary.published:
-        return "The samples themselves are no longer here, only what was made of them."
+        return "The recording holds results only, no samples."
     stream = record.summary.as_json(wall=0.0)["stream"]
     if not stream["gaps"] and not stream["lost"]:
         return "No sample is missing."
     return (
-        f"{counted(stream['gaps'], 'gap')} in the stream, {span(stream['gap_s'])} in all; "
-        f"{counted(stream['lost'], 'block')} lost."
+        f"{count_noun(stream['gaps'], 'gap')} in the stream, {span(stream['gap_s'])} in all; "
+        f"{count_noun(stream['lost'], 'block')} lost."
+    )
+
+
+def _modes_headline(record: TurbineRecord) -> str:
+    """Return the headline of a session without a structural model."""
+    summary = record.summary
+    if not summary.estimates:
+        return f"No modes are known: {_why_no_posterior(record)}."
+    frequencies = [mode.frequency for mode in summary.modes]
+    if not frequencies:
+        return "No mode was identified."
+    modes, windows = len(frequencies), len(summary.estimates)
+    return (
+        f"{count_noun(modes, 'mode')} between {min(frequencies):.3g} and {max(frequencies):.3g} Hz "
+        f"{'was' if modes == 1 else 'were'} identified in {count_noun(windows, 'window')}."
     )
 
 
@@ -214,5 +236,5 @@ def _why_no_posterior(record: TurbineRecord) -> str:
 
 
 def sentence(text: str) -> str:
-    """With a capital letter and a full stop."""
+    """Return the text with a capital letter and a full stop."""
     return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else ".")

@@ -1,4 +1,4 @@
-"""The stabilisation diagram of an identified window over its spectrum, as a PNG."""
+"""Draw the stabilisation diagram of an identified window over its spectrum as a PNG."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,13 +25,24 @@ def draw_stabilisation(
     *,
     title: str = "",
 ) -> None:
-    """Write the figure: above, every pole that came back over the orders, with its frequency's
-    std as a bar, a line for each mode; below, the singular values of the spectral matrix.
+    """Write the stabilisation diagram over the spectrum.
 
-    samples         (n, n_channels) that were identified
-    sampling_rate   [Hz]
-    title           of what was identified, for the heading
-    Raises InputError when matplotlib is not installed or the file cannot be written.
+    Above, the stable poles over the model orders with the standard deviations of their frequencies
+    and a line for each mode; below, the singular values of the spectral matrix.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Samples of the identified window.
+    sampling_rate : float
+        Sampling rate [Hz].
+    title : str, optional
+        Name of what was identified, for the heading.
+
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed or the file cannot be written.
     """
     figure = new_figure((11, 8), str(path))
     poles_axes, spectrum_axes = figure.subplots(2, 1, sharex=True)
@@ -76,7 +87,7 @@ def _draw_poles(axes: Any, identification: Identification) -> None:
 
 
 def _draw_modes(all_axes: Sequence[Any], identification: Identification) -> None:
-    """A line through both pictures at every mode, its frequency above where there is room."""
+    """Draw a line at every mode through both panels, with its frequency where there is room."""
     written = 0.0
     for mode in identification.modes:
         for axes in all_axes:
@@ -104,8 +115,22 @@ def _draw_spectrum(axes: Any, samples: FloatArray, sampling_rate: float) -> None
 def spectral_singular_values(
     samples: FloatArray, sampling_rate: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Frequencies, (n_frequencies,) [Hz], and the singular values of the Welch spectral matrix
-    there, (n_frequencies, n_channels) [unit²/Hz], largest first. samples: (n, n_channels)."""
+    """Estimate the singular values of the spectral matrix by Welch's method.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Samples of the window [unit].
+    sampling_rate : float
+        Sampling rate [Hz].
+
+    Returns
+    -------
+    frequencies : ndarray, shape (n_frequencies,)
+        Frequencies [Hz].
+    singular_values : ndarray, shape (n_frequencies, n_channels)
+        Singular values at each frequency, largest first [unit²/Hz].
+    """
     length = max(16, 2 * len(samples) // (LINES_PER_WINDOW + 1))
     y = samples - samples.mean(axis=0)
     frequencies, density = signal.csd(

@@ -1,4 +1,4 @@
-"""A structure as its description has it, to scale, beside its first modes, as a picture."""
+"""Draw a described structure to scale beside its first modes."""
 
 from pathlib import Path
 from typing import Any
@@ -8,15 +8,20 @@ from pipeline.report.canvas import DOTS_PER_INCH, new_figure
 from sensors.errors import InputError
 from sensors.structure.description import TurbineDescription
 
-STEEL, SEA, GROUND, ROTOR = "#56B4E9", "#0072B2", "#8C8C8C", "#E69F00"  # told apart by everybody
+STEEL, SEA, GROUND, ROTOR = "#56B4E9", "#0072B2", "#8C8C8C", "#E69F00"  # colour-blind safe
 SEA_DEPTH = 0.25  # transparency of the water [-]
 
 
 def draw_structure(figures: StructureFigures, path: Path) -> None:
-    """Write the picture: on the left tubes, rotor, water and mudline to scale; then a panel for
-    each of the first modes with the tower's shape, its largest component 1.
+    """Write the picture of a structure and its first modes.
 
-    Raises InputError when matplotlib is not installed or the file cannot be written.
+    On the left tubes, rotor, water and mudline to scale; then a panel for each of the first modes
+    with the tower's shape, its largest component 1.
+
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed or the file cannot be written.
     """
     figure = new_figure((13, 7), str(path))
     widths = [2.2] + [1.0] * min(N_MODES, len(figures.first))
@@ -54,7 +59,7 @@ def _draw_structure(axes: Any, described: TurbineDescription) -> None:
 
 
 def _draw_rotor(axes: Any, described: TurbineDescription) -> None:
-    """Bodies on the top by their centres, and the blades as seen from the side."""
+    """Draw the bodies on the top by their centres, and the blades as seen from the side."""
     top, rotor = described.tower_top, described.rotor_nacelle
     for number, body in enumerate(rotor.bodies):
         x, _, z = body.centre

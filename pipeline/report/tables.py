@@ -1,4 +1,4 @@
-"""The tables of a report: springs, modes, changes, what was not used and why."""
+"""Tables of a report: springs, modes, changes, rejected windows, warnings."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from pipeline.state.run_modes import CombinedMode
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 
-MOST_ROWS = 60  # of windows, gaps or doubts; of more, the newest
+MOST_ROWS = 60  # of windows, gaps or warnings; of more, the newest
 
 
 def springs_table(record: TurbineRecord) -> TextTable:
@@ -54,12 +54,12 @@ def springs_table(record: TurbineRecord) -> TextTable:
 
 
 def percent_or_blank(share: float) -> str:
-    """ "98 %"; blank where it is not known."""
+    """Return "98 %"; blank where it is not known."""
     return percent(share) if share == share else ""
 
 
 def without_blank_columns(content: TextTable) -> TextTable:
-    """The table without the columns in which no row says anything."""
+    """Return the table without the columns without a value in any row."""
     kept = [i for i in range(len(content.head)) if any(row[i] for row in content.rows)]
     return TextTable(
         content.title,
@@ -70,10 +70,10 @@ def without_blank_columns(content: TextTable) -> TextTable:
 
 
 def modes_table(record: TurbineRecord) -> TextTable:
-    """The identified modes over all windows, the model's beside them where they were paired."""
+    """Return the identified modes over all windows, beside the paired modes of the model."""
     head = (
         "mode", "f [Hz]", "± std", "ζ [%]", "± std", "windows", "model f [Hz]", "MAC", "misfit",
-        "tells",
+        "information",
     )  # fmt: skip
     rows = tuple(_mode_row(mode) for mode in record.summary.modes)
     return without_blank_columns(TextTable("", head, rows))
@@ -101,32 +101,32 @@ def _mode_row(mode: CombinedMode) -> tuple[str, ...]:
 
 
 def figure(value: float, form: str) -> str:
-    """A number; blank where it is not known."""
+    """Return a number; blank where it is not known."""
     return format(value, form) if value == value else ""
 
 
 def events_table(events: Sequence[FoundationEvent]) -> TextTable:
-    """Every change: when it began and was noticed, how sure it is."""
+    """Return every change: start, detection, probability."""
     rows = tuple(
         (stamp(event.since_ns), stamp(event.time_ns), event.kind, f"{event.probability:.3f}")
         for event in events
     )
-    return TextTable("", ("began about (UTC)", "noticed (UTC)", "kind", "probability"), rows)
+    return TextTable("", ("start, about (UTC)", "detected (UTC)", "kind", "probability"), rows)
 
 
 def rejected_table(rejected: Sequence[WindowRejected]) -> TextTable:
-    """The windows that were not used, newest last."""
+    """Return the rejected windows, newest last."""
     rows = tuple(
         (stamp(each.start_ns), span((each.end_ns - each.start_ns) / NANOSECONDS), each.code,
          each.reason)
         for each in rejected[-MOST_ROWS:]
     )  # fmt: skip
-    title = "Windows that were not used" + _left_out(len(rejected))
-    return TextTable(title, ("begins (UTC)", "length", "code", "reason"), rows, words=(3,))
+    title = "Rejected windows" + _left_out(len(rejected))
+    return TextTable(title, ("start (UTC)", "length", "code", "reason"), rows, words=(3,))
 
 
 def gaps_table(record: TurbineRecord) -> TextTable:
-    """Where samples are missing."""
+    """Return the gaps, newest last."""
     gaps = record.summary.gaps
     rows = tuple(
         (stamp(gap.start_ns), span((gap.end_ns - gap.start_ns) / NANOSECONDS), gap.unit,
@@ -134,31 +134,31 @@ def gaps_table(record: TurbineRecord) -> TextTable:
         for gap in gaps[-MOST_ROWS:]
     )  # fmt: skip
     title = "Gaps in the stream" + _left_out(len(gaps))
-    return TextTable(title, ("begins (UTC)", "length", "unit", "blocks"), rows)
+    return TextTable(title, ("start (UTC)", "length", "unit", "blocks"), rows)
 
 
-def doubts_table(record: TurbineRecord) -> TextTable:
-    """Every doubt that a window, the posterior or a node had, once."""
-    doubts = record.summary.doubts
-    rows = tuple((doubt.code, doubt.text) for doubt in doubts[:MOST_ROWS])
-    left = len(doubts) - len(rows)
-    title = "Doubts" + (f" (the first {MOST_ROWS} of {len(doubts)})" if left else "")
-    return TextTable(title, ("code", "what it means"), rows, words=(1,))
+def warnings_table(record: TurbineRecord) -> TextTable:
+    """Return every warning of a window, the posterior or a node, once."""
+    warnings = record.summary.doubts
+    rows = tuple((warning.code, warning.text) for warning in warnings[:MOST_ROWS])
+    left = len(warnings) - len(rows)
+    title = "Warnings" + (f" (the first {MOST_ROWS} of {len(warnings)})" if left else "")
+    return TextTable(title, ("code", "text"), rows, words=(1,))
 
 
 def nodes_table(record: TurbineRecord) -> TextTable:
-    """What every node said of itself last."""
+    """Return the last status of every node."""
     rows = tuple(
         (name, status.state, str(status.lost), str(status.late), str(status.duplicate),
          str(status.malformed), f"{status.busy_s:.1f}")
         for name, status in sorted(record.summary.statuses.items())
     )  # fmt: skip
     head = ("node", "last state", "lost", "late", "duplicate", "malformed", "busy [s]")
-    return TextTable("Nodes, as they last said", head, rows)
+    return TextTable("Last status of the nodes", head, rows)
 
 
 def overview_table(records: Sequence[TurbineRecord]) -> TextTable:
-    """One row a turbine: how its foundation is."""
+    """Return one row per turbine: the state of its foundation."""
     head = ("turbine", "k11 ÷ nominal", "k22 ÷ nominal", "k12 ÷ nominal", "windows", "changes", "")
     return TextTable("", head, tuple(_overview_row(record) for record in records), words=(6,))
 
@@ -173,7 +173,7 @@ def _overview_row(record: TurbineRecord) -> tuple[str, ...]:
 
 
 def plus_minus(spring: Any) -> str:
-    """ "1.003 ± 0.007": median and half the 90 % interval, over nominal."""
+    """Return "1.003 ± 0.007": median and half the 90 % interval, over nominal."""
     median, low, high = ratios(spring)
     return f"{median:.3f} ± {(high - low) / 2:.3f}"
 

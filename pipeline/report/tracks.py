@@ -1,4 +1,4 @@
-"""Each mode's frequency from window to window, under the name that people know it by."""
+"""Frequencies of each mode over the windows, named by the model's mode where paired."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,23 +15,32 @@ from sensors.arrays import FloatArray
 class FrequencyTrack:
     """One mode over the windows that saw it, in order of time."""
 
-    name: str  # of the track, as identification gave it
-    model: str  # the model mode that it is taken for at the end; "" for none
-    model_frequency: float  # at the last posterior's median [Hz]; NaN for none
-    information: float  # its share of all modes' on the stiffness [-]; 0 for none
-    times_ns: NDArray[np.int64]  # (n,) middle of the windows
-    frequencies: FloatArray  # (n,) [Hz]
-    stds: FloatArray  # (n,) [Hz]
+    name: str
+    """Name of the track, as identification gave it."""
+    model: str
+    """Label of the paired model mode at the end; "" for none."""
+    model_frequency: float
+    """Frequency of that mode at the last posterior's median [Hz]; NaN for none."""
+    information: float
+    """Share of the information on the stiffness [-]; 0 for none."""
+    times_ns: NDArray[np.int64]
+    """Middle of the windows, shape (n,) [ns since 1970-01-01 UTC]."""
+    frequencies: FloatArray
+    """Natural frequencies, shape (n,) [Hz]."""
+    stds: FloatArray
+    """Standard deviations, shape (n,) [Hz]."""
 
     @property
     def label(self) -> str:
-        """ "mode 5", of the model where it is paired, else the track's own name."""
+        """Label of the paired model mode ("mode 5"), else the track's own name."""
         return f"mode {self.model}" if self.model else self.name
 
 
 def frequency_tracks(record: TurbineRecord) -> tuple[FrequencyTrack, ...]:
-    """Every track of a session, lowest frequency first. Modes without a name are left out: nobody
-    knows which of the next window they are."""
+    """Return every track of a session, lowest frequency first.
+
+    Modes without a name are left out: they have no counterpart in other windows.
+    """
     seen: dict[str, list[tuple[int, float, float]]] = {}
     for estimate in sorted(record.summary.estimates, key=lambda estimate: estimate.start_ns):
         middle = (estimate.start_ns + estimate.end_ns) // 2
@@ -44,7 +53,7 @@ def frequency_tracks(record: TurbineRecord) -> tuple[FrequencyTrack, ...]:
 
 
 def _pairs_by_track(record: TurbineRecord) -> dict[str, ModePair]:
-    """Two modes that cannot be separated have one pair, "m1+m2"."""
+    """Return two modes that cannot be separated have one pair, "m1+m2"."""
     posterior = record.summary.posterior
     pairs = posterior.pairs if posterior else ()
     return {name: pair for pair in pairs for name in pair.identified.split("+")}
@@ -65,9 +74,11 @@ def _track(
     )
 
 
-def most_telling(tracks: Sequence[FrequencyTrack], number: int) -> tuple[FrequencyTrack, ...]:
-    """The tracks that say most of the stiffness, then those seen most often; lowest frequency
-    first."""
+def most_informative(tracks: Sequence[FrequencyTrack], number: int) -> tuple[FrequencyTrack, ...]:
+    """Return the tracks with most information on the stiffness, then those found most often.
+
+    Lowest frequency first.
+    """
     best = sorted(tracks, key=lambda track: (track.information, len(track.times_ns)), reverse=True)
     chosen = {track.name for track in best[:number]}
     return tuple(track for track in tracks if track.name in chosen)

@@ -1,33 +1,53 @@
-"""Figures and times as a person says them."""
+"""Format figures and times for sentences."""
 
 from datetime import UTC, datetime
 
 from sensors.acquisition.blocks import NANOSECONDS
 
+EARLIEST_CLOCK_NS = 315_532_800 * NANOSECONDS  # 1980-01-01; earlier times have no clock
+
+
+def has_clock(time_ns: int) -> bool:
+    """Return whether a time is one of a clock, not counted from the start of a recording."""
+    return time_ns >= EARLIEST_CLOCK_NS
+
+
+def elapsed(time_ns: int) -> str:
+    """Return "0:08:20", the time since the start of a recording without a clock."""
+    minutes, seconds = divmod(time_ns // NANOSECONDS, 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{seconds:02}"
+
 
 def day(time_ns: int) -> str:
-    """ "3 March 2026", UTC."""
-    moment = _moment(time_ns)
+    """Return "3 March 2026", UTC."""
+    moment = _datetime(time_ns)
     return f"{moment.day} {moment:%B %Y}"
 
 
 def clock(time_ns: int) -> str:
-    """ "14:10", UTC."""
-    return f"{_moment(time_ns):%H:%M}"
+    """Return "14:10", UTC."""
+    return f"{_datetime(time_ns):%H:%M}"
 
 
 def instant(time_ns: int) -> str:
-    """ "3 March 2026 14:10 UTC"."""
+    """Return "3 March 2026 14:10 UTC"."""
+    if not has_clock(time_ns):
+        return f"{elapsed(time_ns)} after the start"
     return f"{day(time_ns)} {clock(time_ns)} UTC"
 
 
 def stamp(time_ns: int) -> str:
-    """ "2026-03-03 14:10:05", UTC, for tables."""
-    return f"{_moment(time_ns):%Y-%m-%d %H:%M:%S}"
+    """Return "2026-03-03 14:10:05", UTC, for tables."""
+    if not has_clock(time_ns):
+        return elapsed(time_ns)
+    return f"{_datetime(time_ns):%Y-%m-%d %H:%M:%S}"
 
 
 def period(start_ns: int, end_ns: int) -> str:
-    """ "on 3 March 2026 between 14:10 and 14:30 UTC", or over midnight with both days."""
+    """Return "on 3 March 2026 between 14:10 and 14:30 UTC", or over midnight with both days."""
+    if not has_clock(start_ns):
+        return f"between {elapsed(start_ns)} and {elapsed(end_ns)} after the start"
     if clock(start_ns) == clock(end_ns) and day(start_ns) == day(end_ns):
         return f"on {day(start_ns)} at about {clock(start_ns)} UTC"
     if day(start_ns) == day(end_ns):
@@ -36,7 +56,7 @@ def period(start_ns: int, end_ns: int) -> str:
 
 
 def span(seconds: float) -> str:
-    """ "45 s", "12 min", "1 h 5 min", "3 d 4 h": two units at most."""
+    """Return "45 s", "12 min", "1 h 5 min", "3 d 4 h": two units at most."""
     if seconds < 120:
         return f"{seconds:.3g} s"
     minutes = round(seconds / 60)
@@ -50,22 +70,22 @@ def span(seconds: float) -> str:
     )
 
 
-def counted(number: int, noun: str) -> str:
-    """ "1 window", "2 windows"."""
+def count_noun(number: int, noun: str) -> str:
+    """Return "1 window", "2 windows"."""
     return f"{number} {noun}" + "s" * (number != 1)
 
 
 def percent(share: float) -> str:
-    """A share with two significant digits: "0.72 %", "9.1 %", "34 %"."""
+    """Return a share with two significant digits: "0.72 %", "9.1 %", "34 %"."""
     value = 100 * abs(share)
     decimals = 0 if value >= 9.95 else 1 if value >= 0.995 else 2
     return f"{value:.{decimals}f} %"
 
 
-def joined(texts: list[str]) -> str:
-    """ "a", "a and b", "a, b and c"."""
+def join_with_and(texts: list[str]) -> str:
+    """Return "a", "a and b", "a, b and c"."""
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
-def _moment(time_ns: int) -> datetime:
+def _datetime(time_ns: int) -> datetime:
     return datetime.fromtimestamp(time_ns // NANOSECONDS, UTC)

@@ -1,4 +1,4 @@
-"""The publication's numerical example, end to end: what `pilewatch reproduce` does.
+"""Run the publication's numerical example end to end: `pilewatch reproduce`.
 
     example    one seed: simulate, identify, update deterministically and by TMCMC
     paper      the publication's own figures

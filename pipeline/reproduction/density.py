@@ -1,10 +1,10 @@
-"""Eqs. 8 to 10 as they stand, at points (k11, k22, k12 over nominal, σ).
+"""Eqs. 8 to 10 as published, at points (k11, k22, k12 over nominal, σ).
 
     log p(d | θ) = −½ Σ_i [η_i² / s_i² + log s_i²],   s_i² = var_i + σ² ref_i
 
 with η the differences of frequencies and shape components, var their variances by SSI-cov (Σ_D) and
-σ² ref those of the model's discrepancy (Σ_G). Eq. 9 prints ηᵀ Σ η where the inverse is meant. A
-route of its own to what `updating.density.JointDensity` reads off a grid of σ.
+σ² ref those of the model's discrepancy (Σ_G). Eq. 9 prints ηᵀ Σ η where the inverse is meant.
+Independent of `updating.likelihood.posterior_density`, which evaluates the density on a grid of σ.
 """
 
 import numpy as np
@@ -20,8 +20,15 @@ class PublishedDensity:
     """log p(d | r, σ) under a uniform prior, for any sampler."""
 
     def __init__(self, likelihood: ModalLikelihood, forward: ForwardModel, prior: Prior) -> None:
-        """likelihood: for its errors η, their variances and the reference of σ. forward: the modes
-        that it compares, in its order."""
+        """Keep the likelihood, the model and the prior.
+
+        Parameters
+        ----------
+        likelihood : ModalLikelihood
+            Errors η, their variances and the reference of σ.
+        forward : ForwardModel
+            Model of the compared modes, in the order of the likelihood.
+        """
         self._likelihood = likelihood
         self._forward = forward
         self._prior = prior
@@ -29,7 +36,7 @@ class PublishedDensity:
         self._log_volume = log_prior_volume(prior) + float(np.log(prior.settings.highest_sigma))
 
     def __call__(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n,) log densities of points, (n, 4), −inf outside the prior, and (n,) σ again."""
+        """Return log densities, −inf outside the prior, and σ at points of shape (n, 4)."""
         sigma = points[:, 3]
         inside = np.flatnonzero((sigma >= 0) & (sigma <= self._prior.settings.highest_sigma))
         supported, modes = modal_where_supported(self._forward, self._prior, points[inside, :3])
@@ -43,12 +50,18 @@ class PublishedDensity:
         return density, sigma
 
     def prior_draws(self, n: int, generator: np.random.Generator) -> FloatArray:
-        """(n, 4)"""
+        """Draw from the prior, shape (n, 4)."""
         sigma = generator.uniform(0.0, self._prior.settings.highest_sigma, size=n)
         return np.column_stack([self._prior.draws(n, generator), sigma])
 
     def target(self, peak: Peak) -> Target:
-        """What a sampler is given. peak: of the three ratios."""
+        """Return the target of a sampler.
+
+        Parameters
+        ----------
+        peak : Peak
+            Peak of the density in the three ratios.
+        """
         start = self._prior.settings.highest_sigma / 4
         covariance = np.zeros((4, 4))
         covariance[:3, :3], covariance[3, 3] = peak.covariance, start**2

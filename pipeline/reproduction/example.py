@@ -1,9 +1,9 @@
-"""One seed of the publication's example: ten minutes simulated, identified, updated in three ways.
+"""Run one seed of the publication's example: simulate ten minutes, identify, update in three ways.
 
 paper's sea, wind and 3 % noise ─► SSI-cov ─► paired blind, as the product does ─► its eleven modes
     ├─► Eq. 6, Nelder and Mead from γ = 0.25, 1 and 4
     ├─► Eqs. 8 to 10, TMCMC as published, 100 000 samples, Gaussian errors
-    └─► the same posterior by the mended sampler: what TMCMC's bias is seen against
+    └─► the same posterior by the corrected sampler, the reference for TMCMC's bias
 """
 
 from collections.abc import Callable, Sequence
@@ -53,7 +53,7 @@ SCENARIO = "paper"
 AS_PUBLISHED = LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0, tails="gaussian")
 KEPT_DRAWS = 20_000  # of each posterior, for figures
 # Density evaluations of a run, from runs of seeds 101 to 104: what its progress is counted against
-PUBLISHED_STAGES, MENDED_EVALUATIONS = 13, 28
+PUBLISHED_STAGES, CORRECTED_EVALUATIONS = 13, 28
 PREPARED = 0.06  # share of a run's time until the posteriors begin
 Report = Callable[[float], None]  # called with the share of a run that is done [-]
 
@@ -63,57 +63,60 @@ class ExampleMode:
     """One of the publication's modes in our run."""
 
     label: str
-    model_frequency: float  # at K0 [Hz]
-    frequency: float  # identified; NaN where it was not found [Hz]
-    frequency_std: float  # [Hz]
-    mac: float  # with the model's shape at K0 [-]
+    model_frequency: float
+    """Frequency of the model at K0 [Hz]."""
+    frequency: float
+    """Identified frequency [Hz]; NaN where not found."""
+    frequency_std: float
+    """Standard deviation of the identified frequency [Hz]."""
+    mac: float
+    """MAC with the model's shape at K0 [-]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExamplePosterior:
-    """What a sampler says of the stiffness, as ratios k / nominal, and of σ."""
+    """The posterior of the stiffness, as ratios k / nominal, and of σ by one sampler."""
 
     sampler: str
-    highest: FloatArray  # (4,) the draw of highest density: the MAP estimate [-]
-    draws: FloatArray  # (n, 4) of equal weight [-]
-    evaluations: int  # of the likelihood
+    highest: FloatArray
+    """Draw of highest density, the MAP estimate, shape (4,) [-]."""
+    draws: FloatArray
+    """Draws of equal weight, shape (n, 4) [-]."""
+    evaluations: int
+    """Number of evaluations of the likelihood."""
 
     @property
     def correlations(self) -> FloatArray:
-        """(3,) of k11 with k22, k11 with k12, k22 with k12 [-]"""
+        """Correlations of k11-k22, k11-k12, k22-k12, shape (3,) [-]."""
         matrix = np.asarray(np.corrcoef(self.draws[:, :3].T))
         return matrix[[0, 0, 1], [1, 2, 2]]
 
     @property
     def stds(self) -> FloatArray:
-        """(3,) of the ratios [-]"""
+        """Standard deviations of the ratios, shape (3,) [-]."""
         return self.draws[:, :3].std(axis=0)
 
     @property
-    def half_widths(self) -> FloatArray:
-        """(3,) of the 90 % intervals [-]"""
-        low, high = np.quantile(self.draws[:, :3], [0.05, 0.95], axis=0)
-        return (high - low) / 2
-
-    @property
     def covers(self) -> NDArray[np.bool_]:
-        """(3,) whether the 90 % interval holds the truth, which is 1."""
+        """Whether each 90 % interval contains the truth, 1; shape (3,)."""
         low, high = np.quantile(self.draws[:, :3], [0.05, 0.95], axis=0)
         return (low <= 1) & (high >= 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
-    """Everything that one seed gave."""
+    """Results of one seed."""
 
     seed: int
     sign: SpringSign
     modes: tuple[ExampleMode, ...]
-    others: int  # identified modes that are none of the eleven
-    objective_at_truth: float  # J(K0) [-]
+    others: int
+    """Number of identified modes beside the eleven."""
+    objective_at_truth: float
+    """Objective J at the truth K0 [-]."""
     descents: tuple[Descent, ...]
     published: ExamplePosterior
-    mended: ExamplePosterior
+    corrected: ExamplePosterior
 
 
 def run_example(
@@ -128,7 +131,7 @@ def run_example(
     sign : SpringSign
         Of k12.
     samples : int
-        Of TMCMC as published; the mended one needs fewer.
+        Of TMCMC as published; the corrected one needs fewer.
     report : callable, optional
         Called with the share that is done [-].
 
@@ -160,7 +163,7 @@ def run_example(
     known = list(labelled.values())
     descents = deterministic_update(objective, prior)
     report(PREPARED)
-    published, mended = _posteriors(
+    published, corrected = _posteriors(
         replace(estimate, modes=tuple(known)),
         identified.labels,
         model,
@@ -178,12 +181,12 @@ def run_example(
         objective_at_truth=objective(np.ones(3)),
         descents=descents,
         published=published,
-        mended=mended,
+        corrected=corrected,
     )
 
 
 def identified_window(scenario: Scenario) -> ModalEstimate:
-    """The scenario's ten minutes, identified blind."""
+    """Rdentify the scenario's ten minutes without the model."""
     tower = simulated_tower(scenario)
     samples = np.concatenate(list(tower.samples())).astype(np.float64)
     found = identify(samples, scenario.simulation.sampling_rate, scenario.oma)
@@ -272,7 +275,7 @@ def _posteriors(
     samples: int,
     report: Report,
 ) -> tuple[ExamplePosterior, ExamplePosterior]:
-    """By TMCMC as published, and by the mended one, of the pairs that were found.
+    """By TMCMC as published, and by the corrected one, of the pairs that were found.
 
     start   (3,) ratios k / nominal at which they were found
     """
@@ -294,15 +297,15 @@ def _posteriors(
     )
     density = PublishedDensity(likelihood, forward, prior)
     target = density.target(laplace_peak(likelihood, forward, prior, start))
-    n_mended = min(samples, KEPT_DRAWS)
-    expected = PUBLISHED_STAGES * samples + MENDED_EVALUATIONS * n_mended
+    n_corrected = min(samples, KEPT_DRAWS)
+    expected = PUBLISHED_STAGES * samples + CORRECTED_EVALUATIONS * n_corrected
     watched = _Watched(target.log_density, expected, report)
     target = replace(target, log_density=watched)
     published = PublishedTmcmc(PublishedSettings(samples=samples))
-    mended = CorrectedTmcmc(TemperingSettings(samples=n_mended))
+    corrected = CorrectedTmcmc(TemperingSettings(samples=n_corrected))
     return (
         _posterior(published(target, np.random.default_rng([seed, 1])), density),
-        _posterior(mended(target, np.random.default_rng([seed, 2])), density),
+        _posterior(corrected(target, np.random.default_rng([seed, 2])), density),
     )
 
 

@@ -1,4 +1,4 @@
-"""Figure 3: marginals and pairs of the posterior, by both samplers, with MAP and truth."""
+"""Draw Figure 3: marginals and pairs of the posterior by both samplers, with MAP and truth."""
 
 from pathlib import Path
 from typing import Any
@@ -10,16 +10,22 @@ from pipeline.reproduction.example import Example
 from sensors.errors import InputError
 
 NAMES = ("k11 / K0 [-]", "k22 / K0 [-]", "k12 / K0 [-]", "σ [-]")
-PUBLISHED, MENDED, TRUTH = "#cc79a7", "#0072b2", "#009e73"  # Okabe and Ito (2008)
+PUBLISHED, CORRECTED, TRUTH = "#cc79a7", "#0072b2", "#009e73"  # Okabe and Ito (2008)
 SHOWN = 4000  # draws in a cloud
 DOTS_PER_INCH = 130
 
 
 def draw_figure3(example: Example, path: Path) -> None:
-    """Write the corner plot as a PNG. Raises InputError where it cannot be drawn or written."""
+    """Write the corner plot as a PNG.
+
+    Raises
+    ------
+    InputError
+        If it cannot be drawn or written.
+    """
     figure = new_figure((9, 9), str(path))
     grid = figure.subplots(4, 4, sharex="col")
-    clouds = ((example.published, PUBLISHED), (example.mended, MENDED))
+    clouds = ((example.published, PUBLISHED), (example.corrected, CORRECTED))
     for row in range(4):
         for column in range(4):
             axes = grid[row, column]
@@ -51,7 +57,7 @@ def _cloud(axes: Any, points: np.ndarray, colour: str) -> None:
 
 
 def _marks(axes: Any, example: Example, row: int, column: int) -> None:
-    """The truth (1) and the MAP draw, where the axis is a stiffness."""
+    """Mark the truth (1) and the MAP draw, where the axis is a stiffness."""
     if column < 3:
         axes.axvline(1.0, color=TRUTH, linewidth=1)
     if row < 3 and row != column:
@@ -76,7 +82,7 @@ def _legend(figure: Any) -> None:
 
     handles = [
         Line2D([], [], color=PUBLISHED, label="TMCMC as published"),
-        Line2D([], [], color=MENDED, label="mended sampler"),
+        Line2D([], [], color=CORRECTED, label="corrected sampler"),
         Line2D([], [], color=TRUTH, label="truth"),
         Line2D([], [], color="black", marker="x", linestyle="", label="MAP draw"),
     ]

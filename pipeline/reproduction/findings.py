@@ -1,4 +1,4 @@
-"""What agrees with the publication, what differs and why: sentences computed from the run."""
+"""Sentences on what agrees with the publication, what differs and why, computed from the run."""
 
 from collections.abc import Sequence
 
@@ -97,7 +97,7 @@ def _shapes(example: Example) -> str:
     if not pairs:
         return (
             "The side-side modes 1 and 4, whose MAC is printed as 0.038 and 0.309, were not found "
-            "here, so nothing is said of their shapes."
+            "here, so their shapes are not compared."
         )
     text = f"MAC of the side-side modes ({'; '.join(pairs)})."
     printed = {mode.label: mode.mac for mode in TABLE_1}
@@ -150,20 +150,20 @@ def _map(example: Example) -> str:
     return (
         f"MAP errors of k11, k22, k12: {ours} %; printed {theirs} %. Both are one draw of the "
         f"measurement: the posterior's own std is "
-        + ", ".join(f"{PERCENT * std:.1f}" for std in example.mended.stds)
+        + ", ".join(f"{PERCENT * std:.1f}" for std in example.corrected.stds)
         + f" %. σ is {example.published.highest[3]:.1e} at the MAP draw, printed {MAP_SIGMA:.1e}: "
         "Eq. 11 sets each shape's largest component to 1, which has no variance; left in Eq. 9 it "
         "drives σ to zero, so it is dropped here. The 95 % bound of σ is "
-        f"{np.quantile(example.mended.draws[:, 3], 0.95):.1e}."
+        f"{np.quantile(example.corrected.draws[:, 3], 0.95):.1e}."
     )
 
 
 def _sampler_bias(example: Example) -> str:
-    wider = example.published.stds / example.mended.stds - 1
+    wider = example.published.stds / example.corrected.stds - 1
     figures = ", ".join(f"{PERCENT * each:+.0f}" for each in wider)
     text = (
         "TMCMC as published makes one Metropolis step for each sample of a stage. The stds of k11, "
-        f"k22 and k12 come out {figures} % against the mended sampler's (importance sampling at "
+        f"k22 and k12 come out {figures} % against the corrected sampler's (importance sampling at "
         "the end, checked against a grid)"
     )
     if np.all(np.abs(wider) < ALIKE):
@@ -174,9 +174,9 @@ def _sampler_bias(example: Example) -> str:
 
 
 def _correlation(example: Example) -> str:
-    values = example.mended.correlations
+    values = example.corrected.correlations
     ours = ", ".join(f"{each:.2f}" for each in values)
-    peaks = n_peaks(example.mended)
+    peaks = n_peaks(example.corrected)
     text = (
         f"The posterior has {'a single peak' if peaks == 1 else f'{peaks} peaks'} and the "
         f"correlations k11-k22, k11-k12, k22-k12 are {ours}"
@@ -196,7 +196,7 @@ def _sign(study: Study) -> str:
         name: float(np.sqrt(np.mean(np.square(_percent_apart(example)))))
         for name, example in (("published", study.first), ("embedded", other[0]))
     }
-    ratio = other[0].mended.stds / study.first.mended.stds
+    ratio = other[0].corrected.stds / study.first.corrected.stds
     text = (
         "The printed stiffness matrix is all positive; an embedded pile has k12 < 0 in the axes v "
         "(displacement), ψ = +dv/dz, z up. The model's frequencies at K0 differ from Table 1 by "
@@ -214,10 +214,10 @@ def _sign(study: Study) -> str:
 
 
 def over_seeds(examples: Sequence[Example]) -> list[tuple[str, str]]:
-    """What many seeds say together: a subject and its figures."""
+    """Return the figures over many seeds: a subject and its figures."""
     errors = np.abs([map_errors(example) for example in examples])
-    covers = np.array([example.mended.covers for example in examples])
-    correlations = np.array([example.mended.correlations for example in examples])
+    covers = np.array([example.corrected.covers for example in examples])
+    correlations = np.array([example.corrected.correlations for example in examples])
     starts = [lowest_start(example) for example in examples]
     counts = found_counts(examples)
 
@@ -227,10 +227,10 @@ def over_seeds(examples: Sequence[Example]) -> list[tuple[str, str]]:
     return [
         ("MAP error of k11 / k22 / k12, median [%]", three(np.median(errors, axis=0))),
         ("worst [%]", three(errors.max(axis=0))),
-        ("90 % intervals that hold the truth", three(covers.sum(axis=0), "{:d}")),
+        ("90 % intervals that contain the truth", three(covers.sum(axis=0), "{:d}")),
         ("correlations, median", three(np.median(correlations, axis=0))),
         ("smallest correlation of any seed", f"{correlations.min():.2f}"),
-        ("seeds with a single peak", str(sum(n_peaks(e.mended) == 1 for e in examples))),
+        ("seeds with a single peak", str(sum(n_peaks(e.corrected) == 1 for e in examples))),
         (
             "lowest J from γ = 0.25 / 1 / 4 in so many seeds",
             three(np.array([starts.count(g) for g in (0.25, 1.0, 4.0)]), "{:d}"),

@@ -1,4 +1,4 @@
-"""report.md, report.html, table1.csv and table2.csv: our figures beside the publication's."""
+"""Write report.md, report.html, table1.csv and table2.csv: our figures beside the publication's."""
 
 import csv
 from collections.abc import Sequence
@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.report.html import TextTable, document, heading, listed, paragraph, png, table_of
+from pipeline.report.html import (
+    TextTable,
+    bullet_list,
+    document,
+    heading,
+    paragraph,
+    png,
+    table_html,
+)
 from pipeline.reproduction.example import Example
 from pipeline.reproduction.figures import draw_figure3
 from pipeline.reproduction.findings import findings, over_seeds
@@ -21,7 +29,10 @@ TITLE = "The publication's numerical example, run again"
 def write_report(study: Study, folder: Path) -> tuple[Path, ...]:
     """Write everything into a folder, made where it is missing; gives the files.
 
-    Raises InputError where the folder or a file cannot be written, or matplotlib is missing.
+    Raises
+    ------
+    InputError
+        If the folder or a file cannot be written, or matplotlib is missing.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -107,7 +118,7 @@ def _or_missing(value: float, form: str) -> str:
 
 
 def markdown(tables: Sequence[TextTable], sentences: Sequence[str], study: Study) -> str:
-    """The whole report as Markdown."""
+    """Return the whole report as Markdown."""
     parts = [f"# {TITLE}", _introduction(study), "## What agrees and what differs"]
     parts += [f"- {sentence}" for sentence in sentences]
     for table in tables:
@@ -120,10 +131,10 @@ def markdown(tables: Sequence[TextTable], sentences: Sequence[str], study: Study
 
 
 def page(tables: Sequence[TextTable], sentences: Sequence[str], study: Study, figure: bytes) -> str:
-    """The whole report as one HTML page that needs nothing else."""
+    """Return the whole report as one HTML page that needs nothing else."""
     parts = [paragraph(_introduction(study)), heading("What agrees and what differs")]
-    parts.append(listed(sentences))
-    parts += [heading(each.title) + table_of(replace(each, title="")) for each in tables]
+    parts.append(bullet_list(sentences))
+    parts += [heading(each.title) + table_html(replace(each, title="")) for each in tables]
     parts += [heading("Figure 3"), png(figure, "Posterior of the springs and σ")]
     return document(TITLE, "".join(parts))
 

@@ -1,4 +1,4 @@
-"""What the publication prints. Source: [foundation-updating] Tables 1 and 2."""
+"""Figures printed in the publication. Source: [foundation-updating] Tables 1 and 2."""
 
 from dataclasses import dataclass
 
@@ -8,19 +8,26 @@ class PublishedMode:
     """A row of Table 1."""
 
     label: str
-    direction: str  # SS or FA
-    model_frequency: float  # at K0 [Hz]
-    identified_frequency: float  # [Hz]
-    mac: float  # between identified and model shape [-]
+    direction: str
+    """SS or FA."""
+    model_frequency: float
+    """Frequency of the model at K0 [Hz]."""
+    identified_frequency: float
+    """Identified frequency [Hz]."""
+    mac: float
+    """MAC of identified and model shape [-]."""
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedDescent:
     """A row of Table 2's deterministic half: errors of the end point [%] and J there."""
 
-    start: float  # γ [-]
-    errors: tuple[float, float, float]  # of k11, k22, k12 [%]
-    objective: float  # J [-]
+    start: float
+    """Start γ, ratio to K0 [-]."""
+    errors: tuple[float, float, float]
+    """Errors of k11, k22, k12 [%]."""
+    objective: float
+    """Objective J at the end point [-]."""
 
 
 TABLE_1 = (

@@ -1,4 +1,4 @@
-"""The example over seeds and sign conventions, in two processes, and its figures in rows."""
+"""Run the example over seeds and sign conventions, in two processes."""
 
 from collections.abc import Callable, MutableMapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
@@ -19,19 +19,21 @@ PROCESSES = 2
 LOOKS = 1.0  # between two looks at how far they are [s]
 NOTABLE_STEP = 0.005  # of a run's share: smaller ones are not passed on [-]
 PERCENT = 100.0
-PEAK_GRID = 200  # places where a marginal's density is looked at
-NOTABLE_PEAK = 0.1  # of the highest, below which a bump of a density estimate is none
+PEAK_GRID = 200  # points of a marginal's density
+NOTABLE_PEAK = 0.1  # of the highest peak, below which a local maximum is ignored
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Study:
     """All seeds in both signs."""
 
-    examples: tuple[Example, ...]  # by sign, then seed
-    samples: int  # of TMCMC as published
+    examples: tuple[Example, ...]
+    """Results by sign, then seed."""
+    samples: int
+    """Samples of TMCMC as published."""
 
     def of(self, sign: SpringSign) -> tuple[Example, ...]:
-        """The seeds of one sign, in order."""
+        """Return the seeds of one sign, in order."""
         return tuple(example for example in self.examples if example.sign == sign)
 
     @property
@@ -106,7 +108,7 @@ def _one(
 
 
 def map_errors(example: Example) -> FloatArray:
-    """(3,) of k11, k22, k12 by the published sampler's draw of highest density [%]."""
+    """Return the errors of k11, k22, k12 at the published sampler's MAP, shape (3,) [%]."""
     return PERCENT * (example.published.highest[:3] - 1)
 
 

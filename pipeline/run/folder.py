@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.recording.atomic_write import written_whole
 from pipeline.recording.rotation import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
-from pipeline.runtime.identification_restart import FOLDER as TRACKS
+from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.sources.session_files import SESSION
 from pipeline.sources.sources import Source
@@ -61,8 +61,8 @@ def set_checkpoints_aside(out: Path) -> None:
 
 def set_tracks_aside(out: Path) -> None:
     """Let an identification by itself begin with nothing seen."""
-    if (out / TRACKS).exists():
-        logger.info("the identification's answers are now %s", set_aside(out / TRACKS))
+    if (out / ANSWERS).exists():
+        logger.info("the identification's answers are now %s", set_aside(out / ANSWERS))
 
 
 def set_aside(path: Path) -> Path:

@@ -16,15 +16,21 @@ from sensors.errors import InputError
 SHARED = ("identification", "updating")  # nodes whose turbines several processes can share
 
 
-def processes(plan: Plan, command: Sequence[str], shards: int) -> list[SupervisedProcess]:
-    """The node in a process, or its shares of the turbines in one each."""
+def processes(
+    plan: Plan, command: Sequence[str], shards: int, *, inherited: Sequence[int] = ()
+) -> list[SupervisedProcess]:
+    """The node in a process, or its shares of the turbines in one each.
+
+    inherited   file descriptors that the processes keep open, such as the folder's lock
+    """
     if shards == 1 or plan.name not in SHARED:
-        return [SupervisedProcess(plan.node, command)]
+        return [SupervisedProcess(plan.node, command, inherited=inherited)]
     return [
         SupervisedProcess(
             plan.node,
             [*command, "--shard", f"{number}/{shards}"],
             name=plan.name + Shard(number, shards).suffix,
+            inherited=inherited,
         )
         for number in range(1, shards + 1)
     ]

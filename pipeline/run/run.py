@@ -5,15 +5,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.app import Outputs, Plan, build
 from pipeline.messages import Message
 from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
 from pipeline.monitoring.alarms.alarm_node import KEY as NOTICES_KEY
-from pipeline.monitoring.alarms.alarm_node import AlarmNode, desk_of
+from pipeline.monitoring.alarms.alarm_node import AlarmNode, running_alarm_node
 from pipeline.monitoring.alarms.channels import channels_of
+from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.metrics import MetricsNode, served
 from pipeline.monitoring.status import KEY as STATUS_KEY
 from pipeline.monitoring.status import StatusNode
@@ -35,9 +36,11 @@ from pipeline.run.folder import (
     write_summary,
 )
 from pipeline.run.options import SessionOptions
+from pipeline.run.ownership import Ownership, epoch_of, owned
 from pipeline.run.processes import SHARED, node_command, processes, require_processes
 from pipeline.runtime import runner
-from pipeline.runtime.identification_restart import FOLDER as TRACKS
+from pipeline.runtime.flow_control import UNACKNOWLEDGED_BLOCKS
+from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.sources.feed_publisher import FeedAccount
 from pipeline.sources.replay_control import KEY as REPLAY_KEY
@@ -77,6 +80,27 @@ def run_session(
 
     Raises InputError for what a person can mend, NodeFailed for what must be looked into.
     """
+    make_folder(options.out)
+    with owned(options.out) as ownership:
+        return _run_owned(
+            source,
+            options,
+            ownership,
+            report=report,
+            scenario_option=scenario_option,
+            stopping=stopping,
+        )
+
+
+def _run_owned(
+    source: Source,
+    options: SessionOptions,
+    ownership: Ownership,
+    *,
+    report: Callable[[AccelerationBlock], None] | None,
+    scenario_option: str | None,
+    stopping: threading.Event | None,
+) -> Session:
     started = time.monotonic()
     source = prepare_folder(source, options.out)
     if options.fresh or not source.is_live:  # a replay is an experiment of its own
@@ -84,7 +108,10 @@ def run_session(
         set_tracks_aside(options.out)
     goes_on = source.is_live and not options.fresh
     outputs = session_outputs(
-        source, options, tuple(raw_files(options.out / RECORDING)) if goes_on else ()
+        source,
+        options,
+        tuple(raw_files(options.out / RECORDING)) if goes_on else (),
+        epoch=ownership.epoch,
     )
     summary = SessionSummary(source.text, source.layout.turbine, live=source.is_live)
 
@@ -97,17 +124,24 @@ def run_session(
     desks: list[Node] = [summary]
     try:
         with ExitStack() as stack:
-            if options.metrics is not None:
-                figures_desk = MetricsNode()
-                stack.enter_context(served(figures_desk, options.metrics))
-                desks.append(figures_desk)
+            figures_node = None if options.metrics is None else MetricsNode()
+            if figures_node is not None and options.metrics is not None:
+                stack.enter_context(served(figures_node, options.metrics))
+                desks.append(figures_node)
             if options.notices is not None:
                 channels = channels_of(options.notices)
-                folder = options.out / NOTICES
-                desks.append(
-                    stack.enter_context(desk_of(folder, options.notices.notices, channels))
+                alarms = stack.enter_context(
+                    running_alarm_node(
+                        options.out / NOTICES,
+                        options.notices.notices,
+                        channels,
+                        options.notices.heartbeat,
+                    )
                 )
-            _run(source, options, outputs, desks, account, scenario_option, stopping)
+                if figures_node is not None:
+                    figures_node.parts.append(lambda: delivery_families(alarms.delivery_states))
+                desks.append(alarms)
+            _run(source, options, outputs, desks, account, scenario_option, stopping, ownership)
     finally:
         figures = summary.as_json(wall=time.monotonic() - started)
         complete = write_summary(options.out / SUMMARY, figures)
@@ -116,11 +150,12 @@ def run_session(
 
 
 def session_outputs(
-    source: Source, options: SessionOptions, earlier: tuple[Path, ...] = ()
+    source: Source, options: SessionOptions, earlier: tuple[Path, ...] = (), *, epoch: int = 0
 ) -> Outputs:
     """The files and viewers of a session. Raises ViewerError where rerun is missing.
 
-    earlier   recordings that the identification goes on from
+    earlier   recordings in which nodes find what they have not answered yet
+    epoch     number of the run, by its folder's lock
     """
     views: tuple[ViewerOutput, ...] = (RrdFile(options.out / PICTURES),) if options.rrd else ()
     if options.view is not None:
@@ -128,9 +163,17 @@ def session_outputs(
     if views:
         require_rerun(views)
     name = f"{source.layout.turbine} {source.text}"
-    checkpoints = None if options.way == "lock-step" else options.out / CHECKPOINTS
-    recording = options.out / RECORDING
-    return Outputs(recording, source.metadata, views, name, checkpoints, earlier)
+    kept = options.way != "lock-step"
+    return Outputs(
+        recording=options.out / RECORDING,
+        metadata={**source.metadata, "run": {"epoch": str(epoch)}},
+        views=views,
+        session=name,
+        checkpoints=options.out / CHECKPOINTS if kept else None,
+        tracks=options.out / ANSWERS if kept else None,
+        earlier=earlier,
+        epoch=epoch,
+    )
 
 
 def _run(
@@ -141,6 +184,7 @@ def _run(
     report: Callable[[AccelerationBlock], None],
     scenario_option: str | None,
     stopping: threading.Event | None,
+    ownership: Ownership,
 ) -> None:
     turbine = source.layout.turbine
     graph = build(source.scenario, source.layout, outputs, source.layouts)
@@ -167,7 +211,9 @@ def _run(
         for plan in graph:
             if options.way == "processes":
                 command = node_command(plan.name, source, options, meeting.nodes, scenario_option)
-                workers += processes(plan, command, options.shards)
+                workers += processes(
+                    plan, command, options.shards, inherited=(ownership.descriptor,)
+                )
             else:
                 workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
         workers += [runner.NodeThread(each, open_bus, turbine) for each in (*desks, desk)]
@@ -181,7 +227,7 @@ def _run(
             workers,
             bus,
             turbine=turbine,
-            unacknowledged_blocks=source.scenario.flow.unacknowledged_blocks if follows else None,
+            unacknowledged_blocks=UNACKNOWLEDGED_BLOCKS if follows else None,
             report=report,
             stopping=stopping,
         )
@@ -213,18 +259,37 @@ def run_node(
     options: SessionOptions,
     stopping: threading.Event,
     shard: str | None = None,
+    *,
+    tied: bool = False,
 ) -> None:
     """One node of the graph by itself, until `stopping` is set.
 
     shard   "2/4": of the turbines, those that are the second of four such nodes'
+    tied    the node is a run's, which owns the folder
 
     Raises InputError for a node that the graph does not have or that cannot be shared, NodeFailed
     for one that failed.
     """
-    outputs = session_outputs(
-        source, options, () if options.fresh else files_of(options.out / RECORDING)
-    )
-    outputs = replace(outputs, tracks=options.out / TRACKS)
+    make_folder(options.out)
+    with ExitStack() as stack:
+        epoch = epoch_of(options.out)
+        if not tied:
+            what = f"node {name}" if shard is None else f"node {name} {shard}"
+            epoch = stack.enter_context(owned(options.out, what)).epoch
+        _run_owned_node(name, source, options, stopping, shard, epoch)
+
+
+def _run_owned_node(
+    name: str,
+    source: Source,
+    options: SessionOptions,
+    stopping: threading.Event,
+    shard: str | None,
+    epoch: int,
+) -> None:
+    recording = options.out / RECORDING
+    earlier = () if options.fresh else tuple({*raw_files(recording), *files_of(recording)})
+    outputs = session_outputs(source, options, earlier, epoch=epoch)
     graph = build(source.scenario, source.layout, outputs, source.layouts)
     plans = {plan.name: plan for plan in graph}
     if name not in plans:
@@ -232,7 +297,6 @@ def run_node(
     if shard is not None and name not in SHARED:
         raise InputError(f"--shard is for {' and '.join(SHARED)}, not for {name}")
     with runner.one_blas_thread(), runner.open_session(lambda: ZenohBus(options.zenoh)) as bus:
-        make_folder(options.out)
         if options.fresh and name == "updating":
             set_checkpoints_aside(options.out)
         if options.fresh and name == "identification":

@@ -50,6 +50,7 @@ class SupervisedProcess:
     back_off  how long to wait before starting it again
     clock     → [s], never set back
     name      of the node in this process; "" for its class's
+    inherited file descriptors that the process keeps open
     """
 
     def __init__(
@@ -60,11 +61,13 @@ class SupervisedProcess:
         back_off: BackOff | None = None,
         clock: Callable[[], float] = time.monotonic,
         name: str = "",
+        inherited: Sequence[int] = (),
     ) -> None:
         self.name: str = name or node.name  # type: ignore[assignment]  # the class's attribute
         self.inputs: tuple[type, ...] = node.inputs  # type: ignore[assignment]
         self.restarts = 0
         self._command = command
+        self._inherited = tuple(inherited)
         self._back_off = back_off or BackOff()
         self._clock = clock
         self._process: subprocess.Popen[bytes] | None = None
@@ -83,7 +86,10 @@ class SupervisedProcess:
         self._started = self._clock()
         self._due = None
         self._process = subprocess.Popen(
-            self._command, stdin=subprocess.PIPE, start_new_session=True
+            self._command,
+            stdin=subprocess.PIPE,
+            start_new_session=True,
+            pass_fds=self._inherited,
         )
 
     def check(self) -> None:

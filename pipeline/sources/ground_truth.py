@@ -1,6 +1,4 @@
-"""The true stiffness of a simulated turbine, and when it is said: beside the stream, never to the
-updating.
-"""
+"""The true stiffness of a simulated turbine: published beside the stream, never for updating."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -18,11 +16,11 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 if TYPE_CHECKING:
     from sensors.simulation.tower import SimulatedTower
 
-TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is said anew
+TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is published again
 
 
 def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
-    """Return what a recording says of the true stiffness, in order of time."""
+    """Return the true stiffness in a recording, in order of time."""
     found = {
         (message.turbine, message.time_ns): message
         for file in recordings_in(path)
@@ -60,6 +58,7 @@ def _springs(truth: FoundationTruth) -> tuple[float, float, float]:
 def later_truths(
     truths: Iterator[FoundationTruth], first: FoundationTruth | None
 ) -> Iterator[FoundationTruth]:
+    """Return the truths without the one that is published already."""
     return (truth for truth in truths if truth != first)
 
 
@@ -77,7 +76,7 @@ def with_truths(
 
 
 def stored_truth(metadata: Metadata, turbine: str) -> FoundationTruth | None:
-    """Return what a recording's metadata says of the truth; None where it is not known."""
+    """Return the truth in a recording's metadata; None where it is not known."""
     truth = metadata.get("truth")
     if not truth:
         return None

@@ -71,14 +71,14 @@ class Playback:
             if isinstance(message, SensorLayout):
                 yield message
             elif origin_ns is not None and self._has(message, origin_ns):
-                yield _counted_anew(message, firsts) if self.start > 0 else message
+                yield _renumbered(message, firsts) if self.start > 0 else message
 
     def _has(self, message: AccelerationBlock | ScadaSample, origin_ns: int) -> bool:
         time_ns = message.time_ns if isinstance(message, ScadaSample) else message.start_ns
         return self.start <= (time_ns - origin_ns) / NANOSECONDS < self.end
 
 
-def _counted_anew(
+def _renumbered(
     message: AccelerationBlock | ScadaSample,
     firsts: dict[tuple[str, str, str], AccelerationBlock],
 ) -> AccelerationBlock | ScadaSample:
@@ -103,12 +103,13 @@ def _later(message: SensorMessage, shift_ns: int, number: int) -> SensorMessage:
 
 def each_block_once(messages: Iterable[SensorMessage]) -> Iterator[SensorMessage]:
     """Files of one session overlap where a recorder was started again; a block counts once."""
-    seen: dict[tuple[str, str, str], deque[int]] = {}
+    seen: dict[tuple[str, str, str], deque[tuple[int, int, int]]] = {}
     for message in messages:
         if isinstance(message, AccelerationBlock):
             key = (message.turbine, message.unit, message.session)
             latest = seen.setdefault(key, deque(maxlen=2 * LATEST_BLOCKS))
-            if latest and message.sequence <= latest[-1] and message.sequence in latest:
+            same = (message.sequence, message.start_ns, hash(message.samples.tobytes()))
+            if latest and message.sequence <= latest[-1][0] and same in latest:
                 continue
-            latest.append(message.sequence)
+            latest.append(same)
         yield message

@@ -39,7 +39,7 @@ def publish_source(
     SourceError
         For a live source.
     TransportError
-        If nobody can be reached.
+        If no endpoint can be reached.
     """
     if source.is_live:
         raise SourceError(

@@ -82,6 +82,7 @@ class Source:
 
     @property
     def is_live(self) -> bool:
+        """Whether the source goes on without end."""
         return self.duration is None
 
     @property
@@ -178,7 +179,7 @@ class Source:
         yield from heapq.merge(*(self._simulated(tower) for tower in towers), key=_begin)
 
     def _simulated(self, tower: SimulatedTower) -> Iterator[Message]:
-        """Everything of one turbine but its layout and the truth that was said already."""
+        """Everything of one turbine but its layout and the truth that was published already."""
         return with_truths(tower.messages(), later_truths(simulated_truths(tower), self.truth))
 
 

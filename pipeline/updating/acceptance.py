@@ -48,6 +48,8 @@ class AcceptanceSettings:
     refused_cost: float = 4.5  # above, likewise [-]
     rhat: float = 1.05  # chains that disagree more have not converged [-]
     mode_misfit: float = 4.0  # of one mode's frequency: beyond, it is named [standard deviations]
+    unpredicted_share: float = 0.12  # of modes that others do not predict: beyond, untrusted [-]
+    figure_deviation: float = 4.0  # of a figure from its prior: beyond, untrusted and named [std]
     interval_share: float = 0.8  # of the prior's 90 % interval: above, nothing was learned [-]
 
     def __post_init__(self) -> None:

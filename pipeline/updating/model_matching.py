@@ -81,7 +81,7 @@ class Matcher:
             match = self._match(evidence, again)
         latest = [mode.last_window == evidence.n_windows for mode in evidence.modes]
         if not any(latest[each.identified] for each in match.used):
-            raise _without_partner(sum(latest))
+            raise without_partner(sum(latest))
         return match
 
     def _targets(self, evidence: ModalEvidence) -> PairingTargets:
@@ -98,7 +98,7 @@ class Matcher:
         frequencies = modes.frequencies[0]
         used = self._compared(observations(evidence, pairing, frequencies, self._settings, mac=mac))
         if not used:
-            raise _without_partner(len(evidence.modes))
+            raise without_partner(len(evidence.modes))
         columns = sorted({mode for each in used for mode in each.model_modes})
         forward = local.subset([local.labels[mode] for mode in columns])
         likelihood = ModalLikelihood(
@@ -147,7 +147,7 @@ def _of_each(partners: Sequence[PartnerInWater], pairing: Pairing) -> list[Partn
     return [partners[mode] if mode >= 0 else None for mode in pairing.model_modes]
 
 
-def _without_partner(n_modes: int) -> EstimateRefused:
+def without_partner(n_modes: int) -> EstimateRefused:
     return EstimateRefused(
         "no-paired-mode", f"none of the {n_modes} identified modes is a mode of the model"
     )

@@ -52,7 +52,7 @@ def posterior_message(
     evidence = match.evidence
     modes = match.all_modes.modal(prior.stiffness(median[None]))
     fit = _fit(match, prior.stiffness(median[None]))
-    parameters = _summaries(now, prior)
+    parameters = spring_summaries(now, prior)
     pairs = _pairs(evidence, match, modes, _mode_check(match, prior, draws))
     against = contradictions(fit, guards)
     return FoundationPosterior(
@@ -62,11 +62,11 @@ def posterior_message(
         n_windows=evidence.n_windows,
         parameters=parameters,
         correlation=np.asarray(np.corrcoef(now[:, :3].T)),
-        draws=_thinned(now, prior),
+        draws=thinned_draws(now, prior),
         pairs=pairs,
         model_labels=tuple(match.all_modes.labels),
         model_frequencies=modes.frequencies[0],
-        model_shapes=_largest_component_one(modes.shapes[0]),
+        model_shapes=largest_component_one(modes.shapes[0]),
         sampler=draws.sampler,
         ess=draws.ess,
         rhat=draws.rhat,
@@ -93,7 +93,7 @@ def _fit(match: Match, theta: FloatArray) -> Fit:
     )
 
 
-def _summaries(drawn: FloatArray, prior: Prior) -> tuple[ParameterSummary, ...]:
+def spring_summaries(drawn: FloatArray, prior: Prior) -> tuple[ParameterSummary, ...]:
     """Quantiles of every draw, k in its own unit."""
     values = drawn * np.append(prior.nominal, 1.0)
     bounds = prior.settings
@@ -120,7 +120,7 @@ def _summaries(drawn: FloatArray, prior: Prior) -> tuple[ParameterSummary, ...]:
     )
 
 
-def _thinned(flat: FloatArray, prior: Prior) -> FloatArray:
+def thinned_draws(flat: FloatArray, prior: Prior) -> FloatArray:
     """(n <= 1000, 4) draws spread evenly over all, k in their units."""
     chosen = np.linspace(0, len(flat) - 1, min(MOST_DRAWS, len(flat))).round().astype(int)
     return flat[chosen] * np.append(prior.nominal, 1.0)
@@ -186,7 +186,7 @@ def _mode_check(match: Match, prior: Prior, draws: PosteriorDraws) -> _ModeCheck
     return _ModeCheck(misfits, information)
 
 
-def _largest_component_one(shapes: FloatArray) -> FloatArray:
+def largest_component_one(shapes: FloatArray) -> FloatArray:
     """(n_model, n_channels) with each shape's largest component 1."""
     largest = np.argmax(np.abs(shapes), axis=1)[:, None]
     return shapes / np.take_along_axis(shapes, largest, axis=1)

@@ -19,7 +19,7 @@ import struct
 import types
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import MISSING, Field, asdict, dataclass, fields, is_dataclass
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -145,6 +145,10 @@ class _Arrays:
         return found.reshape(shape).astype(float)  # a copy that may be written to
 
 
+def _has_default(field: Field[Any]) -> bool:
+    return field.default is not MISSING or field.default_factory is not MISSING
+
+
 def _value(tree: Any, hint: Any, arrays: _Arrays) -> Any:
     """The value of the annotated type; fields are read in the order they were written."""
     origin, arguments = get_origin(hint), get_args(hint)
@@ -160,6 +164,10 @@ def _value(tree: Any, hint: Any, arrays: _Arrays) -> Any:
         return arrays.next(tree["shape"])
     if is_dataclass(hint) and isinstance(hint, type):
         types_of = get_type_hints(hint)
-        values = {f.name: _value(tree[f.name], types_of[f.name], arrays) for f in fields(hint)}
+        values = {
+            f.name: _value(tree[f.name], types_of[f.name], arrays)
+            for f in fields(hint)
+            if f.name in tree or not _has_default(f)  # a state from before the field was added
+        }
         return hint(**values)
     return hint(tree)

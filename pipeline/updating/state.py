@@ -3,11 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from pipeline.messages import ModalEstimate
 from pipeline.updating.change.detector import ChangeState
 from pipeline.updating.change.event_message import TrackSensitivity
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import ModeObservation, diagonal
+from pipeline.updating.structural.alternatives import WarmStart
 from sensors.arrays import FloatArray
 
 RECENT_WINDOWS = 36  # that are kept one by one: six hours of ten minutes
@@ -22,6 +25,7 @@ class RecentWindow:
     weight: float  # hop / window duration [-]
     rise: float  # of the water above the model's level [m]
     sightings: tuple[ModeObservation, ...]
+    level_known: bool = True  # whether anything reported the water's level
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +39,10 @@ class UpdatingState:
     change: ChangeState = field(default_factory=ChangeState)
     recent: tuple[RecentWindow, ...] = ()  # from which the evidence is begun anew after a change
     sensitivities: tuple[TrackSensitivity, ...] = ()  # of the last posterior's pairs
+    joint: tuple[WarmStart, ...] = ()  # of each alternative of an uncertain structure, best first
+    sensor_fault: str = ""  # name of the one that the last posterior found
+    reference: ModalEvidence | None = None  # of the windows before the last event
+    reference_ns: int = 0  # start of the last of them
 
     def with_window(
         self, estimate: ModalEstimate, seen: Sequence[ModeObservation], rise: float
@@ -43,7 +51,10 @@ class UpdatingState:
 
         Where correlations aren't used, variances are all that is kept of a recent covariance.
         """
-        evidence = self.evidence.with_sightings(seen, estimate.weight, estimate.duration, rise=rise)
+        level_known = bool(np.isfinite(estimate.water_level))
+        evidence = self.evidence.with_sightings(
+            seen, estimate.weight, estimate.duration, rise=rise, level_known=level_known
+        )
         if not evidence.joint_covariance:
             seen = [diagonal(sighting) for sighting in seen]
         latest = RecentWindow(
@@ -52,16 +63,39 @@ class UpdatingState:
             weight=estimate.weight,
             rise=rise,
             sightings=tuple(seen),
+            level_known=level_known,
         )
         return replace(self, evidence=evidence, recent=(*self.recent, latest)[-RECENT_WINDOWS:])
 
     def begun_anew(self, start_ns: int, nothing: ModalEvidence) -> "UpdatingState":
         """With the evidence of the recent windows alone that began at that time or later; their
-        modes keep the tracks they had. nothing: evidence without a window."""
-        recent = tuple(each for each in self.recent if each.start_ns >= start_ns)
+        modes keep the tracks they had. nothing: evidence without a window.
+
+        Where the structure is uncertain, the recent windows before that time become the reference
+        that later posteriors are compared with.
+        """
         evidence = replace(nothing, n_tracks=self.evidence.n_tracks)
-        for window in recent:
-            evidence = evidence.with_sightings(
-                window.sightings, window.weight, window.duration, rise=window.rise
-            )
-        return replace(self, evidence=evidence.with_tracks_of(self.evidence), recent=recent)
+        recent = tuple(each for each in self.recent if each.start_ns >= start_ns)
+        before = tuple(each for each in self.recent if each.start_ns < start_ns)
+        reference = self.reference
+        if before and self.joint:
+            reference = _summed(before, replace(nothing, n_tracks=self.evidence.n_tracks))
+        return replace(
+            self,
+            evidence=_summed(recent, evidence).with_tracks_of(self.evidence),
+            recent=recent,
+            reference=reference,
+            reference_ns=before[-1].start_ns if before else self.reference_ns,
+        )
+
+
+def _summed(windows: Sequence[RecentWindow], evidence: ModalEvidence) -> ModalEvidence:
+    for window in windows:
+        evidence = evidence.with_sightings(
+            window.sightings,
+            window.weight,
+            window.duration,
+            rise=window.rise,
+            level_known=window.level_known,
+        )
+    return evidence

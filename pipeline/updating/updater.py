@@ -27,7 +27,7 @@ from pipeline.updating.evidence.observations import EstimateRefused
 from pipeline.updating.evidence.observations import sightings as sightings_of
 from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.posterior_density import StiffnessDensity
-from pipeline.updating.model_matching import Match, Matcher, partners_in_water
+from pipeline.updating.model_matching import Match, Matcher, partners_in_water, without_partner
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.posterior_message import posterior_message
 from pipeline.updating.prior import Prior, modal_where_supported
@@ -40,12 +40,9 @@ from pipeline.updating.serialisation import (
 )
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
-from pipeline.updating.structural_uncertainty import (
-    StructuralPrior,
-    figure_summaries,
-    require_figures,
-    widened,
-)
+from pipeline.updating.structural.alternatives import JointInference
+from pipeline.updating.structural.joint_message import as_exact, joint_message, mode_labels
+from pipeline.updating.structural.refresh import JointRefresh, joint_refresh, model_at
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
@@ -68,10 +65,15 @@ class FoundationUpdater:
         *,
         seed: int = 0,
         population: StiffnessPopulation | None = None,
+        joint: JointInference | None = None,
     ) -> None:
-        """forward: the structure at this layout's sensors. seed: the scenario's; with the window's
-        number it decides every random choice, wherever and in whatever order nodes run.
-        population: what a farm's other turbines say of this one's springs; None: the uniform prior.
+        """
+        forward      the structure at this layout's sensors
+        seed         the scenario's; with the window's number it decides every random choice,
+                     wherever and in whatever order nodes run
+        population   what a farm's other turbines say of this one's springs; None: the uniform prior
+        joint        infers the structure's figures with the springs (`joint_inference`, which knows
+                     the population too); None: the structure is exact
 
         Raises UpdatingError, also for a population of foundations about another nominal one.
         """
@@ -82,24 +84,25 @@ class FoundationUpdater:
         self._forward = forward
         self._layout = layout
         self._seed = seed
+        self._joint = joint
         self._prior = Prior(forward.nominal, self.settings.prior)
-        self._wide_prior: StructuralPrior | None = (
-            None  # where figures of the structure are uncertain
-        )
-        if self.settings.uncertain.names:
-            self._wide_prior = StructuralPrior(
-                forward.nominal, self.settings.prior, self.settings.uncertain
-            )
-            require_figures(forward, self._wide_prior.names)
         self._sampler = sampler_of(self.settings.sampling, self.settings.sampler)
         self._detector = ChangeDetector(self.settings.change)
-        self._matcher = Matcher(
-            forward,
-            self._prior,
-            pairing=self.settings.pairing,
-            likelihood=self.settings.likelihood,
-            generator=np.random.default_rng(seed),
-        )
+        self._exact_matcher: Matcher | None = None  # made where the structure is exact
+        if joint is None:
+            self._exact_matcher = self._matcher
+
+    @property
+    def _matcher(self) -> Matcher:
+        if self._exact_matcher is None:
+            self._exact_matcher = Matcher(
+                self._forward,
+                self._prior,
+                pairing=self.settings.pairing,
+                likelihood=self.settings.likelihood,
+                generator=np.random.default_rng(self._seed),
+            )
+        return self._exact_matcher
 
     def initial_state(self) -> UpdatingState:
         """Nothing seen yet."""
@@ -208,7 +211,7 @@ class FoundationUpdater:
             found,
             change,
             self._detector,
-            self._forward.following(self._prior.stiffness(state.median)),
+            self._model_before(state, state.median),
             self._prior,
             before=state.median,
             pairs=state.sensitivities,
@@ -219,17 +222,25 @@ class FoundationUpdater:
         anew = state.begun_anew(change.sums.starts_ns[found.restart], self._no_evidence())
         return replace(anew, change=self._detector.restarted(change, found.restart)), event
 
+    def _model_before(self, state: UpdatingState, median: FloatArray) -> ForwardModel:
+        """The structure that the last posterior found, its modes followed from there."""
+        if self._joint is None or not state.joint:
+            return self._forward.following(self._prior.stiffness(median))
+        latest = state.joint[0]
+        return model_at(self._joint.fit_of(latest.name), latest.u, self._layout)
+
     def _refreshed(
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
+        if self._joint is not None:
+            return self._refreshed_jointly(self._joint, state, estimate)
         match = self._matcher.matched(state.evidence, self._begun_at(state))
         pairing = match.pairing
         against = refusal(pairing.paired_share, pairing.cost, self.settings.guards)
         if against is not None:
             return state, _rejected(estimate, EstimateRefused(against.code, against.text))
-        sampled = match if self._wide_prior is None else widened(match, self._wide_prior)
-        draws = self._drawn(sampled, state, estimate)
-        representative = self._representative(draws, sampled.peak.ratios)
+        draws = self._drawn(match, state, estimate)
+        representative = self._representative(draws, match.peak.ratios)
         after = replace(
             state,
             # contiguous, as a checkpoint gives it back: BLAS may round by layout
@@ -237,13 +248,53 @@ class FoundationUpdater:
             median=representative[:3],
             sensitivities=self._sensitivities(state.evidence, match, representative[:3]),
         )
-        return after, self._posterior(state, estimate, sampled, draws, representative)
+        posterior = self._posterior(state, estimate, match, draws, representative)
+        return after, as_exact(posterior, stated=self.settings.structure.stated)
+
+    def _refreshed_jointly(
+        self, joint: JointInference, state: UpdatingState, estimate: ModalEstimate
+    ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
+        """Springs and figures together, from where the last window left them."""
+        found = joint_refresh(
+            joint,
+            state.evidence,
+            state.joint,
+            np.random.default_rng([self._seed, estimate.window]),
+            reference=state.reference,
+            last_fault=state.sensor_fault,
+        )
+        if found is None:
+            raise without_partner(len(state.evidence.modes))
+        pairing = found.best.peak.comparison.pairing
+        against = refusal(pairing.paired_share, pairing.cost, self.settings.guards)
+        if against is not None:
+            return state, _rejected(estimate, EstimateRefused(against.code, against.text))
+        fit, u = found.best.fit, found.best.peak.u
+        model = model_at(fit, u, self._layout)
+        posterior = joint_message(
+            estimate,
+            found,
+            model,
+            now=self._in_this_window(found.draws, state.change, estimate),
+            prior=self._prior,
+            guards=self.settings.guards,
+            reference_ns=state.reference_ns,
+        )
+        after = replace(
+            state,
+            median=fit.coordinates.springs(u) / fit.coordinates.nominal,
+            sensitivities=_joint_sensitivities(found, mode_labels(found, model)),
+            joint=found.warm_starts,
+            sensor_fault="" if found.fault is None else found.fault.name,
+        )
+        change = self._change_probability(state.change, after.sensitivities, estimate.duration)
+        name = "" if self._population is None else self._population.name
+        return after, replace(posterior, population=name, change_probability=change)
 
     def _drawn(self, match: Match, state: UpdatingState, estimate: ModalEstimate) -> PosteriorDraws:
         generator = np.random.default_rng([self._seed, estimate.window])
-        prior = self._wide_prior or self._prior
         density = StiffnessDensity(
-            match.likelihood, match.forward, prior, generator, self._population
+            match.likelihood, match.forward, self._prior, generator, self._population
         )
         return self._sampler(density.target(match.peak, self._ensemble(state)), generator)
 
@@ -255,19 +306,17 @@ class FoundationUpdater:
         draws: PosteriorDraws,
         representative: FloatArray,
     ) -> FoundationPosterior:
-        wide = self._wide_prior
         posterior = posterior_message(
             estimate,
             match,
             draws,
             representative,
-            now=self._in_this_window(draws, state.change, estimate),
-            prior=wide or self._prior,
+            now=self._in_this_window(draws.flat[:, [0, 1, 2, -1]], state.change, estimate),
+            prior=self._prior,
             guards=self.settings.guards,
         )
         return replace(
             posterior,
-            figures=() if wide is None else figure_summaries(draws.flat[:, 3:-1], wide),
             population="" if self._population is None else self._population.name,
             change_probability=self._change_probability(
                 state.change, state.sensitivities, estimate.duration
@@ -290,21 +339,15 @@ class FoundationUpdater:
 
     def _ensemble(self, state: UpdatingState) -> FloatArray | None:
         """(n, 3) ratios about which the sampler looks first: the last posterior's, before it the
-        farm's. What else is uncertain lies beside them."""
-        n_uncertain = len(self.settings.uncertain.names)
-        if state.ensemble is not None and state.ensemble.shape[1] == 3 + n_uncertain:
+        farm's."""
+        if state.ensemble is not None or self._population is None:
             return state.ensemble
-        if self._population is None:
-            return None
         generator = np.random.default_rng([self._seed, 2])
         drawn = self._population.draws(POPULATION_ENSEMBLE, generator)
-        drawn = drawn[self._prior.supports(drawn)]
-        if self._wide_prior is None:
-            return drawn
-        return np.hstack([drawn, self._wide_prior.draws(len(drawn), generator)[:, 3:]])
+        return drawn[self._prior.supports(drawn)]
 
     def _in_this_window(
-        self, draws: PosteriorDraws, change: ChangeState, estimate: ModalEstimate
+        self, common: FloatArray, change: ChangeState, estimate: ModalEstimate
     ) -> FloatArray:
         """(n_draws, 4) draws of the stiffness in the estimate's window and of σ.
 
@@ -312,7 +355,6 @@ class FoundationUpdater:
         from it by. A draw that the prior does not allow then stays as it was.
         """
         generator = np.random.default_rng([self._seed, estimate.window, 1])
-        common = draws.flat[:, [0, 1, 2, -1]]
         now = common.copy()
         now[:, :3] += deviation(change.walk).draws(len(now), generator)
         return np.where(self._prior.supports(now[:, :3])[:, None], now, common)
@@ -351,6 +393,30 @@ class FoundationUpdater:
             return median
         distances = (((flat - median) / flat.std(axis=0)) ** 2).sum(axis=1)
         return flat[int(np.argmin(distances))]
+
+
+def _joint_sensitivities(
+    found: JointRefresh, labels: Sequence[str]
+) -> tuple[TrackSensitivity, ...]:
+    """How every paired mode's track depends on springs and water, at the joint peak."""
+    fit, peak = found.best.fit, found.best.peak
+    modes = peak.comparison.linearisation
+    by_theta = np.linalg.inv(fit.coordinates.slopes(peak.u)[:3, :3])
+    slopes = modes.log_frequency_slopes[:, :3] @ by_theta * fit.coordinates.nominal
+    varied = found.evidence.level_varied
+    water = [each.curve for each in fit.partners_in_water(peak)] if varied else None
+    sensitivities = {}
+    for each in peak.comparison.used:
+        track = found.evidence.modes[each.identified].track
+        first = each.model_modes[0]
+        if labels[first] != "?":
+            sensitivities[track] = TrackSensitivity(
+                track=track,
+                model=labels[first],
+                slopes=slopes[list(each.model_modes)].mean(axis=0),
+                water=np.zeros(2) if water is None else water[first],
+            )
+    return tuple(sensitivities.values())
 
 
 def _rejected(estimate: ModalEstimate, refusal: EstimateRefused) -> WindowRejected:

@@ -1,22 +1,15 @@
-"""Rerun: the session as pictures, into a .rrd file or a viewer. The only package that imports it.
+"""Draw a session with Rerun, into a .rrd file or a viewer. The only package that imports Rerun.
 
-    outputs           where to: RrdFile, SpawnedViewer, ConnectedViewer; needs no rerun
-    viewer_process    a viewer's window or a page for browsers, as a process on loopback
-    page_server, web/ that page: Rerun's viewer inside, nobody outside this machine asked
-    display_signals   accelerations at 20 Hz
-    scene, corner, pile, spectrum, stabilisation, mac_matrix
-                      what is drawn, as plain figures
-    status            what is said, as text
-    entities          where everything lies: paths, timeline, styles
-    tower_views, track_views, foundation_views, plane_views
-                      one function a picture
-    blueprint         tabs, views, axes
-    screen            one turbine, message by message; with signal_screen, mode_screen, node_screen
-    pace, known_layouts
-                      how often pictures are handed over; the sensors they are of
-    show, stages      one output, and the thread it is drawn in
-    late_show         a show on a viewer that comes late, goes and comes back
-    sink              the node
+    viewer_node       the node
+    rerun_stream      one recording stream, with a view of every turbine
+    turbine_view      one turbine, message by message; with signal_view, mode_view
+    blueprint, farm_tab, view_parameters
+                      tabs, views, axes, and what they depend on
+    update_rates, known_layouts
+                      how often drawings are sent; the sensor layouts they refer to
+    pictures/         what is drawn, computed without Rerun
+    drawing/          what is drawn, as Rerun entities; one function a picture
+    outputs/          files, viewers, a page for browsers, and the thread that draws
 
-Rerun is imported when a viewer is opened, not before: everything else runs without it.
+Rerun is imported when a viewer is opened: everything else runs without it.
 """

@@ -1,4 +1,4 @@
-"""How the session is laid out: tabs, views, axis ranges. One blueprint for one or more turbines."""
+"""Tabs, views and axis ranges of a session; one blueprint for one or more turbines."""
 
 from collections.abc import Sequence
 
@@ -14,24 +14,28 @@ from pipeline.viewer.drawing.entities import (
 )
 from pipeline.viewer.drawing.tower import SPACING
 from pipeline.viewer.farm_tab import farm_tab
-from pipeline.viewer.panel import TurbinePanel, events_view, whole_session
 from pipeline.viewer.pictures.mac_matrix import SIDE
 from pipeline.viewer.pictures.status_text import STIFFNESSES
+from pipeline.viewer.view_parameters import ViewParameters, events_view, whole_session
 from sensors.acquisition.layout import SensorLayout
 
 TABS = ("Overview", "Signals", "Modes", "Foundation", "Health")
 
 
 def session_blueprint(
-    panels: Sequence[TurbinePanel], *, playback_speed: float, tab: str = TABS[0]
+    parameters: Sequence[ViewParameters], *, playback_speed: float, tab: str = TABS[0]
 ) -> rrb.Blueprint:
-    """Tabs of one turbine; of several, a tab of all and a tab each that holds them.
+    """Return the tabs of one turbine; of several, an overview tab and one tab per turbine.
 
-    playback_speed   session seconds a second of playing [-]
-    tab              which is open at first, one of TABS
+    Parameters
+    ----------
+    playback_speed : float
+        Sensor seconds per second of playback [-].
+    tab : str, optional
+        The tab that is open at first, one of TABS.
     """
-    each = [turbine_tabs(panel, tab=tab) for panel in panels]
-    top = each[0] if len(each) == 1 else rrb.Tabs(farm_tab(panels), *each, active_tab=0)
+    each = [turbine_tabs(each, tab=tab) for each in parameters]
+    top = each[0] if len(each) == 1 else rrb.Tabs(farm_tab(parameters), *each, active_tab=0)
     return rrb.Blueprint(
         top,
         rrb.TimePanel(
@@ -47,36 +51,47 @@ def session_blueprint(
     )
 
 
-def turbine_tabs(panel: TurbinePanel, *, tab: str = TABS[0]) -> rrb.Tabs:
-    """Overview, Signals, Modes, Foundation, Health of one turbine."""
-    root = turbine_path(panel.turbine)
+def turbine_tabs(parameters: ViewParameters, *, tab: str = TABS[0]) -> rrb.Tabs:
+    """Return Overview, Signals, Modes, Foundation and Health of one turbine."""
+    root = turbine_path(parameters.turbine)
+    tabs = {
+        "Overview": _overview(root, parameters),
+        "Signals": _signals(root, parameters),
+        "Modes": _modes(root, parameters),
+    }
+    if parameters.has_structure:
+        tabs["Foundation"] = _foundation(root, parameters)
+    tabs["Health"] = _health(root)
     return rrb.Tabs(
-        _overview(root, panel),
-        _signals(root, panel),
-        _modes(root, panel),
-        _foundation(root, panel),
-        _health(root),
-        active_tab=TABS.index(tab),
-        name=panel.turbine,
+        *tabs.values(),
+        active_tab=list(tabs).index(tab) if tab in tabs else 0,
+        name=parameters.turbine,
     )
 
 
-def _overview(root: str, panel: TurbinePanel) -> rrb.Horizontal:
+def _overview(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     return rrb.Horizontal(
-        _tower(root, panel),
-        rrb.Vertical(*_stiffness_bands(root), _shapes(root, panel), row_shares=[7, 7, 7, 10]),
+        _tower(root, parameters),
+        _overview_plots(root, parameters),
         rrb.Vertical(
-            _lamps(root), _status(root), events_view(f"{root}/events"), row_shares=[2, 5, 4]
+            _indicators(root), _status(root), events_view(f"{root}/events"), row_shares=[2, 5, 4]
         ),
         column_shares=[5, 8, 6],
         name="Overview",
     )
 
 
-def _signals(root: str, panel: TurbinePanel) -> rrb.Horizontal:
+def _overview_plots(root: str, parameters: ViewParameters) -> rrb.Vertical:
+    shapes = _shapes(root, parameters)
+    if not parameters.has_structure:
+        return rrb.Vertical(_frequencies(root, parameters), shapes, row_shares=[1, 1])
+    return rrb.Vertical(*_stiffness_bands(root), shapes, row_shares=[7, 7, 7, 10])
+
+
+def _signals(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     views = [
         _accelerations(root, layout, axis, name)
-        for layout in panel.layouts
+        for layout in parameters.layouts
         for axis, name in enumerate(("fore-aft (x)", "side-side (y)"))
     ]
     return rrb.Horizontal(
@@ -84,24 +99,17 @@ def _signals(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     )
 
 
-def _modes(root: str, panel: TurbinePanel) -> rrb.Horizontal:
+def _modes(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     return rrb.Horizontal(
         rrb.Vertical(
             _stabilisation(root),
-            _frequencies(root, panel),
-            _damping(root, panel),
-            row_shares=[4, 3, 2],
+            _frequency_changes(root),
+            _damping(root, parameters),
+            row_shares=[4, 3, 3],
         ),
         rrb.Vertical(
-            rrb.Tabs(
-                rrb.Grid(
-                    *[_track(root, label) for label in panel.modes],
-                    grid_columns=4,
-                    name="Tracks: identified ± 2 std blue, model orange",
-                ),
-                _matrix(root),
-            ),
-            _shapes(root, panel),
+            _tracks(root, parameters),
+            _shapes(root, parameters),
             row_shares=[5, 3],
         ),
         column_shares=[2, 3],
@@ -109,12 +117,26 @@ def _modes(root: str, panel: TurbinePanel) -> rrb.Horizontal:
     )
 
 
-def _foundation(root: str, panel: TurbinePanel) -> rrb.Horizontal:
+def _tracks(root: str, parameters: ViewParameters) -> rrb.Tabs | rrb.Grid:
+    """Return a grid of the modes' tracks, in tabs with the MAC matrix where there is a model."""
+    model = ", model (orange)" * parameters.has_structure
+    grid = rrb.Grid(
+        *[_track(root, label) for label in parameters.modes],
+        grid_columns=4,
+        name=f"Natural frequencies: identified ± 2 std (blue){model}",
+    )
+    return rrb.Tabs(grid, _matrix(root)) if parameters.has_structure else grid
+
+
+def _foundation(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     return rrb.Horizontal(
         _joint(root),
-        rrb.Vertical(_pile(root), _learned(root), row_shares=[5, 2]),
+        rrb.Vertical(_pile(root), _posterior_widths(root), row_shares=[5, 2]),
         rrb.Vertical(
-            *_stiffness_bands(root), _sigma(root), _change_probability(root), *_sizes(root, panel)
+            *_stiffness_bands(root),
+            _sigma(root),
+            _change_probability(root),
+            *_sizes(root, parameters),
         ),
         column_shares=[5, 4, 4],
         name="Foundation",
@@ -124,7 +146,7 @@ def _foundation(root: str, panel: TurbinePanel) -> rrb.Horizontal:
 def _joint(root: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{root}/foundation/joint",
-        name="Joint posterior, stiffness ÷ nominal [-] (green: truth, orange: prior)",
+        name="Joint posterior of stiffness ÷ nominal [-]; prior orange, truth green",
         visual_bounds=rrb.VisualBounds2D(x_range=[-0.45, 3.8], y_range=[-0.25, 3.95]),
     )
 
@@ -132,15 +154,15 @@ def _joint(root: str) -> rrb.Spatial2DView:
 def _pile(root: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{root}/foundation/pile",
-        name="Leaning on: nominal orange, posterior purple, truth green",
+        name="Pile head displacement under 1 MN: nominal orange, posterior purple, truth green",
         visual_bounds=rrb.VisualBounds2D(x_range=[-1.35, 1.35], y_range=[-2.25, 1.25]),
     )
 
 
-def _learned(root: str) -> rrb.TimeSeriesView:
+def _posterior_widths(root: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
-        origin=f"{root}/learned",
-        name="Left of the prior's 90 % interval [%] = 100 − contraction",
+        origin=f"{root}/posterior_width",
+        name="Posterior width ÷ prior width [%], 90 % intervals",
         **whole_session(),
         plot_legend=rrb.PlotLegend("RightTop"),
     )
@@ -149,7 +171,7 @@ def _learned(root: str) -> rrb.TimeSeriesView:
 def _sigma(root: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=parameter_path(root, "sigma"),
-        name="Model discrepancy σ [-]: 5, 50, 95 % of the posterior",
+        name="Model discrepancy σ [-]: 5, 50, 95 % quantiles",
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
@@ -159,29 +181,30 @@ def _change_probability(root: str) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"{root}/change",
         contents=["$origin/probability", "$origin/noticed"],
-        name="Probability of a new change [-]; red: noticed",
+        name="Probability of a new change [-]; red: detected",
         axis_y=rrb.ScalarAxis(range=(-0.1, 1.1)),  # 0 and 1 are most of what is seen
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 
 
-def _sizes(root: str, panel: TurbinePanel) -> list[rrb.TimeSeriesView]:
-    """A plot that appears with the first change whose size is known."""
+def _sizes(root: str, parameters: ViewParameters) -> list[rrb.TimeSeriesView]:
+    """Return the plot that appears with the first change of known size."""
     sizes = rrb.TimeSeriesView(
         origin=f"{root}/change/size",
-        name="Change [%], 5, 50, 95 %: k11 blue, k22 orange, k12 green",  # nine names hide the plot
+        # Why no legend: nine names hide the plot.
+        name="Change of stiffness [%], 5, 50, 95 %: k11 blue, k22 orange, k12 green",
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
-    return [sizes] * panel.sized
+    return [sizes] * parameters.sized
 
 
 def _health(root: str) -> rrb.Horizontal:
     return rrb.Horizontal(
         rrb.Vertical(
-            _node_plot(f"{root}/health/lost", "Blocks lost or late, in all [-]"),
-            _node_plot(f"{root}/health/behind", "Behind the newest block [s of measurement]"),
+            _node_plot(f"{root}/health/lost", "Blocks lost or late [-]"),
+            _node_plot(f"{root}/health/behind", "Delay behind the newest block [s]"),
         ),
         rrb.TextDocumentView(origin=f"{root}/health/text", name="Windows, gaps, nodes"),
         name="Health",
@@ -197,7 +220,7 @@ def _node_plot(path: str, name: str) -> rrb.TimeSeriesView:
 def _spectrum(root: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{root}/spectrum",
-        name="Spectra of the last window, a colour a level; hairs: identified frequencies [Hz]",
+        name="Spectra of the last window, one colour per level; lines: identified frequencies [Hz]",
         visual_bounds=rrb.VisualBounds2D(x_range=[-0.3, 2.75], y_range=[-0.2, 2.5]),
     )
 
@@ -205,7 +228,7 @@ def _spectrum(root: str) -> rrb.Spatial2DView:
 def _stabilisation(root: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{root}/stabilisation",
-        name="Poles of the last window ± std, a colour a band; hairs: modes taken",
+        name="Poles of the last window ± std, one colour per band; lines: identified modes",
         visual_bounds=rrb.VisualBounds2D(x_range=[-0.25, 2.75], y_range=[-0.15, 1.55]),
     )
 
@@ -213,41 +236,45 @@ def _stabilisation(root: str) -> rrb.Spatial2DView:
 def _matrix(root: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=f"{root}/mac",
-        name="MAC: identified × model (dark 0, bright 1)",
+        name="MAC of identified and model modes (dark 0, bright 1)",
         visual_bounds=rrb.VisualBounds2D(x_range=[-60, SIDE + 10], y_range=[-35, SIDE + 50]),
     )
 
 
-def _lamps(root: str) -> rrb.Spatial2DView:
+def _indicators(root: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
-        origin=f"{root}/lamps",
-        name="How things are",
+        origin=f"{root}/indicators",
+        name="State",
         visual_bounds=rrb.VisualBounds2D(x_range=[-1.0, 8.0], y_range=[-0.6, 2.6]),
     )
 
 
-def _tower(root: str, panel: TurbinePanel) -> rrb.Spatial3DView:
+def _tower(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin=f"{root}/tower",
-        name="Tower, sensors, sea and mudline [m]",
+        name="Tower, sensors, sea and mudline [m]"
+        if parameters.has_structure
+        else "Sensors by height [m]",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=[360.0, 270.0, panel.mid_height + 60.0],
-            look_target=[0.0, 0.0, panel.mid_height + 25.0],
+            position=[360.0, 270.0, parameters.mid_height + 60.0],
+            look_target=[0.0, 0.0, parameters.mid_height + 25.0],
             eye_up=[0.0, 0.0, 1.0],
         ),
     )
 
 
-def _shapes(root: str, panel: TurbinePanel) -> rrb.Spatial3DView:
-    middle = (len(panel.modes) - 1) / 2 * SPACING / 2**0.5
+def _shapes(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
+    middle = (len(parameters.modes) - 1) / 2 * SPACING / 2**0.5
     return rrb.Spatial3DView(
         origin=f"{root}/shapes",
-        name="Mode shapes: line model, dots identified (–: not found); direction, Hz, MAC",
+        name="Mode shapes: model (line), identified (dots; –: not found); direction, f [Hz], MAC"
+        if parameters.has_structure
+        else "Mode shapes at the sensors, as identified; direction, f [Hz]",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=[-middle + 208.0, middle + 208.0, panel.mid_height],
-            look_target=[-middle, middle, panel.mid_height - 10.0],
+            position=[-middle + 208.0, middle + 208.0, parameters.mid_height],
+            look_target=[-middle, middle, parameters.mid_height - 10.0],
             eye_up=[0.0, 0.0, 1.0],
         ),
     )
@@ -257,7 +284,7 @@ def _stiffness_bands(root: str) -> list[rrb.TimeSeriesView]:
     return [
         rrb.TimeSeriesView(
             origin=parameter_path(root, name),
-            name=f"{name} ÷ nominal [-]: 5, 50, 95 % of the posterior, truth green",
+            name=f"{name} ÷ nominal [-]: 5, 50, 95 % quantiles, truth green",
             **whole_session(),
             plot_legend=rrb.PlotLegend(visible=False),
         )
@@ -270,11 +297,19 @@ def _accelerations(root: str, layout: SensorLayout, axis: int, name: str) -> rrb
     along = [abs(channel.direction[axis]) > 0.7 for channel in layout.channels]
     return rrb.TimeSeriesView(
         origin=path,
-        name=f"Acceleration {name} of unit {layout.unit} [m/s²]",
+        name=f"{_quantity(layout)[0]} {name} of unit {layout.unit} [{_quantity(layout)[1]}]",
         overrides={path: rr.SeriesLines(visible_series=along)},
         **whole_session(),
         plot_legend=rrb.PlotLegend("LeftTop"),
     )
+
+
+def _quantity(layout: SensorLayout) -> tuple[str, str]:
+    """Return the quantity and unit of a layout's channels."""
+    units = {channel.unit for channel in layout.channels}
+    if units == {"m/s²"}:
+        return "Acceleration", "m/s²"
+    return "Signal", ", ".join(sorted(units - {""})) or "unscaled"
 
 
 def _track(root: str, label: str) -> rrb.TimeSeriesView:
@@ -288,28 +323,37 @@ def _track(root: str, label: str) -> rrb.TimeSeriesView:
     )
 
 
-def _frequencies(root: str, panel: TurbinePanel) -> rrb.TimeSeriesView:
-    model = [f"{mode_path(root, label)}/model" for label in panel.modes]
+def _frequencies(root: str, parameters: ViewParameters) -> rrb.TimeSeriesView:
+    model = [
+        f"{mode_path(root, label)}/model" for label in parameters.modes if parameters.has_structure
+    ]
     return rrb.TimeSeriesView(
         origin=root,
-        contents=[f"{root}/frequencies/**", *model],
-        name="Natural frequencies [Hz]: blue fore-aft, purple side-side, orange model",
+        contents=[f"{root}/frequencies/identified/**", *model],
+        name="Natural frequencies [Hz]: blue fore-aft, purple side-side"
+        + ", orange model" * parameters.has_structure,
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 
 
-def _damping(root: str, panel: TurbinePanel) -> rrb.TimeSeriesView:
-    paths = [f"{mode_path(root, label)}/damping" for label in panel.modes]
-    middle = rr.SeriesLines(visible_series=[False, True, False])  # bands would hide each other
-    points = rr.SeriesPoints(visible_series=[False, True, False])
+def _frequency_changes(root: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"{root}/frequencies/change",
+        name="Change of natural frequencies since their first window [%]",
+        **whole_session(),
+        plot_legend=rrb.PlotLegend("LeftTop"),
+    )
+
+
+def _damping(root: str, parameters: ViewParameters) -> rrb.TimeSeriesView:
+    paths = [f"{mode_path(root, label)}/damping" for label in parameters.modes]
     return rrb.TimeSeriesView(
         origin=f"{root}/modes",
         contents=paths,
-        name="Damping ratios [% of critical], a line a mode",
-        overrides={path: [middle, points] for path in paths},
+        name="Damping ratios [% of critical], one line per mode",
         **whole_session(),
-        plot_legend=rrb.PlotLegend(visible=False),
+        plot_legend=rrb.PlotLegend("LeftTop"),
     )
 
 

@@ -1,4 +1,4 @@
-"""The tab of all turbines: lamps, stiffnesses over time, the table, what happened."""
+"""The tab of all turbines: status indicators, stiffnesses over time, table, events."""
 
 from collections.abc import Sequence
 
@@ -6,15 +6,15 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from pipeline.viewer.drawing.entities import FARM, median_path
-from pipeline.viewer.panel import TurbinePanel, events_view, whole_session
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.farm_overview import board_bounds
 from pipeline.viewer.pictures.status_text import STIFFNESSES
+from pipeline.viewer.view_parameters import ViewParameters, events_view, whole_session
 
 
-def farm_tab(panels: Sequence[TurbinePanel]) -> rrb.Horizontal:
-    """An overview of all turbines; a click on a turbine's own tab leads to the rest."""
-    turbines = [panel.turbine for panel in panels]
+def farm_tab(parameters: Sequence[ViewParameters]) -> rrb.Horizontal:
+    """Return the overview of all turbines; each turbine has a tab of its own beside it."""
+    turbines = [each.turbine for each in parameters]
     return rrb.Horizontal(
         rrb.Vertical(_board(len(turbines)), *[_medians(turbines, name) for name in STIFFNESSES]),
         rrb.Vertical(
@@ -30,17 +30,17 @@ def farm_tab(panels: Sequence[TurbinePanel]) -> rrb.Horizontal:
 def _board(n_turbines: int) -> rrb.Spatial2DView:
     x_range, y_range = board_bounds(n_turbines)
     return rrb.Spatial2DView(
-        origin=f"{FARM}/lamps",
-        name="How things are: green good, orange doubtful, red bad, grey unknown",
+        origin=f"{FARM}/indicators",
+        name="State: green good, orange warning, red bad, grey unknown",
         visual_bounds=rrb.VisualBounds2D(x_range=x_range, y_range=y_range),
     )
 
 
 def _medians(turbines: Sequence[str], name: str) -> rrb.TimeSeriesView:
-    """One stiffness of every turbine, its median."""
+    """Return a plot of one stiffness of every turbine, its median."""
     return rrb.TimeSeriesView(
         origin=f"{FARM}/{name}",
-        name=f"{name} ÷ nominal [-], median of the posterior, a colour a turbine",
+        name=f"{name} ÷ nominal [-], posterior median, one colour per turbine",
         overrides={
             median_path(name, turbine): _in_colour(number)
             for number, turbine in enumerate(turbines)

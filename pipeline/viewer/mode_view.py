@@ -1,32 +1,37 @@
-"""ModeView: the modes of one turbine, identified over model: tracks, shapes that swing, MAC."""
+"""Draw the modes of one turbine, identified and modelled: tracks, moving shapes, MAC."""
 
+import numpy as np
 import rerun as rr
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
 from pipeline.viewer.drawing import plots_2d as plane_views
 from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
+from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.mac_matrix import mac_matrix
 from pipeline.viewer.pictures.scene import (
     Deflection,
     Outline,
     deflection,
-    scaled_onto,
+    scale_onto,
     swing_frames,
 )
-from pipeline.viewer.update_rates import Pace
+from pipeline.viewer.update_rates import UpdateRates
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
 MAX_MODES = 12  # plots of single modes, where the description names no reference modes
-CAPTION_DEPTH = 8.0  # of the words below a shape, under the mudline [m]
+CAPTION_DEPTH = 8.0  # of the text below a shape, under the mudline [m]
 
 
 class ModeView:
-    """Draws each posterior's modes beside what its window showed; lets the shapes swing on.
+    """Draw each posterior's modes beside those identified in its window, and move the shapes.
 
-    labels   model modes that have a track and a shape; () until the first posterior says them
+    Parameters
+    ----------
+    labels : tuple[str, ...]
+        Model modes that have a track and a shape; () until the first posterior says them.
     """
 
     def __init__(
@@ -36,16 +41,19 @@ class ModeView:
         outline: Outline,
         *,
         labels: tuple[str, ...],
-        pace: Pace,
+        rates: UpdateRates,
     ) -> None:
         self._recording = recording
         self._root = root
         self._outline = outline
-        self._pace = pace
+        self._rates = rates
         self._labels = labels
-        self._swings: dict[str, int] = {}  # shown shape → time until which its frames are out
+        self._drawn_until_ns: dict[
+            str, int
+        ] = {}  # shown shape → time until which its frames are out
+        self._shapes: dict[str, FloatArray] = {}  # latest identified shape, without a model
         self._full_swing_ns: int | None = None  # end of the first window with a posterior
-        self._place()
+        self._log_places()
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -61,7 +69,7 @@ class ModeView:
         """Tracks, shapes and MAC of a posterior and its own window, where that is known."""
         if not self._labels:
             self._labels = tuple(pair.model for pair in posterior.pairs[:MAX_MODES])
-            self._place()
+            self._log_places()
         if estimate is not None and layout is not None:
             matrix = mac_matrix(estimate, posterior, layout)
             if matrix is not None:
@@ -70,43 +78,79 @@ class ModeView:
         for row, label in enumerate(posterior.model_labels):
             if label in self._labels:
                 mode = _identified(pairs.get(label), estimate)
-                self._show_track(label, float(posterior.model_frequencies[row]), mode)
+                self._draw_track(label, float(posterior.model_frequencies[row]), mode)
                 if layout is not None:
                     shape = posterior.model_shapes[row]
                     model = deflection(layout, layout.channel_names, shape)
                     tower_views.log_model_shape(self._recording, self._root, label, model)
-                    self._show_identified_shape(label, shape, mode, estimate, layout)
+                    self._draw_identified_shape(label, shape, mode, estimate, layout)
                     self._caption(label, model, pairs.get(label))
-                    self._swings.setdefault(label, posterior.time_ns)
+                    self._drawn_until_ns.setdefault(label, posterior.time_ns)
         if self._full_swing_ns is None:
             self._full_swing_ns = posterior.time_ns
 
-    def swing_on(self, now_ns: int, *, at_least: float) -> None:
+    def draw_estimate(self, estimate: ModalEstimate, layout: SensorLayout | None) -> None:
+        """Draw the tracks and shapes of identified modes where there is no model."""
+        self._add_labels([mode.name for mode in estimate.modes if mode.name])
+        for mode in estimate.modes:
+            if mode.name in self._labels:
+                track_views.log_identified(self._recording, self._root, mode.name, mode)
+                if layout is not None:
+                    self._draw_measured_shape(mode, estimate, layout)
+        if self._full_swing_ns is None:
+            self._full_swing_ns = estimate.end_ns
+
+    def _add_labels(self, names: list[str]) -> None:
+        new = [name for name in names if name not in self._labels]
+        if new:
+            self._labels = (*self._labels, *new)[:MAX_MODES]
+            self._log_places(colours.MEASURED)
+
+    def _draw_measured_shape(
+        self, mode: Mode, estimate: ModalEstimate, layout: SensorLayout
+    ) -> None:
+        """Draw an identified shape at its sensors, largest component 1, in a steady sign."""
+        shape = mode.shape / np.abs(mode.shape).max()
+        before = self._shapes.get(mode.name)
+        if before is not None and before.shape == shape.shape and before @ shape < 0:
+            shape = -shape
+        self._shapes[mode.name] = shape
+        drawn = deflection(layout, estimate.channels, shape).scaled(self._outline.scale)
+        tower_views.log_model_shape(self._recording, self._root, mode.name, drawn)
+        tower_views.log_identified_shape(self._recording, self._root, mode.name, drawn)
+        foot = self._outline.mudline - CAPTION_DEPTH
+        lines = [drawn.direction, f"{mode.frequency:.3g}"]
+        tower_views.log_shape_caption(self._recording, self._root, mode.name, lines, foot=foot)
+        self._drawn_until_ns.setdefault(mode.name, estimate.end_ns)
+
+    def extend_motion(self, now_ns: int, *, at_least: float) -> None:
         """Frames of every shown shape up to `now_ns`, where `at_least` [s] of them are due."""
         if self._full_swing_ns is None:
             return
-        for label, until_ns in self._swings.items():
+        for label, until_ns in self._drawn_until_ns.items():
             if now_ns - until_ns < at_least * NANOSECONDS:
                 continue
             frames = swing_frames(
                 *(until_ns, now_ns + 1),
                 full_swing_ns=self._full_swing_ns,
-                period=self._pace.swing,
+                period=self._rates.swing,
             )
             tower_views.log_swing(self._recording, self._root, label, frames)
-            self._swings[label] = now_ns + 1
+            self._drawn_until_ns[label] = now_ns + 1
 
-    def _place(self) -> None:
+    def _log_places(self, colour: colours.Colour = colours.MODEL) -> None:
         for slot, label in enumerate(self._labels):
             track_views.log_mode_styles(self._recording, self._root, label, slot)
-            tower_views.log_shape_place(self._recording, self._root, label, slot, self._outline)
+            tower_views.log_shape_place(
+                *(self._recording, self._root, label, slot, self._outline), colour=colour
+            )
 
-    def _show_track(self, label: str, frequency: float, mode: Mode | None) -> None:
+    def _draw_track(self, label: str, frequency: float, mode: Mode | None) -> None:
         track_views.log_model_frequency(self._recording, self._root, label, frequency)
         if mode is not None:
             track_views.log_identified(self._recording, self._root, label, mode)
 
-    def _show_identified_shape(
+    def _draw_identified_shape(
         self,
         label: str,
         model_shape: FloatArray,
@@ -114,24 +158,26 @@ class ModeView:
         estimate: ModalEstimate | None,
         layout: SensorLayout,
     ) -> None:
-        """The identified shape laid on the model's; none where the window lacks the mode."""
+        """Draw the identified shape scaled to the model's; none where the window lacks the mode."""
         identified = None
         if mode is not None and estimate is not None:
             columns = [layout.channel_names.index(name) for name in estimate.channels]
-            scaled = scaled_onto(mode.shape, model_shape[columns])
+            scaled = scale_onto(mode.shape, model_shape[columns])
             identified = deflection(layout, estimate.channels, scaled)
         tower_views.log_identified_shape(self._recording, self._root, label, identified)
 
     def _caption(self, label: str, model: Deflection, pair: ModePair | None) -> None:
-        words = [model.direction]
-        words += [f"{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["–"]
+        lines = [model.direction]
+        lines += [f"{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["–"]
         foot = self._outline.mudline - CAPTION_DEPTH
-        tower_views.log_shape_caption(self._recording, self._root, label, words, foot=foot)
+        tower_views.log_shape_caption(self._recording, self._root, label, lines, foot=foot)
 
 
 def _identified(pair: ModePair | None, estimate: ModalEstimate | None) -> Mode | None:
-    """The pair's mode as this window has it; None where it lacks it. Of two modes that cannot be
-    separated, "m1+m2", the first: both have the same frequency."""
+    """Return the paired mode as identified in this window, or None.
+
+    Of two modes that cannot be separated, "m1+m2", the first: both have the same frequency.
+    """
     if pair is None or estimate is None:
         return None
     names = pair.identified.split("+")

@@ -1,4 +1,4 @@
-"""A show: one recording stream on which every turbine of the session has its screen.
+"""One Rerun recording stream with a view of every turbine of the session.
 
 A file holds one day of the sensor clock (UTC): the first keeps its name, `session.rrd`, the next
 is `session-2026-03-02.rrd`, and so on. A viewer is one stream for as long as it takes it.
@@ -28,98 +28,107 @@ from pipeline.viewer.outputs.connection import (
     open_recording,
 )
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerOutput
-from pipeline.viewer.panel import TurbinePanel
-from pipeline.viewer.pictures.farm_overview import farm_markdown, lamp_board
+from pipeline.viewer.pictures.farm_overview import farm_markdown, status_indicators
 from pipeline.viewer.turbine_view import TurbineView
 from pipeline.viewer.update_rates import TO_FILE, TO_VIEWER
+from pipeline.viewer.view_parameters import ViewParameters
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.structure.description import TurbineDescription
 
 DAY = 86_400 * NANOSECONDS  # [ns]
-PATIENCE_WITH_FILE = 60.0  # for the last of the session to be written [s]
-PATIENCE_WITH_VIEWER = 5.0  # to be taken by a viewer [s]
+FILE_TIMEOUT = 60.0  # for the last of the session to be written [s]
+VIEWER_TIMEOUT = 5.0  # to be taken by a viewer [s]
 
 
 class RerunStream:
-    """Draws messages on one output; lays the views out anew when a turbine or unit appears.
+    """Draw messages on one output; sends a new blueprint when a turbine or unit appears.
 
     The first layout goes out with the first block, later ones when nothing has changed for
     `Pace.settling`: a farm's turbines appear one by one, and a layout has a size of its own
     (0.6 MB a turbine).
 
-    Raises ViewerError where the output cannot be had.
+    Raises
+    ------
+    ViewerError
+        If the output cannot be opened.
     """
 
     def __init__(
-        self, output: ViewerOutput, description: TurbineDescription, *, session: str
+        self,
+        output: ViewerOutput,
+        description: TurbineDescription,
+        *,
+        session: str,
+        has_structure: bool = True,
     ) -> None:
         to_file = isinstance(output, RrdFile)
         self._output = output
         self._session = session
         self._day: int | None = None  # of the file, counted from 1970; None before the first block
         self._description = description
-        self._pace = TO_FILE if to_file else TO_VIEWER
-        self._patience = PATIENCE_WITH_FILE if to_file else PATIENCE_WITH_VIEWER
+        self._has_structure = has_structure
+        self._rates = TO_FILE if to_file else TO_VIEWER
+        self._timeout = FILE_TIMEOUT if to_file else VIEWER_TIMEOUT
         self._recording = open_recording(output, recording_id=session)
-        self._screens: dict[str, TurbineView] = {}
-        self._panels: dict[str, TurbinePanel] = {}  # as the views are, or will be, laid out
-        self._unsettled_ns: int | None = None  # since when the views are not laid out like that
+        self._views: dict[str, TurbineView] = {}
+        self._parameters: dict[str, ViewParameters] = {}  # of the blueprint, as sent or due
+        self._unsettled_ns: int | None = None  # since when the sent blueprint is out of date
         self._now_ns = 0  # latest sensor time seen
-        self._said_ns = 0  # when all turbines were last told of
-        self._handed_over_ns: int | None = None  # when a file last got all there was
+        self._overview_ns = 0  # when the overview of all turbines was last drawn
+        self._flushed_ns: int | None = None  # when the file was last flushed
 
     def take(self, message: Message) -> None:
-        """Draw one message on its turbine's screen."""
+        """Draw one message in its turbine's view."""
         if isinstance(message, AccelerationBlock):
-            self._turn_the_page(message.start_ns // DAY)
+            self._start_next_file(message.start_ns // DAY)
             self._now_ns = max(self._now_ns, message.end_ns)
-        screen = self._screen_of(message.turbine)
+        view = self._view_of(message.turbine)
         match message:
             case AccelerationBlock():
-                screen.show_block(message)
+                view.draw_block(message)
             case SensorLayout():
-                screen.show_layout(message)
+                view.draw_layout(message)
             case ModalEstimate():
-                screen.show_estimate(message)
+                view.draw_estimate(message)
             case StabilisationDiagram():
-                screen.show_diagram(message)
+                view.draw_diagram(message)
             case WindowRejected():
-                screen.show_rejection(message)
+                view.draw_rejection(message)
             case FoundationPosterior():
-                screen.show_posterior(message)
+                view.draw_posterior(message)
             case FoundationTruth():
-                screen.show_truth(message)
+                view.draw_truth(message)
             case StreamGap():
-                screen.show_gap(message)
+                view.draw_gap(message)
             case FoundationEvent():
-                screen.show_event(message)
+                view.draw_event(message)
             case NodeStatus():
-                screen.show_node(message)
-                return  # nodes speak before the sensors do: not yet a reason to lay out anything
-        if message.turbine not in self._panels or not isinstance(message, AccelerationBlock):
-            self._note_panel(message.turbine, screen.panel)
-        self._go_on()
+                view.draw_node(message)
+                return  # a node reports before the first sample: no reason for a blueprint
+        if message.turbine not in self._parameters or not isinstance(message, AccelerationBlock):
+            self._update_parameters(message.turbine, view.parameters)
+        self._draw_what_is_due()
 
     def finish(self) -> None:
-        """Hand over what waits and let go of the output."""
-        for screen in self._screens.values():
-            screen.finish()
+        """Draw what is buffered and close the output."""
+        for view in self._views.values():
+            view.finish()
         if self._unsettled_ns is not None:
-            self._lay_out()
-        self._tell_of_all()
-        self.abandon()
+            self._send_blueprint()
+        self._draw_overview()
+        self.disconnect()
 
-    def abandon(self) -> None:
-        """Let go of the output without drawing more."""
-        close_recording(self._recording, patience=self._patience)
+    def disconnect(self) -> None:
+        """Close the output without drawing more."""
+        close_recording(self._recording, timeout=self._timeout)
 
-    def leave_behind(self) -> None:
-        """Let the process end without waiting for a viewer that takes nothing."""
+    def stop_waiting(self) -> None:
+        """Let the process end without waiting for a viewer that does not respond."""
         forget_unfinished()
 
-    def _turn_the_page(self, day: int) -> None:
-        """A new file where the block is the first of a later day."""
+    def _start_next_file(self, day: int) -> None:
+        """Start a new file where the block is the first of a later day."""
         if self._day is None:
             self._day = day
         if day <= self._day or not isinstance(self._output, RrdFile):
@@ -130,60 +139,61 @@ class RerunStream:
         date = datetime.fromtimestamp(day * DAY // NANOSECONDS, UTC).date()
         page = free_path(first.with_name(f"{first.stem}-{date}{first.suffix}"))
         self._recording = open_recording(RrdFile(page), recording_id=f"{self._session} {date}")
-        self._screens = {
-            turbine: screen.continued_on(self._recording)
-            for turbine, screen in self._screens.items()
+        self._views = {
+            turbine: view.copy_to(self._recording) for turbine, view in self._views.items()
         }
-        self._panels = {turbine: screen.panel for turbine, screen in self._screens.items()}
-        self._lay_out()
+        self._parameters = {turbine: view.parameters for turbine, view in self._views.items()}
+        self._send_blueprint()
 
-    def _screen_of(self, turbine: str) -> TurbineView:
-        if turbine not in self._screens:
-            self._screens[turbine] = TurbineView(
-                self._recording, turbine, self._description, pace=self._pace
+    def _view_of(self, turbine: str) -> TurbineView:
+        if turbine not in self._views:
+            self._views[turbine] = TurbineView(
+                *(self._recording, turbine, self._description),
+                rates=self._rates,
+                has_structure=self._has_structure,
             )
-            if len(self._screens) > 1:
-                for screen in self._screens.values():
-                    screen.join_farm()
-        return self._screens[turbine]
+            if len(self._views) > 1:
+                for view in self._views.values():
+                    view.join_farm()
+        return self._views[turbine]
 
-    def _note_panel(self, turbine: str, panel: TurbinePanel) -> None:
-        """Remember that the views are to be laid out anew where a turbine's have changed."""
-        if self._panels.get(turbine) != panel:
-            self._panels[turbine] = panel
+    def _update_parameters(self, turbine: str, parameters: ViewParameters) -> None:
+        """Note that a blueprint is due where the parameters of a turbine's views changed."""
+        if self._parameters.get(turbine) != parameters:
+            self._parameters[turbine] = parameters
             self._unsettled_ns = self._now_ns  # 0 before the first block
 
-    def _go_on(self) -> None:
-        """What is due as sensor time passes."""
-        if self._is_past(self._unsettled_ns, self._pace.settling):
-            self._lay_out()
-        if self._is_past(self._said_ns, self._pace.signals):
-            self._tell_of_all()
+    def _draw_what_is_due(self) -> None:
+        """Draw and send what is due as sensor time passes."""
+        if self._is_past(self._unsettled_ns, self._rates.settling):
+            self._send_blueprint()
+        if self._is_past(self._overview_ns, self._rates.signals):
+            self._draw_overview()
         if isinstance(self._output, RrdFile):
-            self._hand_over()
+            self._flush()
 
     def _is_past(self, since_ns: int | None, duration: float) -> bool:
         return since_ns is not None and self._now_ns - since_ns >= duration * NANOSECONDS
 
-    def _lay_out(self) -> None:
+    def _send_blueprint(self) -> None:
         self._unsettled_ns = None
-        panels = list(self._panels.values())
-        blueprint = session_blueprint(panels, playback_speed=self._pace.playback_speed)
+        parameters = list(self._parameters.values())
+        blueprint = session_blueprint(parameters, playback_speed=self._rates.playback_speed)
         self._recording.send_blueprint(blueprint)
 
-    def _tell_of_all(self) -> None:
-        """The overview of a farm; one turbine's own is enough for one."""
-        self._said_ns = self._now_ns
-        if len(self._screens) > 1 and self._now_ns:
-            statuses = [screen.status for screen in self._screens.values()]
+    def _draw_overview(self) -> None:
+        """Draw the overview of a farm; a single turbine needs none."""
+        self._overview_ns = self._now_ns
+        if len(self._views) > 1 and self._now_ns:
+            statuses = [view.status for view in self._views.values()]
             at(self._recording, self._now_ns)
-            log_farm(self._recording, lamp_board(statuses), farm_markdown(statuses))
+            log_farm(self._recording, status_indicators(statuses), farm_markdown(statuses))
 
-    def _hand_over(self) -> None:
-        """What waits for others of its entity goes to the file, so often in sensor time: however
-        fast a session is replayed, its file is as large."""
-        if self._handed_over_ns is None:
-            self._handed_over_ns = self._now_ns
-        if self._is_past(self._handed_over_ns, FILE_TICK):
-            self._handed_over_ns = self._now_ns
+    def _flush(self) -> None:
+        """Flush to the file at intervals of sensor time, so that the size of the file does not
+        depend on the speed of a replay."""
+        if self._flushed_ns is None:
+            self._flushed_ns = self._now_ns
+        if self._is_past(self._flushed_ns, FILE_TICK):
+            self._flushed_ns = self._now_ns
             self._recording.flush(timeout_sec=0.0)

@@ -1,4 +1,4 @@
-"""SignalView: what the accelerometers of one turbine measure, their health and their spectra."""
+"""Draw the measured accelerations of one turbine, the health of its channels, their spectra."""
 
 import time
 from dataclasses import dataclass, field
@@ -12,9 +12,9 @@ from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
 from pipeline.viewer.drawing.entities import at
 from pipeline.viewer.known_layouts import KnownLayouts
-from pipeline.viewer.pictures.display_signals import DisplayDecimator, joined_runs
+from pipeline.viewer.pictures.display_signals import DisplayDecimator, join_runs
 from pipeline.viewer.pictures.spectrum import RecentSamples, spectrum_picture
-from pipeline.viewer.update_rates import Pace
+from pipeline.viewer.update_rates import UpdateRates
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import SensorLayout
 
@@ -23,40 +23,45 @@ NONE_FAULTY: frozenset[str] = frozenset()
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Channels of a unit that went wrong, or came right again."""
+    """A change of the set of faulty channels of one acquisition unit."""
 
-    time_ns: int  # start of the first block that shows it [ns, UTC]
-    text: str  # one line for the event list
+    time_ns: int
+    """Start of the first block that shows it [ns, UTC]."""
+    text: str
+    """One line for the event list."""
 
 
 @dataclass(slots=True)
 class _Unit:
-    """What is on its way to the screen from one acquisition unit."""
+    """Blocks of one acquisition unit that are not drawn yet."""
 
     decimator: DisplayDecimator
-    sampling_rate: float  # [Hz]
+    sampling_rate: float
+    """Sampling rate [Hz]."""
     recent: RecentSamples = field(default_factory=RecentSamples)
     last_sequence: int = -1
-    block_duration: float = 0.0  # [s]
+    block_duration: float = 0.0
+    """Duration of the latest block [s]."""
     waiting: list[AccelerationBlock] = field(default_factory=list)
-    faulty: frozenset[str] | None = None  # channels; None before the first block
+    faulty: frozenset[str] | None = None
+    """Names of faulty channels; None before the first block."""
 
 
 class SignalView:
-    """Draws accelerations at display rate, gathered into chunks as the pace says."""
+    """Draw accelerations at display rate, gathered into chunks as the update rates set."""
 
     def __init__(
-        self, recording: rr.RecordingStream, root: str, layouts: KnownLayouts, *, pace: Pace
+        self, recording: rr.RecordingStream, root: str, layouts: KnownLayouts, *, rates: UpdateRates
     ) -> None:
         self._recording = recording
         self._root = root
         self._layouts = layouts
-        self._pace = pace
+        self._rates = rates
         self._units: dict[str, _Unit] = {}
         self._handed_over = -np.inf  # when, by the machine's clock [s]
 
     def take(self, block: AccelerationBlock) -> bool:
-        """Keep one block; whether it is time to hand over its unit's."""
+        """Keep one block; return whether its unit's blocks are due to be drawn."""
         unit = self._units.get(block.unit)
         if unit is None:
             unit = self._units[block.unit] = _Unit(
@@ -65,38 +70,38 @@ class SignalView:
         unit.waiting.append(block)
         unit.recent.push(block)
         unit.last_sequence, unit.block_duration = block.sequence, block.duration
-        is_due = block.end_ns - unit.waiting[0].start_ns >= self._pace.signals * NANOSECONDS
-        return is_due and time.monotonic() - self._handed_over >= self._pace.rest
+        is_due = block.end_ns - unit.waiting[0].start_ns >= self._rates.signals * NANOSECONDS
+        return is_due and time.monotonic() - self._handed_over >= self._rates.min_interval
 
     def hand_over(self, name: str) -> list[Fault]:
-        """Draw what waits of one unit; the faults among it."""
+        """Draw the buffered blocks of one unit; return the faults among them."""
         unit = self._units[name]
         blocks, unit.waiting = unit.waiting, []
         if not blocks:
             return []
-        runs = list(joined_runs(blocks))
+        runs = list(join_runs(blocks))
         faults: list[Fault] = []
         stated = any(block.status for block in blocks)
         if stated or unit.faulty != NONE_FAULTY or not all(map(_is_whole, runs)):
-            faults = [fault for block in blocks for fault in self._show_faults(block, unit)]
+            faults = [fault for block in blocks for fault in self._faults_of(block, unit)]
         signals = [unit.decimator.push(run) for run in runs]
         track_views.log_signal(self._recording, self._root, name, signals)
         self._handed_over = time.monotonic()
         return faults
 
     def finish(self) -> list[Fault]:
-        """Draw what still waits of every unit; the faults among it."""
+        """Draw the buffered blocks of every unit; return the faults among them."""
         return [fault for name in self._units for fault in self.hand_over(name)]
 
     def behind(self, last_sequence: int) -> float:
-        """Measured time between the block that a node took last and the newest one [s]."""
+        """Return the measured time between a node's last block and the newest one [s]."""
         if last_sequence < 0 or not self._units:
             return 0.0
         newest = max(self._units.values(), key=lambda unit: unit.last_sequence)
         return max(0, newest.last_sequence - last_sequence) * newest.block_duration
 
-    def show_spectrum(self, estimate: ModalEstimate) -> None:
-        """Spectra of the window's samples, where all of them are still at hand."""
+    def draw_spectrum(self, estimate: ModalEstimate) -> None:
+        """Draw the spectra of the window's samples, where all of them are still in memory."""
         layout = self._layouts.named(estimate.layout_id)
         unit = None if layout is None else self._units.get(layout.unit)
         if unit is None or layout is None:
@@ -108,7 +113,7 @@ class SignalView:
         picture = spectrum_picture(samples, unit.sampling_rate, layout, frequencies)
         plane_views.log_spectrum(self._recording, self._root, picture)
 
-    def _show_faults(self, block: AccelerationBlock, unit: _Unit) -> list[Fault]:
+    def _faults_of(self, block: AccelerationBlock, unit: _Unit) -> list[Fault]:
         """Colour the unit's sensors where their health changes with this block."""
         layout = self._layouts.named(block.layout_id)
         if layout is None:
@@ -121,12 +126,12 @@ class SignalView:
         tower_views.log_sensor_health(self._recording, self._root, layout, faulty=faulty)
         if not (faulty or before):
             return []
-        names = ", ".join(sorted(faulty)) or "none any more"
+        names = ", ".join(sorted(faulty)) or "none"
         return [Fault(block.start_ns, f"faulty channels of unit {block.unit}: {names}")]
 
 
 def faulty_channels(block: AccelerationBlock, layout: SensorLayout) -> frozenset[str]:
-    """Channels with a sample that is not finite; all of them where the unit reports a fault."""
+    """Return the channels with a sample that is not finite; all where the unit reports a fault."""
     if block.status & (BlockStatus.SENSOR_FAULT | BlockStatus.CLIPPED):
         return frozenset(layout.channel_names)
     broken = np.flatnonzero(~np.isfinite(block.samples).all(axis=0))

@@ -1,7 +1,6 @@
-"""TurbineView: everything shown of one turbine, message by message.
+"""Draw one turbine, message by message.
 
-What a message changes on the screen is here; how signals, modes and nodes are drawn is told in
-signal_screen, mode_screen and node_screen.
+Signals and modes are drawn in `signal_view` and `mode_view`.
 """
 
 import rerun as rr
@@ -23,7 +22,6 @@ from pipeline.viewer.drawing import tracks as track_views
 from pipeline.viewer.drawing.entities import FARM, at, turbine_path
 from pipeline.viewer.known_layouts import KnownLayouts
 from pipeline.viewer.mode_view import ModeView
-from pipeline.viewer.panel import TurbinePanel
 from pipeline.viewer.pictures.pile import pile_picture
 from pipeline.viewer.pictures.scene import outline
 from pipeline.viewer.pictures.stabilisation import stabilisation_picture
@@ -36,14 +34,15 @@ from pipeline.viewer.pictures.status_text import (
     posterior_text,
 )
 from pipeline.viewer.signal_view import Fault, SignalView
-from pipeline.viewer.update_rates import Pace
+from pipeline.viewer.update_rates import UpdateRates
+from pipeline.viewer.view_parameters import ViewParameters
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.structure.description import TurbineDescription
 
 
 class NodeView:
-    """Draws a row of a node at most every `period` [s], with the worst since the last one."""
+    """Draw a node's state at most every `period` [s], with the worst value since the last row."""
 
     def __init__(self, recording: rr.RecordingStream, root: str, *, period: float) -> None:
         self._recording = recording
@@ -52,16 +51,16 @@ class NodeView:
         self._rows: dict[str, int] = {}  # node → time of its latest row; has its style
         self._behind_most: dict[str, float] = {}  # node → most since its latest row [s]
 
-    def show(self, node: NodeStatus, now_ns: int, *, behind: float, news: bool) -> None:
-        """A row where one is due, or where there is news; `behind` the newest block [s]."""
+    def show(self, node: NodeStatus, now_ns: int, *, behind: float, changed: bool) -> None:
+        """Draw a row where one is due or the state changed; `behind` the newest block [s]."""
         behind = max(behind, self._behind_most.get(node.node, 0.0))
-        if self._is_due(node.node, now_ns) or news:
+        if self._is_due(node.node, now_ns) or changed:
             foundation_views.log_node(self._recording, self._root, node, behind=behind)
             behind = 0.0
         self._behind_most[node.node] = behind
 
     def _is_due(self, node: str, now_ns: int) -> bool:
-        """Whether a node's plots get their next row now; the first comes with their style."""
+        """Return whether a node's next row is due; the first writes its style."""
         if node not in self._rows:
             slot = len(self._rows)
             foundation_views.log_node_styles(self._recording, self._root, node, slot)
@@ -80,149 +79,169 @@ class TurbineView:
         turbine: str,
         description: TurbineDescription,
         *,
-        pace: Pace,
+        rates: UpdateRates,
         labels: tuple[str, ...] | None = None,
+        has_structure: bool = True,
     ) -> None:
-        """labels: of the modes to show, where another screen knew them; else the description's."""
+        """Draw the static parts.
+
+        Parameters
+        ----------
+        labels : tuple[str, ...] | None, optional
+            Labels of the modes to draw; None: those of the description.
+        has_structure : bool, optional
+            False: no structural model; the identified modes are drawn by themselves.
+        """
         self._recording = recording
         self._turbine = turbine
         self._description = description
         self._root = turbine_path(turbine)
+        self._has_structure = has_structure
         self._outline = outline(description)
-        self._pace = pace
+        self._rates = rates
         if labels is None:
             labels = tuple(mode.name for mode in description.reference_modes)
         root = self._root
         self._layouts = KnownLayouts()
-        self._signals = SignalView(recording, root, self._layouts, pace=pace)
+        self._signals = SignalView(recording, root, self._layouts, rates=rates)
         tower_views.log_tower(recording, root, self._outline)
         foundation_views.log_foundation_styles(recording, root)
-        self._modes = ModeView(recording, root, self._outline, labels=labels, pace=pace)
-        self._nodes = NodeView(recording, root, period=pace.nodes)
-        self._status = SessionStatus(turbine, title=description.title)
+        self._modes = ModeView(recording, root, self._outline, labels=labels, rates=rates)
+        self._nodes = NodeView(recording, root, period=rates.nodes)
+        self._status = SessionStatus(turbine, title=description.title, has_structure=has_structure)
         self._estimates: dict[int, ModalEstimate] = {}  # by window, those without a posterior yet
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
         self._truth: FoundationTruth | None = None
-        self._sized = False  # a change was noticed whose size is known
+        self._sized = False  # a change of known size was detected
         self._in_farm = False  # one of several turbines
         self._styled: set[str] = set()
+        self._first_frequencies: dict[str, float] = {}  # by track [Hz]
         self._now_ns = 0  # latest sensor time seen
         self._at_ns = 0  # sensor time of what is being drawn
 
     def join_farm(self) -> None:
-        """From now on the turbine is one of several: what matters is told among all, too."""
+        """Mark the turbine as one of several: its medians and warnings join the farm's tab."""
         if not self._in_farm:
             self._in_farm = True
             foundation_views.log_median_styles(self._recording, self._turbine)
 
     @property
     def status(self) -> SessionStatus:
-        """What can be said of the turbine."""
+        """The state of the turbine."""
         return self._status
 
     @property
-    def panel(self) -> TurbinePanel:
-        """What the blueprint needs; new with a layout, a change, maybe the first posterior."""
+    def parameters(self) -> ViewParameters:
+        """What the blueprint depends on; changes with layouts, events, the first posterior."""
         middle = (self._outline.mudline + self._outline.tower_top) / 2
-        return TurbinePanel(
+        return ViewParameters(
             *(self._turbine, self._layouts.all, self._modes.labels, middle),
             self._sized,
+            self._has_structure,
         )
 
-    def continued_on(self, recording: rr.RecordingStream) -> "TurbineView":
-        """The same turbine on another recording, with what stands drawn there first."""
-        screen = TurbineView(
+    def copy_to(self, recording: rr.RecordingStream) -> "TurbineView":
+        """Return a view of the same turbine on another recording stream, static parts drawn."""
+        view = TurbineView(
             *(recording, self._turbine, self._description),
-            pace=self._pace,
+            rates=self._rates,
             labels=self._modes.labels,
+            has_structure=self._has_structure,
         )
-        screen._status, screen._truth = self._status, self._truth
-        screen._estimates = self._estimates
-        screen._now_ns = self._now_ns
+        view._status, view._truth = self._status, self._truth
+        view._estimates = self._estimates
+        view._now_ns = self._now_ns
         for layout in self._layouts.all:
-            screen.show_layout(layout)
+            view.draw_layout(layout)
         if self._in_farm:
-            screen.join_farm()
-        return screen
+            view.join_farm()
+        return view
 
-    def show_layout(self, layout: SensorLayout) -> None:
-        """Sensors on the tower, names on the signals."""
+    def draw_layout(self, layout: SensorLayout) -> None:
+        """Draw the sensors on the tower and name the signals."""
         self._layouts.add(layout)
         track_views.log_signal_style(self._recording, self._root, layout)
-        tower_views.log_sensors(self._recording, self._root, layout)
+        tower_views.log_sensors(self._recording, self._root, layout, scale=self._outline.scale)
 
-    def show_block(self, block: AccelerationBlock) -> None:
-        """Accelerations at display rate, gathered into chunks."""
+    def draw_block(self, block: AccelerationBlock) -> None:
+        """Draw accelerations at display rate, gathered into chunks."""
         self._now_ns = max(self._now_ns, block.end_ns)
         if self._signals.take(block):
-            self._tell_faults(self._signals.hand_over(block.unit))
-            self._modes.swing_on(self._now_ns, at_least=self._pace.swing_chunk)
+            self._draw_faults(self._signals.hand_over(block.unit))
+            self._modes.extend_motion(self._now_ns, at_least=self._rates.swing_chunk)
 
-    def show_estimate(self, estimate: ModalEstimate) -> None:
-        """Identified frequencies; shapes and tracks follow with the posterior that pairs them."""
+    def draw_estimate(self, estimate: ModalEstimate) -> None:
+        """Draw identified frequencies; the posterior adds shapes and tracks."""
         self._estimates[estimate.window] = estimate
         layout = self._layouts.named(estimate.layout_id)
         self._at(estimate.end_ns)
-        track_views.log_estimate(self._recording, self._root, estimate, layout, styled=self._styled)
+        track_views.log_estimate(
+            *(self._recording, self._root, estimate, layout),
+            styled=self._styled,
+            first=self._first_frequencies,
+        )
         frequencies = [mode.frequency for mode in estimate.modes]
         self._found = (estimate.window, frequencies)
         self._event(f"window {estimate.window}: {frequencies_text(frequencies)}")
-        self._signals.show_spectrum(estimate)
+        self._signals.draw_spectrum(estimate)
+        if not self._has_structure:
+            self._modes.draw_estimate(estimate, layout)
+            self._modes.extend_motion(self._now_ns, at_least=self._rates.swing_chunk)
         self._status.take(estimate)
-        self._show_status()
+        self._draw_status()
 
-    def show_diagram(self, diagram: StabilisationDiagram) -> None:
-        """The poles among which the window's modes were found."""
+    def draw_diagram(self, diagram: StabilisationDiagram) -> None:
+        """Draw the poles among which the window's modes were found."""
         if diagram.window == self._found[0]:
             self._at(diagram.end_ns)
             picture = stabilisation_picture(diagram, self._found[1])
             plane_views.log_stabilisation(self._recording, self._root, picture)
 
-    def show_rejection(self, rejected: WindowRejected) -> None:
-        """A window that gave no estimate, and why."""
+    def draw_rejection(self, rejected: WindowRejected) -> None:
+        """Draw a rejected window and its reason."""
         self._at(rejected.end_ns)
         level = "INFO" if rejected.code == CUT_SHORT else "WARN"
         self._event(f"window {rejected.window} rejected: {rejected.reason}", level=level)
         self._status.take(rejected)
-        self._show_status()
+        self._draw_status()
 
-    def show_posterior(self, posterior: FoundationPosterior) -> None:
-        """Bands, joint posterior, tracks and shapes of the paired modes."""
+    def draw_posterior(self, posterior: FoundationPosterior) -> None:
+        """Draw bands, joint posterior, tracks and shapes of the paired modes."""
         self._at(posterior.time_ns)
         recording, root = self._recording, self._root
         foundation_views.log_posterior_bands(recording, root, posterior, self._truth)
         if self._in_farm:
             foundation_views.log_medians(recording, posterior)
         foundation_views.log_joint_posterior(recording, root, posterior, self._truth)
-        foundation_views.log_learned(recording, root, posterior)
+        foundation_views.log_posterior_widths(recording, root, posterior)
         foundation_views.log_change_probability(recording, root, posterior)
         picture = pile_picture(posterior, self._description, self._truth)
         foundation_views.log_pile(recording, root, picture)
         estimate = self._estimate_of(posterior)
         layout = self._layouts.of_posterior(posterior, estimate)
         self._modes.show(posterior, estimate, layout)
-        self._modes.swing_on(self._now_ns, at_least=self._pace.swing_chunk)
+        self._modes.extend_motion(self._now_ns, at_least=self._rates.swing_chunk)
         level = "INFO" if posterior.trusted else "ERROR"
         self._event(posterior_text(posterior), level=level)
         self._status.take(posterior)
-        self._show_status()
+        self._draw_status()
 
-    def show_truth(self, truth: FoundationTruth) -> None:
-        """The true stiffness; its line is drawn along with the posterior's bands."""
+    def draw_truth(self, truth: FoundationTruth) -> None:
+        """Keep the true stiffness; its line is drawn with the posterior's bands."""
         self._truth = truth
         self._status.take(truth)
         self._at(truth.time_ns)
         self._event("simulated turbine: the true stiffness is known and drawn in green")
 
-    def show_gap(self, gap: StreamGap) -> None:
-        """Blocks that are missing."""
+    def draw_gap(self, gap: StreamGap) -> None:
+        """Draw missing blocks."""
         self._at(gap.end_ns)
         self._event(f"gap: {gap_text(gap)}", level="WARN")
         self._status.take(gap)
-        self._show_status()
+        self._draw_status()
 
-    def show_event(self, event: FoundationEvent) -> None:
-        """A change of the foundation or of the modes."""
+    def draw_event(self, event: FoundationEvent) -> None:
+        """Draw a change of the foundation or of the modes."""
         self._at(event.time_ns)
         if event.changes and not self._sized:
             self._sized = True
@@ -230,31 +249,31 @@ class TurbineView:
         foundation_views.log_change(self._recording, self._root, event)
         self._event(event.text, level="WARN")
         self._status.take(event)
-        self._show_status()
+        self._draw_status()
 
-    def show_node(self, node: NodeStatus) -> None:
-        """A node's state; shown at the latest sensor time, since its own clock is the machine's.
+    def draw_node(self, node: NodeStatus) -> None:
+        """Draw a node's state at the latest sensor time, since its own clock is the machine's.
 
-        Nodes say that they are ready before the sensors say what time it is: that much is kept for
-        the status text, and makes no event of its own (at 0 it would stretch every plot to 1970).
+        A node reports that it is ready before the first sample: that is kept for the status text
+        and makes no event (at time 0 it would stretch every plot to 1970).
         """
-        news = self._status.take_node(node)
+        changed = self._status.take_node(node)
         if not self._now_ns:
             return
         self._at(self._now_ns)
         behind = self._signals.behind(node.last_sequence)
-        self._nodes.show(node, self._now_ns, behind=behind, news=news)
-        if news:
+        self._nodes.show(node, self._now_ns, behind=behind, changed=changed)
+        if changed:
             self._event(f"node {node.node}: {node.state}, {node.lost} lost, {node.late} late")
-            self._show_status()
+            self._draw_status()
 
     def finish(self) -> None:
-        """Hand over what still waits."""
-        self._tell_faults(self._signals.finish())
-        self._modes.swing_on(self._now_ns, at_least=0.0)
+        """Draw what is buffered."""
+        self._draw_faults(self._signals.finish())
+        self._modes.extend_motion(self._now_ns, at_least=0.0)
         if self._now_ns:
             self._at(self._now_ns)
-            self._show_status()
+            self._draw_status()
 
     def _at(self, time_ns: int) -> None:
         self._now_ns = max(self._now_ns, time_ns)
@@ -268,19 +287,19 @@ class TurbineView:
             named = f"{clock_time(self._at_ns)}  {self._turbine}: {text}"
             foundation_views.log_event(self._recording, FARM, named, level=level)
 
-    def _tell_faults(self, faults: list[Fault]) -> None:
+    def _draw_faults(self, faults: list[Fault]) -> None:
         for fault in faults:
             self._at(fault.time_ns)
             self._event(fault.text, level="WARN")
 
-    def _show_status(self) -> None:
+    def _draw_status(self) -> None:
         recording, root = self._recording, self._root
         foundation_views.log_status(recording, root, self._status.markdown())
         foundation_views.log_health(recording, root, self._status.health_markdown())
-        plane_views.log_lamps(recording, root, self._status.lamps)
+        plane_views.log_indicators(recording, root, self._status.indicators)
 
     def _estimate_of(self, posterior: FoundationPosterior) -> ModalEstimate | None:
-        """The estimate of the posterior's own window; it and earlier ones are then forgotten.
+        """Return the estimate of the posterior's window; it and earlier ones are then dropped.
 
         In a fast replay the identification runs windows ahead of the updating.
         """

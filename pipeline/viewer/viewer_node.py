@@ -1,6 +1,6 @@
-"""Viewer: the sink node that shows a session in Rerun while it runs, or writes it to a .rrd."""
+"""The node that draws a session in Rerun while it runs, or writes it to a .rrd file."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from pipeline.messages import (
     FoundationEvent,
@@ -13,7 +13,8 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.viewer.outputs.drawing_thread import DirectDrawing, DrawingThread
+from pipeline.nodes.node import NodeStatistics
+from pipeline.viewer.outputs.drawing_thread import DirectDrawing, Drawing, DrawingThread
 from pipeline.viewer.outputs.outputs import (
     ConnectedViewer,
     RrdFile,
@@ -28,19 +29,30 @@ from sensors.structure.description import TurbineDescription
 
 
 class Viewer:
-    """Shows every message; answers with none, and fails with none.
+    """Draw every message; produce none, and fail with none.
 
-    outputs       files and viewers; each has a recording stream of its own, so that a viewer that
-                  hangs holds neither a file nor the session. A viewer may come late and come back
-    description   the turbine's geometry and its reference modes
-    session       names the recording in the viewer
-    unhurried     True: a viewer, which must be there, is waited for as a file is, so that nothing
-                  is left out. Only where no measurement can be held up: a recording that is drawn
-                  afterwards
-    strict        True (tests): an exception while drawing to a file goes to the caller; else it
-                  is logged once and that output stays as it is
+    Parameters
+    ----------
+    outputs : Sequence[ViewerOutput]
+        Files and viewers; each has a recording stream of its own, so that a viewer that hangs
+        holds neither a file nor the session. A viewer may come late and come back.
+    description : TurbineDescription
+        The turbine's geometry and its reference modes.
+    session : str
+        Names the recording in the viewer.
+    has_structure : bool, optional
+        False: modes only; the description is drawn but stands for no structural model.
+    wait_for_viewer : bool, optional
+        True: a viewer, which must be there, is waited for as a file is, so that nothing is left
+        out. Only where no measurement can be held up: a recording that is drawn afterwards.
+    strict : bool, optional
+        True (tests): an exception while drawing to a file goes to the caller; else it is logged
+        once and that output stays as it is.
 
-    Raises ViewerError, one line, where rerun is missing or an output cannot be had.
+    Raises
+    ------
+    ViewerError
+        If rerun is missing or an output cannot be opened. One line.
     """
 
     name = "viewer"
@@ -63,7 +75,8 @@ class Viewer:
         description: TurbineDescription,
         *,
         session: str,
-        unhurried: bool = False,
+        has_structure: bool = True,
+        wait_for_viewer: bool = False,
         strict: bool = False,
     ) -> None:
         require_rerun(tuple(outputs))
@@ -71,33 +84,41 @@ class Viewer:
             RerunStream,  # here, so that all but pictures runs without rerun
         )
 
-        self._stages: tuple[DirectDrawing | DrawingThread, ...] = tuple(
-            DirectDrawing(RerunStream(output, description, session=session), strict=strict)
-            if unhurried or isinstance(output, RrdFile)
-            else DrawingThread(_late_show(output, description, session=session))
+        def stream(to: ViewerOutput) -> RerunStream:
+            return RerunStream(to, description, session=session, has_structure=has_structure)
+
+        self._drawings: tuple[DirectDrawing | DrawingThread, ...] = tuple(
+            DirectDrawing(stream(output), strict=strict)
+            if wait_for_viewer or isinstance(output, RrdFile)
+            else DrawingThread(_reconnecting_viewer(output, stream))
             for output in outputs
         )
 
     def handle(self, message: Message) -> Iterable[Message]:
-        """Draw one message, or leave it to be drawn; returns nothing."""
-        for stage in self._stages:
+        """Draw one message, or queue it to be drawn; return no message."""
+        for stage in self._drawings:
             stage.take(message)
         return ()
 
+    @property
+    def statistics(self) -> NodeStatistics:
+        """It counts nothing of its own."""
+        return NodeStatistics()
+
     def close(self) -> None:
-        """Draw what waits and let go of files and viewers; a second call does nothing."""
-        stages, self._stages = self._stages, ()
-        for stage in stages:
+        """Draw what is buffered and close files and viewers; a second call does nothing."""
+        drawings, self._drawings = self._drawings, ()
+        for stage in drawings:
             stage.close()
 
 
-def _late_show(
-    output: SpawnedViewer | ConnectedViewer, description: TurbineDescription, *, session: str
+def _reconnecting_viewer(
+    output: SpawnedViewer | ConnectedViewer, stream: Callable[[ViewerOutput], Drawing]
 ) -> ReconnectingViewer:
-    """A show on a viewer that may go; one to be started is started here, once."""
+    """Return a drawing on a viewer that may disconnect; one to be started is started here, once."""
     from pipeline.viewer.outputs.viewer_process import spawn_viewer
-    from pipeline.viewer.rerun_stream import RerunStream
 
     if isinstance(output, SpawnedViewer):
         output = ConnectedViewer(spawn_viewer(output.port))
-    return ReconnectingViewer(output.url, lambda: RerunStream(output, description, session=session))
+    connected = output
+    return ReconnectingViewer(connected.url, lambda: stream(connected))

@@ -13,6 +13,7 @@ from sensors.errors import InputError
 
 REAL_TIME = 1.0
 AT_ONCE = math.inf
+LONGEST_PAUSE = 3600.0  # of sensor time that is waited for; more is a clock that was set [s]
 
 T = TypeVar("T")
 
@@ -45,12 +46,16 @@ class Pace:
         self._speed = speed
         self._clock = clock
         self._origin: tuple[int, float] | None = None  # sensor time [ns], clock [s]
+        self._last_ns: int | None = None  # sensor time waited for last
 
     def wait_until(self, time_ns: int) -> None:
-        """Return when this sensor time has come; at once where it has passed already."""
+        """Return when this sensor time has come; at once where it has passed already, or lies more
+        than LONGEST_PAUSE from the one before: a new schedule begins there."""
         if math.isinf(self._speed):
             return
-        if self._origin is None:
+        last_ns, self._last_ns = self._last_ns, time_ns
+        leap = last_ns is not None and abs(time_ns - last_ns) > LONGEST_PAUSE * NANOSECONDS
+        if self._origin is None or leap:
             self._origin = (time_ns, self._clock.now())
         first_ns, started = self._origin
         due = started + (time_ns - first_ns) / NANOSECONDS / self._speed

@@ -94,8 +94,9 @@ def modes_of_varied(
     *,
     highest_frequency: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Frequencies, (n_modes,) [Hz], and shapes as read, (n_modes, n_channels) [-], of another
-    description at the reference's θ, in the order of the reference's modes.
+    """Return the modes of another description at the reference's θ, in the reference's order.
+
+    Frequencies, (n_modes,) [Hz], and shapes as read, (n_modes, n_channels) [-].
 
     Parameters
     ----------
@@ -123,8 +124,10 @@ def responses(
     *,
     highest_frequency: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """∂ ln f / ∂ ln (figure), (n_modes,) [-], and ∂ φ / ∂ ln (figure), (n_modes, n_channels) [-],
-    by central differences; the component of φ that is largest stays 1.
+    """Return derivatives of frequencies and shapes by a figure, by central differences.
+
+    ∂ ln f / ∂ ln (figure), (n_modes,) [-], and ∂ φ / ∂ ln (figure), (n_modes, n_channels) [-]; the
+    component of φ that is largest stays 1.
 
     Returns
     -------

@@ -309,8 +309,9 @@ class ModalModel:
         return parameters
 
     def in_water(self, rises: Sequence[float]) -> ModalParameters:
-        """Return the modes at the reference θ with the water risen above the description's level,
-        row by row [m]; on land they stay. See `water_level`.
+        """Return the modes at the reference θ with the water risen above the description's level.
+
+        Row by row [m]; on land the modes stay. See `water_level`.
         """
         still = self.modal(self.theta_reference)
         rows = [
@@ -327,8 +328,7 @@ class ModalModel:
         )
 
     def responses(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Return how the modes at the reference θ answer to a figure of the description
-        (`variation`).
+        """Return how the modes at the reference θ answer to a figure (`description_variants`).
 
         Returns
         -------
@@ -369,8 +369,7 @@ class ModalModel:
         return np.asarray(theta) * self._pile.scoured(depths)
 
     def following(self, theta_reference: ArrayLike) -> "ModalModel":
-        """Return the same modes, followed by overlap from another θ, (3,), instead of the present
-        one.
+        """Return the same modes, followed by overlap from another θ, (3,), than the present one.
 
         Returns
         -------

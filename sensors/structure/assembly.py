@@ -6,7 +6,7 @@ Every tower node has (u_x, ψ_x, u_y, ψ_y, u_z, θ_z): displacement [m] and slo
 fore-aft and the side-side plane, heave [m] and twist [rad]. Heave and twist are fixed at the
 mudline. Every blade node has displacement and slope flapwise and edgewise, absolute but along the
 blade's own axes; axially and in twist a blade follows its root.
-Source of the mesh: [foundation-updating] §3.1; what is not said there stands in the docstrings.
+Source of the mesh: [foundation-updating] §3.1; what is not stated there stands in the docstrings.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,14 @@ from numpy.typing import ArrayLike
 
 from sensors.arrays import FloatArray, IndexArray
 from sensors.structure import beam
-from sensors.structure.description import Direction, Tube, TurbineDescription, Water
+from sensors.structure.description import (
+    TOUCHING,
+    Direction,
+    PointMass,
+    Tube,
+    TurbineDescription,
+    Water,
+)
 from sensors.structure.foundation import TurbineError, spring_matrix
 from sensors.structure.rotor_nacelle import (
     ROTATION,
@@ -72,6 +79,7 @@ class StructuralModel:
 
     @property
     def n_dofs(self) -> int:
+        """Number of degrees of freedom."""
         return len(self.mass)
 
     @property
@@ -202,6 +210,7 @@ def assemble(
     tower_dofs, blade_dofs, blade_inner_dofs, n_dofs = _number_dofs(turbine)
     system = _System(np.zeros((n_dofs, n_dofs)), np.zeros((n_dofs, n_dofs)))
     _add_tubes(system, turbine, tower_dofs)
+    _add_point_masses(system, turbine, tower_dofs)
     _add_springs(system, turbine, theta, tower_dofs)
     system.add(
         tower_dofs[-1],
@@ -247,8 +256,9 @@ class _System:
 
 
 def _number_dofs(turbine: TurbineDescription) -> tuple[IndexArray, IndexArray, IndexArray, int]:
-    """Tower nodes from the mudline up, then blade after blade; the mudline's heave and twist
-    are fixed.
+    """Number the degrees of freedom: tower nodes from the mudline up, then blade after blade.
+
+    The mudline's heave and twist are fixed.
     """
     n_nodes = len(turbine.tubes) + 1
     tower = np.arange(-2, 6 * n_nodes - 2).reshape(n_nodes, 6)
@@ -271,6 +281,8 @@ def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IndexAr
         wet = wetted_share(tube, turbine.water)
         mass = beam.bending_mass(tube.mass_per_length, tube.length)
         mass += beam.bending_mass(added_mass(tube, turbine.water), tube.length, end=wet)
+        overgrown = overgrown_share(tube, turbine.water)
+        mass += beam.bending_mass(growth_mass(tube, turbine.water), tube.length, end=overgrown)
         for plane in PLANE.values():
             system.add(tower_dofs[i : i + 2, plane].ravel(), mass=mass, stiffness=bending)
         system.add(
@@ -285,6 +297,19 @@ def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IndexAr
         )
 
 
+def _add_point_masses(system: _System, turbine: TurbineDescription, tower_dofs: IndexArray) -> None:
+    """On the element that holds each, by the same cubics as its displacement."""
+    for point in turbine.point_masses:
+        number = next(i for i, t in enumerate(turbine.tubes) if point.elevation <= t.top + TOUCHING)
+        tube = turbine.tubes[number]
+        xi = (point.elevation - tube.bottom) / tube.length
+        N, along = beam.hermite(xi, tube.length), np.array([1 - xi, xi])
+        for plane in PLANE.values():
+            dofs = tower_dofs[number : number + 2, plane].ravel()
+            system.add(dofs, mass=point.mass * np.outer(N, N))
+        system.add(tower_dofs[number : number + 2, HEAVE], mass=point.mass * np.outer(along, along))
+
+
 def wetted_share(tube: Tube, water: Water | None) -> float:
     """Share of the tube's length, from below, that stands in water, in [0, 1]."""
     if water is None:
@@ -293,8 +318,9 @@ def wetted_share(tube: Tube, water: Water | None) -> float:
 
 
 def added_mass(tube: Tube, water: Water | None) -> float:
-    """Mass of water that moves with a wetted metre of the tube, C_a ρ π D²/4 and what is
-    inside [kg/m].
+    """Return the mass of water that moves with a wetted metre of the tube [kg/m].
+
+    C_a ρ π D²/4 outside, and what is inside.
     """
     if water is None:
         return 0.0
@@ -304,6 +330,22 @@ def added_mass(tube: Tube, water: Water | None) -> float:
     return mass
 
 
+def overgrown_share(tube: Tube, water: Water | None) -> float:
+    """Share of the tube's length, from below, that lies under the mean water level, in [0, 1]."""
+    return float(np.clip((0.0 - tube.bottom) / tube.length, 0.0, 1.0)) if water else 0.0
+
+
+def growth_mass(tube: Tube, water: Water | None) -> float:
+    """Mass of marine growth h thick and of the further water that it takes along [kg/m].
+
+    π (D h + h²) ρ_g + C_a ρ π ((D + 2h)² − D²) / 4, the same in both horizontal directions
+    """
+    if water is None or water.growth == 0:
+        return 0.0
+    ring = np.pi * (tube.diameter + water.growth) * water.growth
+    return float(ring * (water.growth_density + water.added_mass_coefficient * water.density))
+
+
 def _compression(turbine: TurbineDescription) -> list[tuple[float, float]]:
     """Axial compression of each tube at its bottom and its top [N]: the weight above."""
     carried = sum(body.mass for body in rigid_bodies(turbine.rotor_nacelle)) + _blade_masses(
@@ -311,10 +353,20 @@ def _compression(turbine: TurbineDescription) -> list[tuple[float, float]]:
     )
     forces = []
     for tube in reversed(turbine.tubes):
+        carried += sum(each.mass for each in turbine.point_masses if _at_top(each, tube))
         below = carried + tube.mass_per_length * tube.length
+        below += sum(each.mass for each in turbine.point_masses if _inside(each, tube))
         forces.append((turbine.gravity * below, turbine.gravity * carried))
         carried = below
     return forces[::-1]
+
+
+def _at_top(point: PointMass, tube: Tube) -> bool:
+    return abs(point.elevation - tube.top) < TOUCHING
+
+
+def _inside(point: PointMass, tube: Tube) -> bool:
+    return tube.bottom + TOUCHING <= point.elevation <= tube.top - TOUCHING
 
 
 def _blade_masses(turbine: TurbineDescription) -> float:

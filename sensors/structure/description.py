@@ -25,7 +25,7 @@ Vector = tuple[float, float, float]
 SHIPPED = ("iea15mw_monopile", "iea15mw_detailed")
 STANDARD_GRAVITY = 9.80665  # [m/s²]
 LONGEST_ELEMENT = 1 / 12  # of the tower: the first ten frequencies of a mast are then exact to .2 %
-_TOUCHING = 1e-6  # two elevations closer than this are the same [m]
+TOUCHING = 1e-6  # two elevations closer than this are the same [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class Tube:
 
     @property
     def length(self) -> float:
-        """[m]"""
+        """Length of the tube [m]."""
         return self.top - self.bottom
 
     @property
@@ -89,17 +89,17 @@ class Tube:
 
     @property
     def bending_rigidity(self) -> float:
-        """EI [N·m²]"""
+        """Bending rigidity EI [N·m²]."""
         return self.youngs_modulus * self.second_moment
 
     @property
     def torsional_rigidity(self) -> float:
-        """GJ = E / (2 (1 + ν)) · 2I [N·m²]"""
+        """Torsional rigidity GJ = E / (2 (1 + ν)) · 2I [N·m²]."""
         return self.bending_rigidity / (1 + self.poisson_ratio)
 
     @property
     def mass_per_length(self) -> float:
-        """[kg/m]"""
+        """Mass per length with what the tube carries [kg/m]."""
         return self.density * self.area + self.attached_mass
 
 
@@ -123,9 +123,29 @@ class Water:
     inside: bool = False
     """Whether the tubes are flooded to the same level."""
 
+    growth: float = 0.0
+    """Thickness of marine growth, from the mudline up to the mean level [m]."""
+
+    growth_density: float = 1325.0
+    """Of marine growth [kg/m³]; DNV-ST-0437."""
+
     def __post_init__(self) -> None:
         _require_not_negative("water", "density", self.density)
+        _require_not_negative("water", "growth", self.growth)
+        _require_not_negative("water", "growth_density", self.growth_density)
         _require_not_negative("water", "added_mass_coefficient", self.added_mass_coefficient)
+
+
+@dataclass(frozen=True, slots=True)
+class PointMass:
+    """A mass without stiffness on the tower's axis: a transition piece, a platform."""
+
+    name: str
+    elevation: float  # above mean water level [m]
+    mass: float  # [kg]
+
+    def __post_init__(self) -> None:
+        _require_not_negative(f"point mass {self.name!r}", "mass", self.mass)
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +225,7 @@ class BladeElement:
 
     @property
     def length(self) -> float:
-        """[m]"""
+        """Length of the element [m]."""
         return self.outer - self.inner
 
 
@@ -240,7 +260,7 @@ class Blades:
                 f"blades: modes_per_element is {self.modes_per_element}; 0 to 3 can be kept"
             )
         _require_contiguous("blades", [(part.inner, part.outer) for part in self.elements])
-        if abs(self.elements[0].inner) > _TOUCHING:
+        if abs(self.elements[0].inner) > TOUCHING:
             raise TurbineError(
                 f"blades: the first element starts at {self.elements[0].inner:g} m; "
                 "it starts at the root, 0 m"
@@ -287,9 +307,18 @@ class TurbineDescription:
     rotor_nacelle: RotorNacelle = field(default_factory=RotorNacelle)
     blades: Blades | None = None
     reference_modes: tuple[ReferenceMode, ...] = ()
+    point_masses: tuple[PointMass, ...] = ()
+    transition: float | None = None  # elevation of the monopile's top, where a transition piece
+    # sits; None: no such place is known [m]
 
     def __post_init__(self) -> None:
         _require_not_negative("turbine", "gravity", self.gravity)
+        for name, elevation in self._named_elevations:
+            if not self.mudline <= elevation <= self.tower_top:
+                raise TurbineError(
+                    f"{name}: elevation {elevation:g} m is not on the tower, {self.mudline:g} to "
+                    f"{self.tower_top:g} m"
+                )
         _require_contiguous("tubes", [(tube.bottom, tube.top) for tube in self.tubes])
         if self.water is not None and not self.water.level < self.tower_top:
             raise TurbineError(
@@ -299,6 +328,11 @@ class TurbineDescription:
         for name in names:
             if names.count(name) > 1:
                 raise TurbineError(f"reference mode {name!r} is listed more than once")
+
+    @property
+    def _named_elevations(self) -> list[tuple[str, float]]:
+        places = [(f"point mass {each.name!r}", each.elevation) for each in self.point_masses]
+        return places if self.transition is None else [*places, ("transition", self.transition)]
 
     @property
     def nominal(self) -> FloatArray:
@@ -449,7 +483,7 @@ def _require_contiguous(where: str, spans: list[tuple[float, float]]) -> None:
     if not spans:
         raise TurbineError(f"{where}: at least one element is needed")
     for (_, end), (start, _) in pairwise(spans):
-        if abs(start - end) > _TOUCHING:
+        if abs(start - end) > TOUCHING:
             what = "a gap" if start > end else "an overlap"
             raise TurbineError(
                 f"{where}: {what} between the element that ends at {end:g} m and the next, "

@@ -42,8 +42,7 @@ class PileInSoil:
 
     @classmethod
     def of(cls, description: TurbineDescription) -> "PileInSoil":
-        """Return the pile that goes on below the lowest tube, in a soil that makes the described
-        k11.
+        """Return the pile below the lowest tube, in a soil that makes the described k11.
 
         Returns
         -------
@@ -93,8 +92,9 @@ class PileInSoil:
         return np.array([mudline[0, 0], mudline[1, 1], abs(mudline[0, 1])])
 
     def scoured(self, depths: ArrayLike) -> FloatArray:
-        """k11, k22 and k12 as shares of the unscoured pile's, (n, 3) for (n,) depths [m]; between
-        a few dozen depths by interpolation.
+        """Return k11, k22 and k12 as shares of the unscoured pile's, (n, 3) for (n,) depths [m].
+
+        Between a few dozen depths they are interpolated.
 
         Depths beyond DEEPEST of the embedded length count as that.
         """

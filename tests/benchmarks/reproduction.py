@@ -42,23 +42,31 @@ def main(arguments: list[str]) -> None:
     _print_descents(examples)
 
 
+def half_widths(draws: np.ndarray) -> np.ndarray:
+    """Half widths of the 90 % intervals of k11, k22, k12 ÷ nominal, shape (3,) [-]."""
+    low, high = np.quantile(draws[:, :3], [0.05, 0.95], axis=0)
+    return np.asarray((high - low) / 2)
+
+
 def _print_posteriors(examples: Sequence[Example]) -> None:
     errors = np.abs([map_errors(example) for example in examples])
     _print("|MAP error| median [%]", np.median(errors, axis=0))
     _print("|MAP error| largest [%]", errors.max(axis=0))
-    for name in ("published", "mended"):
+    for name in ("published", "corrected"):
         posteriors = [getattr(example, name) for example in examples]
         _print(
             f"{name}: half width of the 90 % interval, median [%]",
-            PERCENT * np.median([p.half_widths for p in posteriors], axis=0),
+            PERCENT * np.median([half_widths(p.draws) for p in posteriors], axis=0),
         )
         _print(f"{name}: covers", np.sum([p.covers for p in posteriors], axis=0))
         correlations = np.array([p.correlations for p in posteriors])
         _print(f"{name}: correlations, median", np.median(correlations, axis=0))
         _print(f"{name}: correlations, least", correlations.min(axis=0))
         print(f"{name}: peaks {sorted(n_peaks(p) for p in posteriors)}")
-    wider = [e.published.stds / e.mended.stds - 1 for e in examples]
-    _print("std of TMCMC as published above the mended, median [%]", PERCENT * np.median(wider, 0))
+    wider = [e.published.stds / e.corrected.stds - 1 for e in examples]
+    _print(
+        "std of TMCMC as published above the corrected, median [%]", PERCENT * np.median(wider, 0)
+    )
 
 
 def _print_descents(examples: Sequence[Example]) -> None:

@@ -156,7 +156,6 @@ def update(
         If the places of the channels are not known, or no window could be used; the message has
         the last reason.
     """
-    from pipeline.nodes.updating import FoundationUpdaterNode
     from pipeline.updating.updater import FoundationUpdater
 
     if layout is not None:
@@ -166,10 +165,12 @@ def update(
             "where the channels are is not known: give layout=…, or read the file with its layout"
         )
     chosen = structure or Structure()
-    node = FoundationUpdaterNode(
-        FoundationUpdater(chosen.model(modes.layout), modes.layout, seed=seed)
-    )
-    answers = [answer for estimate in modes.estimates for answer in node.handle(estimate)]
+    updater = FoundationUpdater(chosen.model(modes.layout), modes.layout, seed=seed)
+    state = updater.initial_state()
+    answers: list[FoundationEvent | FoundationPosterior | WindowRejected] = []
+    for estimate in modes.estimates:
+        state, given = updater.watched(state, estimate)
+        answers += given
     rejected = tuple(each for each in answers if isinstance(each, WindowRejected))
     posteriors = [each for each in answers if isinstance(each, FoundationPosterior)]
     if not posteriors:

@@ -4,15 +4,15 @@ from rich.table import Table
 
 
 def table_of(title: str) -> Table:
-    """An empty table as all of them look."""
+    """Return an empty table in the common style."""
     return Table(title=title, title_justify="left", caption_justify="left", header_style="bold")
 
 
-def counted(count: int, noun: str) -> str:
-    """ "1 window", "2 windows"."""
+def count_noun(count: int, noun: str) -> str:
+    """Return "1 window", "2 windows"."""
     return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
-def told(figure: float | None, form: str) -> str:
-    """A figure in its form, or that it is not known."""
+def format_value(figure: float | None, form: str) -> str:
+    """Return a figure in its format, or `unknown`."""
     return "unknown" if figure is None else format(figure, form)

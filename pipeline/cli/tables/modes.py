@@ -1,19 +1,19 @@
-"""Modes for people: identified ones, the model's, and those of a structure."""
+"""Tables of modes: identified, of the model, of a structure."""
 
 from collections.abc import Sequence
 
 from rich.table import Table
 
-from pipeline.cli.tables.cells import counted, table_of
+from pipeline.cli.tables.cells import count_noun, table_of
 from pipeline.offline.describe_structure import StructureFigures
 from pipeline.offline.model_modes import ModelModes, NearestMode
 from pipeline.state.run_modes import CombinedMode
 
 
 def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table:
-    """The identified modes, with the model's beside them where they were paired."""
+    """Return the identified modes, beside the paired modes of the model."""
     paired = any(mode.pair is not None for mode in modes)
-    table = table_of(f"Identified modes ({counted(windows, 'window')})")
+    table = table_of(f"Identified modes ({count_noun(windows, 'window')})")
     for title in ("mode", "f [Hz]", "± std", "ζ [%]", "± std", "windows"):
         table.add_column(title, justify="right")
     if paired:
@@ -32,14 +32,14 @@ def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table
             row += [f"{mode.pair.model_frequency:.4f}", f"{mode.pair.mac:.3f}"]
         table.add_row(*row)
     if any(mode.pair_id for mode in modes):
-        table.caption = "≈ two modes that cannot be separated: what is known is their mean"
+        table.caption = "≈ mean of two modes that cannot be separated"
     return table
 
 
 def nearest_modes_table(nearest: Sequence[NearestMode]) -> Table:
-    """Identified modes beside the model's nearest ones at the nominal foundation."""
+    """Return identified modes beside the model's nearest ones at the nominal foundation."""
     table = table_of("Misfit mode by mode: the model's nearest mode at the nominal foundation")
-    for title in ("mode", "f [Hz]", "model's", "f [Hz]", "apart [%]", "MAC"):
+    for title in ("mode", "f [Hz]", "model's", "f [Hz]", "difference [%]", "MAC"):
         table.add_column(title, justify="right", no_wrap=True)
     for each in nearest:
         apart = 100 * (each.identified.frequency / each.frequency - 1)
@@ -55,7 +55,7 @@ def nearest_modes_table(nearest: Sequence[NearestMode]) -> Table:
 
 
 def model_modes_table(found: ModelModes) -> Table:
-    """The model's modes beside the frequencies that the publication lists."""
+    """Return the model's modes beside the published frequencies."""
     description = found.model.description
     ratios = ", ".join(f"{ratio:g}" for ratio in found.ratios)
     table = table_of(
@@ -78,7 +78,7 @@ def model_modes_table(found: ModelModes) -> Table:
 
 
 def structure_tables(figures: StructureFigures) -> list[Table]:
-    """Key figures of a description, and its first modes."""
+    """Return key figures of a description, and its first modes."""
     described = table_of(figures.description.title or figures.description.name)
     described.add_column("what")
     described.add_column("figure", justify="right")

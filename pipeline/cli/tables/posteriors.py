@@ -1,53 +1,55 @@
-"""Posteriors for people: of one turbine, of many, of a farm that is pooled."""
+"""Tables of posteriors: of one turbine, of many, of a pooled farm."""
 
 from collections.abc import Sequence
 
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.cli.tables.cells import counted, table_of, told
+from pipeline.cli.tables.cells import count_noun, format_value, table_of
 from pipeline.farm.farm import Farm
 from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.state.json_values import Json
 
 
 def posterior_table(posterior: Json) -> Table:
-    """Median and 90 % interval of each spring, absolute and over nominal; whose, where it says."""
-    whose = f" of {posterior['turbine']}" if "turbine" in posterior else ""
-    doubt = "" if posterior.get("trusted", True) else ", NOT TRUSTED"
-    table = table_of(f"Foundation posterior{escape(whose)}{doubt}")
+    """Return median and 90 % interval of each spring, absolute and ÷ nominal."""
+    turbine = f" of {posterior['turbine']}" if "turbine" in posterior else ""
+    warning = "" if posterior.get("trusted", True) else ", NOT TRUSTED"
+    table = table_of(f"Foundation posterior{escape(turbine)}{warning}")
     for title in ("", "÷ nominal", "90 % interval", "truth", "median", "unit"):
         table.add_column(title, justify="right", no_wrap=True)
     for name in ("k11", "k22", "k12"):
         spring = posterior[name]
         table.add_row(
             name,
-            told(spring["ratio_median"], ".4f"),
-            f"{told(spring['ratio_p05'], '.4f')} to {told(spring['ratio_p95'], '.4f')}",
-            told(spring["truth_ratio"], ".4f"),
-            told(spring["median"], ".4g"),
+            format_value(spring["ratio_median"], ".4f"),
+            f"{format_value(spring['ratio_p05'], '.4f')} to "
+            f"{format_value(spring['ratio_p95'], '.4f')}",
+            format_value(spring["truth_ratio"], ".4f"),
+            format_value(spring["median"], ".4g"),
             spring["unit"],
         )
     sigma = posterior["sigma"]
-    above = f"below {told(sigma['p95'], '.1e')} (95 %)"
-    table.add_row("σ", "", above, "", told(sigma["median"], ".1e"), "-")
+    above = f"below {format_value(sigma['p95'], '.1e')} (95 %)"
+    table.add_row("σ", "", above, "", format_value(sigma["median"], ".1e"), "-")
     for name, each in posterior["figures"].items():
-        interval = f"{told(each['p05'], '.4g')} to {told(each['p95'], '.4g')}"
-        median = told(each["median"], ".4g")
+        interval = f"{format_value(each['p05'], '.4g')} to {format_value(each['p95'], '.4g')}"
+        median = format_value(each["median"], ".4g")
         table.add_row(
             escape(name.replace("_", " ")), "", interval, "", median, escape(each["unit"])
         )
     table.caption = (
-        f"{counted(posterior['windows'], 'window')}, {posterior['sampler']}: "
-        f"{told(posterior['ess'], '.0f')} effective draws, R-hat {told(posterior['rhat'], '.3f')}"
+        f"{count_noun(posterior['windows'], 'window')}, {posterior['sampler']}: "
+        f"{format_value(posterior['ess'], '.0f')} effective draws, "
+        f"R-hat {format_value(posterior['rhat'], '.3f')}"
         "; σ: relative discrepancy of the model; probability of a new change: "
-        f"{told(posterior['change_probability'], '.2f')}"
+        f"{format_value(posterior['change_probability'], '.2f')}"
     )
     return table
 
 
 def posteriors_table(posteriors: Sequence[Json]) -> Table:
-    """The springs of many turbines, one a row: median and half the 90 % interval over nominal."""
+    """Return the springs of many turbines: median and half the 90 % interval ÷ nominal."""
     table = table_of("Foundation posteriors, ÷ nominal")
     for title in ("turbine", "windows", "k11", "k22", "k12", "change", ""):
         table.add_column(title, justify="right", no_wrap=True)
@@ -55,7 +57,8 @@ def posteriors_table(posteriors: Sequence[Json]) -> Table:
         springs = [_plus_minus(each[name]) for name in ("k11", "k22", "k12")]
         table.add_row(
             escape(each["turbine"]), str(each["windows"]), *springs,
-            told(each["change_probability"], ".2f"), "" if each["trusted"] else "NOT TRUSTED",
+            format_value(each["change_probability"], ".2f"),
+            "" if each["trusted"] else "NOT TRUSTED",
             style=None if each["trusted"] else "bold red",
         )  # fmt: skip
     table.caption = "± half a 90 % interval, %; change: probability of a new one"
@@ -65,12 +68,12 @@ def posteriors_table(posteriors: Sequence[Json]) -> Table:
 def _plus_minus(spring: Json) -> str:
     low, high = spring["ratio_p05"], spring["ratio_p95"]
     half = None if low is None or high is None else 50 * (high - low)
-    return f"{told(spring['ratio_median'], '.3f')} ± {told(half, '.1f')}"
+    return f"{format_value(spring['ratio_median'], '.3f')} ± {format_value(half, '.1f')}"
 
 
 def farm_table(farm: Farm) -> Table:
-    """Every turbine's springs with the farm's help, and how unlike the others it is."""
-    table = table_of(f"Springs ÷ nominal, {counted(len(farm.turbines), 'turbine')} pooled")
+    """Return every turbine's pooled springs and its probability of being an outlier."""
+    table = table_of(f"Springs ÷ nominal, {count_noun(len(farm.turbines), 'turbine')} pooled")
     for title in ("turbine", "windows", "k11", "k22", "k12", "outlier"):
         table.add_column(title, justify="right", no_wrap=True)
     for each in farm.turbines:
@@ -90,14 +93,22 @@ def farm_table(farm: Farm) -> Table:
 
 
 def _half_width(spring: ParameterSummary) -> float:
-    """Of the 90 % interval, over nominal."""
+    """Return half the 90 % interval ÷ nominal."""
     return abs((spring.p95 - spring.p05) / 2 / spring.nominal)
 
 
 def misfit_table(posterior: FoundationPosterior) -> Table:
-    """How well each paired mode fits the posterior, and how much it tells of the stiffness."""
+    """Return the misfit and information of each paired mode."""
     table = table_of("Misfit mode by mode")
-    for title in ("mode", "f [Hz]", "model f [Hz]", "apart [%]", "misfit", "MAC", "tells"):
+    for title in (
+        "mode",
+        "f [Hz]",
+        "model f [Hz]",
+        "difference [%]",
+        "misfit",
+        "MAC",
+        "information",
+    ):
         table.add_column(title, justify="right", no_wrap=True)
     for pair in sorted(posterior.pairs, key=lambda pair: pair.frequency):
         apart = 100 * (pair.frequency / pair.model_frequency - 1)
@@ -111,8 +122,9 @@ def misfit_table(posterior: FoundationPosterior) -> Table:
             f"{100 * pair.information:.0f} %",
         )
     table.caption = (
-        f"misfit: in standard deviations of the posterior's prediction; –: shape not used; tells: "
-        f"share of the information on the stiffness; {posterior.paired_share:.0%} of the "
-        f"identified modes paired, reduced χ² {posterior.reduced_chi_square:.2f}"
+        f"misfit: in standard deviations of the posterior's prediction; –: shape not used; "
+        "information: share of the information on the stiffness; "
+        f"{posterior.paired_share:.0%} of the identified modes paired, "
+        f"reduced χ² {posterior.reduced_chi_square:.2f}"
     )
     return table

@@ -1,4 +1,4 @@
-"""What a recording holds, and which scenarios there are, for people."""
+"""Tables of the content of a recording and of the shipped scenarios."""
 
 from collections.abc import Sequence
 
@@ -6,12 +6,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline.cli.tables.cells import table_of
-from pipeline.recording.info import RecordingInfo
+from pipeline.recording.info import RecordingInfo, UnitInfo
 from pipeline.scenario import Scenario
+from pipeline.state.json_values import Json
 
 
 def recording_tables(info: RecordingInfo) -> list[Table]:
-    """Channels, units with their gaps, and nodes of a recording."""
+    """Return channels, units with their gaps, and nodes of a recording."""
     channels = table_of(f"{info.path} · {info.size / 1e6:.2f} MB · {info.duration:.1f} s")
     for title in ("key", "message", "count"):
         channels.add_column(title, justify="right" if title == "count" else "left")
@@ -31,7 +32,7 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
             f"{unit.duration:.1f}",
             f"{len(unit.gaps)} ({missing:.1f} s)" if unit.gaps else "none",
         )
-    nodes = table_of("Nodes, as they last said")
+    nodes = table_of("Last status of the nodes")
     accounts = ("recovered", "lost", "late", "duplicate")
     for title in ("node", "state", "last block", *accounts, "busy [s]"):
         nodes.add_column(escape(title), justify="right")
@@ -46,34 +47,76 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
     return [channels, units] + ([nodes] if info.health else [])
 
 
+def info_json(info: RecordingInfo) -> Json:
+    """Return the content of a recording for `info --json`; times [ns since 1970-01-01 UTC]."""
+    return {
+        "file": str(info.path),
+        "size_bytes": info.size,
+        "duration_s": info.duration,
+        "metadata": info.metadata,
+        "channels": [
+            {"key": each.key, "message": each.message, "count": each.count}
+            for each in info.channels
+        ],
+        "units": [_unit_json(unit) for unit in info.units],
+        "nodes": [
+            {"node": each.node, "state": each.state, "lost": each.lost, "late": each.late}
+            for each in info.health
+        ],
+    }
+
+
+def _unit_json(unit: UnitInfo) -> Json:
+    return {
+        "turbine": unit.turbine,
+        "unit": unit.unit,
+        "session": unit.session,
+        "sampling_rate_hz": unit.sampling_rate,
+        "channels": unit.n_channels,
+        "blocks": unit.n_blocks,
+        "start_ns": unit.start_ns,
+        "end_ns": unit.end_ns,
+        "gaps": [
+            {"start_ns": gap.start_ns, "end_ns": gap.end_ns, "blocks": gap.n_blocks}
+            for gap in unit.gaps
+        ],
+    }
+
+
 def scenarios_table(scenarios: Sequence[Scenario]) -> Table:
-    """The scenarios that come with pilewatch: name, duration, title."""
+    """Return the scenarios that come with pilewatch: name, duration, title."""
     table = table_of("Scenarios")
     table.add_column("name")
     table.add_column("duration", justify="right")
-    table.add_column("what it is")
+    table.add_column("title")
     for scenario in scenarios:
         table.add_row(
             scenario.name, duration_in_words(scenario.simulation.duration), scenario.title
         )
-    table.caption = "pilewatch simulate --describe NAME says more of one"
+    table.caption = "pilewatch simulate --describe NAME: details of one"
     return table
 
 
 def duration_in_words(duration: float) -> str:
-    """3 h 20 min of 12000 s. duration: [s]"""
+    """Return "3 h 20 min" for 12000 s.
+
+    Parameters
+    ----------
+    duration : float
+        Duration [s].
+    """
     hours, minutes = divmod(round(duration / 60.0), 60)
     words = [f"{hours} h"] * (hours > 0) + [f"{minutes} min"] * (minutes > 0)
     return " ".join(words) or f"{duration:g} s"
 
 
 def scenario_description(scenario: Scenario) -> str:
-    """A scenario in words: its title, then what it simulates and needs, a line a paragraph."""
+    """Return a scenario as text: its title, then one line per paragraph."""
     paragraphs = scenario.description.strip().split("\n\n")
     words = [" ".join(paragraph.split()) for paragraph in paragraphs]
     return "\n\n".join([f"{scenario.name}: {scenario.title}", *words])
 
 
 def scenario_settings(scenario: Scenario) -> str:
-    """What a scenario's file sets, after its description."""
+    """Return the settings of a scenario's file, after its description."""
     return scenario.text.rpartition('"""')[2].strip()

@@ -1,4 +1,4 @@
-"""What a running session answered, for people."""
+"""Tables of the status of a running session."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,17 +12,21 @@ from pipeline.cli.tables.posteriors import posterior_table, posteriors_table
 
 
 def status_tables(status: Mapping[str, Any]) -> list[Table]:
-    """What a running session answered: nodes and what they say, streams, posteriors, gaps."""
+    """Return nodes and their warnings, streams, posteriors, gaps of a running session."""
     nodes = table_of(f"nodes of {status['source']}")
     rare = ("recovered", "late", "duplicate", "malformed")  # shown where there are any
-    counted = ("received", "lost", *(n for n in rare if any(each[n] for each in status["nodes"])))
+    count_noun = (
+        "received",
+        "lost",
+        *(n for n in rare if any(each[n] for each in status["nodes"])),
+    )
     nodes.add_column("node", no_wrap=True)  # shares of a node differ in the last letters
     nodes.add_column("condition")
-    for title in ("silent [s]", "behind [blocks]", *counted):
+    for title in ("silent [s]", "behind [blocks]", *count_noun):
         nodes.add_column(escape(title), justify="right")
     for each in status["nodes"]:
         behind = "" if each["behind_blocks"] is None else str(each["behind_blocks"])
-        counts = (str(each[name]) for name in counted)
+        counts = (str(each[name]) for name in count_noun)
         nodes.add_row(each["node"], each["condition"], f"{each['silence_s']:.1f}", behind, *counts)
     streams = table_of("streams")
     streams.add_column("key", overflow="fold")
@@ -41,19 +45,19 @@ def status_tables(status: Mapping[str, Any]) -> list[Table]:
     for who, count in status["connections"].items():
         links.add_row(who, str(count))
     connected = [links] if status["connections"] else []
-    said = _said_tables(status["nodes"])
-    return [nodes, *said, streams, *connected, *posteriors, *_gap_tables(status["gaps"])]
+    warnings = _warning_tables(status["nodes"])
+    return [nodes, *warnings, streams, *connected, *posteriors, *_gap_tables(status["gaps"])]
 
 
-def _said_tables(nodes: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """What nodes doubt, word by word: some words are strangers', and no markup."""
-    said = [(each["node"], Text(text)) for each in nodes for text in each["warnings"]]
-    if not said:
+def _warning_tables(nodes: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """Return the warnings of nodes, verbatim: untrusted text is not read as markup."""
+    rows = [(each["node"], Text(text)) for each in nodes for text in each["warnings"]]
+    if not rows:
         return []
-    table = table_of("what nodes say")
-    for title in ("node", "doubt"):
+    table = table_of("warnings of nodes")
+    for title in ("node", "warning"):
         table.add_column(title)
-    for row in said:
+    for row in rows:
         table.add_row(*row)
     return [table]
 

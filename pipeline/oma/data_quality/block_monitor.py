@@ -1,16 +1,19 @@
-"""What the link and the unit's clock did with the blocks, by the blocks alone."""
+"""What the link and the unit's clock did with the blocks, by the blocks alone.
+
+Everything is filed under sample numbers of the unit's boot: stamps are what is checked.
+"""
 
 from collections import Counter, deque
 
 import numpy as np
 
 from pipeline.messages import QualityWarning
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from pipeline.oma.windows.unit_clock import fit_clock
+from sensors.acquisition.blocks import AccelerationBlock
 
 REMEMBERED = 600  # blocks by which a repeated one is recognised
 CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps better than 1
 CLOCK_JITTER = 1e-3  # std of the blocks' stamps about a straight line [s]
-FEWEST_STAMPS = 20  # that a line is fitted to
 STILL_BLOCKS = 2  # blocks on end in which a channel that is alive never keeps one value
 REMEMBERED_STAMPS = 100_000  # blocks: a day of them without an estimate that asks
 FEWEST_SAMPLES = 10  # of a block that can tell
@@ -24,25 +27,28 @@ class BlockMonitor:
 
     def __init__(self, lateness: float) -> None:
         self._lateness = lateness
-        self._session: str | None = None  # none yet
-        self._seen: deque[int] = deque(maxlen=REMEMBERED)
-        self._newest: AccelerationBlock | None = None
         self._counts: Counter[str] = Counter()
-        self._stamps: deque[tuple[int, float, float]] = deque(
-            maxlen=REMEMBERED_STAMPS
-        )  # start [ns], due, off [s]
-        self._origin: AccelerationBlock | None = None
         self._still: dict[int, int] = {}  # blocks on end that a channel has kept its value
-        self._dead: deque[tuple[int, int]] = deque(
-            maxlen=REMEMBERED_STAMPS
-        )  # start of a block [ns], its still channel
+        self._begin(None)
+
+    def _begin(self, session: str | None) -> None:
+        self._session = session
+        self._newest: AccelerationBlock | None = None
+        self._rate = 1.0  # [Hz]
+        self._seen: deque[int] = deque(maxlen=REMEMBERED)
+        # first sample and start [ns] of blocks
+        self._stamps: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_STAMPS)
+        # first sample of a block, its still channel
+        self._dead: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_STAMPS)
+
+    def restart(self) -> None:
+        """The unit has started again: it counts from 0."""
+        self._begin(self._session)
 
     def note(self, block: AccelerationBlock) -> None:
-        """Take a block as it arrives."""
+        """Take a block that its unit has sent."""
         if block.session != self._session:
-            self._session, self._newest, self._origin = block.session, None, block
-            self._seen.clear()
-            self._stamps.clear()
+            self._begin(block.session)
         if block.sequence in self._seen:
             self._counts["repeated"] += 1
             return
@@ -52,7 +58,8 @@ class BlockMonitor:
         else:
             behind = (self._newest.first_sample - block.first_sample) / block.sampling_rate
             self._counts["late" if behind > self._lateness else "out-of-order"] += 1
-        self._stamp(block)
+        self._rate = block.sampling_rate
+        self._stamps.append((block.first_sample, block.start_ns))
         self._follow_still_channels(block)
 
     def _follow_still_channels(self, block: AccelerationBlock) -> None:
@@ -61,26 +68,21 @@ class BlockMonitor:
         for channel, span in enumerate(np.ptp(block.samples, axis=0)):
             self._still[channel] = self._still.get(channel, 0) + 1 if span == 0 else 0
             if self._still[channel] >= STILL_BLOCKS:
-                self._dead.append((block.start_ns, channel))
+                self._dead.append((block.first_sample, channel))
 
-    def still_channel(self, start_ns: int, end_ns: int) -> tuple[int, float] | None:
-        """A channel that kept one value in a part of a window: its index and when it was first
-        seen so, from the window's start [s]; what came before the window is forgotten."""
-        while self._dead and self._dead[0][0] < start_ns:
+    def still_channel(self, first: int, end: int) -> tuple[int, float] | None:
+        """A channel that kept one value in a part of a window, samples `first` to `end`: its index
+        and when it was first seen so, from the window's start [s]. What came before the window is
+        forgotten."""
+        while self._dead and self._dead[0][0] < first:
             self._dead.popleft()
-        if not self._dead or self._dead[0][0] >= end_ns:
+        if not self._dead or self._dead[0][0] >= end:
             return None
-        first_ns, channel = self._dead[0]
-        return channel, (first_ns - start_ns) / NANOSECONDS
+        first_dead, channel = self._dead[0]
+        return channel, (first_dead - first) / self._rate
 
-    def _stamp(self, block: AccelerationBlock) -> None:
-        assert self._origin is not None
-        due = (block.first_sample - self._origin.first_sample) / block.sampling_rate
-        off = (block.start_ns - self._origin.start_ns) / NANOSECONDS - due
-        self._stamps.append((block.start_ns, due, off))
-
-    def warnings_until(self, end_ns: int) -> tuple[QualityWarning, ...]:
-        """What went wrong since the last time this was asked, stamps up to a moment [ns]."""
+    def warnings_until(self, end: int) -> tuple[QualityWarning, ...]:
+        """What went wrong since the last time this was asked, stamps up to sample `end`."""
         texts = {
             "repeated": "blocks came twice and were used once",
             "out-of-order": "blocks came after their successors and were put in order",
@@ -92,28 +94,26 @@ class BlockMonitor:
             if self._counts[code]
         ]
         self._counts.clear()
-        return (*counted, *self._clock_warnings(end_ns))
+        return (*counted, *self._clock_warnings(end))
 
-    def _clock_warnings(self, end_ns: int) -> list[QualityWarning]:
-        stamps = []
-        while self._stamps and self._stamps[0][0] < end_ns:
-            stamps.append(self._stamps.popleft())
-        if len(stamps) < FEWEST_STAMPS:
+    def _clock_warnings(self, end: int) -> list[QualityWarning]:
+        stamps = [stamp for stamp in self._stamps if stamp[0] < end]
+        kept = [stamp for stamp in self._stamps if stamp[0] >= end]
+        self._stamps = deque(kept, maxlen=REMEMBERED_STAMPS)
+        clock = fit_clock(stamps, self._rate)
+        if clock is None:
             return []
-        due, off = np.array([stamp[1:] for stamp in stamps]).T
-        slope, offset = np.polyfit(due - due[0], off, 1)
-        scatter = float(np.std(off - slope * (due - due[0]) - offset))
         warnings = []
-        if abs(slope) * 1e6 > CLOCK_DRIFT:
+        if clock.exceeds(1e-6 * CLOCK_DRIFT):
             text = (
-                f"the unit's time stamps run {1e6 * slope:+.0f} ppm against its sampling rate; "
-                "frequencies follow the sampling rate"
+                f"the unit's time stamps run {1e6 * clock.drift:+.0f} ppm against its sampling "
+                "rate; frequencies follow the time stamps"
             )
             warnings.append(QualityWarning("clock-drift", text))
-        if scatter > CLOCK_JITTER:
+        if clock.scatter > CLOCK_JITTER:
             text = (
-                f"the unit's time stamps scatter by {1e3 * scatter:.2g} ms; samples are taken as "
-                "even"
+                f"the unit's time stamps scatter by {1e3 * clock.scatter:.2g} ms; samples are "
+                "taken as even"
             )
             warnings.append(QualityWarning("clock-jitter", text))
         return warnings

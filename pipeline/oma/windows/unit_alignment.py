@@ -9,11 +9,13 @@ Decisions depend on the blocks alone, never on when they arrived: a grid block i
 unit covers it, or when one is `lateness` beyond it and the others are given up.
 """
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.oma.windows.unit_clock import CLOCK_ERROR
 from pipeline.oma.windows.windowing import MissingSamples
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import SensorLayout, joined_layout
@@ -26,8 +28,8 @@ GRID_BLOCK = 1.0  # of the joined stream [s]
 LONGEST_HELD = 10_000  # missing samples that are laid out; after more of them a unit begins anew
 RATES_APART = 100.0  # between units that are joined, at most: what reading one on the other costs
 BELOW_GRID = 2.0  # times that the rate of a unit that comes later may be below the grid's
-CLOCK_ERROR = 0.01  # of a converter's rate, at most; stamps that say more say nothing of it
-MOST_SESSIONS = 8  # of a unit whose samples are held: a stranger may begin one with every block
+MOST_SESSIONS = 8  # boots of a unit whose samples are held
+REMEMBERED = 10_000  # grid blocks whose beginnings are known in the units' own counts
 
 
 class UnitStream:
@@ -38,6 +40,8 @@ class UnitStream:
         self.sampling_rate = first.sampling_rate  # nominal [Hz]
         self.start_ns = first.start_ns
         self.newest_ns = first.end_ns  # end of the newest block, by its stamp [ns]
+        self.first_sample = first.first_sample
+        self.block_length = len(first.samples)
         self._samples = np.empty((0, n_channels))
         self._held_from = first.first_sample  # index of the first sample held
         self._stamps: list[tuple[int, int]] = []  # first sample, start [ns] of each block held
@@ -88,6 +92,11 @@ class UnitStream:
         behind = sum(start <= time_ns for _, start in self._stamps) - FITTED_STAMPS
         del self._stamps[: max(0, behind)]
         self._status = [each for each in self._status if each[1] > time_ns]
+
+    def position_at(self, time_ns: int) -> float:
+        """Sample number at a sensor time."""
+        (position,) = self._positions(np.array([time_ns]), until_ns=time_ns)
+        return float(position)
 
     def next_samples(self, time_ns: int) -> int | None:
         """When its earliest samples from a time on were taken, by the stamps; None: it has none."""
@@ -143,6 +152,59 @@ class UnitJoiner:
         self._session = ""
         self._next = 0  # grid samples given or known to be missing
         self._sequence = 0
+        # first grid sample of a block given, and where that is in each unit's count
+        self._refilling = False  # after a restart: samples before the grid fit the units' clocks
+        self._beginnings: deque[tuple[int, dict[str, float]]] = deque(maxlen=REMEMBERED)
+
+    def restart(self, unit: str) -> None:
+        """The unit's next block begins a boot, or follows a time in which it was left out."""
+        self._away.add(unit)
+
+    def resume(self, origin_ns: int, sampling_rate: float, session: str, next_sample: int) -> None:
+        """Go on with the grid of a joiner that has ended, from one of its samples on."""
+        self._origin_ns, self._rate, self._session = origin_ns, sampling_rate, session
+        self._next = next_sample
+        self._refilling = True
+        self._sequence = next_sample // max(1, round(GRID_BLOCK * sampling_rate))
+
+    @property
+    def grid(self) -> tuple[int, float, str] | None:
+        """Origin [ns], sampling rate [Hz] and session of the grid; None before it is settled."""
+        if self._origin_ns is None:
+            return None
+        return self._origin_ns, self._rate, self._session
+
+    def time_of(self, sample: int) -> int | None:
+        """Time of a grid sample [ns]; None before the grid is settled."""
+        if self._origin_ns is None:
+            return None
+        return self._origin_ns + round(sample * (NANOSECONDS / self._rate))
+
+    def is_past(self, block: AccelerationBlock) -> bool:
+        """Whether nothing will be read from a block: the grid is beyond it."""
+        return self._is_past(block)
+
+    def beginnings(self, sample: int) -> dict[str, int]:
+        """First samples of the units, each in its own count, at a grid sample."""
+        before = [each for each in self._beginnings if each[0] <= sample]
+        if not before:
+            return {}
+        given, positions = before[-1]
+        rates = {unit: s[-1].sampling_rate / self._rate for unit, s in self._streams.items() if s}
+        return {
+            unit: max(0, round(position + (sample - given) * rates.get(unit, 1.0)))
+            for unit, position in positions.items()
+        }
+
+    def needed(self, unit: str, since: float) -> int:
+        """First sample of a unit that the grid from `since` [s] on is read from, with the stamps
+        that its clock's line is fitted to."""
+        begins = self.beginnings(round(since * self._rate)) if self._rate else {}
+        streams = self._streams[unit]
+        if unit not in begins or not streams:
+            return streams[-1].first_sample if streams else 0
+        margin = FITTED_STAMPS * streams[-1].block_length + 4 * HALF_LENGTH
+        return max(streams[-1].first_sample, begins[unit] - margin)
 
     def columns(self, unit: str) -> list[int]:
         """Which of the joined channels are a unit's."""
@@ -199,7 +261,7 @@ class UnitJoiner:
 
     def _is_past(self, piece: AccelerationBlock) -> bool:
         """Whether nothing will ever be read from a piece: the grid is well beyond it."""
-        if self._origin_ns is None:
+        if self._origin_ns is None or self._refilling:
             return False
         reach = 4 * HALF_LENGTH / min(piece.sampling_rate, self._rate)
         return piece.end_ns + round(reach * NANOSECONDS) < int(self._grid(1)[0])
@@ -254,6 +316,9 @@ class UnitJoiner:
         until_ns = min([newest - waited_ns, *(each for each in ahead if each is not None)])
         return int((until_ns - now_ns) / NANOSECONDS * self._rate) // size - 1  # stamps scatter
 
+    def _positions_of(self, time_ns: int) -> dict[str, float]:
+        return {u: s[-1].position_at(time_ns) for u, s in self._streams.items() if s}
+
     def _passed_over(self, n_blocks: int, size: int) -> MissingSamples:
         first, start_ns = self._next, int(self._grid(1)[0])
         sequence, self._sequence = self._sequence, self._sequence + n_blocks
@@ -266,6 +331,8 @@ class UnitJoiner:
 
     def _given(self, times: NDArray[np.int64]) -> AccelerationBlock | MissingSamples:
         samples = np.hstack([self._read(unit, times) for unit in self._units])
+        self._beginnings.append((self._next, self._positions_of(int(times[0]))))
+        self._refilling = False
         first, start_ns = self._next, int(times[0])
         end_ns = int(self._grid(len(times) + 1)[-1])
         self._next += len(times)

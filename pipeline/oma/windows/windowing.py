@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.oma.windows.unit_clock import ClockFit, ClockStep, clock_step, fit_clock, stamp_of
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.arrays import FloatArray
 
@@ -39,12 +40,17 @@ class BlockOrder:
     when one that begins more than `lateness` after it has come.
     """
 
-    def __init__(self, lateness: float):
+    def __init__(self, lateness: float, first_sample: int = 0):
         self._lateness = lateness  # [s] of sensor time
+        self._first = first_sample  # the first that is expected
         self._waiting: dict[int, AccelerationBlock] = {}  # by first_sample
         self._last: AccelerationBlock | None = None
         self.late = 0  # blocks that came after they had been given up
         self.duplicate = 0  # blocks that came twice
+
+    def expect(self, first_sample: int) -> None:
+        """Begin with a sample of a unit that has been running."""
+        self._first = first_sample
 
     def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock | MissingSamples]:
         """Take one block as it arrives; give what is now in order."""
@@ -63,10 +69,11 @@ class BlockOrder:
 
     @property
     def _next_sample(self) -> int:
-        return self._last.first_sample + len(self._last.samples) if self._last else 0
+        return self._last.first_sample + len(self._last.samples) if self._last else self._first
 
     def _count_unusable(self, block: AccelerationBlock) -> None:
-        if self._last is not None and block.sequence == self._last.sequence:
+        seen = block.first_sample < self._first  # before a restart
+        if seen or (self._last is not None and block.sequence == self._last.sequence):
             self.duplicate += 1
         else:
             self.late += 1
@@ -110,6 +117,9 @@ class Window:
     gaps: tuple[MissingSamples, ...] = ()  # that fall into it
     status: BlockStatus = BlockStatus.OK  # what the unit said in any of its blocks
     complete: bool = True  # False: the session ended inside it
+    first_sample: int = 0  # since the unit's start
+    steps: tuple[ClockStep, ...] = ()  # of the unit's stamps inside the window
+    clock: ClockFit | None = None  # of the stamps inside the window; None: too few
 
     @property
     def duration(self) -> float:
@@ -137,6 +147,7 @@ class WindowCutter:
     hop: float  # [s]
     _pieces: list[_Piece] = field(default_factory=list)
     _gaps: list[MissingSamples] = field(default_factory=list)
+    _steps: list[ClockStep] = field(default_factory=list)
     _index: int = 0  # of the next window
     _reached: int = 0  # samples since the session's start that came or are known to be missing
     _newest: AccelerationBlock | None = None
@@ -146,12 +157,29 @@ class WindowCutter:
         if isinstance(piece, MissingSamples):
             self._gaps.append(piece)
             return  # the block after the gap follows at once and closes the windows
+        self._note_step(piece)
         self._newest = piece
         self._skip_to(piece.first_sample)
         self._pieces.append(_Piece(piece.first_sample, piece.start_ns, piece.samples, piece.status))
         self._reached = piece.first_sample + len(piece.samples)
         while self._reached >= self._bounds(self._index)[1]:
             yield self._cut(complete=True)
+
+    @property
+    def next_index(self) -> int:
+        """Number of the next window."""
+        return self._index
+
+    def begin_at(self, index: int) -> None:
+        """Begin with window `index`, those before having been answered."""
+        self._index = index
+
+    def _note_step(self, block: AccelerationBlock) -> None:
+        if self._newest is None:
+            return
+        step = clock_step(stamp_of(self._newest), stamp_of(block), block.sampling_rate)
+        if step:
+            self._steps.append(ClockStep(block.first_sample, step))
 
     def _skip_to(self, sample: int) -> None:
         """After a gap of very many windows, leave out those that lie in it: the gap says it."""
@@ -188,26 +216,35 @@ class WindowCutter:
         status = BlockStatus.OK
         for piece in inside:
             status |= piece.status
+        steps = tuple(s for s in self._steps if first < s.first_sample < end)
         start_ns = self._time_of(first)
+        rate = self._newest.sampling_rate
+        end_ns = start_ns + round((end - first) / rate * NANOSECONDS)
+        stamps = [(piece.first_sample, piece.start_ns) for piece in inside]
         window = Window(
             index=self._index,
             start_ns=start_ns,
-            end_ns=max(start_ns, self._time_of(end)),  # a clock that is set back notwithstanding
-            sampling_rate=self._newest.sampling_rate,
+            # a step inside has no say in how long the window is
+            end_ns=end_ns if steps else self._time_of(end, of=end - 1),
+            sampling_rate=rate,
             layout_id=self._newest.layout_id,
             samples=np.empty((0, 0)) if gaps else _joined(inside, first, end),
             gaps=tuple(gaps),
             status=status,
             complete=complete,
+            first_sample=first,
+            steps=steps,
+            clock=None if steps else fit_clock(stamps, rate),
         )
         self._index += 1
         self._forget_before(self._bounds(self._index)[0])
         return window
 
-    def _time_of(self, sample: int) -> int:
-        """Sensor time of a sample, from the nearest piece at or before it [ns]."""
+    def _time_of(self, sample: int, *, of: int | None = None) -> int:
+        """Sensor time of a sample, from the nearest piece at or before it, or before `of` [ns]."""
         assert self._newest is not None
-        before = [p for p in self._pieces if p.first_sample <= sample] or self._pieces[:1]
+        last = sample if of is None else of
+        before = [p for p in self._pieces if p.first_sample <= last] or self._pieces[:1]
         offset = (sample - before[-1].first_sample) / self._newest.sampling_rate
         return max(0, before[-1].start_ns + round(offset * NANOSECONDS))
 
@@ -216,6 +253,7 @@ class WindowCutter:
         while len(self._pieces) > 1 and self._pieces[1].first_sample <= sample:
             del self._pieces[0]
         self._gaps = [g for g in self._gaps if g.first_sample + g.n_samples > sample]
+        self._steps = [s for s in self._steps if s.first_sample > sample]
 
 
 def _joined(pieces: list[_Piece], first: int, end: int) -> FloatArray:

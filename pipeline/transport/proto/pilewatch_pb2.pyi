@@ -184,8 +184,20 @@ class Mode(_message.Message):
     pair_id: str
     def __init__(self, name: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., damping_ratio: _Optional[float] = ..., damping_ratio_std: _Optional[float] = ..., shape: _Optional[_Iterable[float]] = ..., covariance_factor: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., n_block_columns: _Optional[int] = ..., phase_collinearity: _Optional[float] = ..., presence: _Optional[float] = ..., quality: _Optional[float] = ..., pair_id: _Optional[str] = ...) -> None: ...
 
+class UnitOrigin(_message.Message):
+    __slots__ = ("unit", "session", "boot", "first_sample")
+    UNIT_FIELD_NUMBER: _ClassVar[int]
+    SESSION_FIELD_NUMBER: _ClassVar[int]
+    BOOT_FIELD_NUMBER: _ClassVar[int]
+    FIRST_SAMPLE_FIELD_NUMBER: _ClassVar[int]
+    unit: str
+    session: str
+    boot: int
+    first_sample: int
+    def __init__(self, unit: _Optional[str] = ..., session: _Optional[str] = ..., boot: _Optional[int] = ..., first_sample: _Optional[int] = ...) -> None: ...
+
 class ModalEstimate(_message.Message):
-    __slots__ = ("turbine", "window", "start_ns", "end_ns", "layout_id", "channels", "modes", "weight", "warnings", "operating_state", "wind_speed", "rotor_speed", "yaw", "water_level")
+    __slots__ = ("turbine", "window", "start_ns", "end_ns", "layout_id", "channels", "modes", "weight", "warnings", "operating_state", "wind_speed", "rotor_speed", "yaw", "water_level", "origins")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     WINDOW_FIELD_NUMBER: _ClassVar[int]
     START_NS_FIELD_NUMBER: _ClassVar[int]
@@ -200,6 +212,7 @@ class ModalEstimate(_message.Message):
     ROTOR_SPEED_FIELD_NUMBER: _ClassVar[int]
     YAW_FIELD_NUMBER: _ClassVar[int]
     WATER_LEVEL_FIELD_NUMBER: _ClassVar[int]
+    ORIGINS_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     window: int
     start_ns: int
@@ -214,7 +227,8 @@ class ModalEstimate(_message.Message):
     rotor_speed: float
     yaw: float
     water_level: float
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., layout_id: _Optional[str] = ..., channels: _Optional[_Iterable[str]] = ..., modes: _Optional[_Iterable[_Union[Mode, _Mapping]]] = ..., weight: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., operating_state: _Optional[str] = ..., wind_speed: _Optional[float] = ..., rotor_speed: _Optional[float] = ..., yaw: _Optional[float] = ..., water_level: _Optional[float] = ...) -> None: ...
+    origins: _containers.RepeatedCompositeFieldContainer[UnitOrigin]
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., layout_id: _Optional[str] = ..., channels: _Optional[_Iterable[str]] = ..., modes: _Optional[_Iterable[_Union[Mode, _Mapping]]] = ..., weight: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., operating_state: _Optional[str] = ..., wind_speed: _Optional[float] = ..., rotor_speed: _Optional[float] = ..., yaw: _Optional[float] = ..., water_level: _Optional[float] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
 
 class StabilisationDiagram(_message.Message):
     __slots__ = ("turbine", "window", "start_ns", "end_ns", "orders", "bands", "frequencies", "frequency_stds", "damping_ratios")
@@ -239,20 +253,22 @@ class StabilisationDiagram(_message.Message):
     def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., orders: _Optional[_Iterable[float]] = ..., bands: _Optional[_Iterable[float]] = ..., frequencies: _Optional[_Iterable[float]] = ..., frequency_stds: _Optional[_Iterable[float]] = ..., damping_ratios: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class WindowRejected(_message.Message):
-    __slots__ = ("turbine", "window", "start_ns", "end_ns", "code", "reason")
+    __slots__ = ("turbine", "window", "start_ns", "end_ns", "code", "reason", "origins")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     WINDOW_FIELD_NUMBER: _ClassVar[int]
     START_NS_FIELD_NUMBER: _ClassVar[int]
     END_NS_FIELD_NUMBER: _ClassVar[int]
     CODE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
+    ORIGINS_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     window: int
     start_ns: int
     end_ns: int
     code: str
     reason: str
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., code: _Optional[str] = ..., reason: _Optional[str] = ...) -> None: ...
+    origins: _containers.RepeatedCompositeFieldContainer[UnitOrigin]
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., code: _Optional[str] = ..., reason: _Optional[str] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
 
 class ParameterSummary(_message.Message):
     __slots__ = ("name", "unit", "nominal", "median", "p05", "p95", "contraction")
@@ -295,7 +311,7 @@ class ModePair(_message.Message):
     def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: bool = ..., misfit: _Optional[float] = ..., information: _Optional[float] = ...) -> None: ...
 
 class FoundationPosterior(_message.Message):
-    __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings", "population", "figures", "change_probability")
+    __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings", "population", "figures", "change_probability", "structure", "budget", "alternatives", "unpredicted_share", "relative", "origins")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     WINDOW_FIELD_NUMBER: _ClassVar[int]
     TIME_NS_FIELD_NUMBER: _ClassVar[int]
@@ -319,6 +335,12 @@ class FoundationPosterior(_message.Message):
     POPULATION_FIELD_NUMBER: _ClassVar[int]
     FIGURES_FIELD_NUMBER: _ClassVar[int]
     CHANGE_PROBABILITY_FIELD_NUMBER: _ClassVar[int]
+    STRUCTURE_FIELD_NUMBER: _ClassVar[int]
+    BUDGET_FIELD_NUMBER: _ClassVar[int]
+    ALTERNATIVES_FIELD_NUMBER: _ClassVar[int]
+    UNPREDICTED_SHARE_FIELD_NUMBER: _ClassVar[int]
+    RELATIVE_FIELD_NUMBER: _ClassVar[int]
+    ORIGINS_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     window: int
     time_ns: int
@@ -342,7 +364,47 @@ class FoundationPosterior(_message.Message):
     population: str
     figures: _containers.RepeatedCompositeFieldContainer[ParameterSummary]
     change_probability: float
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: bool = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., population: _Optional[str] = ..., figures: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., change_probability: _Optional[float] = ...) -> None: ...
+    structure: str
+    budget: _containers.RepeatedCompositeFieldContainer[FigureShare]
+    alternatives: _containers.RepeatedCompositeFieldContainer[StructureAlternative]
+    unpredicted_share: float
+    relative: _containers.RepeatedCompositeFieldContainer[RelativeStiffness]
+    origins: _containers.RepeatedCompositeFieldContainer[UnitOrigin]
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: bool = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., population: _Optional[str] = ..., figures: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., change_probability: _Optional[float] = ..., structure: _Optional[str] = ..., budget: _Optional[_Iterable[_Union[FigureShare, _Mapping]]] = ..., alternatives: _Optional[_Iterable[_Union[StructureAlternative, _Mapping]]] = ..., unpredicted_share: _Optional[float] = ..., relative: _Optional[_Iterable[_Union[RelativeStiffness, _Mapping]]] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
+
+class FigureShare(_message.Message):
+    __slots__ = ("name", "k11", "k22", "k12")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    K11_FIELD_NUMBER: _ClassVar[int]
+    K22_FIELD_NUMBER: _ClassVar[int]
+    K12_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    k11: float
+    k22: float
+    k12: float
+    def __init__(self, name: _Optional[str] = ..., k11: _Optional[float] = ..., k22: _Optional[float] = ..., k12: _Optional[float] = ...) -> None: ...
+
+class StructureAlternative(_message.Message):
+    __slots__ = ("name", "probability")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    PROBABILITY_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    probability: float
+    def __init__(self, name: _Optional[str] = ..., probability: _Optional[float] = ...) -> None: ...
+
+class RelativeStiffness(_message.Message):
+    __slots__ = ("name", "median", "p05", "p95", "reference_ns")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    MEDIAN_FIELD_NUMBER: _ClassVar[int]
+    P05_FIELD_NUMBER: _ClassVar[int]
+    P95_FIELD_NUMBER: _ClassVar[int]
+    REFERENCE_NS_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    median: float
+    p05: float
+    p95: float
+    reference_ns: int
+    def __init__(self, name: _Optional[str] = ..., median: _Optional[float] = ..., p05: _Optional[float] = ..., p95: _Optional[float] = ..., reference_ns: _Optional[int] = ...) -> None: ...
 
 class PooledPosterior(_message.Message):
     __slots__ = ("turbine", "window", "time_ns", "n_turbines", "parameters", "outlier_probability", "text")
@@ -391,7 +453,7 @@ class FrequencyShift(_message.Message):
     def __init__(self, model: _Optional[str] = ..., frequency: _Optional[float] = ..., change: _Optional[float] = ..., change_std: _Optional[float] = ...) -> None: ...
 
 class FoundationEvent(_message.Message):
-    __slots__ = ("turbine", "window", "time_ns", "kind", "probability", "since_ns", "since_earliest_ns", "since_latest_ns", "changes", "shifts", "text")
+    __slots__ = ("turbine", "window", "time_ns", "kind", "probability", "since_ns", "since_earliest_ns", "since_latest_ns", "changes", "shifts", "text", "origins")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     WINDOW_FIELD_NUMBER: _ClassVar[int]
     TIME_NS_FIELD_NUMBER: _ClassVar[int]
@@ -403,6 +465,7 @@ class FoundationEvent(_message.Message):
     CHANGES_FIELD_NUMBER: _ClassVar[int]
     SHIFTS_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
+    ORIGINS_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     window: int
     time_ns: int
@@ -414,7 +477,8 @@ class FoundationEvent(_message.Message):
     changes: _containers.RepeatedCompositeFieldContainer[StiffnessChange]
     shifts: _containers.RepeatedCompositeFieldContainer[FrequencyShift]
     text: str
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., kind: _Optional[str] = ..., probability: _Optional[float] = ..., since_ns: _Optional[int] = ..., since_earliest_ns: _Optional[int] = ..., since_latest_ns: _Optional[int] = ..., changes: _Optional[_Iterable[_Union[StiffnessChange, _Mapping]]] = ..., shifts: _Optional[_Iterable[_Union[FrequencyShift, _Mapping]]] = ..., text: _Optional[str] = ...) -> None: ...
+    origins: _containers.RepeatedCompositeFieldContainer[UnitOrigin]
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., kind: _Optional[str] = ..., probability: _Optional[float] = ..., since_ns: _Optional[int] = ..., since_earliest_ns: _Optional[int] = ..., since_latest_ns: _Optional[int] = ..., changes: _Optional[_Iterable[_Union[StiffnessChange, _Mapping]]] = ..., shifts: _Optional[_Iterable[_Union[FrequencyShift, _Mapping]]] = ..., text: _Optional[str] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
 
 class MessageCount(_message.Message):
     __slots__ = ("message", "count")
@@ -425,7 +489,7 @@ class MessageCount(_message.Message):
     def __init__(self, message: _Optional[str] = ..., count: _Optional[int] = ...) -> None: ...
 
 class NodeStatus(_message.Message):
-    __slots__ = ("turbine", "node", "time_ns", "state", "last_sequence", "received", "published", "lost", "late", "duplicate", "busy_s", "warnings", "malformed", "recovered", "recorded")
+    __slots__ = ("turbine", "node", "time_ns", "state", "last_sequence", "received", "published", "lost", "late", "duplicate", "busy_s", "warnings", "malformed", "recovered", "recorded", "refused")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     NODE_FIELD_NUMBER: _ClassVar[int]
     TIME_NS_FIELD_NUMBER: _ClassVar[int]
@@ -441,6 +505,7 @@ class NodeStatus(_message.Message):
     MALFORMED_FIELD_NUMBER: _ClassVar[int]
     RECOVERED_FIELD_NUMBER: _ClassVar[int]
     RECORDED_FIELD_NUMBER: _ClassVar[int]
+    REFUSED_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     node: str
     time_ns: int
@@ -456,4 +521,5 @@ class NodeStatus(_message.Message):
     malformed: int
     recovered: int
     recorded: int
-    def __init__(self, turbine: _Optional[str] = ..., node: _Optional[str] = ..., time_ns: _Optional[int] = ..., state: _Optional[str] = ..., last_sequence: _Optional[int] = ..., received: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., published: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., lost: _Optional[int] = ..., late: _Optional[int] = ..., duplicate: _Optional[int] = ..., busy_s: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., malformed: _Optional[int] = ..., recovered: _Optional[int] = ..., recorded: _Optional[int] = ...) -> None: ...
+    refused: _containers.RepeatedCompositeFieldContainer[MessageCount]
+    def __init__(self, turbine: _Optional[str] = ..., node: _Optional[str] = ..., time_ns: _Optional[int] = ..., state: _Optional[str] = ..., last_sequence: _Optional[int] = ..., received: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., published: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ..., lost: _Optional[int] = ..., late: _Optional[int] = ..., duplicate: _Optional[int] = ..., busy_s: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., malformed: _Optional[int] = ..., recovered: _Optional[int] = ..., recorded: _Optional[int] = ..., refused: _Optional[_Iterable[_Union[MessageCount, _Mapping]]] = ...) -> None: ...

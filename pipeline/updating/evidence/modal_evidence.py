@@ -145,6 +145,7 @@ class ModalEvidence:
     n_windows: int = 0
     n_tracks: int = 0  # begun so far
     window_duration: float = 0.0  # of the shortest window [s]
+    n_unknown_levels: int = 0  # windows whose water level nothing reported
 
     def with_estimate(self, estimate: ModalEstimate, *, rise: float = 0.0) -> "ModalEvidence":
         """The evidence after one more window. Raises EstimateRefused; self never changes.
@@ -152,11 +153,21 @@ class ModalEvidence:
         rise   of the water above the model's level [m]
         """
         return self.with_sightings(
-            sightings(estimate, self.channels), estimate.weight, estimate.duration, rise=rise
+            sightings(estimate, self.channels),
+            estimate.weight,
+            estimate.duration,
+            rise=rise,
+            level_known=bool(np.isfinite(estimate.water_level)),
         )
 
     def with_sightings(
-        self, seen: Sequence[ModeObservation], weight: float, duration: float, *, rise: float = 0.0
+        self,
+        seen: Sequence[ModeObservation],
+        weight: float,
+        duration: float,
+        *,
+        rise: float = 0.0,
+        level_known: bool = True,
     ) -> "ModalEvidence":
         """The same from the sightings of a window of that weight and duration [s]."""
         window = self.n_windows + 1
@@ -187,7 +198,23 @@ class ModalEvidence:
             n_windows=window,
             n_tracks=n_tracks,
             window_duration=min(self.window_duration or np.inf, duration),
+            n_unknown_levels=self.n_unknown_levels + (not level_known),
         )
+
+    def with_channels(self, order: Sequence[int], signs: Sequence[float]) -> "ModalEvidence":
+        """The evidence as if every channel had read what another one did, times a sign.
+
+        order   (n_channels,) whose values each channel really has
+        """
+        if tuple(order) == tuple(range(len(order))) and all(sign == 1 for sign in signs):
+            return self
+        modes = tuple(mode.with_channels(order, signs) for mode in self.modes)
+        return replace(self, modes=modes)
+
+    @property
+    def unknown_level_share(self) -> float:
+        """Of the windows, those whose water level nothing reported [-]."""
+        return self.n_unknown_levels / max(self.n_windows, 1)
 
     @property
     def level_varied(self) -> bool:

@@ -1,1 +1,1 @@
-"""What is drawn into Rerun: tower, tracks, foundation, plane plots."""
+"""Write pictures as Rerun entities: tower, tracks, foundation, plane plots."""

@@ -1,30 +1,31 @@
-"""Where everything lies in Rerun: entity paths, the timeline, the styles that several views share.
+"""Entity paths in Rerun, the timeline, and styles that several views share.
 
-Everything of a turbine lies below /{turbine}:
+Everything of a turbine is below /{turbine}:
 
     tower/…                           the turbine at rest, sea, mudline, sensors
     signals/{unit}/acceleration       n scalars a row, one per channel [m/s²], 20 Hz
-    frequencies/identified/{mode}     what each window found [Hz]
+    frequencies/identified/{mode}     of each window [Hz]
     modes/{label}/identified          median, ±2 standard deviations [Hz]
-    modes/{label}/model               where the updated model has it [Hz]
-    modes/{label}/damping             median, ±2 standard deviations [% of critical]
-    shapes/{label}/motion/…           the identified shape on the model's, swinging
+    modes/{label}/model               frequency of the updated model [Hz]
+    frequencies/change/{mode}         against the first window [%]
+    modes/{label}/damping             [% of critical]
+    shapes/{label}/motion/…           the identified shape on the model's, moving
     foundation/{parameter}/posterior  5 %, 50 %, 95 %, stiffness ÷ nominal [-]; /truth
     foundation/joint/…, /pile/…       corner plot of the stiffnesses; the tower on its springs
-    learned/{parameter}               what is left of the prior's 90 % interval [%]
-    change/probability                that the modes have changed since the last event [-]
-    change/noticed, /size/{k}         of every change that was noticed [-], [%]
+    posterior_width/{parameter}       posterior width ÷ prior width, 90 % intervals [%]
+    change/probability                of a change of the modes since the last event [-]
+    change/noticed, /size/{k}         of every detected change [-], [%]
     spectrum/…, stabilisation/…, mac/…
                                       pictures of the last window: spectra, poles, MAC matrix
     health/lost, health/behind        blocks lost [-], seconds behind, a series a node; /text
-    lamps, status, events             the verdict: as lights, as text, line by line
+    indicators, status, events        the state: as coloured points, as text, line by line
 
-Of several turbines /all-turbines holds what is said of all:
+For several turbines /all-turbines holds the overview:
 
-    lamps/…, table, events            of every turbine; events are warnings only
+    indicators/…, table, events       of every turbine; events are warnings only
     {parameter}/{turbine}             median, stiffness ÷ nominal [-]
 
-Everything lies on one timeline, `time`: the sensor clock, UTC.
+Everything is on one timeline, `time`: the sensor clock, UTC.
 """
 
 from collections.abc import Iterable, Sequence
@@ -49,7 +50,7 @@ def turbine_path(turbine: str) -> str:
 
 
 def entity_part(name: str) -> str:
-    """One part of an entity path, whatever characters a name has."""
+    """Return one part of an entity path, whatever characters a name has."""
     return rr.escape_entity_path_part(name)
 
 
@@ -73,9 +74,9 @@ def parameter_path(root: str, name: str) -> str:
     return f"{root}/foundation/{entity_part(name)}"
 
 
-def learned_path(root: str, name: str) -> str:
-    """Entity of what is left of one parameter's prior interval."""
-    return f"{root}/learned/{entity_part(name)}"
+def width_path(root: str, name: str) -> str:
+    """Return the entity of one parameter's posterior width over its prior width."""
+    return f"{root}/posterior_width/{entity_part(name)}"
 
 
 def median_path(name: str, turbine: str) -> str:
@@ -84,7 +85,7 @@ def median_path(name: str, turbine: str) -> str:
 
 
 def at(recording: rr.RecordingStream, time_ns: int) -> None:
-    """What is logged next happened at this sensor time."""
+    """Set the sensor time of what is logged next."""
     recording.set_time(TIMELINE, timestamp=np.datetime64(time_ns, "ns"))
 
 
@@ -134,15 +135,15 @@ def log_line_style(
     )
 
 
-def log_lights(
+def log_indicator_points(
     recording: rr.RecordingStream,
     path: str,
     places: Sequence[tuple[float, float]],
-    lamps: Sequence[StatusIndicator],
+    indicators: Sequence[StatusIndicator],
 ) -> None:
-    """A lamp at each place of a picture; place and word say it as well as the colour."""
-    shades = {"good": colours.TRUTH, "doubt": colours.MODEL, "bad": colours.TROUBLE}
-    palette = [shades.get(lamp.state, colours.QUIET) for lamp in lamps]
+    """Draw an indicator at each position; position and text repeat what the colour shows."""
+    shades = {"good": colours.TRUTH, "warning": colours.MODEL, "bad": colours.FAULT}
+    palette = [shades.get(indicator.state, colours.NEUTRAL) for indicator in indicators]
     recording.log(path, rr.Points2D(places, radii=0.3, colors=palette))
 
 
@@ -152,12 +153,12 @@ def strips(lines: Iterable[NDArray[np.float64]]) -> Any:
     return np.stack(small) if len({len(line) for line in small}) == 1 else small
 
 
-def words(texts: Sequence[Text]) -> rr.Points2D:
-    """Words of a picture in the plane, each centred on its place."""
+def text_labels(texts: Sequence[Text]) -> rr.Points2D:
+    """Return the texts of a plane picture, each centred on its position."""
     return rr.Points2D(
         [text.position for text in texts],
         radii=rr.Radius.ui_points(0.1),
-        colors=colours.QUIET,
+        colors=colours.NEUTRAL,
         labels=[text.text for text in texts],
         show_labels=True,
     )

@@ -1,4 +1,4 @@
-"""How sure the foundation's stiffness is: bands over time, the joint posterior, words, events."""
+"""Draw the foundation's posterior: bands over time, joint posterior, texts, events."""
 
 import numpy as np
 import rerun as rr
@@ -6,13 +6,13 @@ import rerun as rr
 from pipeline.messages import FoundationEvent, FoundationPosterior, FoundationTruth, NodeStatus
 from pipeline.viewer.drawing.entities import (
     entity_part,
-    learned_path,
     log_band_style,
     log_line_style,
     median_path,
     parameter_path,
     strips,
-    words,
+    text_labels,
+    width_path,
 )
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.corner import CornerPlot, corner_plot
@@ -31,12 +31,12 @@ def log_foundation_styles(recording: rr.RecordingStream, root: str) -> None:
         log_line_style(recording, f"{path}/truth", f"{name} truth [-]", colours.TRUTH)
     for slot, name in enumerate((*STIFFNESSES, "sigma")):
         shown = f"{'σ' if name == 'sigma' else name} [%]"
-        log_line_style(recording, learned_path(root, name), shown, colours.LEVELS[slot])
+        log_line_style(recording, width_path(root, name), shown, colours.LEVELS[slot])
     log_line_style(
         recording, f"{root}/change/probability", "probability [-]", colours.POSTERIOR, width=1.5
     )
     log_line_style(
-        recording, f"{root}/change/noticed", "a change noticed [-]", colours.TROUBLE, width=4.0
+        recording, f"{root}/change/noticed", "detected change [-]", colours.FAULT, width=4.0
     )
     names = ("σ 5 % [-]", "σ median [-]", "σ 95 % [-]")
     log_band_style(
@@ -61,7 +61,7 @@ def log_posterior_bands(
 
 
 def log_medians(recording: rr.RecordingStream, posterior: FoundationPosterior) -> None:
-    """The medians of one turbine of several, stiffness ÷ nominal, for the tab of all."""
+    """Draw one turbine's medians, stiffness ÷ nominal, on the tab of all turbines."""
     for name in STIFFNESSES:
         parameter = posterior.parameter(name)
         ratio = parameter.median / parameter.nominal
@@ -69,24 +69,26 @@ def log_medians(recording: rr.RecordingStream, posterior: FoundationPosterior) -
 
 
 def log_median_styles(recording: rr.RecordingStream, turbine: str) -> None:
-    """A turbine's name among all turbines'; static."""
+    """Name one turbine's series on the tab of all turbines; static."""
     for name in STIFFNESSES:
         log_line_style(recording, median_path(name, turbine), f"{turbine} [-]", colours.POSTERIOR)
 
 
-def log_learned(recording: rr.RecordingStream, root: str, posterior: FoundationPosterior) -> None:
-    """How much of the prior's 90 % interval is left of each parameter [%]."""
+def log_posterior_widths(
+    recording: rr.RecordingStream, root: str, posterior: FoundationPosterior
+) -> None:
+    """Draw each parameter's posterior width over its prior width, 90 % intervals [%]."""
     for parameter in posterior.parameters:
         if np.isfinite(parameter.contraction):
             left = PERCENT * (1.0 - parameter.contraction)
-            recording.log(learned_path(root, parameter.name), rr.Scalars(left))
+            recording.log(width_path(root, parameter.name), rr.Scalars(left))
 
 
 def log_pile(recording: rr.RecordingStream, root: str, picture: PilePicture) -> None:
-    """The tower leaning on its springs: nominal, posterior, truth."""
+    """Draw the loaded tower on its springs: nominal, posterior, truth."""
     path = f"{root}/foundation/pile"
     for name, lines, colour, radius in (
-        ("fixed", picture.fixed, colours.QUIET, 0.7),
+        ("fixed", picture.fixed, colours.NEUTRAL, 0.7),
         ("springs", picture.springs, colours.POSTERIOR, 1.0),
         ("nominal", (picture.nominal,), colours.MODEL, 1.2),
         ("posterior", picture.posterior, colours.POSTERIOR, 1.0),
@@ -94,13 +96,13 @@ def log_pile(recording: rr.RecordingStream, root: str, picture: PilePicture) -> 
     ):
         width = rr.Radius.ui_points(radius)
         recording.log(f"{path}/{name}", rr.LineStrips2D(strips(lines), radii=width, colors=colour))
-    recording.log(f"{path}/text", words(picture.texts))
+    recording.log(f"{path}/text", text_labels(picture.texts))
 
 
 def log_change_probability(
     recording: rr.RecordingStream, root: str, posterior: FoundationPosterior
 ) -> None:
-    """How probable it is that the modes have changed since the last event."""
+    """Draw the probability that the modes have changed since the last event."""
     recording.log(f"{root}/change/probability", rr.Scalars(posterior.change_probability))
 
 
@@ -113,7 +115,7 @@ def log_change_styles(recording: rr.RecordingStream, root: str) -> None:
 
 
 def log_change(recording: rr.RecordingStream, root: str, event: FoundationEvent) -> None:
-    """How probable a change is and how large, at the end of the window that showed it."""
+    """Draw a change's probability and size at the end of the window that detected it."""
     recording.log(f"{root}/change/noticed", rr.Scalars(event.probability))
     for change in event.changes:
         sizes = PERCENT * np.array([change.p05, change.median, change.p95])
@@ -126,7 +128,7 @@ def log_joint_posterior(
     posterior: FoundationPosterior,
     truth: FoundationTruth | None,
 ) -> None:
-    """The corner plot of k11, k22, k12, with the truth where it is known."""
+    """Draw the corner plot of k11, k22, k12, with the truth where it is known."""
     nominal = np.array([posterior.parameter(name).nominal for name in STIFFNESSES])
     ratios = posterior.draws[:, : len(STIFFNESSES)] / nominal
     known = np.array([truth.k11, truth.k22, truth.k12]) / nominal if truth else None
@@ -145,30 +147,30 @@ def _log_corner(recording: rr.RecordingStream, path: str, plot: CornerPlot) -> N
         f"{path}/draws",
         rr.Points2D(plot.draws, radii=rr.Radius.ui_points(1.3), colors=colours.POSTERIOR),
     )
-    hair, stroke = rr.Radius.ui_points(0.5), rr.Radius.ui_points(1.0)
+    thin, thick = rr.Radius.ui_points(0.5), rr.Radius.ui_points(1.0)
     recording.log(
-        f"{path}/frames", rr.LineStrips2D(strips(plot.frames), radii=hair, colors=colours.QUIET)
+        f"{path}/frames", rr.LineStrips2D(strips(plot.frames), radii=thin, colors=colours.NEUTRAL)
     )
     recording.log(
         f"{path}/marginals",
-        rr.LineStrips2D(strips(plot.histograms), radii=stroke, colors=colours.POSTERIOR),
+        rr.LineStrips2D(strips(plot.histograms), radii=thick, colors=colours.POSTERIOR),
     )
     for name, lines, colour in (
         ("prior", plot.priors, colours.MODEL),
         ("truth", plot.truth, colours.TRUTH),
     ):
-        drawn = rr.LineStrips2D(strips(lines) if lines else [], radii=stroke, colors=colour)
+        drawn = rr.LineStrips2D(strips(lines) if lines else [], radii=thick, colors=colour)
         recording.log(f"{path}/{name}", drawn)
-    recording.log(f"{path}/text", words(plot.texts))
+    recording.log(f"{path}/text", text_labels(plot.texts))
 
 
 def log_status(recording: rr.RecordingStream, root: str, markdown: str) -> None:
-    """The status text as it stands."""
+    """Write the status text."""
     recording.log(f"{root}/status", rr.TextDocument(markdown, media_type="text/markdown"))
 
 
 def log_health(recording: rr.RecordingStream, root: str, markdown: str) -> None:
-    """The text about windows, gaps and nodes as it stands."""
+    """Write the text about windows, gaps and nodes."""
     recording.log(f"{root}/health/text", rr.TextDocument(markdown, media_type="text/markdown"))
 
 
@@ -181,12 +183,12 @@ def log_node_styles(recording: rr.RecordingStream, root: str, name: str, slot: i
 
 
 def log_node(recording: rr.RecordingStream, root: str, node: NodeStatus, *, behind: float) -> None:
-    """A node's losses so far and how far it is behind the newest block [s of measurement]."""
+    """Draw a node's losses so far and its delay behind the newest block [s]."""
     part = entity_part(node.node)
     recording.log(f"{root}/health/behind/{part}", rr.Scalars(behind))
     recording.log(f"{root}/health/lost/{part}", rr.Scalars(node.lost + node.late))
 
 
 def log_event(recording: rr.RecordingStream, root: str, text: str, *, level: str = "INFO") -> None:
-    """One line of the event list; level is INFO, WARN or ERROR."""
+    """Write one line of the event list; level is INFO, WARN or ERROR."""
     recording.log(f"{root}/events", rr.TextLog(text, level=level))

@@ -1,12 +1,11 @@
-"""Pictures in the plane: spectra and poles of a window, the MAC matrix, the lamps of one turbine
-and of all."""
+"""Draw plane pictures: spectra and poles of a window, MAC matrix, status indicators."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
 
-from pipeline.viewer.drawing.entities import FARM, log_lights, strips, words
+from pipeline.viewer.drawing.entities import FARM, log_indicator_points, strips, text_labels
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.corner import Text
 from pipeline.viewer.pictures.farm_overview import StatusIndicators
@@ -18,31 +17,31 @@ from sensors.arrays import FloatArray
 
 
 def log_spectrum(recording: rr.RecordingStream, root: str, picture: SpectrumPicture) -> None:
-    """Spectra in the colours of their levels, identified frequencies as hairs."""
+    """Draw spectra in the colours of their levels, identified frequencies as lines."""
     path = f"{root}/spectrum"
-    hair, stroke = 0.4, 0.7  # [points on the screen]
+    thin, thick = 0.4, 0.7  # [screen points]
     palette = [colours.LEVELS[level % len(colours.LEVELS)] for level in picture.levels]
-    recording.log(f"{path}/modes", _lines(picture.modes, hair, colours.QUIET))
-    recording.log(f"{path}/frames", _lines(picture.frames, hair, colours.QUIET))
+    recording.log(f"{path}/modes", _lines(picture.modes, thin, colours.NEUTRAL))
+    recording.log(f"{path}/frames", _lines(picture.frames, thin, colours.NEUTRAL))
     recording.log(
         f"{path}/channels",
         rr.LineStrips2D(
             strips(picture.spectra),
-            radii=rr.Radius.ui_points(stroke),
+            radii=rr.Radius.ui_points(thick),
             colors=palette,
         ),
     )
-    recording.log(f"{path}/text", words(picture.texts))
+    recording.log(f"{path}/text", text_labels(picture.texts))
 
 
 def log_stabilisation(
     recording: rr.RecordingStream, root: str, picture: StabilisationPicture
 ) -> None:
-    """Poles in the colours of their bands, the modes taken among them as hairs."""
+    """Draw poles in the colours of their bands, identified modes as lines."""
     path = f"{root}/stabilisation"
     palette = [colours.LEVELS[band % len(colours.LEVELS)] for band in picture.bands]
-    recording.log(f"{path}/modes", _lines(picture.modes, 0.4, colours.QUIET))
-    recording.log(f"{path}/frames", _lines(picture.frames, 0.4, colours.QUIET))
+    recording.log(f"{path}/modes", _lines(picture.modes, 0.4, colours.NEUTRAL))
+    recording.log(f"{path}/frames", _lines(picture.frames, 0.4, colours.NEUTRAL))
     recording.log(
         f"{path}/stds",
         rr.LineStrips2D(strips(picture.stds), radii=rr.Radius.ui_points(0.5), colors=palette),
@@ -53,27 +52,34 @@ def log_stabilisation(
             picture.poles.astype(np.float32), radii=rr.Radius.ui_points(2.0), colors=palette
         ),
     )
-    recording.log(f"{path}/text", words(picture.texts))
+    recording.log(f"{path}/text", text_labels(picture.texts))
 
 
 def log_mac_matrix(recording: rr.RecordingStream, root: str, matrix: MacMatrix) -> None:
-    """A square a pair, dark for 0, bright for 1."""
+    """Draw a square for each pair, dark for 0, bright for 1."""
     recording.log(f"{root}/mac/values", rr.Image(matrix.image, draw_order=-1.0))
-    recording.log(f"{root}/mac/text", words(matrix.texts))
+    recording.log(f"{root}/mac/text", text_labels(matrix.texts))
 
 
-def log_lamps(recording: rr.RecordingStream, root: str, lamps: Sequence[StatusIndicator]) -> None:
-    """A lamp above the other, its words beside it."""
-    rows = [float(row) for row in range(len(lamps))]
-    log_lights(recording, f"{root}/lamps/lights", [(0.0, row) for row in rows], lamps)
-    texts = [Text((4.0, row - 0.3), lamp.text) for row, lamp in zip(rows, lamps, strict=True)]
-    recording.log(f"{root}/lamps/text", words(texts))
+def log_indicators(
+    recording: rr.RecordingStream, root: str, indicators: Sequence[StatusIndicator]
+) -> None:
+    """Draw indicators below each other, their texts beside them."""
+    rows = [float(row) for row in range(len(indicators))]
+    log_indicator_points(
+        recording, f"{root}/indicators/points", [(0.0, row) for row in rows], indicators
+    )
+    texts = [
+        Text((4.0, row - 0.3), indicator.text)
+        for row, indicator in zip(rows, indicators, strict=True)
+    ]
+    recording.log(f"{root}/indicators/text", text_labels(texts))
 
 
 def log_farm(recording: rr.RecordingStream, board: StatusIndicators, markdown: str) -> None:
-    """The lamps of all turbines, and their table."""
-    log_lights(recording, f"{FARM}/lamps/lights", board.lights, board.lamps)
-    recording.log(f"{FARM}/lamps/text", words(board.texts))
+    """Draw the indicators of all turbines and their table."""
+    log_indicator_points(recording, f"{FARM}/indicators/points", board.positions, board.indicators)
+    recording.log(f"{FARM}/indicators/text", text_labels(board.texts))
     recording.log(f"{FARM}/table", rr.TextDocument(markdown, media_type="text/markdown"))
 
 

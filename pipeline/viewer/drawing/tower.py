@@ -1,4 +1,4 @@
-"""The turbine in space: at rest, its sensors, its mode shapes swinging in a row."""
+"""Draw the turbine in space: at rest, its sensors, its moving mode shapes in a row."""
 
 from collections.abc import Sequence
 
@@ -28,16 +28,14 @@ def log_tower(recording: rr.RecordingStream, root: str, turbine: Outline) -> Non
     recording.log(
         f"{root}/tower/structure", _mesh(turbine.structure, (205, 205, 200, 255)), static=True
     )
-    recording.log(
-        f"{root}/tower/nacelle",
-        rr.Boxes3D(
+    if turbine.nacelle_centre is not None:
+        box = rr.Boxes3D(
             centers=[turbine.nacelle_centre],
             sizes=[NACELLE_SIZE],
             colors=[(205, 205, 200)],
             fill_mode="solid",
-        ),
-        static=True,
-    )
+        )
+        recording.log(f"{root}/tower/nacelle", box, static=True)
     if turbine.blades:
         recording.log(
             f"{root}/tower/blades",
@@ -62,7 +60,9 @@ def _mesh(mesh: TriangleMesh, colour: tuple[int, int, int, int]) -> rr.Mesh3D:
 
 
 def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outline) -> None:
-    marks = [(turbine.mudline, "mudline"), (turbine.tower_top, "tower top")]
+    known = turbine.nacelle_centre is not None  # a turbine, not a bare mast
+    names = ("mudline", "tower top") if known else ("foot", "top")
+    marks = [(turbine.mudline, names[0]), (turbine.tower_top, names[1])]
     if turbine.water_level is not None:
         marks.append((turbine.water_level, "sea"))
     recording.log(
@@ -70,8 +70,8 @@ def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outl
         rr.Points3D(
             [(0.0, 45.0, elevation) for elevation, _ in marks],
             radii=0.5,
-            colors=colours.QUIET,
-            labels=[f"{name} {elevation:.0f} m" for elevation, name in marks],
+            colors=colours.NEUTRAL,
+            labels=[f"{name} {elevation / turbine.scale:.4g} m" for elevation, name in marks],
             show_labels=True,
         ),
         static=True,
@@ -88,18 +88,22 @@ def sensor_levels(layout: SensorLayout) -> list[float]:
     return sorted({channel.elevation for channel in layout.channels})
 
 
-def log_sensors(recording: rr.RecordingStream, root: str, layout: SensorLayout) -> None:
-    """Where the accelerometers of one unit sit, one dot a level; static."""
+def log_sensors(
+    recording: rr.RecordingStream, root: str, layout: SensorLayout, *, scale: float = 1.0
+) -> None:
+    """Draw the accelerometers of one unit, one dot per level; static. `scale` as of the tower."""
     levels = sensor_levels(layout)
     recording.log(
         sensor_path(root, layout.unit),
-        rr.Points3D.from_fields(positions=[(6.0, 3.0, level) for level in levels], radii=2.8),
+        rr.Points3D.from_fields(
+            positions=[(6.0, 3.0, scale * level) for level in levels], radii=2.8
+        ),
         static=True,
     )
     recording.log(
         f"{sensor_path(root, layout.unit)}/labels",
         rr.Points3D(
-            [(0.0, -34.0, level + 6.0) for level in levels],
+            [(0.0, -34.0, scale * level + 6.0) for level in levels],
             radii=0.1,
             colors=colours.MEASURED,
             labels=[f"{level:g} m" for level in levels],
@@ -112,34 +116,40 @@ def log_sensors(recording: rr.RecordingStream, root: str, layout: SensorLayout) 
 def log_sensor_health(
     recording: rr.RecordingStream, root: str, layout: SensorLayout, *, faulty: frozenset[str]
 ) -> None:
-    """The levels with a faulty channel in the colour of trouble, from here on."""
-    troubled = {channel.elevation for channel in layout.channels if channel.name in faulty}
+    """Colour the levels with a faulty channel from this time on."""
+    faulty_levels = {channel.elevation for channel in layout.channels if channel.name in faulty}
     shades = [
-        colours.TROUBLE if level in troubled else colours.MEASURED
+        colours.FAULT if level in faulty_levels else colours.MEASURED
         for level in sensor_levels(layout)
     ]
     recording.log(sensor_path(root, layout.unit), rr.Points3D.from_fields(colors=shades))
 
 
 def log_shape_place(
-    recording: rr.RecordingStream, root: str, label: str, slot: int, turbine: Outline
+    recording: rr.RecordingStream,
+    root: str,
+    label: str,
+    slot: int,
+    turbine: Outline,
+    *,
+    colour: colours.Colour = colours.MODEL,
 ) -> None:
-    """Where in the row a mode's shape stands, and the tower at rest there; static."""
+    """Place a mode's shape in the row, with the tower at rest; static."""
     path = shape_path(root, label)
     offset = ROW_DIRECTION * SPACING * slot
     axis = [(0.0, 0.0, turbine.mudline), (0.0, 0.0, turbine.tower_top)]
     recording.log(path, rr.Transform3D(translation=offset), static=True)
     recording.log(f"{path}/name", _caption([turbine.tower_top + 24.0], [label]), static=True)
     recording.log(
-        f"{path}/rest", rr.LineStrips3D([axis], radii=0.4, colors=colours.QUIET), static=True
+        f"{path}/rest", rr.LineStrips3D([axis], radii=0.4, colors=colours.NEUTRAL), static=True
     )
-    # What stays the same is written once: it costs as much as what moves.
-    line = rr.LineStrips3D.from_fields(radii=1.0, colors=colours.MODEL)
+    # Static parts are written once: they cost as much as moving ones.
+    line = rr.LineStrips3D.from_fields(radii=1.0, colors=colour)
     recording.log(f"{path}/motion/model", line, static=True)
     dots = rr.Points3D.from_fields(radii=3.2, colors=colours.MEASURED)
     recording.log(f"{path}/motion/identified", dots, static=True)
-    words = rr.Points3D.from_fields(radii=0.1, colors=colours.QUIET, show_labels=True)
-    recording.log(f"{path}/caption", words, static=True)
+    caption = rr.Points3D.from_fields(radii=0.1, colors=colours.NEUTRAL, show_labels=True)
+    recording.log(f"{path}/caption", caption, static=True)
 
 
 def log_model_shape(
@@ -160,21 +170,21 @@ def log_identified_shape(
 
 
 def log_shape_caption(
-    recording: rr.RecordingStream, root: str, label: str, words: Sequence[str], *, foot: float
+    recording: rr.RecordingStream, root: str, label: str, lines: Sequence[str], *, foot: float
 ) -> None:
-    """Words below a shape, one below the other from elevation `foot` [m]."""
-    heights = [foot - 20.0 * line for line in range(len(words))]
-    below = rr.Points3D.from_fields(positions=_on_axis(heights), labels=words)
+    """Write lines of text below a shape, downwards from elevation `foot` [m]."""
+    heights = [foot - 20.0 * line for line in range(len(lines))]
+    below = rr.Points3D.from_fields(positions=_on_axis(heights), labels=lines)
     recording.log(f"{shape_path(root, label)}/caption", below)
 
 
-def _caption(heights: Sequence[float], words: Sequence[str]) -> rr.Points3D:
-    """Words above each other on the axis of a shape; a label has one line only."""
+def _caption(heights: Sequence[float], lines: Sequence[str]) -> rr.Points3D:
+    """Return texts above each other on the axis of a shape; a label has one line only."""
     return rr.Points3D(
         _on_axis(heights),
         radii=0.1,
-        colors=colours.QUIET,
-        labels=words,
+        colors=colours.NEUTRAL,
+        labels=lines,
         show_labels=True,
     )
 
@@ -184,7 +194,7 @@ def _on_axis(heights: Sequence[float]) -> list[tuple[float, float, float]]:
 
 
 def log_swing(recording: rr.RecordingStream, root: str, label: str, frames: SwingFrames) -> None:
-    """The swing of one shape over some frames: one scale factor a frame, across the tower.
+    """Draw the motion of one shape: one scale factor per frame, across the tower.
 
     The shape itself is written once; scaling x and y by cos(2π t / T) moves it.
     """

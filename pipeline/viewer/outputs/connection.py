@@ -1,4 +1,4 @@
-"""A Rerun recording stream to where it was asked to go: file, started or running viewer."""
+"""Open and close a Rerun recording stream to a file or a viewer."""
 
 import logging
 import socket
@@ -19,21 +19,21 @@ from pipeline.viewer.outputs.outputs import (
 from pipeline.viewer.outputs.viewer_process import spawn_viewer
 
 APPLICATION = "pilewatch"
-CONNECT_PATIENCE = 3.0  # for a running viewer to answer [s]
-LETTING_GO = 5.0  # of an output that has been flushed, or will never be [s]
-# Between two hand-overs to a file [s]. It is what a kill costs the pictures, which the recording
-# can draw again; shorter, and the file grows: 30 s instead makes an eighth more.
+CONNECT_TIMEOUT = 3.0  # for a running viewer to answer [s]
+CLOSE_TIMEOUT = 5.0  # for an output to close, flushed or not [s]
+# Interval between flushes to a file [s]. A kill loses at most this much of the drawings, which the
+# recording can draw again; with 30 s the file is an eighth larger.
 FILE_TICK = 600.0
 _log = logging.getLogger(__name__)
 
 
 def open_recording(output: ViewerOutput, *, recording_id: str) -> rr.RecordingStream:
-    """A stream to one output; ViewerError where it cannot be reached or written."""
+    """Open a stream to one output; raise ViewerError where it cannot be reached or written."""
     sink = _sink(output)
     recording = rr.RecordingStream(
         APPLICATION, recording_id=recording_id, batcher_config=_batching(output)
     )
-    recording.set_log_time_enabled(False)  # sensor time alone: the machine's would stretch the axis
+    recording.set_log_time_enabled(False)  # sensor time only: the machine's would stretch the axis
     recording.set_log_tick_enabled(False)
     recording.set_sinks(sink)
     recording.send_recording_name(recording_id)
@@ -41,10 +41,9 @@ def open_recording(output: ViewerOutput, *, recording_id: str) -> rr.RecordingSt
 
 
 def _batching(output: ViewerOutput) -> rr.ChunkBatcherConfig:
-    """How long rows wait for others of their entity before they are handed over.
+    """Return how long rows are gathered before they are sent.
 
-    Every chunk costs about 2 kB in a file, whatever it holds; a viewer that somebody watches is
-    told at once.
+    Every chunk costs about 2 kB in a file, whatever its size; to a viewer rows go at once.
     """
     if isinstance(output, RrdFile):
         return rr.ChunkBatcherConfig(flush_tick=FILE_TICK)
@@ -66,7 +65,7 @@ def _require_viewer(url: str) -> None:
     address = urlsplit(url)
     port = address.port or DEFAULT_PORT
     try:
-        socket.create_connection((address.hostname or "", port), timeout=CONNECT_PATIENCE).close()
+        socket.create_connection((address.hostname or "", port), timeout=CONNECT_TIMEOUT).close()
     except OSError as error:
         raise ViewerError(
             f"--view connect={url}: no viewer listens there ({error.strerror or error}); "
@@ -84,7 +83,7 @@ def _file_sink(path: Path) -> rr.FileSink:
 
 
 def free_path(path: Path) -> Path:
-    """The path, or the first of `name-2`, `name-3`, … that no file has."""
+    """Return the path, or the first of `name-2`, `name-3`, … that is free."""
     number, free = 1, path
     while free.exists():
         number += 1
@@ -92,25 +91,24 @@ def free_path(path: Path) -> Path:
     return free
 
 
-def close_recording(recording: rr.RecordingStream, *, patience: float) -> None:
-    """Hand over what is buffered, within `patience` [s], and let go of the outputs.
+def close_recording(recording: rr.RecordingStream, *, timeout: float) -> None:
+    """Send what is buffered, within `timeout` [s], and close the outputs.
 
-    An output that cannot be let go of is left behind: the SDK waits for ever for a file that met a
-    full disk.
+    An output that cannot be closed is abandoned: the SDK waits forever for a file on a full disk.
     """
     try:
-        recording.flush(timeout_sec=patience)
+        recording.flush(timeout_sec=timeout)
     except (RuntimeError, ValueError) as error:
-        _log.warning("the viewer did not take the last of the session: %s", error)
-    letting_go = threading.Thread(target=recording.disconnect, name="letting go", daemon=True)
-    letting_go.start()
-    letting_go.join(LETTING_GO)
-    if letting_go.is_alive():
+        _log.warning("the viewer did not accept the last messages: %s", error)
+    closing = threading.Thread(target=recording.disconnect, name="closing", daemon=True)
+    closing.start()
+    closing.join(CLOSE_TIMEOUT)
+    if closing.is_alive():
         forget_unfinished()
 
 
 def forget_unfinished() -> None:
-    """Do not wait, when this process ends, for viewers that have not taken everything.
+    """Do not wait at the end of this process for viewers that have not accepted everything.
 
     The SDK flushes every stream at exit and would wait for a frozen viewer forever. Streams to
     files are flushed by then: `close_recording` did it.

@@ -1,7 +1,7 @@
-"""Where a show runs: in the caller's thread (a file) or in its own (a viewer, which may hang).
+"""Draw in the caller's thread (a file) or in a thread of its own (a viewer, which may hang).
 
-Why a thread: the SDK holds the caller for as long as a viewer takes nothing, and a frozen window
-must not hold a measurement.
+Why a thread: the SDK blocks its caller while a viewer does not respond, and a frozen window must
+not delay a measurement.
 """
 
 import contextlib
@@ -14,31 +14,34 @@ from typing import Protocol
 from pipeline.messages import Message
 
 BACKLOG = 10_000  # messages that may wait for a viewer: hours of blocks, some 13 MB
-CLOSING_PATIENCE = 5.0  # for a viewer to take what waits, at the end [s]
+CLOSING_TIMEOUT = 5.0  # for a viewer to take what waits, at the end [s]
 _log = logging.getLogger(__name__)
 
 
 class Drawing(Protocol):
-    """What a stage runs (pipeline.viewer.rerun_stream.Show)."""
+    """What draws messages on one output (`pipeline.viewer.rerun_stream.RerunStream`)."""
 
     def take(self, message: Message) -> None:
         """Draw one message."""
 
     def finish(self) -> None:
-        """Hand over what waits, let go."""
+        """Draw what is buffered and close."""
 
-    def abandon(self) -> None:
-        """Let go without drawing more."""
+    def disconnect(self) -> None:
+        """Close without drawing more."""
 
-    def leave_behind(self) -> None:
-        """Let nobody wait for what the output has not taken."""
+    def stop_waiting(self) -> None:
+        """Stop waiting for what the output has not accepted."""
 
 
 class DirectDrawing:
-    """Draws in the caller's thread.
+    """Draw in the caller's thread.
 
-    strict   True (tests): an exception goes to the caller. False: it is logged once, with its
-             traceback, and nothing more is drawn; no picture is worth a session's measurements.
+    Parameters
+    ----------
+    strict : bool
+        True (tests): an exception goes to the caller. False: it is logged once, with its
+        traceback, and nothing more is drawn; the measurements go on.
     """
 
     def __init__(self, drawing: Drawing, *, strict: bool) -> None:
@@ -48,64 +51,66 @@ class DirectDrawing:
 
     def take(self, message: Message) -> None:
         """Draw one message."""
-        self._guarded(lambda: self._drawing.take(message))
+        self._run_step(lambda: self._drawing.take(message))
 
     def close(self) -> None:
-        """Draw what waits and let go of the output."""
+        """Draw what is buffered and close the output."""
         if self._failed:
-            self._drawing.abandon()
+            self._drawing.disconnect()
         else:
-            self._guarded(self._drawing.finish)
+            self._run_step(self._drawing.finish)
 
-    def _guarded(self, step: Callable[[], None]) -> None:
+    def _run_step(self, step: Callable[[], None]) -> None:
         if self._failed:
             return
         try:
             step()
         except Exception:
-            # Why so wide: the pipeline must outlive its pictures, whatever breaks in them.
+            # Why so wide: the pipeline must outlive any failure of its pictures.
             self._failed = True
             if self._strict:
                 raise
-            _log.exception("the viewer failed and shows nothing more; the session goes on")
+            _log.exception("the viewer failed and draws nothing more; the run continues")
 
 
 class DrawingThread:
-    """Draws in a thread of its own; `take` never waits.
+    """Draw in a thread of its own; `take` never waits.
 
-    Messages that find BACKLOG others waiting are left out, which is logged once.
+    When BACKLOG messages wait, further ones are dropped, which is logged once.
     """
 
     def __init__(
-        self, drawing: Drawing, *, backlog: int = BACKLOG, patience: float = CLOSING_PATIENCE
+        self, drawing: Drawing, *, backlog: int = BACKLOG, timeout: float = CLOSING_TIMEOUT
     ) -> None:
         self._drawing = drawing
-        self._stage = DirectDrawing(drawing, strict=False)
+        self._direct = DirectDrawing(drawing, strict=False)
         self._waiting: queue.Queue[Message | None] = queue.Queue(maxsize=backlog)
-        self._patience = patience
+        self._timeout = timeout
         self._left_out = 0
         self._thread = threading.Thread(target=self._run, name="viewer", daemon=True)
         self._thread.start()
 
     def take(self, message: Message) -> None:
-        """Leave one message to be drawn."""
+        """Queue one message to be drawn."""
         try:
             self._waiting.put_nowait(message)
         except queue.Full:
             if not self._left_out:
-                _log.warning("the viewer takes nothing; what it misses is still recorded")
+                _log.warning(
+                    "the viewer does not respond; the messages it misses are still recorded"
+                )
             self._left_out += 1
 
     def close(self) -> None:
-        """Wait for what is left to be drawn, `patience` seconds at most, then leave it."""
+        """Wait for the queue to be drawn, at most `timeout` seconds."""
         with contextlib.suppress(queue.Full):  # full and stuck: the thread will not end either
-            self._waiting.put(None, timeout=self._patience)
-        self._thread.join(self._patience)
+            self._waiting.put(None, timeout=self._timeout)
+        self._thread.join(self._timeout)
         if self._thread.is_alive():
-            _log.warning("the viewer did not take the last of the session; it is left behind")
-            self._drawing.leave_behind()
+            _log.warning("the viewer did not accept the last messages; it is disconnected")
+            self._drawing.stop_waiting()
 
     def _run(self) -> None:
         while (message := self._waiting.get()) is not None:
-            self._stage.take(message)
-        self._stage.close()
+            self._direct.take(message)
+        self._direct.close()

@@ -1,6 +1,6 @@
-"""Where the pictures go: a file, a viewer that is started, one that is already there, a web page.
+"""Where drawings go: a file, a viewer to be started, a running viewer, a web page.
 
-Importable without rerun; `require_rerun` says in one line what is missing.
+Importable without rerun; `require_rerun` reports in one line what is missing.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ DEFAULT_PAGE_PORT = 9090  # the web viewer's own [-]
 
 
 class ViewerError(InputError):
-    """A viewer that cannot be had: rerun missing, a wrong address, a port in use."""
+    """A viewer that is not available: rerun missing, a wrong address, a port in use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +57,13 @@ ViewerOutput = RrdFile | SpawnedViewer | ConnectedViewer
 class WebPage:
     """A page to be served to browsers on this machine; `viewer_process.served_page` does it.
 
-    Ports that are taken are replaced by free ones.
+    Ports in use are replaced by free ones.
     """
 
-    port: int = DEFAULT_PORT  # where the session is sent to
-    page_port: int = DEFAULT_PAGE_PORT  # where the browser finds the page
+    port: int = DEFAULT_PORT
+    """Port to which the session is sent."""
+    page_port: int = DEFAULT_PAGE_PORT
+    """Port at which the browser finds the page."""
 
     @property
     def option(self) -> str:
@@ -69,15 +71,17 @@ class WebPage:
 
 
 @dataclass(frozen=True, slots=True)
-class ShownPage:
-    """A page that is served."""
+class ServedPage:
+    """A page being served."""
 
-    output: ConnectedViewer  # what a session draws on
-    address: str  # what a browser opens, http://…
+    output: ConnectedViewer
+    """Viewer that the session draws on."""
+    address: str
+    """Address for a browser, http://…."""
 
 
 def parse_view(text: str) -> SpawnedViewer | ConnectedViewer | WebPage:
-    """What is meant by `--view spawn`, `web` or `connect=URL`; ViewerError for anything else."""
+    """Parse `--view spawn`, `web` or `connect=URL`; raise ViewerError for anything else."""
     if text == "spawn":
         return SpawnedViewer()
     if text == "web":
@@ -87,8 +91,8 @@ def parse_view(text: str) -> SpawnedViewer | ConnectedViewer | WebPage:
         return ConnectedViewer(url)
     if word == "connect":
         raise ViewerError(
-            f"--view connect={url}: not the address of a Rerun viewer; "
-            f"it looks like connect=rerun+http://127.0.0.1:{DEFAULT_PORT}/proxy"
+            f"--view connect={url}: not the address of a Rerun viewer, "
+            f"such as connect=rerun+http://127.0.0.1:{DEFAULT_PORT}/proxy"
         )
     raise ViewerError(f"--view {text}: none of 'spawn', 'web' and 'connect=URL'")
 
@@ -99,7 +103,7 @@ def _is_viewer_address(url: str) -> bool:
 
 
 def require_rerun(outputs: tuple[ViewerOutput | WebPage, ...]) -> None:
-    """ViewerError where rerun is not installed, naming the option that needs it."""
+    """Raise ViewerError where rerun is not installed, naming the option that needs it."""
     if find_spec("rerun") is None:
         needed_for = " and ".join(output.option for output in outputs)
         raise ViewerError(

@@ -1,8 +1,8 @@
-"""The page that a browser opens: pilewatch's own around Rerun's viewer, on loopback only.
+"""Serve pilewatch's own page with Rerun's viewer to browsers, on loopback only.
 
 Why not Rerun's page: it asks the internet for a font, example recordings and its newest release,
-and reports to its makers how it is used, with no way to say no. This one speaks to the session
-alone; its script answers for everybody else, and the browser is told to allow nothing more.
+and reports to its makers how it is used, with no way to opt out. This page connects to the session
+only; its content policy forbids the browser every other connection.
 """
 
 import http.client
@@ -23,38 +23,46 @@ from urllib.parse import urlsplit
 if TYPE_CHECKING:
     from _typeshed import SupportsRead
 
-OWN = {  # path → file of this package, its type
+PAGE_FILES = {  # path → file of this package, its type
     "/": ("page.html", "text/html; charset=utf-8"),
     "/page.css": ("page.css", "text/css; charset=utf-8"),
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
 }
-RERUNS = ("/re_viewer.js", "/re_viewer_bg.wasm")  # the viewer itself, from Rerun's own server
+VIEWER_FILES = ("/re_viewer.js", "/re_viewer_bg.wasm")  # the viewer itself, from Rerun's own server
 LOOPBACK = "127.0.0.1"
-NAMES = (LOOPBACK, "localhost")  # by which a browser on this machine may call the page
-PATIENCE = 10.0  # for Rerun's server to answer [s]
+HOST_NAMES = (LOOPBACK, "localhost")  # by which a browser on this machine may call the page
+ANSWER_TIMEOUT = 10.0  # for Rerun's server to answer [s]
 _log = logging.getLogger(__name__)
 
 
 @contextmanager
-def serving_page(
+def run_page_server(
     page_port: int, *, session: str, assets_port: int, pictures: Sequence[Path] = ()
 ) -> Iterator[None]:
     """Serve the page for as long as the context lasts.
 
-    session       where a session is sent to, rerun+http://127.0.0.1:9876/proxy; shown where there
-                  are no pictures
-    assets_port   of Rerun's own web server on this machine
-    pictures      .rrd files to show
+    Parameters
+    ----------
+    session : str
+        Where a session is sent to, rerun+http://127.0.0.1:9876/proxy; shown where there are no
+        pictures.
+    assets_port : int
+        Of Rerun's own web server on this machine.
+    pictures : Sequence[Path], optional
+        .rrd files to show.
 
-    Raises OSError where the port is taken.
+    Raises
+    ------
+    OSError
+        If the port is taken.
     """
     places = {f"/{number}.rrd": path for number, path in enumerate(pictures)}
     shown = tuple(places) or (session,)
 
     class Handler(PageRequest):
-        """Knows what it is to show."""
+        """Serves this page's content."""
 
-        answers = own_answers(shown)
+        contents = page_contents(shown)
         policy = content_policy(shown)
         rrds = places
         assets = assets_port
@@ -69,17 +77,22 @@ def serving_page(
         server.server_close()
 
 
-def own_answers(shown: Sequence[str]) -> dict[str, tuple[bytes, str]]:
-    """Path → (bytes, type) of what this package holds, made out to what it shows: addresses of
-    sessions, paths on this server."""
+def page_contents(shown: Sequence[str]) -> dict[str, tuple[bytes, str]]:
+    """Return path → (bytes, type) of the package's files.
+
+    Parameters
+    ----------
+    shown : Sequence[str]
+        What the page opens: addresses of sessions, paths on this server.
+    """
     folder = files(__package__) / "web"
-    texts = {path: (folder / name).read_text("utf-8") for path, (name, _) in OWN.items()}
+    texts = {path: (folder / name).read_text("utf-8") for path, (name, _) in PAGE_FILES.items()}
     texts["/"] = texts["/"].replace("ADDRESSES", escape(" ".join(shown)), 1)
-    return {path: (texts[path].encode(), kind) for path, (_, kind) in OWN.items()}
+    return {path: (texts[path].encode(), kind) for path, (_, kind) in PAGE_FILES.items()}
 
 
 def content_policy(shown: Sequence[str]) -> str:
-    """What the browser allows the page: itself and what it shows, nobody else."""
+    """Return the content security policy: the page itself and what it draws, nothing else."""
     places = [urlsplit(address.removeprefix("rerun+")) for address in shown]
     origins = "".join(f" {place.scheme}://{place.netloc}" for place in places if place.netloc)
     return (
@@ -92,41 +105,43 @@ def content_policy(shown: Sequence[str]) -> str:
 class PageRequest(BaseHTTPRequestHandler):
     """One request of a browser."""
 
-    answers: dict[str, tuple[bytes, str]]
+    contents: dict[str, tuple[bytes, str]]
     policy: str
     rrds: dict[str, Path]
     assets: int
 
     def do_GET(self) -> None:
-        """The page's own files, its pictures, the viewer from Rerun's server; nothing else."""
+        """Serve the page's files, its .rrd files and the viewer of Rerun's server only."""
         path = urlsplit(self.path).path
         try:
-            if urlsplit(f"//{self.headers.get('Host', '')}").hostname not in NAMES:
-                # Why: another page could have its own name lead here and read what is shown.
+            if urlsplit(f"//{self.headers.get('Host', '')}").hostname not in HOST_NAMES:
+                # Why: another page could resolve its own name to this address and read the content.
                 self.send_error(HTTPStatus.FORBIDDEN)
-            elif path in self.answers:
-                content, kind = self.answers[path]
-                self._pass_on(BytesIO(content), len(content), kind)
+            elif path in self.contents:
+                content, kind = self.contents[path]
+                self._send(BytesIO(content), len(content), kind)
             elif path in self.rrds:
                 with self.rrds[path].open("rb") as rrd:
-                    self._pass_on(rrd, self.rrds[path].stat().st_size, "application/octet-stream")
-            elif path in RERUNS:
-                self._ask_rerun(path)
+                    self._send(rrd, self.rrds[path].stat().st_size, "application/octet-stream")
+            elif path in VIEWER_FILES:
+                self._forward_to_rerun(path)
             else:
                 self.send_error(HTTPStatus.NOT_FOUND)
         except (OSError, http.client.HTTPException) as error:
-            # Why so quiet: it is the browser that went, or a viewer that is being ended.
+            # Why debug only: the browser closed the connection, or a viewer is stopping.
             _log.debug("%s not served: %s", path, error)
             self.close_connection = True
 
-    def _ask_rerun(self, path: str) -> None:
-        with closing(http.client.HTTPConnection(LOOPBACK, self.assets, timeout=PATIENCE)) as rerun:
+    def _forward_to_rerun(self, path: str) -> None:
+        with closing(
+            http.client.HTTPConnection(LOOPBACK, self.assets, timeout=ANSWER_TIMEOUT)
+        ) as rerun:
             rerun.request("GET", path)
             answer = rerun.getresponse()
-            self._pass_on(answer, None, answer.headers["Content-Type"])
+            self._send(answer, None, answer.headers["Content-Type"])
 
-    def _pass_on(self, content: "SupportsRead[bytes]", length: int | None, kind: str) -> None:
-        """Without a length the end of the connection is the end of the content."""
+    def _send(self, content: "SupportsRead[bytes]", length: int | None, kind: str) -> None:
+        """Without a length, the end of the connection ends the content."""
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", kind)
         if length is not None:
@@ -137,5 +152,5 @@ class PageRequest(BaseHTTPRequestHandler):
         shutil.copyfileobj(content, self.wfile)
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 (its name)
-        """Requests are nobody's news."""
+        """Log requests at debug level only."""
         _log.debug(format, *args)

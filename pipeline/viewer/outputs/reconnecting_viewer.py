@@ -1,12 +1,12 @@
-"""ReconnectingViewer: a show on a viewer that may come late, go, and come back.
+"""Draw on a viewer that may start late, disconnect and come back.
 
-The viewer is looked for every PERIOD. When it comes it gets what is remembered (layouts, truth, the
-results so far) and from then on everything; accelerations begin at that moment, as their past is in
-the recording. When it goes, the show is let go of, and the next viewer at that address gets a new
-one.
+The address is checked every PERIOD. A viewer that connects gets what is remembered (layouts, truth,
+the results so far) and from then on everything; accelerations begin at that moment, as earlier ones
+are in the recording. When it disconnects, its drawing is closed; the next viewer at that address
+gets a new one.
 
-Why a line of its own: the SDK's sender says nothing of a viewer that has gone, and a viewer that
-is killed and back within seconds would pass for one that never left, with an empty screen.
+Why a connection of its own: the SDK's sender does not report a lost viewer, and one that is killed
+and restarted within seconds would go unnoticed, with an empty window.
 """
 
 import contextlib
@@ -23,38 +23,44 @@ from pipeline.viewer.outputs.outputs import DEFAULT_PORT, ViewerError
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
-PERIOD = 2.0  # between two looks for the viewer, by the machine's clock [s]
-PATIENCE = 1.0  # for it to answer a look [s]
+PERIOD = 2.0  # between two checks for the viewer, by the machine's clock [s]
+CHECK_TIMEOUT = 1.0  # for an answer to a check [s]
 REMEMBERED = 2000  # results kept for a late viewer: a week of one turbine, some 40 MB
-RENEWAL = 10.0  # age at which a line is replaced: Rerun's server hangs up on a silent one at 30 s
+RENEWAL = 10.0  # age at which the probe reconnects: Rerun's server closes idle connections at 30 s
 _log = logging.getLogger(__name__)
 
 
-class ViewerLine:
-    """A silent connection, to notice when a viewer goes. Raises OSError where none answers."""
+class ViewerProbe:
+    """An idle connection that reveals when a viewer disconnects.
+
+    Raises
+    ------
+    OSError
+        If no viewer answers.
+    """
 
     def __init__(self, url: str) -> None:
         address = urlsplit(url)
-        self._place = (address.hostname or "", address.port or DEFAULT_PORT)
-        self._dial()
+        self._address = (address.hostname or "", address.port or DEFAULT_PORT)
+        self._open_socket()
 
     def is_up(self) -> bool:
-        """Whether the viewer has held its end since the last look."""
+        """Return whether the viewer has stayed connected since the last check."""
         if not self._is_held():
             return False
         if time.monotonic() - self._since >= RENEWAL:
             old = self._socket
-            with contextlib.suppress(OSError):  # too busy to answer: the old line still stands
-                self._dial()
+            with contextlib.suppress(OSError):  # too busy to answer: the old connection still holds
+                self._open_socket()
                 old.close()
         return True
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._socket.close()
 
-    def _dial(self) -> None:
-        self._socket = socket.create_connection(self._place, timeout=PATIENCE)
+    def _open_socket(self) -> None:
+        self._socket = socket.create_connection(self._address, timeout=CHECK_TIMEOUT)
         self._socket.setblocking(False)
         self._since = time.monotonic()
 
@@ -68,7 +74,7 @@ class ViewerLine:
 
 
 class RememberedResults:
-    """What a late viewer is told first; bounded, however long the session."""
+    """What a late viewer gets first; bounded, however long the session."""
 
     def __init__(self, size: int = REMEMBERED) -> None:
         self._layouts: dict[tuple[str, str], SensorLayout] = {}
@@ -77,7 +83,7 @@ class RememberedResults:
         self._results: deque[Message] = deque(maxlen=size)
 
     def keep(self, message: Message) -> None:
-        """Remember one message, unless it is a block or a node's status, which come anew."""
+        """Remember one message, unless it is a block or a node's status, which recur."""
         match message:
             case AccelerationBlock() | NodeStatus():
                 return
@@ -99,82 +105,88 @@ class RememberedResults:
 
 
 class ReconnectingViewer:
-    """Draws on the viewer at `url` whenever there is one.
+    """Draw on the viewer at `url` whenever one is connected.
 
-    begin    opens a show there; raises ViewerError where the viewer has just gone
-    period   between two looks [s]; 0 looks with every message
+    Parameters
+    ----------
+    begin : Callable[[], Drawing]
+        Opens a drawing there; raises ViewerError where the viewer has just disconnected.
+    period : float, optional
+        Interval between checks [s]; 0 checks with every message.
     """
 
-    def __init__(self, url: str, begin: Callable[[], Drawing], *, period: float = PERIOD) -> None:
+    def __init__(
+        self, url: str, open_drawing: Callable[[], Drawing], *, period: float = PERIOD
+    ) -> None:
         self._url = url
-        self._begin = begin
+        self._open_drawing = open_drawing
         self._period = period
-        self._past = RememberedResults()
-        self._line: ViewerLine | None = None
-        self._show: Drawing | None = None
-        self._looked = -float("inf")
-        self._look()
-        if self._show is None:
+        self._remembered = RememberedResults()
+        self._probe: ViewerProbe | None = None
+        self._drawing: Drawing | None = None
+        self._checked_at = -float("inf")
+        self._check_viewer()
+        if self._drawing is None:
             port = urlsplit(url).port or DEFAULT_PORT
             _log.warning(
                 "--view connect=%s: no viewer listens there yet; it gets the session when it "
-                "comes (rerun --bind 127.0.0.1 --port %d)",
+                "connects (rerun --bind 127.0.0.1 --port %d)",
                 *(url, port),
             )
 
     def take(self, message: Message) -> None:
-        """Draw one message where there is a viewer; remember it for the next one."""
-        self._look()
-        self._past.keep(message)
-        if self._show is not None:
-            self._show.take(message)
+        """Draw one message where a viewer is connected; remember it for the next one."""
+        self._check_viewer()
+        self._remembered.keep(message)
+        if self._drawing is not None:
+            self._drawing.take(message)
 
     def finish(self) -> None:
-        """Hand over what waits and let go, of a viewer that is there."""
-        self._looked = -float("inf")
-        self._look()
-        if self._show is not None:
-            self._show.finish()
-        self._hang_up()
+        """Draw what is buffered and disconnect from a connected viewer."""
+        self._checked_at = -float("inf")
+        self._check_viewer()
+        if self._drawing is not None:
+            self._drawing.finish()
+        self._close_connection()
 
-    def abandon(self) -> None:
-        """Let go without drawing more."""
-        if self._show is not None:
-            self._show.abandon()
-        self._hang_up()
+    def disconnect(self) -> None:
+        """Disconnect without drawing more."""
+        if self._drawing is not None:
+            self._drawing.disconnect()
+        self._close_connection()
 
-    def leave_behind(self) -> None:
-        """Let nobody wait for what the viewer has not taken."""
-        if self._show is not None:
-            self._show.leave_behind()
+    def stop_waiting(self) -> None:
+        """Stop waiting for what the viewer has not accepted."""
+        if self._drawing is not None:
+            self._drawing.stop_waiting()
 
-    def _look(self) -> None:
-        """Notice a viewer that went or came, where it is time to look."""
-        if time.monotonic() - self._looked < self._period:
+    def _check_viewer(self) -> None:
+        """Detect a viewer that connected or disconnected, where a check is due."""
+        if time.monotonic() - self._checked_at < self._period:
             return
-        self._looked = time.monotonic()
-        if self._line is not None and not self._line.is_up():
-            _log.warning("%s: the viewer has gone; the session goes on", self._url)
-            self.leave_behind()
-            self.abandon()
-        if self._line is None:
-            self._greet()
+        self._checked_at = time.monotonic()
+        if self._probe is not None and not self._probe.is_up():
+            _log.warning("%s: the viewer has disconnected; the run continues", self._url)
+            self.stop_waiting()
+            self.disconnect()
+        if self._probe is None:
+            self._connect()
 
-    def _greet(self) -> None:
-        """Begin a show where a viewer answers, with what it missed."""
+    def _connect(self) -> None:
+        """Open a drawing where a viewer answers, with what it missed."""
         with contextlib.suppress(OSError, ViewerError):
-            line = ViewerLine(self._url)
+            probe = ViewerProbe(self._url)
             try:
-                self._show = self._begin()
+                self._drawing = self._open_drawing()
             except ViewerError:
-                line.close()
+                probe.close()
                 raise
-            self._line = line
-        if self._show is not None:
-            for message in self._past:
-                self._show.take(message)
+            self._probe = probe
+        if self._drawing is not None:
+            for message in self._remembered:
+                self._drawing.take(message)
 
-    def _hang_up(self) -> None:
-        if self._line is not None:
-            self._line.close()
-        self._line = self._show = None
+    def _close_connection(self) -> None:
+        if self._probe is not None:
+            self._probe.close()
+        self._probe = self._drawing = None

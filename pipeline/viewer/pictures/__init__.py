@@ -1,1 +1,1 @@
-"""What a picture shows, computed without Rerun."""
+"""The contents of pictures, computed without Rerun."""

@@ -1,7 +1,7 @@
-"""Colours that colour-blind people tell apart, readable on dark and on light ground.
+"""Colours that colour-blind readers distinguish, on dark and on light backgrounds.
 
 Source: Okabe and Ito, "Color Universal Design" (2008), without its black and its yellow, which
-vanish on a dark and on a light ground.
+vanish on a dark and on a light background.
 """
 
 Colour = tuple[int, int, int]  # red, green, blue, 0..255
@@ -13,13 +13,13 @@ VERMILLION: Colour = (213, 94, 0)
 REDDISH_PURPLE: Colour = (204, 121, 167)
 GREY: Colour = (124, 124, 124)
 
-# One meaning a colour, in every view.
+# One meaning per colour, in every view.
 MEASURED = SKY_BLUE
 MODEL = ORANGE
 POSTERIOR = REDDISH_PURPLE
 TRUTH = BLUISH_GREEN
-TROUBLE = VERMILLION
-QUIET = GREY
+FAULT = VERMILLION
+NEUTRAL = GREY
 
-# Levels of the tower, lowest first; repeated where there are more.
+# Levels of the tower, lowest first; repeated for further levels.
 LEVELS = (SKY_BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, VERMILLION, GREY)

@@ -21,11 +21,13 @@ PEAK = 0.92  # height of a marginal's highest bin [panel heights]
 class Axis:
     """The range of one stiffness, as ratio to nominal, over one panel."""
 
-    low: float  # [-]
-    high: float  # [-]
+    low: float
+    """Lower end [-]."""
+    high: float
+    """Upper end [-]."""
 
     def position(self, values: FloatArray) -> FloatArray:
-        """0 at the low end, 1 at the high end."""
+        """Return 0 at the low end, 1 at the high end."""
         return (values - self.low) / (self.high - self.low)
 
     @property
@@ -39,7 +41,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A word of the picture, centred on its position."""
+    """A text of the picture, centred on its position."""
 
     position: Point
     text: str
@@ -49,11 +51,16 @@ class Text:
 class CornerPlot:
     """Everything to draw, in picture units."""
 
-    draws: FloatArray  # (n, 2) points of all pair panels
-    frames: tuple[FloatArray, ...]  # outlines of panels and ticks
-    histograms: tuple[FloatArray, ...]  # outlines of the marginals
-    priors: tuple[FloatArray, ...]  # the flat prior's density in them; empty where it is not flat
-    truth: tuple[FloatArray, ...]  # lines at the true ratio; empty where it is not known
+    draws: FloatArray
+    """(n, 2) points of all pair panels [picture units]."""
+    frames: tuple[FloatArray, ...]
+    """Outlines of panels and ticks."""
+    histograms: tuple[FloatArray, ...]
+    """Outlines of the marginals."""
+    priors: tuple[FloatArray, ...]
+    """The flat prior's density in each marginal; empty for another prior."""
+    truth: tuple[FloatArray, ...]
+    """Lines at the true ratio; empty where it is not known."""
     texts: tuple[Text, ...]
 
 
@@ -65,13 +72,19 @@ def corner_plot(
     contraction: FloatArray | None = None,
     flat_prior: bool = True,
 ) -> CornerPlot:
-    """Pairs below the diagonal, marginals on it.
+    """Draw pairs below the diagonal, marginals on it.
 
-    ratios        (n_draws, n_parameters), stiffness over nominal [-]
-    truth         (n_parameters,) or None [-]
-    contraction   (n_parameters,) 1 − width of the 90 % interval over the prior's, or None [-]: in
-                  words and, of a flat prior, as the line of its density, on the marginal's scale
-    flat_prior    False where the prior is another, e.g. a farm's: then it is told in words only
+    Parameters
+    ----------
+    ratios : ndarray, shape (n_draws, n_parameters)
+        Stiffness over nominal [-].
+    truth : ndarray, shape (n_parameters,) | None, optional
+        True stiffness over nominal [-]; None: unknown.
+    contraction : ndarray, shape (n_parameters,) | None, optional
+        1 − width of the 90 % interval over the prior's [-]; None: unknown. Written as a text and,
+        for a flat prior, drawn as its density on the marginal's scale.
+    flat_prior : bool, optional
+        False for another prior, e.g. a farm's: its density is then not drawn.
     """
     axes = [_axis(ratios[:, i], None if truth is None else truth[i]) for i in range(len(names))]
     pairs = [(row, column) for row in range(len(names)) for column in range(row)]
@@ -95,12 +108,12 @@ def _axis(values: FloatArray, truth: float | None) -> Axis:
 
 
 def _round_step(step: float) -> float:
-    """The nearest 1, 2 or 5 times a power of ten that is not smaller."""
+    """Return the nearest 1, 2 or 5 times a power of ten that is not smaller."""
     power = 10.0 ** np.floor(np.log10(step))
     return float(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= step - 1e-12))
 
 
-def _place(row: int, column: int, x: FloatArray, y: FloatArray) -> FloatArray:
+def _panel_point(row: int, column: int, x: FloatArray, y: FloatArray) -> FloatArray:
     """(n, 2) picture positions of panel positions 0..1, y up inside the panel."""
     return np.stack([column * PITCH + x, row * PITCH + 1.0 - y], axis=-1)
 
@@ -109,18 +122,18 @@ def _pair(ratios: FloatArray, axes: Sequence[Axis], row: int, column: int) -> Fl
     x = axes[column].position(ratios[:, column])
     y = axes[row].position(ratios[:, row])
     inside = (x >= 0) & (x <= 1) & (y >= 0) & (y <= 1)
-    return _place(row, column, x[inside], y[inside])
+    return _panel_point(row, column, x[inside], y[inside])
 
 
 def _frame(row: int, column: int) -> FloatArray:
-    return _place(row, column, np.array([0.0, 1, 1, 0, 0]), np.array([0.0, 0, 1, 1, 0]))
+    return _panel_point(row, column, np.array([0.0, 1, 1, 0, 0]), np.array([0.0, 0, 1, 1, 0]))
 
 
 def _histogram(values: FloatArray, axis: Axis, i: int) -> FloatArray:
     counts, edges = np.histogram(values, bins=BINS, range=(axis.low, axis.high))
     heights = np.repeat(counts / max(counts.max(), 1) * PEAK, 2)
     x = np.repeat(axis.position(edges), 2)
-    return _place(i, i, x, np.concatenate([[0.0], heights, [0.0]]))
+    return _panel_point(i, i, x, np.concatenate([[0.0], heights, [0.0]]))
 
 
 def _priors(
@@ -135,7 +148,7 @@ def _priors(
 
 
 def _flat_prior(values: FloatArray, axis: Axis, i: int, contraction: float) -> FloatArray:
-    """A uniform prior's density in the panel of a marginal, as high as on its histogram's scale.
+    """Return a uniform prior's density on the scale of a marginal's histogram.
 
     The prior's 90 % interval is w = (q₉₅ − q₀₅) / (1 − contraction) wide, so its density 0.9 / w.
     It is drawn over the whole panel, though its support may end inside it.
@@ -144,7 +157,7 @@ def _flat_prior(values: FloatArray, axis: Axis, i: int, contraction: float) -> F
     highest = counts.max() / len(values) / (edges[1] - edges[0])  # the histogram's density
     low, high = np.quantile(values, [0.05, 0.95])
     density = 0.9 * (1.0 - contraction) / (high - low)
-    return _place(i, i, np.array([0.0, 1.0]), np.full(2, min(1.0, PEAK * density / highest)))
+    return _panel_point(i, i, np.array([0.0, 1.0]), np.full(2, min(1.0, PEAK * density / highest)))
 
 
 def _truth_lines(truth: FloatArray, axes: Sequence[Axis]) -> tuple[FloatArray, ...]:
@@ -154,9 +167,9 @@ def _truth_lines(truth: FloatArray, axes: Sequence[Axis]) -> tuple[FloatArray, .
         at_row = np.repeat(axis.position(truth[row : row + 1]), 2)
         for column in range(row + 1):
             at_column = np.repeat(axes[column].position(truth[column : column + 1]), 2)
-            lines.append(_place(row, column, at_column, ends))
+            lines.append(_panel_point(row, column, at_column, ends))
             if column < row:
-                lines.append(_place(row, column, ends, at_row))
+                lines.append(_panel_point(row, column, ends, at_row))
     return tuple(lines)
 
 
@@ -166,9 +179,9 @@ def _tick_marks(axes: Sequence[Axis]) -> tuple[FloatArray, ...]:
     marks = []
     for i, axis in enumerate(axes):
         for position in axis.position(axis.ticks):
-            marks.append(_place(last, i, np.full(2, position), mark))
+            marks.append(_panel_point(last, i, np.full(2, position), mark))
             if i > 0:
-                marks.append(_place(i, 0, mark, np.full(2, position)))
+                marks.append(_panel_point(i, 0, mark, np.full(2, position)))
     return tuple(marks)
 
 
@@ -188,7 +201,7 @@ def _texts(axes: Sequence[Axis], names: Sequence[str]) -> tuple[Text, ...]:
 def _prior_texts(contraction: FloatArray | None) -> tuple[Text, ...]:
     left = np.empty(0) if contraction is None else 100.0 * (1.0 - contraction)
     return tuple(
-        Text((i * PITCH + 0.5, i * PITCH - 0.27), f"{percent:.2g} % of the prior's width")
+        Text((i * PITCH + 0.5, i * PITCH - 0.27), f"{percent:.2g} % of prior width")
         for i, percent in enumerate(left)
         if np.isfinite(percent)
     )

@@ -1,4 +1,4 @@
-"""Accelerations at the rate a screen needs: low-passed, decimated, on a coarse step."""
+"""Accelerations at display rate: low-passed, decimated, on a coarse step."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,27 +21,29 @@ _TAPS_PER_SAMPLE = 8  # length of the low-pass filter in display samples
 class DisplaySignal:
     """Consecutive display samples of all channels of a unit.
 
-    A row of NaN stands where samples are missing, so that no line is drawn across a gap.
+    A row of NaN marks missing samples, so that no line is drawn across a gap.
     """
 
-    times_ns: NDArray[np.int64]  # (n,) sensor clock [ns]
-    samples: FloatArray  # (n, n_channels) [m/s²]
+    times_ns: NDArray[np.int64]
+    """Sensor clock, shape (n,) [ns since 1970-01-01 UTC]."""
+    samples: FloatArray
+    """Display samples, shape (n, n_channels) [unit of the channels]."""
 
 
-def joined_runs(blocks: Sequence[AccelerationBlock]) -> Iterator[AccelerationBlock]:
-    """The same samples in fewer blocks: those of one unit that follow each other are one.
+def join_runs(blocks: Sequence[AccelerationBlock]) -> Iterator[AccelerationBlock]:
+    """Join consecutive blocks of one unit into fewer, longer ones.
 
-    A block whose clock is off by more than SAME_CLOCK begins a new one, so that no sample's time
-    is off by more. Why: a block of a second costs the decimator as much as one of a minute.
+    A block whose clock differs by more than SAME_CLOCK starts a new one, which bounds the error of
+    each sample's time. Why: a block of a second costs the decimator as much as one of a minute.
     """
     run: list[AccelerationBlock] = []
     for block in blocks:
         if run and not _follows(block, run):
-            yield _joined(run)
+            yield _join_blocks(run)
             run = []
         run.append(block)
     if run:
-        yield _joined(run)
+        yield _join_blocks(run)
 
 
 def _follows(block: AccelerationBlock, run: Sequence[AccelerationBlock]) -> bool:
@@ -57,7 +59,7 @@ def _follows(block: AccelerationBlock, run: Sequence[AccelerationBlock]) -> bool
     )
 
 
-def _joined(run: Sequence[AccelerationBlock]) -> AccelerationBlock:
+def _join_blocks(run: Sequence[AccelerationBlock]) -> AccelerationBlock:
     return replace(run[0], samples=np.concatenate([block.samples for block in run]))
 
 
@@ -65,8 +67,8 @@ class DisplayDecimator:
     """Anti-aliased decimation of consecutive blocks, each sample at its own time.
 
     A linear-phase low-pass of 8 display samples' length, read at every `factor`-th sample; its
-    delay is taken out of the times. After a gap or a restart it begins anew, which costs the
-    first and the last 0.2 s of each stretch. For display only: identification never sees it.
+    delay is taken out of the times. A gap or a restart resets it, which costs the
+    first and the last 0.2 s of each stretch. For display only: identification does not use it.
     """
 
     def __init__(self, sampling_rate: float, *, display_rate: float = DISPLAY_RATE) -> None:
@@ -78,29 +80,29 @@ class DisplayDecimator:
         self._end_ns = 0
 
     def push(self, block: AccelerationBlock) -> DisplaySignal:
-        """The display samples that this block completes."""
+        """Return the display samples that this block completes."""
         broken = self._tail is not None and self._expected != (block.session, block.first_sample)
         if broken or self._tail is None:
             self._tail = np.empty((0, block.samples.shape[1]), np.float32)
             self._skip = 0
-        signal = self._decimated(block, self._tail)
+        signal = self._decimate(block, self._tail)
         if broken:
             signal = _after_gap(self._end_ns, signal)
         self._expected = (block.session, block.first_sample + len(block.samples))
         self._end_ns = block.end_ns
         return signal
 
-    def _decimated(self, block: AccelerationBlock, tail: NDArray[np.float32]) -> DisplaySignal:
+    def _decimate(self, block: AccelerationBlock, tail: NDArray[np.float32]) -> DisplaySignal:
         joined = np.concatenate([tail, block.samples])
         starts = np.arange(self._skip, len(joined) - len(self._taps) + 1, self._factor)
-        samples = self._filtered(joined)
+        samples = self._filter(joined)
         centres = starts + len(self._taps) // 2 - len(tail)  # sample 0 is the block's first
         offsets = np.round(centres * (NANOSECONDS / block.sampling_rate)).astype(np.int64)
         self._keep(joined, first_needed=self._skip + len(starts) * self._factor)
         return DisplaySignal(block.start_ns + offsets, _on_step(samples))
 
-    def _filtered(self, samples: NDArray[np.float32]) -> FloatArray:
-        """The filter's output at every `factor`-th position, in the samples' own precision."""
+    def _filter(self, samples: NDArray[np.float32]) -> FloatArray:
+        """Filter at every `factor`-th position, in the samples' own precision."""
         if len(samples) < self._skip + len(self._taps):
             return np.empty((0, samples.shape[1]))
         windows = sliding_window_view(samples[self._skip :], len(self._taps), axis=0)
@@ -113,9 +115,9 @@ class DisplayDecimator:
 
 
 def low_pass(factor: int) -> FloatArray:
-    """Taps of a linear-phase low-pass (sum 1) for decimation by `factor`; one tap for factor 1.
+    """Return the taps of a linear-phase low-pass (sum 1) for decimation by `factor`.
 
-    Hamming-windowed sinc, 6 dB down at 0.8 of the new Nyquist frequency.
+    Hamming-windowed sinc, 6 dB down at 0.8 of the new Nyquist frequency; one tap for factor 1.
     """
     if factor == 1:
         return np.ones(1)

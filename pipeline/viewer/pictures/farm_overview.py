@@ -1,4 +1,4 @@
-"""All turbines of a session at a glance: who needs attention, and how stiff each one stands.
+"""The state of all turbines of a session: which need attention, and their stiffnesses.
 
 One row a turbine, in the order in which they appeared. No rerun here.
 """
@@ -14,89 +14,95 @@ from pipeline.viewer.pictures.status_text import (
     SessionStatus,
     StatusIndicator,
     clock_time,
-    counted,
+    count_noun,
 )
 
-ROWS = 24  # of the board of lamps, then it goes on in a further column
-LAMP_X = (3.0, 4.4, 6.1)  # measurements, modes, foundation [picture units]
+ROWS = 24  # of indicators in a column of turbines
+INDICATOR_X = (3.0, 4.4, 6.1)  # measurements, modes, foundation [picture units]
 COLUMN = 8.5  # from one column of turbines to the next [picture units]
 HEADS = ("data", "modes", "foundation")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StatusIndicators:
-    """Lamps of all turbines, a row each; picture units, y down."""
+    """Status indicators of all turbines, a row each; picture units, y down."""
 
-    lights: tuple[tuple[float, float], ...]
-    lamps: tuple[StatusIndicator, ...]  # one a light
+    positions: tuple[tuple[float, float], ...]
+    indicators: tuple[StatusIndicator, ...]
+    """One per position."""
     texts: tuple[Text, ...]
 
 
-def lamp_board(statuses: Sequence[SessionStatus]) -> StatusIndicators:
-    """Three lamps a turbine: its measurements, its modes, its foundation."""
-    places = [_place(number) for number in range(len(statuses))]
+def status_indicators(statuses: Sequence[SessionStatus]) -> StatusIndicators:
+    """Return three indicators per turbine: measurements, modes, foundation."""
+    places = [_position(number) for number in range(len(statuses))]
     columns = range(1 + (len(statuses) - 1) // ROWS)
     heads = [
         Text((column * COLUMN + x, -1.0), head)
         for column in columns
-        for x, head in zip(LAMP_X, HEADS, strict=True)
+        for x, head in zip(INDICATOR_X, HEADS, strict=True)
     ]
     names = [
         Text((x + 1.0, y - 0.3), status.turbine)
         for (x, y), status in zip(places, statuses, strict=True)
     ]
     return StatusIndicators(
-        lights=tuple((x + lamp_x, y) for x, y in places for lamp_x in LAMP_X),
-        lamps=tuple(lamp for status in statuses for lamp in status.lamps),
+        positions=tuple((x + indicator_x, y) for x, y in places for indicator_x in INDICATOR_X),
+        indicators=tuple(indicator for status in statuses for indicator in status.indicators),
         texts=(*heads, *names),
     )
 
 
 def board_bounds(n_turbines: int) -> tuple[list[float], list[float]]:
-    """x and y range of the board."""
+    """Return x and y range of the indicators of all turbines."""
     columns = 1 + (n_turbines - 1) // ROWS
     return [-0.8, columns * COLUMN - 1.5], [-1.8, max(3.0, min(n_turbines, ROWS) - 0.2)]
 
 
-def _place(number: int) -> tuple[float, float]:
+def _position(number: int) -> tuple[float, float]:
     return (number // ROWS) * COLUMN, float(number % ROWS)
 
 
 def farm_markdown(statuses: Sequence[SessionStatus]) -> str:
-    """The verdict over all, those that need attention, and a table of all."""
+    """Return counts of states, the turbines that need attention, and a table of all."""
     states = Counter(_state(status) for status in statuses)
-    verdict = ", ".join(f"{count} {state}" for state, count in states.most_common())
-    parts = [f"### {counted(len(statuses), 'turbine')}: {verdict}", *_attention(statuses)]
+    counts = ", ".join(f"{count} {state}" for state, count in states.most_common())
+    parts = [
+        f"### {count_noun(len(statuses), 'turbine')}: {counts}",
+        *_lines_needing_attention(statuses),
+    ]
     heads = (
         *("turbine", "foundation", *(f"{name} ÷ nominal" for name in STIFFNESSES)),
         *("lowest mode [Hz]", "windows used", "rejected", "gaps", "until (UTC)"),
     )
     lines = [heads, ("---",) * len(heads), *(_row(status) for status in statuses)]
     table = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
-    return "\n\n".join([*parts, table, "Median ± half of the 90 % interval; a tab a turbine."])
+    return "\n\n".join(
+        [*parts, table, "Median ± half of the 90 % interval; each turbine has a tab."]
+    )
 
 
 def _state(status: SessionStatus) -> str:
-    """What the lamp of the foundation says, without its first word."""
-    return status.lamps[-1].text.removeprefix("foundation: ")
+    """Return the state of the foundation, without its first word."""
+    return status.indicators[-1].text.removeprefix("foundation: ")
 
 
-def _attention(statuses: Sequence[SessionStatus]) -> list[str]:
-    """Whatever lamp is not good, turbine by turbine; first those with a bad one."""
-    lines: dict[str, list[str]] = {"bad": [], "doubt": []}
+def _lines_needing_attention(statuses: Sequence[SessionStatus]) -> list[str]:
+    """Return the indicators that are not good, turbine by turbine; bad ones first."""
+    lines: dict[str, list[str]] = {"bad": [], "warning": []}
     for status in statuses:
-        wrong = [lamp for lamp in status.lamps if lamp.state in lines]
+        wrong = [indicator for indicator in status.indicators if indicator.state in lines]
         if wrong:
-            worst = "bad" if any(lamp.state == "bad" for lamp in wrong) else "doubt"
-            words = "; ".join(lamp.text for lamp in wrong)
-            lines[worst].append(f"- **{status.turbine}**: {words}")
-    listed = [*lines["bad"], *lines["doubt"]]
+            worst = "bad" if any(indicator.state == "bad" for indicator in wrong) else "warning"
+            texts = "; ".join(indicator.text for indicator in wrong)
+            lines[worst].append(f"- **{status.turbine}**: {texts}")
+    listed = [*lines["bad"], *lines["warning"]]
     return ["\n".join(listed)] if listed else []
 
 
 def _row(status: SessionStatus) -> tuple[str, ...]:
     lowest = min((mode.frequency for mode in status.modes), default=None)
-    *stiffness, used, until = _knowledge(status.posterior)
+    *stiffness, used, until = _stiffness_cells(status.posterior)
     return (
         *(status.turbine, _state(status), *stiffness),
         "–" if lowest is None else f"{lowest:.4f}",
@@ -104,7 +110,7 @@ def _row(status: SessionStatus) -> tuple[str, ...]:
     )
 
 
-def _knowledge(posterior: FoundationPosterior | None) -> tuple[str, ...]:
+def _stiffness_cells(posterior: FoundationPosterior | None) -> tuple[str, ...]:
     """Stiffnesses, number of windows and the end of the last one."""
     if posterior is None:
         return (*("–" for _ in STIFFNESSES), "0", "–")

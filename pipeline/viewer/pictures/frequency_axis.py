@@ -10,18 +10,20 @@ from sensors.arrays import FloatArray
 
 WIDTH = 2.6  # of a panel [picture units]
 LOWEST = 0.1  # left end [Hz]
-LABEL_DISTANCE = 0.13  # between two frequencies written above a panel [picture units]
+LABEL_DISTANCE = 0.2  # between two frequencies written above a panel [picture units]
 
 
 @dataclass(frozen=True, slots=True)
 class FrequencyAxis:
-    """From `low` at 0 to `high` at WIDTH."""
+    """A logarithmic axis from `low` at 0 to `high` at WIDTH."""
 
-    low: float  # [Hz]
-    high: float  # [Hz]
+    low: float
+    """Left end [Hz]."""
+    high: float
+    """Right end [Hz]."""
 
     def position(self, frequency: FloatArray | float) -> FloatArray:
-        """Where a frequency [Hz] stands [picture units]."""
+        """Return the position of a frequency [Hz] on the axis [picture units]."""
         share = np.log(np.asarray(frequency) / self.low) / np.log(self.high / self.low)
         return WIDTH * share
 
@@ -32,15 +34,15 @@ class FrequencyAxis:
         return [number for number in round_numbers if self.low <= number <= self.high]
 
     def tick_texts(self, y: float) -> list[Text]:
-        """Numbers at the ticks, at height y."""
+        """Return the numbers at the ticks, at height y."""
         return [Text((float(self.position(tick)), y), f"{tick:g}") for tick in self.ticks]
 
     def shown(self, frequencies: Sequence[float]) -> list[float]:
-        """Those within the axis, lowest first."""
+        """Return the frequencies within the axis, lowest first."""
         return sorted(f for f in frequencies if self.low <= f <= self.high)
 
     def mode_texts(self, frequencies: Sequence[float], y: float) -> tuple[Text, ...]:
-        """Frequencies at height y, as many as find room."""
+        """Return frequencies at height y, leaving out those without room."""
         texts: list[Text] = []
         for frequency in self.shown(frequencies):
             x = float(self.position(frequency))
@@ -50,11 +52,11 @@ class FrequencyAxis:
 
 
 def frame(top: float, bottom: float) -> FloatArray:
-    """(5, 2) outline of a panel over the whole axis."""
+    """Return the outline of a panel over the whole axis, shape (5, 2)."""
     return np.array([[0, top], [WIDTH, top], [WIDTH, bottom], [0, bottom], [0, top]], dtype=float)
 
 
-def hair(axis: FrequencyAxis, frequency: float, top: float, bottom: float) -> FloatArray:
-    """(2, 2) an upright line at a frequency [Hz]."""
+def vertical_line(axis: FrequencyAxis, frequency: float, top: float, bottom: float) -> FloatArray:
+    """Return an upright line at a frequency [Hz], shape (2, 2)."""
     x = float(axis.position(frequency))
     return np.array([[x, top], [x, bottom]])

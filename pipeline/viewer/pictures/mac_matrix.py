@@ -1,6 +1,6 @@
 """The modal assurance criterion of every identified mode with every model mode, as a picture.
 
-One square a pair, the identified mode's row by the model mode's column. The picture is about SIDE
+One square per pair, the identified mode's row by the model mode's column. The picture is about SIDE
 pixels wide, however many modes there are. No rerun here.
 """
 
@@ -17,7 +17,7 @@ from sensors.arrays import FloatArray
 
 ImageArray = NDArray[np.uint8]
 
-# From 0 to 1, evenly spaced: a part of the cividis map, told apart by colour-blind people too.
+# From 0 to 1, evenly spaced: a part of the cividis map, distinct for colour-blind readers too.
 # Source: Nuñez, Anderton and Renslow, PLoS ONE 13(7), 2018.
 SHADES = np.array(
     [(0, 32, 77), (59, 73, 108), (112, 113, 115), (166, 157, 117), (255, 234, 70)], dtype=float
@@ -32,17 +32,20 @@ LABEL_PITCH = 22.0  # between two labels that do not cover each other [pixels]
 class MacMatrix:
     """Everything to draw, in pixels, y down."""
 
-    values: FloatArray  # (n_identified, n_model) [-]
-    image: ImageArray  # (height, width, 3) red, green, blue; a square of pixels a value
-    texts: tuple[Text, ...]  # frequencies at the rows, labels at the columns, as many as fit
+    values: FloatArray
+    """MAC, shape (n_identified, n_model) [-]."""
+    image: ImageArray
+    """Red, green, blue, shape (height, width, 3); one square of pixels per value."""
+    texts: tuple[Text, ...]
+    """Frequencies at the rows, labels at the columns, as many as fit."""
 
 
 def mac_matrix(
     estimate: ModalEstimate, posterior: FoundationPosterior, layout: SensorLayout
 ) -> MacMatrix | None:
-    """MAC between what the window showed and the updated model's modes that were paired.
+    """Return the MAC of the window's modes with the paired modes of the updated model.
 
-    None where the shapes have no channel in common, or nothing is paired.
+    None where the shapes have no channel in common or no mode is paired.
     """
     names = {name for pair in posterior.pairs for name in pair.identified.split("+")}
     modes = [mode for mode in estimate.modes if mode.name in names]
@@ -68,12 +71,12 @@ def mac_matrix(
         for j in range(0, len(rows), apart)
     ]
     axes = [Text((width / 2, height + 20.0), "model mode"), Text((-18.0, -26.0), "identified [Hz]")]
-    image = np.repeat(np.repeat(shaded(values), square, axis=0), square, axis=1)
+    image = np.repeat(np.repeat(shade_values(values), square, axis=0), square, axis=1)
     return MacMatrix(values, image, tuple(left + below + axes))
 
 
-def shaded(values: FloatArray) -> ImageArray:
-    """(…, 3) colours of values from 0 to 1."""
+def shade_values(values: FloatArray) -> ImageArray:
+    """Return the colours of values from 0 to 1, shape (…, 3)."""
     places = np.linspace(0.0, 1.0, len(SHADES))
     bands = [np.interp(values, places, SHADES[:, band]) for band in range(3)]
     return np.stack(bands, axis=-1).round().astype(np.uint8)

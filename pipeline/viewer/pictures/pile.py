@@ -1,4 +1,4 @@
-"""What the stiffness means: how far the foundation gives way under a load at the tower's top.
+"""Displacement and rotation of the pile head under a load at the tower's top.
 
 The springs at the mudline carry the lateral force H and the moment H·h of a load at the height h:
 
@@ -24,7 +24,7 @@ from sensors.structure.foundation import SpringSign, spring_matrix
 
 LOAD = 1e6  # H [N]
 TALL = 2.0  # the tower and what stands in the water [picture units]
-LEAN = 0.5  # of the nominal foundation's at the top [picture units]
+LEAN = 0.5  # displacement of the top on the nominal foundation [picture units]
 WALL = -0.7  # where the lateral spring is held [picture units]
 STUB = 0.55  # of the pile below the mudline [picture units]
 COILS = 6  # of the lateral spring
@@ -35,19 +35,28 @@ QUANTILES = (0.05, 0.5, 0.95)
 class PilePicture:
     """Everything to draw, in picture units."""
 
-    fixed: tuple[FloatArray, ...]  # ground, unloaded axis, load
-    springs: tuple[FloatArray, ...]  # lateral and rotational
-    nominal: FloatArray  # (2, 2) axis of the tower on the nominal foundation
-    posterior: tuple[FloatArray, ...]  # (2, 2) at 5, 50 and 95 % of displacement and rotation
-    truth: tuple[FloatArray, ...]  # (2, 2); empty where it is not known
+    fixed: tuple[FloatArray, ...]
+    """Ground, unloaded axis, load; picture units."""
+    springs: tuple[FloatArray, ...]
+    """Lateral and rotational."""
+    nominal: FloatArray
+    """(2, 2) axis of the tower on the nominal foundation."""
+    posterior: tuple[FloatArray, ...]
+    """(2, 2) at 5, 50 and 95 % of displacement and rotation."""
+    truth: tuple[FloatArray, ...]
+    """(2, 2); empty where it is not known."""
     texts: tuple[Text, ...]
 
 
 def mudline_response(theta: FloatArray, height: float, sign: SpringSign) -> FloatArray:
-    """(..., 2) u [m] and ψ [rad] at the mudline under LOAD at the tower's top.
+    """Return u [m] and ψ [rad] at the mudline under LOAD at the tower's top, shape (..., 2).
 
-    theta    (..., 3) k11 [N/m], k22 [N·m/rad], k12 [N/rad]
-    height   h, of the top above the mudline [m]
+    Parameters
+    ----------
+    theta : ndarray, shape (..., 3)
+        k11 [N/m], k22 [N·m/rad], k12 [N/rad].
+    height : float
+        Height h of the top above the mudline [m].
     """
     load = np.array([[LOAD], [LOAD * height]])  # H [N], H·h [N·m]
     return np.linalg.solve(spring_matrix(theta, sign), load)[..., 0]
@@ -58,7 +67,7 @@ def pile_picture(
     description: TurbineDescription,
     truth: FoundationTruth | None = None,
 ) -> PilePicture:
-    """The tower leaning on its foundation, much exaggerated."""
+    """Draw the tower under LOAD on its foundation, displacements much exaggerated."""
     height = description.tower_top - description.mudline
 
     def response(theta: FloatArray) -> FloatArray:
@@ -100,7 +109,7 @@ def _fixed() -> tuple[FloatArray, ...]:
 
 
 def _coil() -> FloatArray:
-    """The lateral spring, from the wall to the pile."""
+    """Return the lateral spring, from the wall to the pile."""
     x = np.linspace(WALL + 0.1, -0.18, 2 * COILS)
     y = np.where(np.arange(2 * COILS) % 2 == 0, 0.06, 0.18)
     middle = 0.12
@@ -108,7 +117,7 @@ def _coil() -> FloatArray:
 
 
 def _spiral() -> FloatArray:
-    """The rotational spring, round the pile's head."""
+    """Return the rotational spring, round the pile's head."""
     angle = np.linspace(0.0, 4 * np.pi, 80)
     radius = 0.04 + 0.16 * angle / angle[-1]
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
@@ -125,13 +134,13 @@ def _spring_texts(posterior: FoundationPosterior) -> tuple[Text, ...]:
 
 def _response_texts(responses: FloatArray, height: float, exaggeration: float) -> tuple[Text, ...]:
     u, psi = responses.T
-    told = (
-        f"mudline moves {_spread(1e3 * u)} mm",
-        f"and turns {_spread(1e3 * psi)} mrad",
-        f"top moves {_spread(1e3 * (u + height * psi))} mm by this alone",
-        f"median (5 to 95 %); drawn × {_rounded(exaggeration):,.0f}",
+    texts = (
+        f"mudline displacement {_spread(1e3 * u)} mm",
+        f"mudline rotation {_spread(1e3 * psi)} mrad",
+        f"top by this alone {_spread(1e3 * (u + height * psi))} mm",
+        f"median (5 to 95 %), drawn × {_round_to_two_digits(exaggeration):,.0f}",
     )
-    lines = [Text((0.0, 0.72 + 0.13 * row), text) for row, text in enumerate(told)]
+    lines = [Text((0.0, 0.72 + 0.13 * row), text) for row, text in enumerate(texts)]
     return (Text((-0.6, -TALL - 0.1), f"{LOAD / 1e6:g} MN"), *lines)
 
 
@@ -140,6 +149,6 @@ def _spread(values: FloatArray) -> str:
     return f"{middle:.4g} ({low:.4g} to {high:.4g})"
 
 
-def _rounded(number: float) -> float:
-    """To two digits."""
+def _round_to_two_digits(number: float) -> float:
+    """Round to two digits."""
     return float(f"{number:.1e}")

@@ -5,7 +5,7 @@ x downwind (fore-aft), y to the side (side-side), z up from mean water.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from sensors.structure.description import Blades, RotorNacelle, Tube, TurbineDes
 
 SECTORS = 24  # flat faces round a tube
 GROUND_RADIUS = 70.0  # of the discs that stand for sea and sea bed [m]
+SMALLEST_HEIGHT = 60.0  # of a structure drawn in its own size [m]
+DRAWN_HEIGHT = 150.0  # of a smaller one in the picture [m]
 NACELLE_SIZE = (16.0, 8.0, 8.0)  # for the picture only [m]
 
 
@@ -24,25 +26,40 @@ NACELLE_SIZE = (16.0, 8.0, 8.0)  # for the picture only [m]
 class TriangleMesh:
     """A surface of triangles."""
 
-    vertices: FloatArray  # (n, 3) [m]
-    triangles: NDArray[np.uint32]  # (m, 3) indices of vertices
-    normals: FloatArray  # (n, 3) unit vectors, outwards [-]
+    vertices: FloatArray
+    """Vertices, shape (n, 3) [m]."""
+    triangles: NDArray[np.uint32]
+    """(m, 3) indices of vertices."""
+    normals: FloatArray
+    """(n, 3) unit vectors, outwards [-]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """The turbine at rest."""
+    """The turbine at rest, in drawn metres."""
 
-    structure: TriangleMesh  # monopile and tower
-    tower_top: float  # [m]
-    mudline: float  # [m]
-    water_level: float | None  # None on land [m]
-    blades: tuple[FloatArray, ...]  # (2, 3) each: root and tip [m]
-    nacelle_centre: FloatArray  # (3,) [m]
+    structure: TriangleMesh
+    """Monopile and tower."""
+    tower_top: float
+    """Elevation of the tower top [m]."""
+    mudline: float
+    """Elevation of the mudline [m]."""
+    water_level: float | None
+    """Elevation of the mean water level [m]; None on land."""
+    blades: tuple[FloatArray, ...]
+    """(2, 3) each: root and tip [m]."""
+    nacelle_centre: FloatArray | None
+    """Centre of the nacelle, shape (3,) [m]; None without a rotor-nacelle assembly."""
+    scale: float = 1.0
+    """Drawn metres per metre of height [-]; small structures are drawn as tall as a tower."""
 
 
 def outline(description: TurbineDescription) -> Outline:
-    """What can be drawn of a described turbine."""
+    """Return what is drawn of a described turbine."""
+    height = description.tower_top - description.mudline
+    scale = 1.0 if height >= SMALLEST_HEIGHT else DRAWN_HEIGHT / height
+    if scale != 1.0:
+        return _small_outline(description, scale)
     top = description.tower_top
     machine = description.rotor_nacelle
     blades = blade_lines(description.blades, machine, top) if description.blades else ()
@@ -53,12 +70,36 @@ def outline(description: TurbineDescription) -> Outline:
         mudline=description.mudline,
         water_level=description.water.level if description.water else None,
         blades=blades,
-        nacelle_centre=centre,
+        nacelle_centre=centre if blades or machine.bodies else None,
+    )
+
+
+def _small_outline(description: TurbineDescription, scale: float) -> Outline:
+    """Return the tubes of a small structure, enlarged; text and camera are sized for towers."""
+    tubes = [
+        replace(
+            tube,
+            bottom=tube.bottom * scale,
+            top=tube.top * scale,
+            diameter=tube.diameter * scale,
+            thickness=tube.thickness * scale,
+        )
+        for tube in description.tubes
+    ]
+    water = description.water
+    return Outline(
+        structure=tube_mesh(tubes),
+        tower_top=description.tower_top * scale,
+        mudline=description.mudline * scale,
+        water_level=water.level * scale if water else None,
+        blades=(),
+        nacelle_centre=None,
+        scale=scale,
     )
 
 
 def tube_mesh(tubes: Sequence[Tube], *, sectors: int = SECTORS) -> TriangleMesh:
-    """The outer faces of upright tubes round the z axis."""
+    """Return the outer faces of upright tubes round the z axis."""
     angles = np.arange(sectors) * (2 * np.pi / sectors)
     outwards = np.stack([np.cos(angles), np.sin(angles), np.zeros(sectors)], axis=1)
     rings = [
@@ -81,7 +122,7 @@ def _ring_faces(first: int, sectors: int) -> NDArray[np.uint32]:
 
 
 def disc(elevation: float, *, radius: float = GROUND_RADIUS, sectors: int = 48) -> TriangleMesh:
-    """A horizontal disc round the z axis, facing up."""
+    """Return a horizontal disc round the z axis, facing up."""
     angles = np.arange(sectors) * (2 * np.pi / sectors)
     rim = np.stack([np.cos(angles) * radius, np.sin(angles) * radius, np.zeros(sectors)], axis=1)
     vertices = np.concatenate([np.zeros((1, 3)), rim]) + np.array([0.0, 0.0, elevation])
@@ -111,14 +152,20 @@ def blade_lines(blades: Blades, machine: RotorNacelle, top: float) -> tuple[Floa
 class Deflection:
     """A mode shape as horizontal displacements at the sensors, lowest first."""
 
-    elevations: FloatArray  # (n_levels,) [m]
-    displacements: FloatArray  # (n_levels, 3) x, y, z [-]
+    elevations: FloatArray
+    """Elevations of the sensors, shape (n_levels,) [m]."""
+    displacements: FloatArray
+    """Displacements along x, y, z, shape (n_levels, 3) [-]."""
 
     def line(self, amplitude: float) -> FloatArray:
         """(n_levels, 3) the deflected axis of the tower for a largest component of 1 [m]."""
         upright = np.zeros((len(self.elevations), 3))
         upright[:, 2] = self.elevations
         return upright + amplitude * self.displacements
+
+    def scaled(self, scale: float) -> "Deflection":
+        """Return the same displacements at elevations times `scale`."""
+        return Deflection(self.elevations * scale, self.displacements)
 
     @property
     def direction(self) -> str:
@@ -128,9 +175,14 @@ class Deflection:
 
 
 def deflection(layout: SensorLayout, channels: Sequence[str], shape: FloatArray) -> Deflection:
-    """A shape's components put back to where their sensors sit and point.
+    """Return a shape as displacements at its sensors, along their directions.
 
-    shape      φ, (n_channels,) [-], in the order of `channels`, names of the layout's channels
+    Parameters
+    ----------
+    channels : Sequence[str]
+        Names of the layout's channels, shape (n_channels,).
+    shape : ndarray, shape (n_channels,)
+        Mode shape φ [-], in the order of `channels`.
     """
     by_name = {channel.name: channel for channel in layout.channels}
     used = [by_name[name] for name in channels]
@@ -142,8 +194,8 @@ def deflection(layout: SensorLayout, channels: Sequence[str], shape: FloatArray)
     return Deflection(elevations, displacements)
 
 
-def scaled_onto(shape: FloatArray, target: FloatArray) -> FloatArray:
-    """A shape times the factor that brings it nearest to another: s φ, s = φ·τ / φ·φ.
+def scale_onto(shape: FloatArray, target: FloatArray) -> FloatArray:
+    """Scale a shape to its least-squares fit of another: s φ with s = φ·τ / φ·φ.
 
     Two shapes of one mode then lie on each other, whichever component each is normalised to.
     """
@@ -152,19 +204,25 @@ def scaled_onto(shape: FloatArray, target: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwingFrames:
-    """Frames of a swinging shape: its size at each instant, 1 at full swing."""
+    """Frames of a moving shape: its amplitude at each instant, 1 at full amplitude."""
 
-    times_ns: NDArray[np.int64]  # (n,) sensor clock [ns]
-    factors: FloatArray  # (n,) cos(2π (t − t₀) / T) [-]
+    times_ns: NDArray[np.int64]
+    """Sensor clock, shape (n,) [ns since 1970-01-01 UTC]."""
+    factors: FloatArray
+    """Amplitudes cos(2π (t − t₀) / T), shape (n,) [-]."""
 
 
 def swing_frames(
     start_ns: int, end_ns: int, *, full_swing_ns: int, period: float, per_swing: int = 18
 ) -> SwingFrames:
-    """The frames in start_ns <= t < end_ns, counted from t₀ = full_swing_ns.
+    """Return the frames in start_ns <= t < end_ns, counted from t₀ = full_swing_ns.
 
-    period      T, of one swing in session time [s]
-    per_swing   frames in T; 18 has none at a standstill, where the picture would be flat
+    Parameters
+    ----------
+    period : float
+        Period T of the drawn motion, in sensor time [s].
+    per_swing : int, optional
+        Frames in a period; with 18 no frame has amplitude 0.
     """
     step = period * NANOSECONDS / per_swing  # [ns], not a whole number
     first, last = (int((time_ns - full_swing_ns) // step) for time_ns in (start_ns, end_ns))

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from scipy.fft import rfft, rfftfreq
 
 from pipeline.viewer.pictures.corner import Text
-from pipeline.viewer.pictures.frequency_axis import LOWEST, WIDTH, FrequencyAxis, frame, hair
+from pipeline.viewer.pictures.frequency_axis import (
+    LOWEST,
+    WIDTH,
+    FrequencyAxis,
+    frame,
+    vertical_line,
+)
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -30,28 +36,34 @@ AXES = ("fore-aft", "side-side")
 class SpectrumPicture:
     """Everything to draw, in picture units."""
 
-    spectra: tuple[FloatArray, ...]  # (n, 2) a line a channel
-    levels: tuple[int, ...]  # which level of the tower each line belongs to, lowest 0
-    modes: tuple[FloatArray, ...]  # (2, 2) an upright hair at every identified frequency
-    frames: tuple[FloatArray, ...]  # outlines of panels and ticks
+    spectra: tuple[FloatArray, ...]
+    """One line per channel, shape (n, 2)."""
+    levels: tuple[int, ...]
+    """Which level of the tower each line belongs to, lowest 0."""
+    modes: tuple[FloatArray, ...]
+    """(2, 2) an upright line at each identified frequency."""
+    frames: tuple[FloatArray, ...]
+    """Outlines of panels and ticks."""
     texts: tuple[Text, ...]
 
 
 class RecentSamples:
-    """The samples of one unit's latest hour, for windows that are identified later."""
+    """The samples of one unit's latest hour, for windows identified later."""
 
     def __init__(self) -> None:
         self._blocks: deque[AccelerationBlock] = deque()
 
     def push(self, block: AccelerationBlock) -> None:
-        """Keep one more block, and let go of those that are too old."""
+        """Add a block and drop those that are too old."""
         self._blocks.append(block)
         while self._blocks[0].start_ns < block.start_ns - KEPT * NANOSECONDS:
             self._blocks.popleft()
 
     def between(self, start_ns: int, end_ns: int) -> NDArray[np.float32] | None:
-        """(n, n_channels) [m/s²] samples of the blocks that begin in a window; None where there is
-        none or where they differ in their channels."""
+        """Return the samples of the blocks that begin in a window, shape (n, n_channels) [m/s²].
+
+        None where there are none or their channels differ.
+        """
         inside = [block.samples for block in self._blocks if start_ns <= block.start_ns < end_ns]
         if not inside or len({samples.shape[1] for samples in inside}) > 1:
             return None
@@ -64,13 +76,18 @@ def spectrum_picture(
     layout: SensorLayout,
     frequencies: Sequence[float],
 ) -> SpectrumPicture:
-    """Power spectral densities of all channels over a logarithmic axis.
-
-    samples         (n, n_channels) [m/s²]
-    sampling_rate   [Hz]
-    frequencies     of the identified modes [Hz]
+    """Draw power spectral densities of all channels over a logarithmic axis.
 
     A missing sample counts as the channel's mean.
+
+    Parameters
+    ----------
+    samples : ndarray of float, shape (n, n_channels)
+        Samples of the window [m/s²].
+    sampling_rate : float
+        Sampling rate [Hz].
+    frequencies : Sequence[float]
+        Natural frequencies of the identified modes [Hz].
     """
     finite = np.where(np.isfinite(samples), samples, np.nan)
     steady = np.nan_to_num(finite - np.nanmean(finite, axis=0))
@@ -87,12 +104,16 @@ def spectrum_picture(
     ]
     shown = axis.shown(frequencies)
     panels = [(panel * PITCH, panel * PITCH + HEIGHT) for panel in range(2)]
+    units = {channel.unit for channel in layout.channels}
+    unit = units.pop() if len(units) == 1 else "unit"
     return SpectrumPicture(
         spectra=tuple(line for line, _ in lines),
         levels=tuple(elevations.index(layout.channels[channel].elevation) for _, channel in lines),
-        modes=tuple(hair(axis, frequency, *panel) for panel in panels for frequency in shown),
+        modes=tuple(
+            vertical_line(axis, frequency, *panel) for panel in panels for frequency in shown
+        ),
         frames=tuple(frame(*panel) for panel in panels),
-        texts=_axis_texts(axis, top) + axis.mode_texts(shown, -0.06),
+        texts=_axis_texts(axis, top, unit) + axis.mode_texts(shown, -0.06),
     )
 
 
@@ -103,10 +124,10 @@ def _along(layout: SensorLayout, axis: int) -> list[int]:
 def power_spectral_densities(
     samples: NDArray[np.float32], sampling_rate: float
 ) -> tuple[FloatArray, NDArray[np.float32]]:
-    """Welch's estimate: frequencies (n,) [Hz] and one-sided densities (n, n_channels) [(m/s²)²/Hz].
+    """Estimate frequencies (n,) [Hz] and one-sided densities (n, n_channels) [(m/s²)²/Hz].
 
-    Hann segments of SEGMENT [s] that overlap by half, each without its mean. In the samples' own
-    single precision, whose rounding lies some 13 decades below the signal: DECADES are shown.
+    Welch's method with Hann segments of SEGMENT [s] that overlap by half, each without its mean.
+    Single precision suffices: its rounding is some 13 decades below the signal.
     """
     length = min(len(samples), round(SEGMENT * sampling_rate))
     window = (0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)).astype(np.float32)
@@ -124,7 +145,7 @@ def power_spectral_densities(
 def _curves(
     axis: FrequencyAxis, f: FloatArray, densities: NDArray[np.float32], top: float
 ) -> list[FloatArray]:
-    """Every channel's spectrum in the first panel: the highest value in each bin of the axis."""
+    """Return every channel's spectrum in the first panel: the highest value in each bin."""
     edges = np.geomspace(axis.low, axis.high, BINS + 1)
     inside = (f >= axis.low) & (f < axis.high)
     bins, first = np.unique(np.digitize(f[inside], edges) - 1, return_index=True)
@@ -134,7 +155,7 @@ def _curves(
     return [np.stack([x, 1.0 - 0.96 * y[:, i]], axis=1) for i in range(y.shape[1])]
 
 
-def _axis_texts(axis: FrequencyAxis, top: float) -> tuple[Text, ...]:
+def _axis_texts(axis: FrequencyAxis, top: float, unit: str) -> tuple[Text, ...]:
     texts = [text for panel in range(2) for text in axis.tick_texts(panel * PITCH + HEIGHT + 0.05)]
     texts += [
         Text((-0.13, panel * PITCH + 1.0 - 0.96 * (1.0 - below / DECADES)), f"1e{top - below:.0f}")
@@ -143,5 +164,6 @@ def _axis_texts(axis: FrequencyAxis, top: float) -> tuple[Text, ...]:
     ]
     for panel, name in enumerate(AXES):
         middle = (WIDTH / 2, panel * PITCH + HEIGHT + 0.13)
-        texts.append(Text(middle, f"frequency [Hz], {name}; density [(m/s²)²/Hz]"))
+        density = f"({unit})²/Hz" if unit else "1/Hz, unscaled"
+        texts.append(Text(middle, f"frequency [Hz], {name}; density [{density}]"))
     return tuple(texts)

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from pipeline.messages import StabilisationDiagram
 from pipeline.viewer.pictures.corner import Text
-from pipeline.viewer.pictures.frequency_axis import LOWEST, WIDTH, FrequencyAxis, frame, hair
+from pipeline.viewer.pictures.frequency_axis import (
+    LOWEST,
+    WIDTH,
+    FrequencyAxis,
+    frame,
+    vertical_line,
+)
 from sensors.arrays import FloatArray
 
 HEIGHT = 1.3  # of the panel [picture units]
@@ -24,20 +30,28 @@ ORDER_TICK = 20  # between two model orders written at the axis [-]
 class StabilisationPicture:
     """Everything to draw, in picture units."""
 
-    poles: FloatArray  # (n_poles, 2)
-    bands: NDArray[np.int64]  # (n_poles,) which band each is of, slowest 0
-    stds: FloatArray  # (n_poles, 2, 2) a bar of ± one standard deviation through each pole
-    modes: tuple[FloatArray, ...]  # (2, 2) an upright hair at every mode that was taken
-    frames: tuple[FloatArray, ...]  # outline of the panel
+    poles: FloatArray
+    """Positions of the poles, shape (n_poles, 2) [picture units]."""
+    bands: NDArray[np.int64]
+    """Band of each pole, shape (n_poles,); slowest 0."""
+    stds: FloatArray
+    """(n_poles, 2, 2) a bar of ± one standard deviation through each pole."""
+    modes: tuple[FloatArray, ...]
+    """(2, 2) an upright line at each identified mode."""
+    frames: tuple[FloatArray, ...]
+    """Outline of the panel."""
     texts: tuple[Text, ...]
 
 
 def stabilisation_picture(
     diagram: StabilisationDiagram, frequencies: Sequence[float]
 ) -> StabilisationPicture:
-    """All poles of a window and the modes that were taken among them.
+    """Draw all poles of a window and the modes identified among them.
 
-    frequencies   of the identified modes [Hz]
+    Parameters
+    ----------
+    frequencies : Sequence[float]
+        Natural frequencies of the identified modes [Hz].
     """
     f = diagram.frequencies.astype(float)
     inside = f > LOWEST
@@ -51,7 +65,7 @@ def stabilisation_picture(
         poles=np.stack([axis.position(f), y], axis=1),
         bands=diagram.bands[inside].astype(np.int64),
         stds=np.stack([ends, np.stack([y, y], axis=1)], axis=2),
-        modes=tuple(hair(axis, frequency, 0.0, HEIGHT) for frequency in shown),
+        modes=tuple(vertical_line(axis, frequency, 0.0, HEIGHT) for frequency in shown),
         frames=(frame(0.0, HEIGHT),),
         texts=_texts(axis, top_order) + axis.mode_texts(shown, -0.06),
     )

@@ -1,4 +1,4 @@
-"""What the session says in words: a running summary of one turbine, as Markdown. No rerun here."""
+"""A running summary of one turbine as text and status indicators. No rerun here."""
 
 from collections import Counter, deque
 from collections.abc import Sequence
@@ -20,31 +20,32 @@ from pipeline.messages import (
 from sensors.acquisition.blocks import NANOSECONDS
 
 STIFFNESSES = ("k11", "k22", "k12")
-CHANGED = {  # what a change is called, by its kind
+CHANGED = {  # text of the indicator by kind of change
     "foundation": "foundation: changed",
     "modal-drift": "foundation: known, but the modes changed",
     "undecided": "foundation: perhaps changed",
 }
 _LISTED = 5  # rejected windows and gaps shown, the newest
-CUT_SHORT = "short"  # why a window is rejected in which the session ended: nothing is wrong
+CUT_SHORT = "short"  # code of the window in which the session ended: not a fault
 
 
 @dataclass(frozen=True, slots=True)
 class StatusIndicator:
-    """One light of the three that say how things are, and in words."""
+    """One of a turbine's three status indicators, with its text."""
 
-    state: Literal["good", "doubt", "bad", "unknown"]
+    state: Literal["good", "warning", "bad", "unknown"]
     text: str
 
 
 class SessionStatus:
-    """Remembers, for one turbine, what the status text needs; bounded, however long the session."""
+    """What the status text of one turbine needs; bounded, however long the session."""
 
-    def __init__(self, turbine: str, *, title: str = "") -> None:
+    def __init__(self, turbine: str, *, title: str = "", has_structure: bool = True) -> None:
+        self._has_structure = has_structure
         self.turbine = turbine
         self._heading = f"{title} ({turbine})" if title and title != turbine else turbine
         self._n_identified = 0
-        self._rejections: Counter[str] = Counter()  # windows by why
+        self._rejections: Counter[str] = Counter()  # rejected windows by code
         self._n_gaps = 0
         self._missing_s = 0.0
         self._estimate: ModalEstimate | None = None
@@ -57,7 +58,7 @@ class SessionStatus:
         self._event: FoundationEvent | None = None
 
     def take(self, message: Message) -> None:
-        """Remember one message; types that say nothing about the state are passed over."""
+        """Take one message into account; types that do not affect the state are ignored."""
         match message:
             case ModalEstimate():
                 self._n_identified += 1
@@ -79,90 +80,96 @@ class SessionStatus:
                 self._gaps.append(message)
 
     def take_node(self, node: NodeStatus) -> bool:
-        """Remember a node's status; True where its state, its counts of trouble or the kinds of its
-        doubts are new."""
+        """Keep a node's status; return whether its state, losses or kinds of warnings changed."""
         before = self._nodes.get(node.node)
         self._nodes[node.node] = node
-        return before is None or _news(before) != _news(node)
+        return before is None or _reported_state(before) != _reported_state(node)
 
     @property
     def posterior(self) -> FoundationPosterior | None:
-        """The latest."""
+        """The latest posterior."""
         return self._posterior
 
     @property
     def modes(self) -> tuple[Mode, ...]:
-        """Of the latest window that was identified."""
+        """Modes of the latest identified window."""
         return () if self._estimate is None else self._estimate.modes
 
     @property
     def n_rejected(self) -> int:
-        """Windows that gave no estimate."""
+        """Number of rejected windows."""
         return self._rejections.total()
 
     @property
     def n_gaps(self) -> int:
-        """In the stream."""
+        """Number of gaps in the stream."""
         return self._n_gaps
 
     @property
-    def lamps(self) -> tuple[StatusIndicator, StatusIndicator, StatusIndicator]:
+    def indicators(self) -> tuple[StatusIndicator, StatusIndicator, StatusIndicator]:
         """Measurements, modes, foundation."""
-        return self._measurements_lamp(), self._modes_lamp(), self._foundation_lamp()
+        return self._measurements_indicator(), self._modes_indicator(), self._foundation_indicator()
 
     def markdown(self) -> str:
-        """How the foundation is: verdict, figures, doubts, what changed."""
+        """Return the state of the foundation: summary, figures, warnings, changes."""
         parts = (
-            [f"### {self._heading}", f"**{self._verdict()}**"],
+            [f"### {self._heading}", f"**{self._summary()}**"],
             [] if self._event is None else [f"**Changed:** {self._event.text}"],
             self._foundation(),
-            self._doubts(),
+            self._warnings(),
         )
         return "\n\n".join(paragraph for part in parts for paragraph in part)
 
     def health_markdown(self) -> str:
-        """How the measuring is: windows, gaps, nodes."""
+        """Return the state of the measurements: windows, gaps, nodes."""
         return "\n\n".join([*self._windows(), *self._node_table()])
 
-    def _measurements_lamp(self) -> StatusIndicator:
+    def _measurements_indicator(self) -> StatusIndicator:
         lost = sum(node.lost for node in self._nodes.values())
         if self._n_gaps or lost:
             return StatusIndicator(
-                "doubt", f"measurements: {counted(self._n_gaps, 'gap')}, {lost} lost"
+                "warning", f"measurements: {count_noun(self._n_gaps, 'gap')}, {lost} lost"
             )
         if self._estimate is None and not self._rejections:
-            return StatusIndicator("unknown", "measurements: no whole window yet")
-        return StatusIndicator("good", "measurements: whole")
+            return StatusIndicator("unknown", "measurements: no complete window yet")
+        return StatusIndicator("good", "measurements: complete")
 
-    def _modes_lamp(self) -> StatusIndicator:
+    def _modes_indicator(self) -> StatusIndicator:
         if self._last_rejected:
             return StatusIndicator("bad", "modes: the last window was rejected")
         if self._estimate is None:
             return StatusIndicator("unknown", "modes: none yet")
-        found = counted(len(self._estimate.modes), "mode")
+        found = count_noun(len(self._estimate.modes), "mode")
         if self._estimate.warnings:
-            return StatusIndicator("doubt", f"{found}, with a doubt")
+            return StatusIndicator("warning", f"{found}, with a warning")
         return StatusIndicator("good", f"{found} in the last window")
 
-    def _foundation_lamp(self) -> StatusIndicator:
+    def _foundation_indicator(self) -> StatusIndicator:
+        if not self._has_structure:
+            return StatusIndicator("unknown", "foundation: no structural model")
         if self._posterior is None:
             return StatusIndicator("unknown", "foundation: no posterior yet")
         if not self._posterior.trusted:
             return StatusIndicator("bad", "foundation: NOT TRUSTED")
         if self._event is not None:
-            return StatusIndicator("doubt", CHANGED.get(self._event.kind, CHANGED["undecided"]))
+            return StatusIndicator("warning", CHANGED.get(self._event.kind, CHANGED["undecided"]))
         return StatusIndicator("good", "foundation: known")
 
-    def _verdict(self) -> str:
+    def _summary(self) -> str:
         posterior = self._posterior
+        if not self._has_structure:
+            if self._estimate is None:
+                return "Modes only: no window is identified yet."
+            found = frequencies_text([mode.frequency for mode in self._estimate.modes])
+            return f"Modes only: {found} in the last window."
         if posterior is None:
-            return "No posterior yet: the first needs one identified window."
+            return "No posterior yet: it comes with the first window whose modes are paired."
         if not posterior.trusted:
             return "NOT TRUSTED: the data contradict the model; do not use these stiffnesses."
         k22 = posterior.parameter("k22")
         return (
             f"Foundation known: rotational stiffness k22 is {k22.median / k22.nominal:.3f} × "
-            f"nominal, 90 % sure between {k22.p05 / k22.nominal:.3f} and "
+            f"nominal, 90 % interval {k22.p05 / k22.nominal:.3f} and "
             f"{k22.p95 / k22.nominal:.3f}."
         )
 
@@ -179,7 +186,8 @@ class SessionStatus:
         sigma = posterior.parameter("sigma")
         rows.append(f"| σ [-] | {sigma.median:.4f} | below {sigma.p95:.4f} (95 %) | – |")
         fit = (
-            f"{counted(posterior.n_windows, 'window')}, until {clock_time(posterior.time_ns)} UTC. "
+            f"{count_noun(posterior.n_windows, 'window')}, "
+            f"until {clock_time(posterior.time_ns)} UTC. "
             f"Fit: χ² {posterior.reduced_chi_square:.2f}, "
             f"{posterior.paired_share:.0%} of identified modes paired. "
             f"Sampler: R̂ {posterior.rhat:.3f}, ESS {posterior.ess:.0f}."
@@ -193,7 +201,7 @@ class SessionStatus:
             f"  - {clock_time(window.start_ns)}: {window.reason}" for window in self._rejected
         ]
         lines.append(
-            f"- {counted(self._n_gaps, 'gap')} in the stream, {self._missing_s:.1f} s in all"
+            f"- {count_noun(self._n_gaps, 'gap')} in the stream, {self._missing_s:.1f} s in all"
         )
         lines += [f"  - {gap_text(gap)}" for gap in self._gaps]
         return ["#### Windows", "\n".join(lines)]
@@ -204,33 +212,36 @@ class SessionStatus:
         listed = f"; the last {_LISTED}:" if self.n_rejected > _LISTED else ""
         return f"- {self.n_rejected} rejected" + (f": {reasons}{listed}" if reasons else "")
 
-    def _doubts(self) -> list[str]:
+    def _warnings(self) -> list[str]:
         results = (self._estimate, self._posterior)
-        doubts = [doubt for result in results if result for doubt in result.warnings]
-        if not doubts:
+        warnings = [warning for result in results if result for warning in result.warnings]
+        if not warnings:
             return []
-        return ["#### Doubts", "\n".join(f"- {doubt.code}: {doubt.text}" for doubt in doubts)]
+        return [
+            "#### Warnings",
+            "\n".join(f"- {warning.code}: {warning.text}" for warning in warnings),
+        ]
 
     def _node_table(self) -> list[str]:
         if not self._nodes:
             return []
-        rows = ["| node | state | lost | late | twice | malformed | busy |", "|---" * 7 + "|"]
+        rows = ["| node | state | lost | late | duplicate | malformed | busy |", "|---" * 7 + "|"]
         rows += [
             f"| {node.node} | {node.state} | {node.lost} | {node.late} | {node.duplicate} "
             f"| {node.malformed} | {node.busy_s:.1f} s |"
             for _, node in sorted(self._nodes.items())
         ]
-        said = [  # as code: a stranger's words are neither links nor pictures
-            f"- {node.node}: `{doubt.text.replace('`', '´')}`"
+        listed = [  # as code: untrusted text makes neither links nor pictures
+            f"- {node.node}: `{warning.text.replace('`', '´')}`"
             for _, node in sorted(self._nodes.items())
-            for doubt in node.warnings
+            for warning in node.warnings
         ]
-        return ["#### Nodes", "\n".join(rows), *(["\n".join(said)] if said else [])]
+        return ["#### Nodes", "\n".join(rows), *(["\n".join(listed)] if listed else [])]
 
 
-def _news(node: NodeStatus) -> tuple[object, ...]:
-    """What of a status is worth drawing anew."""
-    return node.state, node.lost, node.late, {doubt.code for doubt in node.warnings}
+def _reported_state(node: NodeStatus) -> tuple[object, ...]:
+    """Return the part of a status whose change is drawn."""
+    return node.state, node.lost, node.late, {warning.code for warning in node.warnings}
 
 
 def clock_time(time_ns: int) -> str:
@@ -239,25 +250,25 @@ def clock_time(time_ns: int) -> str:
 
 
 def gap_text(gap: StreamGap) -> str:
-    """One line about missing blocks."""
+    """Return one line about missing blocks."""
     length = (gap.end_ns - gap.start_ns) / NANOSECONDS
     return f"{clock_time(gap.start_ns)}: {gap.n_blocks} blocks ({length:.1f} s) of unit {gap.unit}"
 
 
-def counted(number: int, noun: str) -> str:
+def count_noun(number: int, noun: str) -> str:
     """'1 window', '2 windows'."""
     return f"{number} {noun}" + "s" * (number != 1)
 
 
 def posterior_text(posterior: FoundationPosterior) -> str:
-    """One line about a refreshed posterior: medians and half the 90 % intervals' widths."""
+    """Return one line about a refreshed posterior: medians and half the 90 % intervals' widths."""
     parts = []
     for name in STIFFNESSES:
         k = posterior.parameter(name)
         half_width = (k.p95 - k.p05) / 2 / k.nominal
         parts.append(f"{name} {k.median / k.nominal:.3f} ± {half_width:.3f}")
     trust = "" if posterior.trusted else "NOT TRUSTED: "
-    return f"{trust}{', '.join(parts)} × nominal, from {counted(posterior.n_windows, 'window')}"
+    return f"{trust}{', '.join(parts)} × nominal, from {count_noun(posterior.n_windows, 'window')}"
 
 
 def frequencies_text(frequencies: Sequence[float]) -> str:

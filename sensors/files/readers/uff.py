@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError, existing, needed
+from sensors.files.table import FileError, require_file, require_module
 
 DELIMITER = b"    -1"  # before and behind every dataset
 TIME_RESPONSE = 1  # `func_type`
-EVEN = 1  # `abscissa_spacing`
+EVEN_SPACING = 1  # `abscissa_spacing`
 DIRECTIONS = {
     **{0: "", 1: "+X", 2: "+Y", 3: "+Z", 4: "+RX", 5: "+RY", 6: "+RZ"},
     **{-1: "-X", -2: "-Y", -3: "-Z", -4: "-RX", -5: "-RY", -6: "-RZ"},
@@ -43,9 +43,9 @@ def read_uff(path: Path) -> list[Channel]:
     FileError
         If the file is missing, damaged or holds no time response, or pyuff is not installed.
     """
-    pyuff = needed("pyuff", "uff", path)
+    pyuff = require_module("pyuff", "uff", path)
     if (
-        not existing(path).read_bytes().rstrip().endswith(DELIMITER)
+        not require_file(path).read_bytes().rstrip().endswith(DELIMITER)
     ):  # pyuff drops a part in silence
         raise FileError(f"{path}: no universal file, or cut off: its last line must be -1")
     try:
@@ -75,7 +75,7 @@ def _channel(dataset: dict[str, Any]) -> Channel:
         unit_str="" if unit.upper() == "NONE" else unit,
         quantity=QUANTITIES.get(int(dataset["ordinate_spec_data_type"])),
     )
-    if int(dataset["abscissa_spacing"]) == EVEN and dataset["abscissa_inc"] > 0:
+    if int(dataset["abscissa_spacing"]) == EVEN_SPACING and dataset["abscissa_inc"] > 0:
         channel["fs"] = 1.0 / float(dataset["abscissa_inc"])
     else:
         channel["time"] = np.asarray(dataset["x"], dtype=np.float64)

@@ -17,7 +17,7 @@ from pipeline.archive.turbines import archived_turbines
 from pipeline.archive.work import ThisProcess
 from pipeline.cli import app
 from pipeline.messages import Message, ModalEstimate, WindowRejected
-from pipeline.nodes.identification import IdentificationInContext
+from pipeline.nodes.identification import IdentificationNode
 from pipeline.runtime.runner import with_end
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import NANOSECONDS
@@ -41,7 +41,7 @@ def rows(results: Path, table: str) -> list[dict[str, Any]]:
 def live(short_recording: Path) -> list[ModalEstimate]:
     """The whole recording by the node of a session."""
     source = replayed(short_recording)
-    node = IdentificationInContext(source.scenario.oma)
+    node = IdentificationNode(source.scenario.oma)
     answers: list[Message] = []
     for message in with_end(source.messages()):
         if isinstance(message, node.inputs):

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import logging
 import os
 import socket
 import subprocess
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pipeline.cli import main
+from pipeline.cli import ConsoleHandler, main
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from sensors.structure.description import shipped_text
 
@@ -117,11 +118,11 @@ def test_modes_lists_table_1_first(pilewatch: Command) -> None:
     assert all(len(mode["shape"]) == 8 for mode in figures)
 
 
-def test_info_tells_what_a_recording_holds(pilewatch: Command, short_recording: Path) -> None:
-    told = pilewatch("info", str(short_recording))
-    assert told.returncode == 0
+def test_info_lists_what_a_recording_holds(pilewatch: Command, short_recording: Path) -> None:
+    result = pilewatch("info", str(short_recording))
+    assert result.returncode == 0
     for word in ("AccelerationBlock", "240", "none", "truth.k11 = 9800000000.0"):
-        assert word in told.stdout
+        assert word in result.stdout
 
 
 def test_a_mistake_ends_the_process_with_code_2_and_no_traceback(tmp_path: Path) -> None:
@@ -141,7 +142,7 @@ def test_help_teaches_every_command(pilewatch: Command) -> None:
         assert pilewatch(command, "--help").returncode == 0
 
 
-def test_run_without_a_recording_says_how_to_make_one(pilewatch: Command) -> None:
+def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) -> None:
     complaint = one_line(pilewatch("run"))
     assert "recordings/parked.mcap" in complaint
     assert "pilewatch simulate parked -o recordings/parked.mcap" in complaint
@@ -156,7 +157,7 @@ def test_run_without_a_recording_says_how_to_make_one(pilewatch: Command) -> Non
         (("run", "--speed", "fast", "--source", "live"), "--speed fast"),
         (("run", "--view", "hologram", "--source", "live"), "hologram"),
         (("run", "--processes", "--lock-step"), "exclude each other"),
-        (("run", "--source", "live", "--sampler", "dice"), "'dice' is not one of importance"),
+        (("run", "--source", "live", "--sampler", "dice"), "'dice' is not one of 'importance'"),
         (("modes", "--theta", "1,1"), "three numbers are needed"),
         (("modes", "--theta", "1,0.25,4"), "k11·k22 must exceed k12²"),
         (("modes", "--theta", "0,0,0"), "k11 and k22 must be above 0"),
@@ -167,11 +168,11 @@ def test_run_without_a_recording_says_how_to_make_one(pilewatch: Command) -> Non
         (("salvage", ""), "Is a directory"),
         (("describe", "--plot", "."), "cannot write the figure ."),
         (("identify", "a.csv", "--highest-frequency", "nan"), "highest_frequency is nan Hz"),
-        (("identify", "a.csv", "--plot", "gone/a.png"), "there is no folder gone"),
-        (("modes", "--sign", "up"), "published or embedded-pile"),
+        (("identify", "a.csv", "--plot", "gone/a.png"), "the folder gone does not exist"),
+        (("modes", "--sign", "up"), "'up' is not one of 'published', 'embedded-pile'"),
         (("modes", "--turbine", "gone.toml"), "gone.toml"),
         (("identify", "gone.csv"), "gone.csv"),
-        (("node", "cook", "--connect", "tcp/127.0.0.1:1"), "there is no node 'cook'"),
+        (("node", "cook", "--connect", "tcp/127.0.0.1:1"), "'cook' is not one of 'identification'"),
     ],
 )
 def test_a_mistake_gives_one_line(
@@ -288,15 +289,15 @@ def test_a_folder_that_is_a_file_is_one_line_for_a_node_too(
 ) -> None:
     (tmp_path / "file").write_text("x")
     with closing(ZenohBus(hub(endpoint := free_endpoint()))):
-        told = pilewatch("node", "recorder", "--connect", endpoint, "--out", "file")
-    assert "--out file: File exists; a folder is needed" in one_line(told)
+        result = pilewatch("node", "recorder", "--connect", endpoint, "--out", "file")
+    assert "--out file: File exists; a folder is needed" in one_line(result)
 
 
 def test_a_client_that_knows_no_router_is_one_line(pilewatch: Command) -> None:
     assert "--connect ENDPOINT" in one_line(pilewatch("node", "recorder", "--mode", "client"))
 
 
-def test_a_port_that_is_taken_is_told_before_a_file_is_begun(
+def test_a_port_in_use_is_reported_before_a_file_is_started(
     pilewatch: Command, tmp_path: Path
 ) -> None:
     with socket.socket() as other:
@@ -323,13 +324,13 @@ def test_what_the_disk_refuses_is_one_line_whatever_the_command(
 
 def test_a_number_that_is_no_port_is_one_line_as_it_was_given(pilewatch: Command) -> None:
     for port in ("99999999", "-1"):
-        told = pilewatch("run", "--source", "live", "--metrics", port)
-        assert one_line(told).startswith(f"pilewatch: {port} is no port for the figures")
+        result = pilewatch("run", "--source", "live", "--metrics", port)
+        assert one_line(result).startswith(f"pilewatch: {port} is no port for the figures")
 
 
 def test_shares_of_a_farm_need_processes_of_their_own(pilewatch: Command) -> None:
-    told = pilewatch("run", "--source", "live", "--shards", "4")
-    assert "--shards 4 needs --processes" in one_line(told)
+    result = pilewatch("run", "--source", "live", "--shards", "4")
+    assert "--shards 4 needs --processes" in one_line(result)
 
 
 @pytest.mark.parametrize(
@@ -340,9 +341,69 @@ def test_shares_of_a_farm_need_processes_of_their_own(pilewatch: Command) -> Non
         (("level = 0.0", "level = 500.0"), "level is 500 m; the tower ends at 145 m"),
     ],
 )
-def test_figures_in_other_units_are_told_where_they_stand(
+def test_figures_in_other_units_are_reported_with_their_place(
     pilewatch: Command, change: tuple[str, str], complaint: str
 ) -> None:
     marked = "\ufeff" + pilewatch("describe", "--template").stdout  # as Windows' editors save it
     Path("own.toml").write_text(marked.replace(*change), "utf-8")
     assert complaint in one_line(pilewatch("describe", "own.toml"))
+
+
+def test_the_version_is_printed(pilewatch: Command) -> None:
+    printed = pilewatch("--version")
+    assert printed.returncode == 0
+    assert printed.stdout.startswith("pilewatch ")
+
+
+@pytest.mark.parametrize(
+    ("options", "level"),
+    [((), "WARNING"), (("-v",), "INFO"), (("-vv",), "DEBUG"), (("-q",), "ERROR")],
+)
+def test_options_before_the_command_set_the_level_of_the_log(
+    pilewatch: Command, options: tuple[str, ...], level: str
+) -> None:
+    root = logging.getLogger()
+    before = root.level
+    try:
+        assert pilewatch(*options, "simulate", "--list").returncode == 0
+        assert logging.getLevelName(root.level) == level
+    finally:
+        root.setLevel(before)
+
+
+def test_a_log_line_is_not_folded(capsys: pytest.CaptureFixture[str]) -> None:
+    text = "unit tower [s1]: " + 40 * "word "
+    record = logging.LogRecord("x", logging.WARNING, "", 1, text, (), None)
+    ConsoleHandler().emit(record)
+    assert capsys.readouterr().err == f"warning: {text}\n"
+
+
+def test_info_as_json_has_channels_and_units(pilewatch: Command, short_recording: Path) -> None:
+    listed = json.loads(pilewatch("info", str(short_recording), "--json").stdout)
+    assert {"file", "size_bytes", "duration_s", "channels", "units", "nodes"} <= set(listed)
+    assert [unit["gaps"] for unit in listed["units"]] == [[]]
+    assert listed["units"][0]["sampling_rate_hz"] > 0
+
+
+@pytest.mark.parametrize(
+    ("content", "options"),
+    [
+        ("nan", ()),
+        ("constant", ()),
+        ("short", ()),
+        ("noise", ("--lowest-frequency", "30")),
+    ],
+)
+def test_a_file_without_modes_is_one_line_with_the_reason(
+    pilewatch: Command, tmp_path: Path, content: str, options: tuple[str, ...]
+) -> None:
+    n = 100 if content == "short" else 6000
+    samples = np.random.default_rng(7).standard_normal((n, 2))
+    if content == "nan":
+        samples[:] = np.nan
+    if content == "constant":
+        samples[:] = 1.0
+    table = np.column_stack([np.arange(n) / 50.0, samples])
+    header = "time [s],low [g],high [g]"
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=header, comments="")
+    assert "a.csv" in one_line(pilewatch("identify", "a.csv", *options))

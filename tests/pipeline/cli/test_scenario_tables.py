@@ -13,17 +13,17 @@ from pipeline.scenario import load_scenario, shipped_scenarios
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
-def test_a_scenarios_settings_are_told_as_its_file_has_them(name: str) -> None:
+def test_a_scenarios_settings_are_printed_as_in_its_file(name: str) -> None:
     """Units in brackets, section names, every line whole."""
-    told = CliRunner().invoke(app, ["simulate", "--describe", name]).output
+    result = CliRunner().invoke(app, ["simulate", "--describe", name]).output
     scenario = load_scenario(name)
-    assert scenario_settings(scenario) in told
-    assert "[turbine]" in told
-    assert scenario.title in told
+    assert scenario_settings(scenario) in result
+    assert "[turbine]" in result
+    assert scenario.title in result
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
-def test_a_scenarios_words_are_not_broken_where_its_file_breaks_them(name: str) -> None:
+def test_a_scenarios_description_is_not_broken_where_its_file_breaks_it(name: str) -> None:
     scenario = load_scenario(name)
     title, *paragraphs = scenario_description(scenario).split("\n\n")
     assert title == f"{name}: {scenario.title}"
@@ -32,14 +32,14 @@ def test_a_scenarios_words_are_not_broken_where_its_file_breaks_them(name: str) 
 
 
 def test_the_list_names_every_scenario_with_its_duration() -> None:
-    told = CliRunner().invoke(app, ["simulate", "--list"]).output
-    assert all(name in told for name in shipped_scenarios())
-    assert "3 h 20 min" in told
+    result = CliRunner().invoke(app, ["simulate", "--list"]).output
+    assert all(name in result for name in shipped_scenarios())
+    assert "3 h 20 min" in result
 
 
 @pytest.mark.parametrize(
     ("duration", "words"),
     [(600.0, "10 min"), (12000.0, "3 h 20 min"), (43200.0, "12 h"), (8, "8 s")],
 )
-def test_a_duration_is_told_in_hours_and_minutes(duration: float, words: str) -> None:
+def test_a_duration_is_given_in_hours_and_minutes(duration: float, words: str) -> None:
     assert duration_in_words(duration) == words

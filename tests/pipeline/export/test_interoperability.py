@@ -136,6 +136,6 @@ def test_what_is_no_acceleration_is_not_given_out_as_one(tmp_path: Path):
     with pytest.raises(InputError, match=r"channel v of layout .* is in mm/s"):
         imus_of(velocities)
     path = recorded(tmp_path / "a.mcap", [velocities, block(0)])
-    with pytest.raises(InputError, match="does not say where the 8 channels of unit tower sit"):
+    with pytest.raises(InputError, match="has no positions of the 8 channels of unit tower"):
         export_imu(path, tmp_path / "out")
     assert not list((tmp_path / "out").iterdir())

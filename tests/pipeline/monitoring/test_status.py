@@ -26,23 +26,23 @@ class Clock:
 
 
 @pytest.fixture
-def desk() -> StatusNode:
+def metrics_node() -> StatusNode:
     """After five blocks a second apart, a gap, a posterior and a node that is two behind."""
     clock = Clock()
-    desk = StatusNode("live", clock)
+    metrics_node = StatusNode("live", clock)
     for sequence in range(5):
-        desk.handle(block(sequence))
+        metrics_node.handle(block(sequence))
         clock.now_ns += SECOND
-    desk.handle(StreamGap("t1", "tower", "s", START_NS, START_NS + 4 * SECOND, 3, 4))
+    metrics_node.handle(StreamGap("t1", "tower", "s", START_NS, START_NS + 4 * SECOND, 3, 4))
     updater = updater_of()
     _, posterior = updater.updated(updater.initial_state(), estimate_of(0))
-    desk.handle(posterior)
-    desk.handle(status("recorder", last_sequence=2, lost=1))
-    return desk
+    metrics_node.handle(posterior)
+    metrics_node.handle(status("recorder", last_sequence=2, lost=1))
+    return metrics_node
 
 
-def test_the_desk_knows_rates_lags_gaps_and_posteriors(desk: StatusNode) -> None:
-    answer = desk.as_json()
+def test_the_desk_knows_rates_lags_gaps_and_posteriors(metrics_node: StatusNode) -> None:
+    answer = metrics_node.as_json()
     (node,) = answer["nodes"]
     assert (node["node"], node["condition"], node["behind_blocks"], node["lost"]) == (
         "recorder",
@@ -56,46 +56,48 @@ def test_the_desk_knows_rates_lags_gaps_and_posteriors(desk: StatusNode) -> None
     assert rates[f"pilewatch/{turbine}/foundation-posterior"] is None
     assert answer["gaps"][0]["duration_s"] == 4.0
     assert answer["posteriors"][0]["turbine"] == turbine
-    assert len(status_tables(json.loads(desk.answer()))) == 4
+    assert len(status_tables(json.loads(metrics_node.answer()))) == 4
 
 
-def test_what_seldom_happens_has_a_column_where_it_has_happened(desk: StatusNode) -> None:
+def test_what_seldom_happens_has_a_column_where_it_has_happened(metrics_node: StatusNode) -> None:
     def columns() -> list[object]:
-        return [column.header for column in status_tables(desk.as_json())[0].columns]
+        return [column.header for column in status_tables(metrics_node.as_json())[0].columns]
 
     assert "recovered" not in columns()
-    desk.handle(replace(status("recorder", last_sequence=3), recovered=2))
+    metrics_node.handle(replace(status("recorder", last_sequence=3), recovered=2))
     assert columns()[-3:] == ["received", "lost", "recovered"]
 
 
-def test_what_a_node_doubts_stands_below_the_nodes_in_its_own_words(desk: StatusNode) -> None:
-    doubts = (
+def test_what_a_node_doubts_stands_below_the_nodes_in_its_own_words(
+    metrics_node: StatusNode,
+) -> None:
+    warnings = (
         QualityWarning("link-down", "udp://:5: [/x] down"),
         QualityWarning("gap", "3 blocks are missing"),
     )
-    desk.handle(replace(status("feed-tower"), warnings=doubts))
-    table = status_tables(desk.as_json())[1]
+    metrics_node.handle(replace(status("feed-tower"), warnings=warnings))
+    table = status_tables(metrics_node.as_json())[1]
     assert [str(cell) for cell in table.columns[0].cells] == ["feed-tower", "feed-tower"]
-    assert [str(cell) for cell in table.columns[1].cells] == [doubt.text for doubt in doubts]
+    assert [str(cell) for cell in table.columns[1].cells] == [warning.text for warning in warnings]
 
 
 @pytest.mark.parametrize("forged", [float("nan"), float("inf"), float("-inf")])
 def test_no_number_that_somebody_sends_keeps_the_desk_from_answering(
-    desk: StatusNode, forged: float
+    metrics_node: StatusNode, forged: float
 ) -> None:
-    desk.handle(replace(status("forger"), busy_s=forged))
-    nodes = {each["node"]: each for each in json.loads(desk.answer())["nodes"]}
+    metrics_node.handle(replace(status("forger"), busy_s=forged))
+    nodes = {each["node"]: each for each in json.loads(metrics_node.answer())["nodes"]}
     assert nodes["forger"]["busy_s"] is None
     assert nodes["recorder"]["lost"] == 1
-    assert len(status_tables(json.loads(desk.answer()))) == 4
+    assert len(status_tables(json.loads(metrics_node.answer()))) == 4
 
 
-def test_of_several_turbines_the_posteriors_are_one_table(desk: StatusNode) -> None:
-    (known,) = desk._posteriors.values()
-    desk.handle(replace(known, turbine="t2", trusted=False, change_probability=0.25))
+def test_of_several_turbines_the_posteriors_are_one_table(metrics_node: StatusNode) -> None:
+    (known,) = metrics_node._posteriors.values()
+    metrics_node.handle(replace(known, turbine="t2", trusted=False, change_probability=0.25))
     springs = tuple(replace(each, median=float("nan")) for each in known.parameters)
-    desk.handle(replace(known, turbine="[forged]", parameters=springs))
-    *_, table, _ = status_tables(json.loads(desk.answer()))
+    metrics_node.handle(replace(known, turbine="[forged]", parameters=springs))
+    *_, table, _ = status_tables(json.loads(metrics_node.answer()))
     cells = [list(column.cells) for column in table.columns]
     assert cells[0] == [known.turbine, "t2", r"\[forged]"]
     assert cells[5][1] == "0.25"
@@ -103,24 +105,24 @@ def test_of_several_turbines_the_posteriors_are_one_table(desk: StatusNode) -> N
     assert cells[2][2].startswith("unknown ± ")
 
 
-def test_a_posterior_of_no_number_is_unknown(desk: StatusNode) -> None:
-    (known,) = desk._posteriors.values()
+def test_a_posterior_of_no_number_is_unknown(metrics_node: StatusNode) -> None:
+    (known,) = metrics_node._posteriors.values()
     springs = tuple(replace(each, p05=float("nan")) for each in known.parameters)
-    desk.handle(replace(known, parameters=springs, ess=float("nan"), trusted=False))
-    *_, table, _ = status_tables(json.loads(desk.answer()))
+    metrics_node.handle(replace(known, parameters=springs, ess=float("nan"), trusted=False))
+    *_, table, _ = status_tables(json.loads(metrics_node.answer()))
     assert str(table.title).endswith(f"{known.turbine}, NOT TRUSTED")
     assert "unknown effective draws" in str(table.caption)
 
 
-def test_whoever_connects_can_ask(desk: StatusNode) -> None:
+def test_whoever_connects_can_ask(metrics_node: StatusNode) -> None:
     endpoint = free_endpoint()
     bus = ZenohBus(hub(endpoint))
     try:
-        bus.answer(f"{KEY}/t1", desk.answer)
+        bus.answer(f"{KEY}/t1", metrics_node.answer)
         (reply,) = asked(endpoint, f"{KEY}/*")
     finally:
         bus.close()
-    assert json.loads(reply) == desk.as_json()
+    assert json.loads(reply) == metrics_node.as_json()
 
 
 def test_nobody_there_is_one_line(tmp_path: Path) -> None:

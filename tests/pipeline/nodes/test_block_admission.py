@@ -9,11 +9,22 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     StabilisationDiagram,
+    StreamEnd,
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.block_admission import STUBBORN, BlockAdmission, fits
-from pipeline.nodes.identification import IdentificationInContext, IdentificationNode
+from pipeline.nodes.block_admission import (
+    CONFLICT,
+    MOST_CHANNELS,
+    OTHER_SESSION,
+    REPEATED,
+    STUBBORN,
+    TOO_MANY_CHANNELS,
+    BlockAdmission,
+    BlockMark,
+    refusal_of,
+)
+from pipeline.nodes.identification import IdentificationNode
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, START, cut
 from tests.pipeline.oma.conftest import structure
@@ -39,7 +50,7 @@ def strange(block: AccelerationBlock) -> list[AccelerationBlock]:
     ]
 
 
-def answers(node: IdentificationInContext, blocks: list[AccelerationBlock]) -> list[Message]:
+def answers(node: IdentificationNode, blocks: list[AccelerationBlock]) -> list[Message]:
     said = [answer for message in (LAYOUT, *blocks) for answer in node.handle(message)]
     return [answer for answer in said if not isinstance(answer, StabilisationDiagram)]
 
@@ -48,13 +59,13 @@ def test_blocks_that_do_not_fit_their_session_change_nothing_and_are_counted(blo
     disturbed = [*blocks]
     for place, forged in zip((10, 30, 50, 70, 90), strange(blocks[40]), strict=True):
         disturbed.insert(place, forged)
-    node = IdentificationInContext(SETTINGS)
-    ours, theirs = answers(node, disturbed), answers(IdentificationInContext(SETTINGS), blocks)
+    node = IdentificationNode(SETTINGS)
+    ours, theirs = answers(node, disturbed), answers(IdentificationNode(SETTINGS), blocks)
     assert [type(each) for each in ours] == [ModalEstimate, ModalEstimate]
     for one, other in zip(ours, theirs, strict=True):
         for mode, twin in zip(one.modes, other.modes, strict=True):
             np.testing.assert_array_equal(mode.shape, twin.shape)
-    (warning,) = node.warnings
+    (warning,) = node.statistics.warnings
     assert warning.code == "unfit-blocks"
     assert warning.text.startswith("5 blocks")
 
@@ -62,23 +73,23 @@ def test_blocks_that_do_not_fit_their_session_change_nothing_and_are_counted(blo
 def test_a_unit_that_restarts_without_a_new_session_name_is_followed(blocks) -> None:
     again = [replace(block, start_ns=block.start_ns + 200 * NANOSECONDS) for block in blocks]
     again = [replace(b, start_ns=b.start_ns + 2 * DAY * NANOSECONDS) for b in again]
-    node = IdentificationInContext(SETTINGS)
+    node = IdentificationNode(SETTINGS)
     said = answers(node, [*blocks, *again])
     estimates = [each for each in said if isinstance(each, ModalEstimate)]
     assert [each.window for each in estimates] == [0, 1, 0, 1]
     assert estimates[2].start_ns == again[0].start_ns
-    assert not node.warnings
+    assert not node.statistics.warnings
 
 
 def test_more_samples_than_anybody_misses_between_two_blocks_do_not_fit(blocks) -> None:
     """A day may be missing of a tower's samples; not of ten million samples a second."""
     first, later_ns = blocks[0], blocks[0].start_ns + DAY // 2 * NANOSECONDS
-    after = replace(first, session="later", start_ns=later_ns)
-    fast = replace(first, sampling_rate=1e7)
-    leap = round(1e7 * DAY / 2)
-    assert fits(first, after)
-    assert not fits(first, replace(after, sampling_rate=1e7))
-    assert not fits(fast, replace(fast, first_sample=fast.first_sample + leap, start_ns=later_ns))
+    leap = round(RATE * DAY / 2)
+    fast, fast_leap = replace(first, sampling_rate=1e7), round(1e7 * DAY / 2)
+    after = replace(first, first_sample=leap, start_ns=later_ns)
+    assert refusal_of(BlockMark.of(first), after) is None
+    after = replace(fast, first_sample=fast_leap, start_ns=later_ns)
+    assert refusal_of(BlockMark.of(fast), after) is not None
 
 
 def test_the_gate_holds_no_more_than_it_needs_to_decide(blocks) -> None:
@@ -87,7 +98,7 @@ def test_the_gate_holds_no_more_than_it_needs_to_decide(blocks) -> None:
     later = [replace(b, start_ns=b.start_ns + 2 * DAY * NANOSECONDS) for b in blocks]
     admitted = [gate.admit(block) for block in later[: STUBBORN + 1]]
     assert [len(each.blocks) for each in admitted] == [0] * (STUBBORN - 1) + [STUBBORN, 1]
-    assert [each.anew for each in admitted] == [False] * (STUBBORN - 1) + [True, False]
+    assert [each.starts for each in admitted] == [False] * (STUBBORN - 1) + [True, False]
     assert gate.unfit == 0
 
 
@@ -113,10 +124,102 @@ def test_a_year_missing_is_one_gap_and_not_a_flood_of_windows(blocks) -> None:
 
 def test_a_rate_at_which_no_window_can_be_held_is_refused_however_often_it_comes(blocks) -> None:
     fast = [replace(block, sampling_rate=1e7, session="fast") for block in blocks[:20]]
-    node = IdentificationInContext(SETTINGS)
+    node = IdentificationNode(SETTINGS)
     disturbed = [each for pair in zip(blocks, fast * 7, strict=False) for each in pair]
-    ours, theirs = answers(node, disturbed), answers(IdentificationInContext(SETTINGS), blocks)
+    ours, theirs = answers(node, disturbed), answers(IdentificationNode(SETTINGS), blocks)
     assert [type(each) for each in ours] == [type(each) for each in theirs]
-    (warning,) = node.warnings
+    (warning,) = node.statistics.warnings
     assert warning.text.startswith(f"{len(disturbed) - len(blocks)} blocks")
     assert "a window of 60 s would hold 1.2e+09 values at 1e+07 Hz" in warning.text
+
+
+def test_a_session_of_another_name_now_and_then_ends_no_window(blocks) -> None:
+    """Another run under the unit's key, one block every twenty seconds."""
+    disturbed: list[AccelerationBlock] = []
+    for block in blocks:
+        disturbed.append(block)
+        if block.sequence % 20 == 10:
+            disturbed.append(replace(block, session="another run", sequence=0, first_sample=0))
+    node = IdentificationNode(SETTINGS)
+    said = answers(node, disturbed)
+    assert [type(each) for each in said] == [ModalEstimate, ModalEstimate]
+    assert node.statistics.rejected == {OTHER_SESSION: 6}
+    assert node.statistics.warnings[0].code == "unfit-blocks"
+
+
+def test_of_two_boxes_with_one_name_the_first_is_used_and_the_other_counted(blocks) -> None:
+    other = [replace(b, session="s2", samples=b.samples[::-1].copy()) for b in blocks]
+    node = IdentificationNode(SETTINGS)
+    both = [each for pair in zip(blocks, other, strict=True) for each in pair]
+    said = answers(node, both)
+    assert [type(each) for each in said] == [ModalEstimate, ModalEstimate]
+    assert node.statistics.rejected[OTHER_SESSION] >= len(other) - 1
+
+
+def test_two_boxes_that_cannot_be_told_apart_by_name_reject_the_windows(blocks) -> None:
+    other = [replace(b, samples=b.samples[::-1].copy()) for b in blocks]
+    node = IdentificationNode(SETTINGS)
+    said = answers(node, [each for pair in zip(blocks, other, strict=True) for each in pair])
+    assert [each.code for each in said] == ["conflicting-blocks"] * 2
+    assert node.statistics.rejected[CONFLICT] == len(other)
+
+
+def test_a_unit_that_restarts_within_the_hour_under_its_name_is_another_boot(blocks) -> None:
+    """On today's main all blocks of the second boot were dropped as late."""
+    pause = 150 * NANOSECONDS
+    again = [
+        replace(b, start_ns=b.start_ns + pause, samples=b.samples[::-1].copy()) for b in blocks
+    ]
+    node = IdentificationNode(SETTINGS)
+    said = answers(node, [*blocks, *again])
+    estimates = [each for each in said if isinstance(each, ModalEstimate)]
+    assert [each.window for each in estimates] == [0, 1, 0, 1]
+    assert [each.origins[0].boot for each in estimates] == [0, 0, 1, 1]
+    assert not any(isinstance(each, StreamGap) for each in said)
+    assert (node.statistics.late, node.statistics.rejected) == (0, {})
+
+
+def test_samples_that_come_again_under_new_numbers_are_no_evidence(blocks) -> None:
+    """A logger that hangs and sends its last buffer again and again."""
+    hung = [replace(b, samples=blocks[39].samples) if b.sequence >= 40 else b for b in blocks]
+    node = IdentificationNode(SETTINGS)
+    said = answers(node, hung)
+    assert not any(isinstance(each, ModalEstimate) for each in said)
+    assert node.statistics.rejected[REPEATED] == len(blocks) - 40
+
+
+def test_block_numbers_that_jump_where_no_sample_is_missing_are_warned_of(blocks) -> None:
+    jumped = [replace(b, sequence=b.sequence + 1000 * (b.sequence >= 30)) for b in blocks]
+    node = IdentificationNode(SETTINGS)
+    said = answers(node, jumped)
+    assert [type(each) for each in said] == [ModalEstimate, ModalEstimate]
+    (warning,) = node.statistics.warnings
+    assert warning.code == "sequence-jump"
+
+
+def test_a_unit_of_very_many_channels_is_refused_in_one_line_and_counted(blocks) -> None:
+    wide = [
+        replace(b, unit="wide", samples=np.tile(b.samples, (1, MOST_CHANNELS))) for b in blocks[:3]
+    ]
+    node = IdentificationNode(SETTINGS)
+    answers(node, [*blocks, *wide])
+    assert node.statistics.rejected == {TOO_MANY_CHANNELS: 3}
+    assert "200 channels; a unit has at most 100" in node.statistics.warnings[0].text
+
+
+def test_a_new_session_of_few_blocks_is_let_in_when_its_end_is_announced(blocks) -> None:
+    short = [replace(b, session="s2") for b in blocks[:3]]
+    node = IdentificationNode(SETTINGS)
+    heard = [*blocks[:70], *short]
+    said = answers(node, heard)
+    for end in (
+        StreamEnd("t1", "tower", "s1", blocks[69].end_ns, 70),
+        StreamEnd("t1", "tower", "s2", short[-1].end_ns, 3),
+    ):
+        said += node.handle(end)
+    rejected = [each for each in said if isinstance(each, WindowRejected)]
+    assert [(each.code, each.origins[0].session) for each in rejected] == [
+        ("short", "s1"),
+        ("short", "s2"),
+    ]
+    assert not node.statistics.rejected

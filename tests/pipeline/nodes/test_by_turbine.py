@@ -7,6 +7,7 @@ import pytest
 from pipeline.app import Outputs, build
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.by_turbine import Shard, ShardedNode, ShardError, of_kind, parsed_shard
+from pipeline.nodes.node import NodeStatistics
 from pipeline.runtime.runner import run_lock_step
 from pipeline.scenario import scenario_from_text
 from pipeline.sources.sources import simulated
@@ -55,7 +56,7 @@ class Echo:
 
     name = "updating"
     inputs = (ModalEstimate,)
-    late = 3
+    statistics = NodeStatistics(late=3)
 
     def handle(self, message: Message) -> list[Message]:
         return [rejection(0)]
@@ -72,7 +73,7 @@ def test_a_share_answers_its_own_turbines_and_keeps_the_nodes_books() -> None:
     assert list(first.handle(block(0, turbine="t1")))
     assert not list(second.handle(block(0, turbine="t1")))
     assert list(second.handle(status("updating")))
-    assert (first.late, first.duplicate, first.warnings) == (3, 0, ())
+    assert first.statistics == NodeStatistics(late=3)
 
 
 def test_shares_together_answer_what_the_whole_answers() -> None:
@@ -120,6 +121,7 @@ class Listener:
 
     name = "listener"
     inputs = (WindowRejected,)
+    statistics = NodeStatistics()
 
     def __init__(self) -> None:
         self.taken: list[str] = []

@@ -169,7 +169,7 @@ def test_late_and_repeated_blocks_stay_counted_when_their_session_ends(
     sent = [*blocks[:20], *blocks[21:35], blocks[20], blocks[34], *blocks[35:40], end]
     for message in sent:
         list(node.handle(message))
-    assert (node.late, node.duplicate) == (1, 1)
+    assert (node.statistics.late, node.statistics.duplicate) == (1, 1)
 
 
 def test_a_gap_over_several_windows_rejects_each(blocks: list[AccelerationBlock]) -> None:

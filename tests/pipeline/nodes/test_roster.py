@@ -1,16 +1,15 @@
 """A stranger can make up any number of turbines and units; what is kept of them is bounded."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
-from pipeline.nodes import identification as identification_in_context
-from pipeline.nodes import updating as updating_in_context
-from pipeline.nodes.by_turbine import LimitedMembers
-from pipeline.nodes.identification import IdentificationInContext
-from pipeline.nodes.updating import UpdatingInContext
+from pipeline.nodes import by_turbine, identification
+from pipeline.nodes.by_turbine import LimitedMembers, NodeByTurbine
+from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.oma.settings import OmaSettings
 from sensors.acquisition.scada import ScadaSample
 from tests.pipeline.example_messages import LAYOUT, block, rejection
@@ -31,19 +30,20 @@ def test_who_has_said_least_goes_and_of_these_who_was_silent_longest() -> None:
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """At most four turbines of three units each."""
-    monkeypatch.setattr(identification_in_context, "MOST_TURBINES", 4)
-    monkeypatch.setattr(updating_in_context, "MOST_TURBINES", 4)
-    monkeypatch.setattr(identification_in_context, "MOST_UNITS", 3)
+    monkeypatch.setattr(by_turbine, "MOST_TURBINES", 4)
+    monkeypatch.setattr(identification, "MOST_UNITS", 3)
 
 
-def holdings(node: IdentificationInContext) -> list[int]:
+def holdings(node: IdentificationNode) -> list[int]:
     """How many entries each of the node's tables has, nested ones counted through."""
 
     def size(table: object) -> int:
         return sum(map(size, table.values())) if isinstance(table, dict) and table else 1
 
-    tables = {**vars(node), **vars(node._inner), **vars(node._log)}
-    return [size(each) for each in tables.values() if isinstance(each, dict)]
+    tables = [vars(node)]
+    for member in node.members.values():
+        tables += [vars(member), vars(member._log), *map(vars, member._units.values())]
+    return [size(each) for table in tables for each in table.values() if isinstance(each, dict)]
 
 
 def flood(number: int) -> Iterable[Message]:
@@ -60,7 +60,7 @@ def flood(number: int) -> Iterable[Message]:
 
 @pytest.mark.usefixtures("few")
 def test_a_flood_of_names_leaves_bounded_memory_and_the_session_that_ran() -> None:
-    node = IdentificationInContext(SETTINGS)
+    node = IdentificationNode(SETTINGS)
     list(node.handle(LAYOUT))
     said: list[Message] = []
     sizes = []
@@ -72,26 +72,29 @@ def test_a_flood_of_names_leaves_bounded_memory_and_the_session_that_ran() -> No
     assert max(sizes) == max(sizes[:20])
     windows = [each for each in said if isinstance(each, (ModalEstimate, WindowRejected))]
     assert [each.window for each in windows if each.turbine == "t1"] == [0]
-    (doubt,) = [each for each in node.warnings if each.code == "too-many-turbines"]
-    assert doubt.text.startswith("more than 4 turbines and 3 units of a turbine: ")
+    doubts = [each for each in node.statistics.warnings if each.code == "too-many-turbines"]
+    assert [each.text.partition(":")[0] for each in doubts] == [
+        "more than 4 turbines",
+        "more than 3 units of a turbine",
+    ]
 
 
 @pytest.mark.usefixtures("few")
-def test_the_updating_keeps_the_updaters_of_those_who_have_said_most() -> None:
+def test_nodes_of_the_turbines_that_were_heard_most_are_kept() -> None:
     made: list[Refuser] = []
 
-    def make() -> Refuser:
+    def make(_: str) -> Refuser:
         made.append(Refuser())
         return made[-1]
 
-    node = UpdatingInContext(make, LAYOUT)
+    node = NodeByTurbine(make)
     for number in range(20):
         list(node.handle(estimate("t1")))
         list(node.handle(estimate(f"forged {number}")))
     assert made[0].taken == 20
-    assert sum(not each.closed for each in made) == 4
-    (doubt,) = node.warnings
-    assert doubt.text == "more than 4 turbines: 17 times who had said least was let go"
+    assert sum(not each.finished for each in made) == len(node.members) == 4
+    (doubt,) = node.statistics.warnings
+    assert doubt.text == "more than 4 turbines: 17 times the least heard one was let go"
 
 
 def estimate(turbine: str) -> ModalEstimate:
@@ -99,18 +102,25 @@ def estimate(turbine: str) -> ModalEstimate:
 
 
 class Refuser:
-    """An updating that has nothing to say."""
+    """A node of one turbine that has nothing to say."""
 
-    name = "updating"
-    inputs = (ModalEstimate,)
+    revision = 0
+    statistics = NodeStatistics()
 
     def __init__(self) -> None:
         self.taken = 0
-        self.closed = False
+        self.finished = False
 
     def handle(self, message: Message) -> Iterable[Message]:
         self.taken += 1
         return (rejection(0, turbine=message.turbine),)
 
-    def close(self) -> None:
-        self.closed = True
+    def finish(self) -> Iterator[Message]:
+        self.finished = True
+        return iter(())
+
+    def snapshot(self) -> NodeSnapshot:
+        return NodeSnapshot(b"")
+
+    def restore(self, snapshot: NodeSnapshot, past: Iterable[Message]) -> Iterator[Message]:
+        return iter(())

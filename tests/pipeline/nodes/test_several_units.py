@@ -12,7 +12,7 @@ import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamGap, WindowRejected
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.nodes.identification import IdentificationInContext
+from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from pipeline.runtime.runner import with_end
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -71,7 +71,7 @@ def answers(
     lost: tuple[str, range] | None = None,
 ) -> list[Message]:
     """Everything that the identification says of the units' blocks."""
-    node = IdentificationInContext(SETTINGS)
+    node = IdentificationNode(SETTINGS)
 
     def messages() -> Iterator[Message]:
         yield from unit_layouts(LAYOUT, units)
@@ -157,7 +157,7 @@ def test_a_long_gap_of_a_unit_is_not_laid_out_and_changes_nothing(blocks, monkey
 
 
 def test_samples_that_all_units_miss_at_once_reject_the_window(blocks) -> None:
-    node = IdentificationInContext(SETTINGS)
+    node = IdentificationNode(SETTINGS)
     for layout in unit_layouts(LAYOUT, two_units()):
         list(node.handle(layout))
     heard = [
@@ -171,7 +171,7 @@ def test_samples_that_all_units_miss_at_once_reject_the_window(blocks) -> None:
 
 
 def test_a_still_channel_of_one_of_two_alike_units_is_called_after_its_unit(blocks) -> None:
-    node = IdentificationInContext(SETTINGS)
+    node = IdentificationNode(SETTINGS)
     said: list[Message] = []
     for layout in unit_layouts(LAYOUT, two_units()):
         alike = tuple(replace(c, name=f"x{n}") for n, c in enumerate(layout.channels))
@@ -188,7 +188,7 @@ def test_a_still_channel_of_one_of_two_alike_units_is_called_after_its_unit(bloc
 
 def test_the_order_in_which_units_arrive_does_not_matter(blocks) -> None:
     units = two_units(start=0.4, clock_drift=50.0)
-    node = IdentificationInContext(SETTINGS)
+    node = IdentificationNode(SETTINGS)
     for layout in unit_layouts(LAYOUT, units):
         list(node.handle(layout))
     delivered = list(with_end(read_by_units(blocks[:ONE], LAYOUT, units)))
@@ -206,7 +206,7 @@ def test_heights_without_a_unit_are_one_clear_line() -> None:
 def test_a_unit_whose_rate_cannot_be_joined_is_refused_counted_and_told(blocks) -> None:
     """One at a time; five on end are a unit that has begun anew, which is followed."""
     whole = estimates(answers(blocks[:ONE], two_units()))
-    node = IdentificationInContext(SETTINGS)
+    node = IdentificationNode(SETTINGS)
     heard: list[Message] = [*unit_layouts(LAYOUT, two_units())]
     for block in read_by_units(blocks[:ONE], LAYOUT, two_units()):
         heard.append(block)
@@ -215,14 +215,14 @@ def test_a_unit_whose_rate_cannot_be_joined_is_refused_counted_and_told(blocks) 
     said = estimates([a for message in with_end(heard) for a in node.handle(message)])
     for ours, theirs in zip(said, whole, strict=True):
         assert [m.frequency for m in ours.modes] == [m.frequency for m in theirs.modes]
-    (doubt,) = node.warnings
+    (doubt,) = node.statistics.warnings
     assert doubt.code == "unfit-blocks"
     assert "the last of unit upper of t: 0.001 Hz, which cannot be joined" in doubt.text
 
 
 def test_a_unit_that_goes_on_at_a_far_lower_rate_is_followed_after_five_blocks(blocks) -> None:
     """The grid has the lowest rate; one that is far below it needs a grid of its own."""
-    node = IdentificationInContext(SETTINGS)
+    node = IdentificationNode(SETTINGS)
     said: list[Message] = []
     for layout in unit_layouts(LAYOUT, two_units()):
         list(node.handle(layout))
@@ -238,13 +238,13 @@ def test_a_unit_that_goes_on_at_a_far_lower_rate_is_followed_after_five_blocks(b
 
 
 def test_blocks_of_other_channels_than_their_units_layout_are_counted(blocks) -> None:
-    node = IdentificationInContext(SETTINGS)
+    node = IdentificationNode(SETTINGS)
     for layout in unit_layouts(LAYOUT, two_units()):
         list(node.handle(layout))
     for block in read_by_units(blocks[:10], LAYOUT, two_units()):
         if block.unit == "upper":
             block = replace(block, samples=block.samples[:, :1])
         list(node.handle(block))
-    (doubt,) = node.warnings
+    (doubt,) = node.statistics.warnings
     assert doubt.text.startswith("10 blocks")
     assert doubt.text.endswith("1 channels where its unit's layout names 2")

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from pipeline.messages import Message
+from pipeline.nodes.node import NodeStatistics
 from pipeline.nodes.statistics import NodeAccount
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block, rejection
@@ -13,6 +14,7 @@ class Worker:
 
     name = "worker"
     inputs: tuple[type, ...] = (AccelerationBlock,)
+    statistics = NodeStatistics()
 
     def __init__(self) -> None:
         self.now_ns = 0

@@ -4,9 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.messages import FoundationPosterior, StreamEnd, WindowRejected
-from pipeline.nodes.node import Node
-from pipeline.nodes.updating import FoundationUpdaterNode
+from pipeline.messages import (
+    FoundationPosterior,
+    QualityWarning,
+    StreamEnd,
+    UnitOrigin,
+    WindowRejected,
+)
+from pipeline.nodes.operating_state import CHANGING, OperationSettings
+from pipeline.nodes.updating import TurbineUpdating, UpdatingNode
 from pipeline.updating.likelihood.pairing import PairingSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.importance import ImportanceSettings
@@ -22,8 +28,8 @@ SETTINGS = UpdatingSettings(
 )
 
 
-def node_of(seed=1) -> FoundationUpdaterNode:
-    return FoundationUpdaterNode(FoundationUpdater(LinearTower(), LAYOUT, SETTINGS, seed=seed))
+def node_of(seed=1) -> TurbineUpdating:
+    return TurbineUpdating(FoundationUpdater(LinearTower(), LAYOUT, SETTINGS, seed=seed))
 
 
 def estimate_of(window):
@@ -32,10 +38,9 @@ def estimate_of(window):
 
 
 def test_each_estimate_is_answered_with_one_posterior_of_all_windows_so_far():
-    node: Node = node_of()
+    node = node_of()
     answers = [list(node.handle(estimate_of(window))) for window in range(2)]
     assert [[each.n_windows for each in answer] for answer in answers] == [[1], [2]]
-    node.close()
 
 
 def test_a_rejected_estimate_lets_the_last_posterior_stand():
@@ -62,10 +67,91 @@ def test_a_node_that_continues_from_a_state_gives_what_it_would_have_given():
     (expected,) = whole.handle(estimate_of(1))
     first = node_of()
     list(first.handle(estimate_of(0)))
-    updater = FoundationUpdater(LinearTower(), LAYOUT, SETTINGS, seed=1)
-    (continued,) = FoundationUpdaterNode(updater, first.state).handle(estimate_of(1))
+    second = node_of()
+    assert not list(second.restore(first.snapshot(), ()))
+    (continued,) = second.handle(estimate_of(1))
     assert np.array_equal(continued.draws, expected.draws)
 
 
 def test_other_messages_are_not_answered():
     assert list(node_of().handle(StreamEnd("small", "tower", "s", 0, 0))) == []
+
+
+def origin(first_sample, session="s", boot=0):
+    return (UnitOrigin("tower", session, boot, first_sample),)
+
+
+def test_a_window_counts_once_whatever_its_clock_said_and_later_ones_count_too():
+    """On today's main one window stamped 2036 makes every later one an old one, for good."""
+    node = node_of()
+    wrong_ns = 12 * 365 * 86_400 * 10**9
+    first, second, third = (replace(estimate_of(k), origins=origin(1200 * k)) for k in range(3))
+    future = replace(first, start_ns=first.start_ns + wrong_ns, end_ns=first.end_ns + wrong_ns)
+    heard = (future, second, second, future, third)
+    answers = [list(node.handle(each)) for each in heard]
+    assert [[each.n_windows for each in answer] for answer in answers] == [[1], [2], [2], [1], [3]]
+    assert [answer[0].origins for answer in answers] == [each.origins for each in heard]
+
+
+def test_the_first_window_of_another_boot_of_the_same_name_counts():
+    node = node_of()
+    (first,) = node.handle(replace(estimate_of(0), origins=origin(0)))
+    (second,) = node.handle(replace(estimate_of(1), origins=origin(0, boot=1)))
+    assert (first.n_windows, second.n_windows) == (1, 2)
+
+
+def test_an_estimate_without_duration_is_refused_and_ends_nothing():
+    node = node_of()
+    (refused,) = node.handle(replace(estimate_of(0), end_ns=estimate_of(0).start_ns))
+    assert refused.code == "no-duration"
+
+
+def test_only_windows_of_the_allowed_states_are_used():
+    node = TurbineUpdating(
+        FoundationUpdater(LinearTower(), LAYOUT, SETTINGS, seed=1),
+        LAYOUT,
+        OperationSettings(("parked",)),
+    )
+    states = ("parked", "operating", CHANGING, "")
+    for window, state in enumerate(states):
+        (answer,) = node.handle(replace(estimate_of(window), operating_state=state))
+        assert isinstance(answer, WindowRejected) == (state in ("operating", CHANGING))
+        if isinstance(answer, WindowRejected):
+            assert answer.code == "operating-state"
+            assert f"the turbine was {state}" in answer.reason
+
+
+def test_a_window_whose_shapes_are_spoilt_is_not_used():
+    node = node_of()
+    warning = QualityWarning("clipped", "z145-ss is clipped")
+    (refused,) = node.handle(replace(estimate_of(0), warnings=(warning,)))
+    assert (refused.code, refused.reason) == ("clipped", "z145-ss is clipped; not used")
+    assert node.state.evidence.n_windows == 0
+
+
+def test_a_live_layout_that_differs_from_the_scenarios_is_warned_of():
+    node = TurbineUpdating(FoundationUpdater(LinearTower(), LAYOUT, SETTINGS, seed=1), LAYOUT)
+    node.handle(LAYOUT)
+    assert not node.statistics.warnings
+    first, *others = LAYOUT.channels
+    moved = replace(first, elevation=first.elevation + 3.0)
+    node.handle(replace(LAYOUT, channels=(moved, *others)))
+    (warning,) = node.statistics.warnings
+    assert warning.code == "layout-differs"
+    assert first.name in warning.text
+    node.handle(LAYOUT)
+    assert not node.statistics.warnings
+
+
+def test_each_turbine_has_an_updating_of_its_own():
+    made = []
+
+    def make(turbine):
+        made.append(turbine)
+        return node_of()
+
+    node = UpdatingNode(make)
+    heard = [replace(estimate_of(0), turbine=turbine) for turbine in ("t1", "t2")]
+    answers = [answer for each in heard for answer in node.handle(each)]
+    assert made == ["t1", "t2"]
+    assert [each.n_windows for each in answers] == [1, 1]

@@ -25,7 +25,7 @@ k12 = 0.0
 """
 
 
-def test_a_clamped_pole_swings_as_the_closed_form_says() -> None:
+def test_a_clamped_pole_has_the_frequency_of_the_closed_form() -> None:
     """ω = (β L)² √(EI / (m L⁴)), β L = 1.8751 and 4.6941, without gravity."""
     described = parse_turbine("gravity = 0.0\n" + POLE, source="pole.toml")
     tube = described.tubes[0]

@@ -29,7 +29,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_recording_drawn_later_shows_what_was_drawn_live(recording: Path, tmp_path: Path):
+def test_a_recording_drawn_later_equals_what_was_drawn_live(recording: Path, tmp_path: Path):
     viewer = Viewer([RrdFile(tmp_path / "live.rrd")], DESCRIPTION, session="s", strict=True)
     for message in session(EPISODE):
         viewer.handle(message)
@@ -53,7 +53,7 @@ def test_pictures_that_are_not_there_are_one_clear_line(tmp_path: Path):
         open_pictures(tmp_path / "none.rrd")
 
 
-def test_pictures_that_exist_are_not_sent_to_a_running_viewer_but_it_is_said_what_can_be(
+def test_existing_pictures_are_not_sent_to_a_running_viewer_and_the_error_gives_the_alternative(
     tmp_path: Path,
 ):
     asked = "connect=rerun+http://127.0.0.1:1/proxy"

@@ -12,7 +12,7 @@ def identified(name: str, frequency: float, shape: np.ndarray) -> CombinedMode:
     return CombinedMode(name, frequency, 0.001, 0.01, 0.001, tuple(shape.tolist()), 6, "", 1.0)
 
 
-def test_a_mode_is_told_with_the_model_mode_nearest_to_it_in_frequency() -> None:
+def test_a_mode_is_listed_with_the_model_mode_nearest_in_frequency() -> None:
     known = model_modes()
     fourth = known.model.labels.index("4")
     frequency, shape = known.modes.frequencies[0, fourth], known.modes.shapes[0, fourth]

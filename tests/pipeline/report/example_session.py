@@ -1,4 +1,4 @@
-"""A short session as it would be recorded: modes, posteriors, a change, a gap, doubts."""
+"""A short session as it would be recorded: modes, posteriors, a change, a gap, warnings."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -62,7 +62,7 @@ def posterior(
     turbine: str = "t1",
     k22: float = 1.0,
     trusted: bool = True,
-    doubts: tuple[QualityWarning, ...] = (),
+    warnings: tuple[QualityWarning, ...] = (),
 ) -> FoundationPosterior:
     """A posterior about nominal, k22 at that ratio; its draws from seed 5."""
     ratios = {"k11": 1.0, "k22": k22, "k12": 1.0}
@@ -101,7 +101,7 @@ def posterior(
         paired_share=1.0,
         pairing_cost=0.4,
         trusted=trusted,
-        warnings=doubts,
+        warnings=warnings,
     )
 
 

@@ -16,7 +16,7 @@ HOUR = 3600 * NANOSECONDS
 
 
 def record(hours: float) -> TurbineRecord:
-    """The example session, said to last so long, with one gap of two seconds."""
+    """The example session, of that duration, with one gap of two seconds."""
     made = TurbineRecord("t1", SessionSummary("s", "t1"))
     for message in session():
         if not isinstance(message, StreamGap):

@@ -4,14 +4,14 @@ from html.parser import HTMLParser
 
 from pipeline.report.html import (
     TextTable,
+    bullet_list,
     document,
-    drawing,
     heading,
-    listed,
-    listing,
     paragraph,
     png,
-    table_of,
+    preformatted,
+    svg_figure,
+    table_html,
 )
 
 SVG = (
@@ -52,11 +52,11 @@ def test_a_page_of_all_parts_stands_alone() -> None:
     parts = [
         heading("h", anchor="there"),
         paragraph("p", "quiet"),
-        listed(["one", "two"]),
-        table_of(table, ["#there"]),
-        listing("x = 1\ny = 2"),
+        bullet_list(["one", "two"]),
+        table_html(table, ["#there"]),
+        preformatted("x = 1\ny = 2"),
         png(b"\x89PNG", "picture"),
-        drawing(SVG, "drawing", caption="c", name="first"),
+        svg_figure(SVG, "drawing", caption="c", name="first"),
     ]
     assert_stands_alone(document("title", "".join(parts)))
 
@@ -66,25 +66,25 @@ def test_what_people_write_stays_text() -> None:
     table = TextTable(written, (written,), ((written,),))
     page = document(
         written,
-        heading(written) + paragraph(written) + listed([written]) + table_of(table)
-        + listing(written) + drawing(SVG, f'"{written}', caption=written, name="d"),
+        heading(written) + paragraph(written) + bullet_list([written]) + table_html(table)
+        + preformatted(written) + svg_figure(SVG, f'"{written}', caption=written, name="d"),
     )  # fmt: skip
     assert "<script" not in page
     assert page.count("k22 &amp; k12") >= 9
 
 
 def test_two_drawings_on_one_page_keep_their_own_names() -> None:
-    page = drawing(SVG, "one", name="one") + drawing(SVG, "two", name="two")
+    page = svg_figure(SVG, "one", name="one") + svg_figure(SVG, "two", name="two")
     assert 'id="one-a"' in page
     assert 'xlink:href="#two-a" clip-path="url(#two-b)"' in page
     assert "<?xml" not in page
 
 
 def test_what_a_table_is_called_does_not_scroll_away_with_it() -> None:
-    text = table_of(TextTable("springs", ("a",), (("1",),)))
+    text = table_html(TextTable("springs", ("a",), (("1",),)))
     assert text.index("springs") < text.index('class="wide"')
     assert 'tabindex="0" aria-label="springs"' in text  # it scrolls by the keys, too
 
 
 def test_an_empty_list_is_nothing() -> None:
-    assert listed([]) == ""
+    assert bullet_list([]) == ""

@@ -6,7 +6,13 @@ import pytest
 
 from pipeline.messages import FoundationPosterior, Message, QualityWarning
 from pipeline.report.recorded_session import TurbineRecord, read_session
-from pipeline.report.sentences import condition, distrust, event_sentence, findings, headline
+from pipeline.report.sentences import (
+    condition,
+    event_sentence,
+    findings,
+    headline,
+    reasons_for_distrust,
+)
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, rejection
 from tests.pipeline.report.example_session import (
     WINDOW_NS,
@@ -19,41 +25,41 @@ from tests.pipeline.report.example_session import (
 
 
 def record_of(tmp_path: Path, messages: list[Message]) -> TurbineRecord:
-    """What a report knows of the one turbine of a recording."""
+    """The record of the one turbine of a recording."""
     (record,) = read_session(recorded(tmp_path / "s.mcap", messages)).turbines
     return record
 
 
-def test_a_change_is_told_with_its_size_its_interval_and_when_it_began() -> None:
-    told = event_sentence(event())  # START_NS is 14 November 2023, 22:13:20
-    assert told == (
+def test_a_change_has_its_size_its_interval_and_its_start() -> None:
+    text = event_sentence(event())  # START_NS is 14 November 2023, 22:13:20
+    assert text == (
         "k22 fell by 9.0 % [6.0 %, 12 %] on 14 November 2023 between 22:33 and 22:53 UTC; "
-        "k11 stayed within what can be told (-4.0 to +2.0 %), k12 rose by 3.0 % [1.0 %, 5.0 %]."
+        "k11 did not change detectably (-4.0 to +2.0 %), k12 rose by 3.0 % [1.0 %, 5.0 %]."
     )
 
 
 def test_a_change_that_no_foundation_explains_is_not_called_the_foundations() -> None:
-    told = event_sentence(event("modal-drift"))
-    assert "in a way that no foundation explains" in told
-    assert "k22" not in told
-    assert told.endswith("surest of all the one at 1.1 Hz, down by 1.2 % ± 0.10 %.")
+    text = event_sentence(event("modal-drift"))
+    assert "in a way that no foundation explains" in text
+    assert "k22" not in text
+    assert text.endswith("most certainly the one at 1.1 Hz, down by 1.2 % ± 0.10 %.")
 
 
-def test_springs_that_moved_with_an_undecided_change_are_told_with_it(tmp_path: Path) -> None:
+def test_springs_that_changed_with_an_undecided_change_are_listed_with_it(tmp_path: Path) -> None:
     messages = [each if each != event() else event("undecided") for each in session()]
-    (told, *_) = findings(record_of(tmp_path, messages))
-    assert told.endswith("With it the stiffness went, ÷ nominal: k22 from 1.000 to 0.912.")
+    (text, *_) = findings(record_of(tmp_path, messages))
+    assert text.endswith("Stiffness ÷ nominal changed with it: k22 from 1.000 to 0.912.")
 
 
 def test_changes_come_first_then_each_spring_then_how_far_the_data_go(tmp_path: Path) -> None:
     record = record_of(tmp_path, session())
-    told = findings(record)
-    assert told[0].startswith("k22 fell by 9.0 %")
-    assert [each.split(",")[0] for each in told[1:4]] == ["k11", "k22", "k12"]
-    assert "is known to ±1.0 %: 0.912 × its nominal value" in told[2]
-    assert told[2].endswith("The simulated truth, 0.910, lies inside.")
-    assert any("1 window could not be identified: 1 × gap" in each for each in told[4:])
-    assert told[-1].startswith("1 gap in the stream")
+    text = findings(record)
+    assert text[0].startswith("k22 fell by 9.0 %")
+    assert [each.split(",")[0] for each in text[1:4]] == ["k11", "k22", "k12"]
+    assert "is known to ±1.0 %: 0.912 × its nominal value" in text[2]
+    assert text[2].endswith("The simulated truth, 0.910, lies inside.")
+    assert any("1 window could not be identified: 1 × gap" in each for each in text[4:])
+    assert text[-1].startswith("1 gap in the stream")
     assert condition(record) == "doubt"
 
 
@@ -67,12 +73,14 @@ def test_what_is_known_and_unchanged_is_good(tmp_path: Path) -> None:
 def test_a_posterior_that_is_not_trusted_is_no_finding_and_its_reasons_are_the_updatings(
     tmp_path: Path,
 ) -> None:
-    doubt = QualityWarning("fit", "the frequencies do not fit the model: reduced χ² 8.1")
-    untrusted = posterior(0, trusted=False, doubts=(doubt,))
+    warning = QualityWarning("fit", "the frequencies do not fit the model: reduced χ² 8.1")
+    untrusted = posterior(0, trusted=False, warnings=(warning,))
     record = record_of(tmp_path, [LAYOUT, block(0), estimate(0), untrusted])
     assert condition(record) == "bad"
     assert headline(record).startswith("Do not use these stiffnesses")
-    assert distrust(untrusted) == ["The frequencies do not fit the model: reduced χ² 8.1."]
+    assert reasons_for_distrust(untrusted) == [
+        "The frequencies do not fit the model: reduced χ² 8.1."
+    ]
 
 
 @pytest.mark.parametrize(
@@ -82,12 +90,12 @@ def test_a_posterior_that_is_not_trusted_is_no_finding_and_its_reasons_are_the_u
         ([rejection(0)], "no window could be identified"),
     ],
 )
-def test_without_a_posterior_it_is_said_why(
+def test_without_a_posterior_the_headline_gives_the_reason(
     tmp_path: Path, messages: list[Message], why: str
 ) -> None:
     record = record_of(tmp_path, [LAYOUT, block(0), *messages])
     assert condition(record) == "unknown"
-    assert headline(record) == f"Nothing is known of the foundation's stiffness: {why}."
+    assert headline(record) == f"The foundation's stiffness is not known: {why}."
 
 
 def test_a_record_knows_each_window_once_and_the_truth_that_held_then(tmp_path: Path) -> None:

@@ -76,10 +76,10 @@ def test_the_model_reproduces_table_1_within_two_percent(example: Example) -> No
 def test_the_posterior_has_one_peak_near_the_truth_and_positive_correlations(
     example: Example,
 ) -> None:
-    assert n_peaks(example.mended) == 1
-    assert np.all(example.mended.correlations > 0.3)
-    assert np.all(np.abs(example.mended.highest[:3] - 1) < 0.12)
-    assert np.all(np.abs(example.mended.draws[:, :3].mean(axis=0) - 1) < 0.12)
+    assert n_peaks(example.corrected) == 1
+    assert np.all(example.corrected.correlations > 0.3)
+    assert np.all(np.abs(example.corrected.highest[:3] - 1) < 0.12)
+    assert np.all(np.abs(example.corrected.draws[:, :3].mean(axis=0) - 1) < 0.12)
 
 
 def test_every_start_of_the_simplex_is_reported(example: Example) -> None:
@@ -126,7 +126,7 @@ def assert_stands_alone(page: str) -> None:
     assert all(source.startswith("data:") for source in parser.found)
 
 
-def test_many_seeds_are_told_in_one_table(study: Study) -> None:
+def test_many_seeds_are_in_one_table(study: Study) -> None:
     table = dict(over_seeds(study.of("published")))
     assert table["found, modes 1 to 11"].count(" ") == 10
     assert table["seeds with a single peak"] == "2"
@@ -141,11 +141,11 @@ def test_a_report_that_cannot_be_written_is_one_clear_line(study: Study, tmp_pat
 def with_correlation(example: Example, value: float) -> Example:
     """The example with a posterior whose springs are correlated by so much."""
     generator = np.random.default_rng(9)
-    common, own = generator.standard_normal((2, len(example.mended.draws), 3))
+    common, own = generator.standard_normal((2, len(example.corrected.draws), 3))
     mixed = np.sqrt(abs(value)) * common[:, :1] * np.sign([1.0, value, 1.0])
-    draws = example.mended.draws.copy()
+    draws = example.corrected.draws.copy()
     draws[:, :3] = 1 + 0.01 * (mixed + np.sqrt(1 - abs(value)) * own)
-    return replace(example, mended=replace(example.mended, draws=draws))
+    return replace(example, corrected=replace(example.corrected, draws=draws))
 
 
 def said_of(example: Example, *others: Example) -> str:
@@ -166,9 +166,9 @@ def test_a_correlation_is_called_what_it_is(example: Example, value: float, said
 
 
 def test_samplers_that_agree_are_not_said_to_differ(example: Example) -> None:
-    alike = replace(example, published=example.mended)
+    alike = replace(example, published=example.corrected)
     assert "here the two agree" in said_of(alike)
-    narrow = replace(example.mended, draws=1 + 0.5 * (example.mended.draws - 1))
+    narrow = replace(example.corrected, draws=1 + 0.5 * (example.corrected.draws - 1))
     assert "leaves it too wide" not in said_of(replace(example, published=narrow))
 
 

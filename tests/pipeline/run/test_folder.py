@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.cli.run import of_a_farm
+from pipeline.cli.run import farm_note
 from pipeline.run import folder
 from pipeline.run.folder import prepare_folder
 from pipeline.run.options import SessionOptions
@@ -131,6 +131,6 @@ def test_a_node_in_another_process_is_told_the_same(short_recording: Path) -> No
 
 
 def test_one_turbines_results_are_not_taken_for_the_farms() -> None:
-    assert of_a_farm(("t1", "t2", "t3"), "t1", Path("shore")) == (
+    assert farm_note(("t1", "t2", "t3"), "t1", Path("shore")) == (
         "These are the results of t1, one of 3 turbines; all of them: pilewatch farm shore"
     )

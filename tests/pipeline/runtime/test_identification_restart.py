@@ -1,10 +1,13 @@
-"""An identification that is started again goes on from the recording as if nothing had been.
+"""An identification that is started again goes on as if nothing had been.
 
 windows    |—— 0 ——|—— 1 ——|—— 2 ——|
+snapshot                   of the numbers that windows go by
 recorded   ▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒
-cache                     ▒▒▒▒▒▒▒▒▒▒  shorter than a window
+cache                     ▒▒▒▒▒▒▒▒▒▒  shorter than a window, or longer
 """
 
+import errno
+import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -19,13 +22,16 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.identification import IdentificationInContext
+from pipeline.nodes.identification import SAID_AGAIN, IdentificationNode
 from pipeline.oma.settings import OmaSettings
-from pipeline.recording.latest_messages import files_of, latest_messages
+from pipeline.recording.latest_messages import files_of, latest_estimates, latest_messages
 from pipeline.recording.writer import Recorder, RecorderSettings
-from pipeline.runtime.identification_restart import ResumedIdentification, recorded_past
-from sensors.acquisition.blocks import AccelerationBlock
+from pipeline.runtime.recorded_past import recorded_past
+from pipeline.runtime.snapshots import SnapshotFolder
+from pipeline.updating.serialisation import CheckpointError
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, cut
+from tests.pipeline.nodes.test_wrong_clocks import YEAR, of_two_units
 from tests.pipeline.oma.conftest import structure
 
 SETTINGS = OmaSettings(window_duration=60.0, hop=30.0)
@@ -40,12 +46,12 @@ def measured() -> list[Message]:
 
 @pytest.fixture(scope="module")
 def undisturbed(measured: list[Message]) -> list[ModalEstimate]:
-    answers = answers_of(IdentificationInContext(SETTINGS), measured)
+    answers = answers_of(IdentificationNode(SETTINGS), measured)
     assert all(isinstance(answer, ModalEstimate) for answer in answers)
     return answers
 
 
-def answers_of(node: object, messages: Iterable[Message]) -> list[Message]:
+def answers_of(node: IdentificationNode, messages: Iterable[Message]) -> list[Message]:
     """What is said of windows and gaps; diagrams are for people."""
     said = [answer for message in messages for answer in node.handle(message)]
     return [answer for answer in said if not isinstance(answer, StabilisationDiagram)]
@@ -56,8 +62,8 @@ def blocks(messages: Iterable[Message], since: int, until: int) -> list[Message]
 
 
 def assert_same_windows(ours: list[Message], theirs: list[ModalEstimate]) -> None:
-    assert [(m.window, m.start_ns, m.end_ns) for m in ours] == [
-        (m.window, m.start_ns, m.end_ns) for m in theirs
+    assert [(m.window, m.start_ns, m.end_ns, m.origins) for m in ours] == [
+        (m.window, m.start_ns, m.end_ns, m.origins) for m in theirs
     ]
     for one, other in zip(ours, theirs, strict=True):
         assert [mode.name for mode in one.modes] == [mode.name for mode in other.modes]
@@ -66,30 +72,67 @@ def assert_same_windows(ours: list[Message], theirs: list[ModalEstimate]) -> Non
             np.testing.assert_allclose(mode.shape, twin.shape, atol=1e-7)
 
 
+def node_in(folder: Path, past: Iterable[Message] = ()) -> IdentificationNode:
+    """As a process that has just been started makes it."""
+    store = SnapshotFolder(folder, "identification")
+    return IdentificationNode(SETTINGS, store=store, past=tuple(past))
+
+
 def killed_at(
-    moment: int, cached: int, measured: list[Message], *, recorded_until: int | None = None
+    moment: int,
+    cached: int,
+    measured: list[Message],
+    folder: Path,
+    *,
+    recorded_until: int | None = None,
 ) -> tuple[list[Message], list[Message]]:
     """What was answered before the kill and after it; blocks come from the cache, then live."""
-    before = answers_of(
-        IdentificationInContext(SETTINGS), [measured[0], *blocks(measured, 0, moment)]
-    )
+    before = answers_of(node_in(folder), [measured[0], *blocks(measured, 0, moment)])
     until = moment if recorded_until is None else recorded_until
-    past = [measured[0], *blocks(measured, 0, until), *before]
-    node = ResumedIdentification(SETTINGS, past)
-    return before, answers_of(node, [measured[0], *blocks(measured, moment - cached, 10_000)])
+    past = [measured[0], *blocks(measured, 0, until)]
+    after = answers_of(
+        node_in(folder, past), [measured[0], *blocks(measured, moment - cached, 10_000)]
+    )
+    return before, after
 
 
+def without_repeated(before: list[Message], after: list[Message]) -> list[Message]:
+    """The answers after a restart but for those that are given once more."""
+    again = min(SAID_AGAIN, sum(not isinstance(each, StreamGap) for each in before))
+    assert [each.origins for each in after[:again]] == [e.origins for e in before[-again:]][:again]
+    return after[again:]
+
+
+@pytest.mark.parametrize("moment", [20, 75, 155, 185])
 @pytest.mark.parametrize("cached", [0, 10, 155])
-def test_windows_go_on_as_if_there_had_been_no_kill(measured, undisturbed, cached: int) -> None:
-    before, after = killed_at(155, cached, measured)
-    assert len(before) == 4
-    assert [a.window for a in after[:4]] == [0, 1, 2, 3]  # no posterior is recorded: once more
-    assert_same_windows(before + after[4:], undisturbed)
+def test_windows_go_on_as_if_there_had_been_no_kill(
+    measured, undisturbed, tmp_path: Path, cached: int, moment: int
+) -> None:
+    before, after = killed_at(moment, min(cached, moment), measured, tmp_path)
+    assert_same_windows(before + without_repeated(before, after), undisturbed)
 
 
-def test_what_neither_recording_nor_cache_holds_is_a_gap_and_said_to_be_one(measured) -> None:
-    before, after = killed_at(155, 5, measured, recorded_until=145)
-    new = after[len(before) :]
+def test_without_a_recording_the_cache_alone_is_enough(
+    measured, undisturbed, tmp_path: Path
+) -> None:
+    before, after = killed_at(155, 100, measured, tmp_path, recorded_until=0)
+    assert_same_windows(before + without_repeated(before, after), undisturbed)
+
+
+def test_answers_that_may_not_have_been_recorded_are_given_again_as_they_were(
+    measured, tmp_path: Path
+) -> None:
+    before, after = killed_at(155, 0, measured, tmp_path)
+    for last, again in zip(before[-SAID_AGAIN:], after[:SAID_AGAIN], strict=True):
+        assert again.modes[0].frequency == last.modes[0].frequency
+        assert np.array_equal(again.modes[0].covariance_factor, last.modes[0].covariance_factor)
+
+
+def test_what_neither_recording_nor_cache_holds_is_a_gap_and_said_to_be_one(
+    measured, tmp_path: Path
+) -> None:
+    before, after = killed_at(155, 5, measured, tmp_path, recorded_until=145)
+    new = without_repeated(before, after)
     (gap,) = (m for m in new if isinstance(m, StreamGap))
     assert (gap.first_sequence, gap.n_blocks) == (145, 5)
     rejected = [m for m in new if isinstance(m, WindowRejected)]
@@ -97,20 +140,97 @@ def test_what_neither_recording_nor_cache_holds_is_a_gap_and_said_to_be_one(meas
     assert {m.code for m in rejected} == {"gap"}
 
 
-def test_a_recording_of_another_session_is_no_past(measured, undisturbed) -> None:
+def test_a_clock_that_was_wrong_before_the_kill_is_no_matter_after_it(
+    measured, undisturbed, tmp_path: Path
+) -> None:
+    """On today's main blocks of 2036 made every later one an old one, over restarts too."""
+    wrong = [
+        replace(m, start_ns=m.start_ns + round(12 * YEAR) * NANOSECONDS)
+        if isinstance(m, AccelerationBlock) and m.sequence < 130
+        else m
+        for m in measured
+    ]
+    before, after = killed_at(155, 10, wrong, tmp_path)
+    said = before + without_repeated(before, after)
+    assert [m.window for m in said] == [m.window for m in undisturbed]
+    spanned = [3, 4]  # 90 to 150 s, 120 to 180 s
+    assert [m.window for m in said if isinstance(m, WindowRejected)] == spanned
+    assert {m.code for m in said if isinstance(m, WindowRejected)} == {"clock-step"}
+
+
+def test_a_unit_that_restarted_before_the_kill_is_taken_up_in_its_present_boot(
+    measured, tmp_path: Path
+) -> None:
+    again = [
+        replace(m, start_ns=m.start_ns + 300 * NANOSECONDS, samples=m.samples[::-1].copy())
+        for m in blocks(measured, 0, 240)
+    ]
+    heard = [*measured, *again]
+    undisturbed = answers_of(IdentificationNode(SETTINGS), heard)
+    moment = len(measured) + 100
+    before = answers_of(node_in(tmp_path), heard[:moment])
+    after = answers_of(node_in(tmp_path, heard[:moment]), heard[moment:])
+    assert_same_windows(before + without_repeated(before, after), undisturbed)
+    assert after[-1].origins[0].boot == 1
+
+
+@pytest.mark.parametrize("moment", [50, 155, 200])
+def test_units_that_are_joined_go_on_with_the_same_windows(
+    measured, tmp_path: Path, moment: int
+) -> None:
+    heard = of_two_units(blocks(measured, 0, 240))
+    undisturbed = answers_of(IdentificationNode(SETTINGS), heard)
+    stop = 2 + 2 * moment
+    before = answers_of(node_in(tmp_path), heard[:stop])
+    after = answers_of(node_in(tmp_path, heard[:stop]), heard[stop:])
+    said = before + without_repeated(before, after)
+    assert [(m.window, m.start_ns, m.origins) for m in said] == [
+        (m.window, m.start_ns, m.origins) for m in undisturbed
+    ]
+    for one, other in zip(said, undisturbed, strict=True):
+        for mode, twin in zip(one.modes, other.modes, strict=True):
+            assert mode.frequency == pytest.approx(twin.frequency, rel=1e-6)
+
+
+def test_a_recording_of_another_session_is_no_past(measured, undisturbed, tmp_path: Path) -> None:
     older = [
         replace(m, session="yesterday", start_ns=m.start_ns - 86_400 * 10**9)
         for m in blocks(measured, 0, 200)
     ]
-    node = ResumedIdentification(SETTINGS, [measured[0], *older])
+    node = node_in(tmp_path, [measured[0], *older])
     assert_same_windows(answers_of(node, measured), undisturbed)
+
+
+def test_a_file_that_is_none_is_refused_with_its_name(measured, tmp_path: Path) -> None:
+    path = SnapshotFolder(tmp_path, "identification").file_of(LAYOUT.turbine)
+    path.write_bytes(b"nonsense")
+    with pytest.raises(CheckpointError, match="is no checkpoint"):
+        answers_of(node_in(tmp_path), measured[:3])
+
+
+def test_a_full_disk_costs_the_memory_and_not_the_answers(
+    measured, undisturbed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(SnapshotFolder, "write", full)
+    node = node_in(tmp_path)
+    assert_same_windows(answers_of(node, measured), undisturbed)
+    assert [each.code for each in node.statistics.warnings] == ["checkpoint-not-written"]
+
+
+def test_a_snapshot_is_small(measured, tmp_path: Path) -> None:
+    answers_of(node_in(tmp_path), measured)
+    assert SnapshotFolder(tmp_path, "identification").file_of("t1").stat().st_size < 50_000
 
 
 def test_the_past_is_read_from_the_recording_that_is_being_written(
     measured, undisturbed, tmp_path: Path
 ) -> None:
     path = tmp_path / "session.mcap"
-    node = IdentificationInContext(SETTINGS)
+    node = node_in(tmp_path / "kept")
+    before: list[Message] = []
     parts = (path, tmp_path / "session.part2.mcap")
     for part, messages in zip(
         parts,
@@ -121,7 +241,9 @@ def test_the_past_is_read_from_the_recording_that_is_being_written(
             part, metadata={}, clock=None, settings=RecorderSettings(chunk_duration=1.0)
         )
         for message in messages:
-            for each in (message, *node.handle(message)):
+            answers = list(node.handle(message))
+            before += [each for each in answers if not isinstance(each, StabilisationDiagram)]
+            for each in (message, *answers):
                 recorder.handle(each)
         if part == path:
             recorder.close()
@@ -129,11 +251,9 @@ def test_the_past_is_read_from_the_recording_that_is_being_written(
     recorder._file.flush()
     assert [file.name for file in files_of(path)] == ["session.mcap", "session.part2.mcap.active"]
     past = recorded_past(files_of(path), SETTINGS)
-    resumed = ResumedIdentification(SETTINGS, past)
-    new = answers_of(resumed, [measured[0], *blocks(measured, 155, 10_000)])
-    known = sum(
-        m.end_ns <= max(p.end_ns for p in past if isinstance(p, ModalEstimate)) for m in new
-    )
-    assert_same_windows(new[known:], undisturbed[-len(new[known:]) :])
+    resumed = node_in(tmp_path / "kept", past)
+    after = answers_of(resumed, [measured[0], *blocks(measured, 155, 10_000)])
+    assert_same_windows(before + without_repeated(before, after), undisturbed)
     latest = latest_messages(files_of(path), (AccelerationBlock,), horizon=20.0)
     assert [m.sequence for m in latest] == list(range(135, 155))
+    assert [m.window for m in latest_estimates(files_of(path), 2)] == [2, 3]

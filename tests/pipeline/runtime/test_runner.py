@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Message, NodeStatus, StreamEnd
-from pipeline.nodes.node import Node
+from pipeline.nodes.node import Node, NodeStatistics
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.runner import NodeThread, run_lock_step, run_workers, with_end
 from sensors.acquisition.blocks import AccelerationBlock
@@ -21,6 +21,7 @@ class Listener:
 
     name = "listener"
     inputs: tuple[type, ...] = (AccelerationBlock, StreamEnd)
+    statistics = NodeStatistics()
 
     def __init__(self) -> None:
         self.sequences: list[int] = []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate
-from pipeline.nodes.identification import IdentificationInContext
+from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.runtime.runner import with_end
@@ -51,7 +51,7 @@ def test_rounds_follow_each_other_in_time_as_sessions_of_their_own(short_recordi
 
 
 def parts(folder: Path, recording: Path, overlap: int) -> None:
-    """The recording in parts of a minute, each begun with the last blocks of the one before."""
+    """The recording in parts of a minute, each starting with the last blocks of the one before."""
     now_ns = [START_NS]
     source = replayed(recording)
     recorder = SessionRecorder(
@@ -94,7 +94,7 @@ def test_a_replay_of_the_parts_gives_the_estimates_of_the_whole_bit_for_bit(
 
 def first_estimate(source) -> ModalEstimate:
     """Of the first window, as the live session would have given it."""
-    node = IdentificationInContext(source.scenario.oma)
+    node = IdentificationNode(source.scenario.oma)
     answers = (answer for message in source.messages() for answer in node.handle(message))
     return next(answer for answer in answers if isinstance(answer, ModalEstimate))
 

@@ -265,7 +265,7 @@ def node_status(state: str, last_sequence: int) -> NodeStatus:
 
 
 def change_event(window: int) -> FoundationEvent:
-    """A tenth of k22 gone, k11 and k12 hardly touched, noticed in a window."""
+    """A tenth of k22 gone, k11 and k12 hardly touched, detected in a window."""
     end = START_NS + (window + 1) * WINDOW * NANOSECONDS
     since = end - 2 * WINDOW * NANOSECONDS
     changes = tuple(

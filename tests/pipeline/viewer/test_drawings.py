@@ -10,12 +10,12 @@ from scipy.signal import welch
 from pipeline.messages import FoundationTruth, StabilisationDiagram
 from pipeline.viewer.pictures.corner import PITCH, Axis, corner_plot
 from pipeline.viewer.pictures.frequency_axis import FrequencyAxis
-from pipeline.viewer.pictures.mac_matrix import LABEL_PITCH, mac_matrix, shaded
+from pipeline.viewer.pictures.mac_matrix import LABEL_PITCH, mac_matrix, shade_values
 from pipeline.viewer.pictures.pile import LOAD, TALL, mudline_response, pile_picture
 from pipeline.viewer.pictures.scene import (
     deflection,
     outline,
-    scaled_onto,
+    scale_onto,
     swing_frames,
     tube_mesh,
 )
@@ -98,7 +98,7 @@ def test_a_shape_on_part_of_the_channels_is_drawn_where_these_sit():
 
 def test_shapes_of_opposite_sign_are_laid_on_each_other():
     shape = np.array([0.2, 0.6, 1.0])
-    assert scaled_onto(-3.0 * shape, shape) == pytest.approx(shape)
+    assert scale_onto(-3.0 * shape, shape) == pytest.approx(shape)
 
 
 def test_consecutive_stretches_of_frames_are_the_frames_of_the_whole():
@@ -166,7 +166,7 @@ def test_a_swinging_mode_has_its_peak_at_its_frequency_in_the_spectrum():
 
 
 @pytest.mark.parametrize("seconds", [600.0, 37.5])
-def test_spectra_in_single_precision_are_welchs_wherever_they_are_shown(seconds: float):
+def test_spectra_in_single_precision_equal_welchs_over_the_drawn_decades(seconds: float):
     """The same as SciPy's in double precision, six decades down; a record shorter than a segment
     is one segment."""
     rate, rng = 40.0, np.random.default_rng(8)
@@ -221,7 +221,7 @@ def test_labels_of_a_mac_matrix_do_not_cover_each_other(copies: int):
 
 
 def test_shades_run_from_dark_to_bright():
-    brightness = shaded(np.linspace(0, 1, 9)).astype(float) @ [0.3, 0.6, 0.1]
+    brightness = shade_values(np.linspace(0, 1, 9)).astype(float) @ [0.3, 0.6, 0.1]
     assert np.all(np.diff(brightness) > 0)
 
 
@@ -238,9 +238,9 @@ def test_a_mode_is_a_column_of_poles_under_its_hair_and_higher_orders_stand_high
     diagram = stabilisation_diagram(estimate, rng)
     picture = stabilisation_picture(diagram, [mode.frequency for mode in estimate.modes])
     x, y = picture.poles.T
-    for mode, hair in zip(estimate.modes, picture.modes, strict=True):
+    for mode, vertical_line in zip(estimate.modes, picture.modes, strict=True):
         near = np.abs(diagram.frequencies - mode.frequency) < 5 * mode.frequency_std
-        assert x[near] == pytest.approx(hair[0, 0], abs=0.02)
+        assert x[near] == pytest.approx(vertical_line[0, 0], abs=0.02)
     assert (np.diff(y[np.argsort(diagram.orders, kind="stable")]) <= 0).all()
     left, right = np.array(picture.stds)[:, :, 0].T
     assert ((left < x) & (x < right)).all()
@@ -275,5 +275,5 @@ def test_the_truth_leans_within_the_posterior_and_less_than_nominal_where_it_is_
     assert low < true < high < picture.nominal[1, 0]
     assert top == -TALL
     assert len(pile_picture(posterior, DESCRIPTION).truth) == 0
-    words = " ".join(text.text for text in picture.texts)
-    assert all(unit in words for unit in ("N/m", "N·m/rad", "N/rad", "mm", "mrad", "MN"))
+    text_labels = " ".join(text.text for text in picture.texts)
+    assert all(unit in text_labels for unit in ("N/m", "N·m/rad", "N/rad", "mm", "mrad", "MN"))

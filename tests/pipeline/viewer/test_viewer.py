@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.messages import FoundationTruth, ModalEstimate
+from pipeline.messages import FoundationPosterior, FoundationTruth, ModalEstimate
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
+from pipeline.viewer.pictures.scene import DRAWN_HEIGHT, outline
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.structure.bare_mast import bare_mast
 from tests.pipeline.viewer.conftest import record
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import (
@@ -51,7 +53,7 @@ STREAMS = {  # of every session with a posterior: its unit, whether it has a row
     "modes/2/damping": ("%", True),
     **{f"foundation/{name}/posterior": ("-", True) for name in ("k11", "k22", "k12", "sigma")},
     **{f"foundation/{name}/truth": ("-", True) for name in ("k11", "k22", "k12")},
-    **{f"learned/{name}": ("%", True) for name in ("k11", "k22", "k12", "sigma")},
+    **{f"posterior_width/{name}": ("%", True) for name in ("k11", "k22", "k12", "sigma")},
     "change/probability": ("-", True),
     "health/lost/identification": ("-", False),
     "health/behind/identification": ("s", False),
@@ -88,7 +90,7 @@ def test_a_blueprint_is_in_the_file(recorded: Recorded):
     assert recorded.n_blueprints == 1
 
 
-def test_accelerations_are_shown_at_twenty_hertz_with_one_named_series_a_channel(
+def test_accelerations_are_drawn_at_twenty_hertz_with_one_named_series_per_channel(
     recorded: Recorded,
 ):
     names = recorded.series_names(SIGNAL)
@@ -156,9 +158,9 @@ def test_tracks_are_whole_when_the_identification_runs_ahead_of_the_updating(tmp
     assert len(np.unique(times)) == 3
 
 
-def test_damping_is_shown_in_percent(recorded: Recorded):
-    band = recorded.scalars(f"{ROOT}/modes/5/damping")
-    assert band[:, 1] == pytest.approx(0.8, abs=0.4)
+def test_damping_is_drawn_in_percent(recorded: Recorded):
+    damping = recorded.scalars(f"{ROOT}/modes/5/damping")
+    assert damping[:, 0] == pytest.approx(0.8, abs=0.4)
     assert all(name.endswith("[%]") for name in recorded.series_names(f"{ROOT}/modes/5/damping"))
 
 
@@ -188,18 +190,18 @@ def test_shapes_swing_and_stand_at_full_swing_when_a_posterior_comes(recorded: R
     assert np.abs(factors).min() > 0.1  # never flat
 
 
-def test_joint_posterior_shows_every_pair_of_stiffnesses(recorded: Recorded):
+def test_joint_posterior_has_every_pair_of_stiffnesses(recorded: Recorded):
     draws = np.array(recorded.column(f"{ROOT}/foundation/joint/draws", "Points2D:positions")[-1])
     assert 0.97 * 3 * 800 < len(draws) <= 3 * 800
-    words = recorded.column(f"{ROOT}/foundation/joint/text", "Points2D:labels")[-1]
-    assert {"k11 / nominal [-]", "k22 / nominal [-]", "k12 / nominal [-]"} <= set(words)
-    assert words.count("3 % of the prior's width") == 3
+    text_labels = recorded.column(f"{ROOT}/foundation/joint/text", "Points2D:labels")[-1]
+    assert {"k11 / nominal [-]", "k22 / nominal [-]", "k12 / nominal [-]"} <= set(text_labels)
+    assert text_labels.count("3 % of prior width") == 3
 
 
-def test_what_is_left_of_the_priors_interval_is_shown_in_percent(recorded: Recorded):
+def test_posterior_width_over_prior_width_is_drawn_in_percent(recorded: Recorded):
     for name in ("k11", "k22", "k12", "sigma"):
-        assert recorded.scalars(f"{ROOT}/learned/{name}") == pytest.approx(3.0)
-        (shown,) = recorded.series_names(f"{ROOT}/learned/{name}")
+        assert recorded.scalars(f"{ROOT}/posterior_width/{name}") == pytest.approx(3.0)
+        (shown,) = recorded.series_names(f"{ROOT}/posterior_width/{name}")
         assert shown.endswith("[%]")
 
 
@@ -224,11 +226,11 @@ def test_a_change_gets_its_mark_and_its_sizes_where_there_is_one(tmp_path: Path)
     assert recorded.scalars(f"{ROOT}/change/noticed") == pytest.approx(0.998)
     assert recorded.scalars(f"{ROOT}/change/size/k22")[0] == pytest.approx([-12.0, -10.0, -8.0])
     assert recorded.series_names(f"{ROOT}/change/size/k22")[1] == "k22 change [%]"
-    lamps = recorded.column(f"{ROOT}/lamps/text", "Points2D:labels")[-1]
-    assert "foundation: changed" in lamps
+    indicators = recorded.column(f"{ROOT}/indicators/text", "Points2D:labels")[-1]
+    assert "foundation: changed" in indicators
 
 
-def test_every_posterior_says_how_probable_a_change_is(recorded: Recorded):
+def test_every_posterior_has_a_probability_of_change(recorded: Recorded):
     assert recorded.scalars(f"{ROOT}/change/probability").shape == (2, 1)
     assert recorded.series_names(f"{ROOT}/change/probability") == ["probability [-]"]
 
@@ -251,8 +253,8 @@ def test_status_and_events_tell_the_session(recorded: Recorded):
     (*_, (last,)) = recorded.column(f"{ROOT}/status", "TextDocument:text")
     assert "Foundation known" in last
     (*_, (health,)) = recorded.column(f"{ROOT}/health/text", "TextDocument:text")
-    for words in ("2 identified", "1 rejected", "gap of 60.0 s in unit tower"):
-        assert words in health
+    for text_labels in ("2 identified", "1 rejected", "gap of 60.0 s in unit tower"):
+        assert text_labels in health
     events = [text for (text,) in recorded.column(f"{ROOT}/events", "TextLog:text")]
     assert sum("window 1 rejected" in text for text in events) == 1
     assert sum("× nominal" in text for text in events) == 2
@@ -262,9 +264,9 @@ def test_status_and_events_tell_the_session(recorded: Recorded):
 
 def test_the_last_window_has_its_spectra_and_its_mac_matrix(recorded: Recorded):
     *_, spectra = recorded.column(f"{ROOT}/spectrum/channels", "LineStrips2D:strips")
-    *_, hairs = recorded.column(f"{ROOT}/spectrum/modes", "LineStrips2D:strips")
+    *_, lines = recorded.column(f"{ROOT}/spectrum/modes", "LineStrips2D:strips")
     assert len(spectra) == len(LAYOUT.channels)
-    assert len(hairs) == 2 * 10  # of the ten modes that the session finds, one in each panel
+    assert len(lines) == 2 * 10  # of the ten modes that the session finds, one in each panel
     assert len(recorded.column(f"{ROOT}/mac/values", "Image:buffer")) == 2  # windows not rejected
 
 
@@ -274,10 +276,10 @@ def test_every_window_has_its_poles_by_band_and_the_modes_taken_among_them(recor
     *_, palette = recorded.column(f"{ROOT}/stabilisation/poles", "Points2D:colors")
     assert len(set(palette)) == 2
     *_, bars = recorded.column(f"{ROOT}/stabilisation/stds", "LineStrips2D:strips")
-    *_, hairs = recorded.column(f"{ROOT}/stabilisation/modes", "LineStrips2D:strips")
-    assert [len(bars), len(hairs)] == [14 * 21, 10]
-    *_, words = recorded.column(f"{ROOT}/stabilisation/text", "Points2D:labels")
-    assert {"frequency [Hz]", "order [-]"} <= set(words)
+    *_, lines = recorded.column(f"{ROOT}/stabilisation/modes", "LineStrips2D:strips")
+    assert [len(bars), len(lines)] == [14 * 21, 10]
+    *_, text_labels = recorded.column(f"{ROOT}/stabilisation/text", "Points2D:labels")
+    assert {"frequency [Hz]", "order [-]"} <= set(text_labels)
 
 
 def test_every_node_has_its_losses_and_its_lag(recorded: Recorded):
@@ -287,7 +289,7 @@ def test_every_node_has_its_losses_and_its_lag(recorded: Recorded):
     assert behind[-1] == 0.0
 
 
-def test_a_node_has_a_row_a_minute_in_a_file_however_often_it_speaks_and_its_worst_lag_in_it(
+def test_a_node_has_a_row_a_minute_in_a_file_however_often_it_reports_with_its_worst_delay(
     tmp_path: Path,
 ):
     viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
@@ -304,7 +306,7 @@ def test_a_node_has_a_row_a_minute_in_a_file_however_often_it_speaks_and_its_wor
     assert recorded.scalars(path)[:, 0].tolist() == [0.0, 30.0, 0.0]
 
 
-def test_blocks_that_a_unit_reports_as_faulty_are_told_when_they_are_drawn_together(
+def test_blocks_that_a_unit_reports_as_faulty_make_an_event_when_drawn_together(
     tmp_path: Path,
 ):
     viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
@@ -317,11 +319,11 @@ def test_blocks_that_a_unit_reports_as_faulty_are_told_when_they_are_drawn_toget
     viewer.close()
     recorded = Recorded(tmp_path / "s.rrd")
     sensors = f"{ROOT}/tower/sensors/tower"
-    told = [(t - START_NS) // NANOSECONDS for t in recorded.times_ns(sensors)]
-    assert told == [0, 20, 30]  # healthy, faulty, healthy again
+    times = [(t - START_NS) // NANOSECONDS for t in recorded.times_ns(sensors)]
+    assert times == [0, 20, 30]  # healthy, faulty, healthy again
     lines = [text for (text,) in recorded.column(f"{ROOT}/events", "TextLog:text")]
     assert "00:00:20" in lines[0]
-    assert lines[1].endswith("none any more")
+    assert lines[1].endswith("unit tower: none")
 
 
 def test_an_untrusted_posterior_is_an_error_in_the_events(tmp_path: Path):
@@ -340,9 +342,9 @@ def test_a_dead_channel_turns_its_sensor_into_the_colour_of_trouble(tmp_path: Pa
     viewer.handle(block)
     viewer.close()
     recorded = Recorded(tmp_path / "s.rrd")
-    healthy, troubled = recorded.column(f"{ROOT}/tower/sensors/tower", "Points3D:colors")
-    assert healthy[:3] == troubled[:3]
-    assert healthy[3] != troubled[3]
+    healthy, faulty_levels = recorded.column(f"{ROOT}/tower/sensors/tower", "Points3D:colors")
+    assert healthy[:3] == faulty_levels[:3]
+    assert healthy[3] != faulty_levels[3]
 
 
 def test_a_day_of_eight_channels_takes_less_than_150_megabytes(tmp_path: Path):
@@ -396,7 +398,7 @@ def test_a_broken_picture_is_logged_once_and_ends_no_session(
 def test_a_viewer_that_must_be_there_and_is_not_is_one_clear_line():
     nowhere = ConnectedViewer("rerun+http://127.0.0.1:1/proxy")
     with pytest.raises(ViewerError, match=r"no viewer listens there.*rerun --bind 127\.0\.0\.1"):
-        Viewer([nowhere], DESCRIPTION, session="s", unhurried=True)
+        Viewer([nowhere], DESCRIPTION, session="s", wait_for_viewer=True)
 
 
 def test_a_file_that_cannot_be_written_is_one_clear_line(tmp_path: Path):
@@ -410,6 +412,53 @@ def test_a_unit_that_was_rewired_may_be_spoken_of_by_any_layout(tmp_path: Path):
     viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="made-up", strict=True)
     viewer.handle(replace(LAYOUT, layout_id="before"))
     for message in session(Episode(n_windows=1)):
-        told = isinstance(message, ModalEstimate)
-        viewer.handle(replace(message, layout_id="unheard of") if told else message)
+        lines_of_text = isinstance(message, ModalEstimate)
+        viewer.handle(replace(message, layout_id="unheard of") if lines_of_text else message)
     viewer.close()
+
+
+@pytest.fixture(scope="module")
+def modes_only(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """The session's blocks and estimates, drawn without a structural model."""
+    path = tmp_path_factory.mktemp("modes") / "s.rrd"
+    structure = bare_mast(LAYOUT)
+    viewer = Viewer([RrdFile(path)], structure, session="s", has_structure=False, strict=True)
+    for message in session(Episode(n_windows=2)):
+        if not isinstance(message, FoundationPosterior | FoundationTruth):
+            viewer.handle(message)
+    viewer.close()
+    return Recorded(path)
+
+
+def test_without_a_structure_identified_shapes_are_drawn_from_the_layout(
+    modes_only: Recorded,
+) -> None:
+    for label in ("m2", "m5"):
+        assert modes_only.column(f"{ROOT}/shapes/{label}/motion/model", "LineStrips3D:strips")
+        assert modes_only.column(f"{ROOT}/shapes/{label}/motion", "Transform3D:scale")
+    captions = modes_only.column(f"{ROOT}/shapes/m2/caption", "Points3D:labels")
+    assert captions[-1][0] == "FA"
+
+
+def test_without_a_structure_the_status_is_of_modes(modes_only: Recorded) -> None:
+    *_, (text,) = modes_only.column(f"{ROOT}/status", "TextDocument:text")
+    assert "Modes only: 10 modes" in text
+    assert "posterior" not in text
+    *_, labels = modes_only.column(f"{ROOT}/indicators/text", "Points2D:labels")
+    assert labels[-1] == "foundation: no structural model"
+
+
+def test_a_small_structure_is_drawn_as_tall_as_a_tower() -> None:
+    low = replace(
+        LAYOUT,
+        channels=tuple(replace(each, elevation=each.elevation / 50) for each in LAYOUT.channels),
+    )
+    drawn = outline(bare_mast(low))
+    assert drawn.tower_top - drawn.mudline == pytest.approx(DRAWN_HEIGHT)
+    assert drawn.scale * low.elevations.max() == pytest.approx(drawn.tower_top)
+
+
+def test_changes_of_frequencies_are_relative_to_their_first_window(recorded: Recorded) -> None:
+    changes = recorded.scalars(f"{ROOT}/frequencies/change/m5")[:, 0]
+    absolute = recorded.scalars(f"{ROOT}/frequencies/identified/m5")[:, 0]
+    assert changes == pytest.approx(100 * (absolute / absolute[0] - 1))

@@ -3,7 +3,7 @@
    the system's.
 
    Rerun's own page asks the internet for a font, for example recordings and for its newest release,
-   and tells its makers how it is used. This one speaks to the session alone. */
+   and reports its use to its makers. This one connects to the session only. */
 
 /* A session's stream, rerun+http://127.0.0.1:9876/proxy, or .rrd files of this server, /0.rrd. */
 const shown = document.documentElement.dataset.show
@@ -13,10 +13,10 @@ const note = document.getElementById("note");
 const words = document.getElementById("words");
 const canvas = document.getElementById("canvas");
 
-const NARROW = 700; // where the views side by side cannot be read any more [CSS pixels]
-const NARROW_AS = 800; // how wide a narrow screen then takes itself to be [CSS pixels]
+const NARROW = 700; // below which views side by side are not readable [CSS pixels]
+const NARROW_AS = 800; // layout width of a narrow screen [CSS pixels]
 
-/* Whatever the viewer asks of anybody else is answered here, with nothing. */
+/* Requests of the viewer to any other address are answered here with an empty response. */
 const origins = shown.map((address) => new URL(address.replace(/^rerun\+/, "")).origin);
 origins.push(location.origin);
 const ask = window.fetch.bind(window);
@@ -35,7 +35,7 @@ async function start({ narrow = false } = {}) {
       url: shown,
       hide_welcome_screen: true,
       check_for_updates_on_startup: false,
-      persist: false, // opens the same for everybody
+      persist: false, // opens in the same state every time
       theme: new URLSearchParams(location.search).get("theme"),
       panel_state_overrides: narrow
         ? { top: "Hidden", blueprint: "Hidden", selection: "Hidden", time: "Hidden" }
@@ -44,14 +44,14 @@ async function start({ narrow = false } = {}) {
     canvas.hidden = false;
     await viewer.start(canvas);
     note.hidden = true;
-    window.viewer = viewer; // for whoever tests the page
+    window.viewer = viewer; // for tests
     watch(viewer);
   } catch (error) {
     fail(error);
   }
 }
 
-/* Says so where the viewer breaks down later. */
+/* Reports a later failure of the viewer. */
 function watch(viewer) {
   if (viewer.has_panicked()) fail(viewer.panic_message());
   else setTimeout(watch, 1000, viewer);
@@ -64,7 +64,7 @@ function fail(error) {
   words.textContent = `The viewer does not run in this browser: ${error}`;
 }
 
-/* A phone is asked first: the viewer is 43 MB, and small on it. */
+/* Ask first on a phone: the viewer is 43 MB, and small there. */
 function offer() {
   const narrow = document.getElementById("narrow");
   words.hidden = true;

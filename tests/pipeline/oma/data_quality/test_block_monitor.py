@@ -6,28 +6,28 @@ import pytest
 
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
 from sensors.acquisition.blocks import NANOSECONDS
-from tests.pipeline.example_messages import START_NS, block
+from tests.pipeline.example_messages import block
 
 
 def test_a_unit_with_a_good_clock_and_link_gives_no_cause_for_words() -> None:
     watch = BlockMonitor(lateness=5.0)
     for sequence in range(60):
         watch.note(block(sequence))
-    assert watch.warnings_until(START_NS + 60 * NANOSECONDS) == ()
-    assert watch.still_channel(START_NS, START_NS + 60 * NANOSECONDS) is None
+    assert watch.warnings_until(60 * 40) == ()
+    assert watch.still_channel(0, 60 * 40) is None
 
 
 def test_what_the_link_did_is_counted_by_name() -> None:
     watch = BlockMonitor(lateness=5.0)
     for sequence in (0, 1, 1, 3, 2, 4, 20, 5):
         watch.note(block(sequence))
-    codes = {warning.code: warning.text for warning in watch.warnings_until(START_NS)}
+    codes = {warning.code: warning.text for warning in watch.warnings_until(0)}
     assert {code: text.split()[0] for code, text in codes.items()} == {
         "repeated": "1",
         "out-of-order": "1",
         "late": "1",
     }
-    assert watch.warnings_until(START_NS) == ()  # told once
+    assert watch.warnings_until(0) == ()  # told once
 
 
 @pytest.mark.parametrize("ppm", [-40.0, 40.0])
@@ -37,7 +37,7 @@ def test_a_clock_that_runs_fast_or_slow_is_told_with_its_rate(ppm: float) -> Non
         sound = block(sequence)
         off = round(ppm * 1e-6 * sequence * NANOSECONDS)
         watch.note(replace(sound, start_ns=sound.start_ns + off))
-    (warning,) = watch.warnings_until(START_NS + 61 * NANOSECONDS)
+    (warning,) = watch.warnings_until(61 * 40)
     assert warning.code == "clock-drift"
     assert f"{ppm:+.0f} ppm" in warning.text
 
@@ -50,5 +50,5 @@ def test_a_channel_that_dies_within_a_window_is_found_where_it_dies() -> None:
         if sequence >= 12:
             samples[:, 5] = 0.0
         watch.note(replace(sound, samples=samples))
-    assert watch.still_channel(START_NS, START_NS + 20 * NANOSECONDS) == (5, 13.0)
-    assert watch.still_channel(START_NS, START_NS + 10 * NANOSECONDS) is None
+    assert watch.still_channel(0, 20 * 40) == (5, 13.0)
+    assert watch.still_channel(0, 10 * 40) is None

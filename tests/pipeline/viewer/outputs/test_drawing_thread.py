@@ -31,57 +31,57 @@ class Drawing:
     def finish(self) -> None:
         self.ended = "finished"
 
-    def abandon(self) -> None:
+    def disconnect(self) -> None:
         self.ended = "abandoned"
 
-    def leave_behind(self) -> None:
+    def stop_waiting(self) -> None:
         self.ended = "left behind"
 
 
 def test_a_broken_drawing_is_logged_once_and_then_left_alone(caplog: pytest.LogCaptureFixture):
     drawing = Drawing(breaks=True)
-    stage = DirectDrawing(drawing, strict=False)
+    thread = DirectDrawing(drawing, strict=False)
     with caplog.at_level(logging.ERROR):
         for _ in range(3):
-            stage.take(MESSAGE)
-        stage.close()
+            thread.take(MESSAGE)
+        thread.close()
     assert len(caplog.records) == 1
     assert drawing.ended == "abandoned"
 
 
-def test_a_broken_drawing_shows_in_tests():
+def test_an_exception_while_drawing_is_raised_in_tests():
     with pytest.raises(RuntimeError, match="no picture"):
         DirectDrawing(Drawing(breaks=True), strict=True).take(MESSAGE)
 
 
 def test_a_drawing_in_its_own_thread_gets_every_message_in_order():
     drawing = Drawing()
-    stage = DrawingThread(drawing)
+    thread = DrawingThread(drawing)
     messages = [node_status("running", sequence) for sequence in range(50)]
     for message in messages:
-        stage.take(message)
-    stage.close()
+        thread.take(message)
+    thread.close()
     assert drawing.drawn == messages
     assert drawing.ended == "finished"
 
 
-def test_a_frozen_viewer_holds_nobody(caplog: pytest.LogCaptureFixture):
+def test_a_frozen_viewer_blocks_nothing(caplog: pytest.LogCaptureFixture):
     drawing = Drawing()
     drawing.open.clear()
-    stage = DrawingThread(drawing, backlog=5, patience=0.05)
+    thread = DrawingThread(drawing, backlog=5, timeout=0.05)
     with caplog.at_level(logging.WARNING):
         for _ in range(20):
-            stage.take(MESSAGE)  # returns though nothing is drawn
-        stage.close()
+            thread.take(MESSAGE)  # returns though nothing is drawn
+        thread.close()
     assert drawing.ended == "left behind"
     assert [record.levelname for record in caplog.records] == ["WARNING", "WARNING"]
     drawing.open.set()
 
 
 def test_a_viewer_that_breaks_in_its_thread_breaks_nothing_else(caplog: pytest.LogCaptureFixture):
-    stage = DrawingThread(Drawing(breaks=True))
+    thread = DrawingThread(Drawing(breaks=True))
     with caplog.at_level(logging.ERROR):
-        stage.take(MESSAGE)
-        stage.take(MESSAGE)
-        stage.close()
+        thread.take(MESSAGE)
+        thread.take(MESSAGE)
+        thread.close()
     assert [record.levelname for record in caplog.records] == ["ERROR"]

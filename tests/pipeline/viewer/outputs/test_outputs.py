@@ -1,4 +1,4 @@
-"""Where pictures go, and what is said when they cannot."""
+"""Outputs of the viewer, and the errors where one is not available."""
 
 import importlib.util
 import threading
@@ -29,7 +29,7 @@ def test_spawn_web_and_connect_are_understood():
 @pytest.mark.parametrize(
     "text", ["", "window", "web=1", "connect", "connect=", "connect=127.0.0.1:9876"]
 )
-def test_any_other_word_is_one_line_that_says_what_would_be_right(text: str):
+def test_any_other_word_is_one_line_with_the_right_ones(text: str):
     with pytest.raises(ViewerError) as error:
         parse_view(text)
     message = str(error.value)
@@ -71,11 +71,11 @@ def test_opening_nothing_needs_no_rerun_at_import():
         assert "import rerun" not in (source / f"{name}.py").read_text("utf-8")
 
 
-def test_a_file_that_cannot_be_let_go_of_keeps_no_session_from_ending(
+def test_a_file_that_cannot_be_closed_keeps_no_session_from_ending(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     never = threading.Event()
-    left_behind = []
+    abandoned = []
 
     class OnAFullDisk:
         """As the SDK's stream is when its writing thread has met a full disk."""
@@ -86,9 +86,9 @@ def test_a_file_that_cannot_be_let_go_of_keeps_no_session_from_ending(
         def disconnect(self) -> None:
             never.wait()
 
-    monkeypatch.setattr(connection, "LETTING_GO", 0.01)
-    monkeypatch.setattr(connection, "forget_unfinished", lambda: left_behind.append(True))
-    connection.close_recording(OnAFullDisk(), patience=0.01)
-    assert left_behind == [True]
-    assert caplog.messages == ["the viewer did not take the last of the session: Flush timed out"]
+    monkeypatch.setattr(connection, "CLOSE_TIMEOUT", 0.01)
+    monkeypatch.setattr(connection, "forget_unfinished", lambda: abandoned.append(True))
+    connection.close_recording(OnAFullDisk(), timeout=0.01)
+    assert abandoned == [True]
+    assert caplog.messages == ["the viewer did not accept the last messages: Flush timed out"]
     never.set()

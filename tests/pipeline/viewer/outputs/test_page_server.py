@@ -11,7 +11,7 @@ from threading import Thread
 
 import pytest
 
-from pipeline.viewer.outputs.page_server import content_policy, own_answers, serving_page
+from pipeline.viewer.outputs.page_server import content_policy, page_contents, run_page_server
 from pipeline.viewer.outputs.viewer_process import free_port
 
 SESSION = "rerun+http://127.0.0.1:9876/proxy"
@@ -37,7 +37,7 @@ def page(pictures: tuple[Path, ...] = ()) -> Iterator[str]:
     Thread(target=assets.serve_forever, daemon=True).start()
     port = free_port(0)
     options = {"session": SESSION, "assets_port": assets.server_port, "pictures": pictures}
-    with serving_page(port, **options):
+    with run_page_server(port, **options):
         yield f"http://127.0.0.1:{port}"
     assets.shutdown()
     assets.server_close()
@@ -53,7 +53,7 @@ def test_the_viewer_itself_comes_from_reruns_server():
         assert fetched(f"{address}/re_viewer_bg.wasm") == b"\0asm of /re_viewer_bg.wasm"
 
 
-def test_pictures_are_served_whole_and_shown_instead_of_the_session(tmp_path: Path):
+def test_pictures_are_served_whole_and_opened_instead_of_the_session(tmp_path: Path):
     rrd = tmp_path / "a.rrd"
     rrd.write_bytes(b"RRF2" * 1000)
     with page((rrd,)) as address:
@@ -71,7 +71,7 @@ def test_nothing_else_is_served(path: str, tmp_path: Path):
         fetched(address + path)
 
 
-def test_a_page_elsewhere_whose_name_leads_here_is_told_nothing():
+def test_a_page_of_another_host_name_is_refused():
     with page() as address:
         assert fetched(address.replace("127.0.0.1", "localhost"))
         request = urllib.request.Request(address, headers={"Host": "elsewhere.example:80"})
@@ -79,7 +79,7 @@ def test_a_page_elsewhere_whose_name_leads_here_is_told_nothing():
             urllib.request.urlopen(request, timeout=20.0)
 
 
-def test_the_browser_may_speak_to_the_page_and_the_session_only():
+def test_the_browser_may_connect_to_the_page_and_the_session_only():
     policy = content_policy([SESSION])
     assert "default-src 'none'" in policy
     assert "connect-src 'self' http://127.0.0.1:9876;" in policy
@@ -87,12 +87,12 @@ def test_the_browser_may_speak_to_the_page_and_the_session_only():
     assert "connect-src 'self';" in content_policy(["/0.rrd"])
 
 
-def test_the_page_names_nobody_outside_this_machine():
-    for content, _ in own_answers([SESSION]).values():
+def test_the_page_names_no_address_outside_this_machine():
+    for content, _ in page_contents([SESSION]).values():
         hosts = set(re.findall(r"https?://([^/\s\"']+)", content.decode()))
         assert {host.split(":")[0] for host in hosts} <= {"127.0.0.1"}
 
 
 def test_an_address_cannot_break_out_of_its_place_in_the_page():
-    text = own_answers(['"><script>alert(1)</script>'])["/"][0].decode()
+    text = page_contents(['"><script>alert(1)</script>'])["/"][0].decode()
     assert "<script>alert" not in text

@@ -1,4 +1,4 @@
-"""A viewer that comes late, goes, or comes back: the session goes on and it is told what it missed.
+"""A viewer may start late, stop or come back; the run continues and it gets what it missed.
 
 The viewers here are sockets on loopback that understand nothing; what would be drawn on them is
 noted.
@@ -36,30 +36,30 @@ class Drawn:
     def finish(self) -> None:
         self.ends.append("finished")
 
-    def abandon(self) -> None:
-        self.ends.append("abandoned")
+    def disconnect(self) -> None:
+        self.ends.append("disconnected")
 
-    def leave_behind(self) -> None:
-        """Nobody waits anyway."""
+    def stop_waiting(self) -> None:
+        """Nothing waits here."""
 
     def count(self, *kinds: type) -> int:
         return sum(isinstance(message, kinds) for message in self.messages)
 
 
-class ScheduleStep:
-    """A late show at a free port, and the shows that it began."""
+class ViewerPort:
+    """A reconnecting viewer at a free port, and the drawings that it opened."""
 
     def __init__(self) -> None:
         self.port = free_port(0)
-        self.begun: list[Drawn] = []
-        self.show = ReconnectingViewer(proxy_address(self.port), self._begin, period=0.0)
+        self.drawings: list[Drawn] = []
+        self.drawing = ReconnectingViewer(proxy_address(self.port), self._open_drawing, period=0.0)
 
-    def _begin(self) -> Drawn:
-        self.begun.append(Drawn())
-        return self.begun[-1]
+    def _open_drawing(self) -> Drawn:
+        self.drawings.append(Drawn())
+        return self.drawings[-1]
 
     def viewer(self) -> socket.socket:
-        """Somebody who listens there from now on."""
+        """A socket that listens there from now on."""
         return socket.create_server(("127.0.0.1", self.port))
 
 
@@ -73,76 +73,76 @@ def in_windows(n_windows: int) -> list[list[Message]]:
     return parts[:n_windows]
 
 
-def play(show: ReconnectingViewer, messages: list[Message]) -> None:
+def play(drawing: ReconnectingViewer, messages: list[Message]) -> None:
     for message in messages:
-        show.take(message)
+        drawing.take(message)
 
 
 @pytest.fixture
-def stage() -> Iterator[ScheduleStep]:
-    stage = ScheduleStep()
-    yield stage
-    stage.show.abandon()
+def port() -> Iterator[ViewerPort]:
+    port = ViewerPort()
+    yield port
+    port.drawing.disconnect()
 
 
 def test_a_viewer_that_comes_late_gets_the_results_so_far_and_every_block_from_then_on(
-    stage: ScheduleStep, caplog: pytest.LogCaptureFixture
+    port: ViewerPort, caplog: pytest.LogCaptureFixture
 ):
     first, second = in_windows(2)
-    play(stage.show, first)
-    assert not stage.begun
-    with closing(stage.viewer()):
-        play(stage.show, second)
-        stage.show.finish()
-    (late,) = stage.begun
+    play(port.drawing, first)
+    assert not port.drawings
+    with closing(port.viewer()):
+        play(port.drawing, second)
+        port.drawing.finish()
+    (late,) = port.drawings
     assert late.count(SensorLayout, FoundationTruth) == 2
     assert late.count(*RESULTS) == 4
     assert late.count(AccelerationBlock) == sum(isinstance(m, AccelerationBlock) for m in second)
     assert late.ends == ["finished"]
 
 
-def test_what_is_drawn_first_is_what_the_rest_needs(stage: ScheduleStep):
-    play(stage.show, in_windows(1)[0])
-    with closing(stage.viewer()):
-        stage.show.finish()
-    kinds = [type(message) for message in stage.begun[0].messages]
+def test_what_is_drawn_first_is_what_the_rest_needs(port: ViewerPort):
+    play(port.drawing, in_windows(1)[0])
+    with closing(port.viewer()):
+        port.drawing.finish()
+    kinds = [type(message) for message in port.drawings[0].messages]
     assert kinds[0] is SensorLayout
     assert kinds.index(ModalEstimate) < kinds.index(FoundationPosterior)
 
 
-def test_a_viewer_that_is_killed_and_back_at_once_gets_a_show_of_its_own(
-    stage: ScheduleStep, caplog: pytest.LogCaptureFixture
+def test_a_viewer_that_is_killed_and_restarted_gets_a_drawing_of_its_own(
+    port: ViewerPort, caplog: pytest.LogCaptureFixture
 ):
     first, second, third = in_windows(3)
-    viewer = stage.viewer()
-    play(stage.show, first)
+    viewer = port.viewer()
+    play(port.drawing, first)
     taken, _ = viewer.accept()
     viewer.close()
     taken.close()
-    with closing(stage.viewer()), caplog.at_level(logging.WARNING):
-        play(stage.show, second)
-        play(stage.show, third)
-        stage.show.finish()
-    before, after = stage.begun
-    assert before.ends == ["abandoned"]
+    with closing(port.viewer()), caplog.at_level(logging.WARNING):
+        play(port.drawing, second)
+        play(port.drawing, third)
+        port.drawing.finish()
+    before, after = port.drawings
+    assert before.ends == ["disconnected"]
     assert before.count(FoundationPosterior) == 1
     assert after.count(FoundationPosterior) == 3
-    assert ["has gone" in record.message for record in caplog.records] == [True]
+    assert ["has disconnected" in record.message for record in caplog.records] == [True]
 
 
-def test_a_viewer_that_never_comes_is_told_of_once_and_holds_nobody(
+def test_a_viewer_that_never_connects_is_logged_once_and_blocks_nothing(
     caplog: pytest.LogCaptureFixture,
 ):
     with caplog.at_level(logging.WARNING):
-        show = ReconnectingViewer("rerun+http://127.0.0.1:1/proxy", Drawn, period=0.0)
-        play(show, in_windows(1)[0])
-        show.finish()
+        drawing = ReconnectingViewer("rerun+http://127.0.0.1:1/proxy", Drawn, period=0.0)
+        play(drawing, in_windows(1)[0])
+        drawing.finish()
     (record,) = caplog.records
     assert "no viewer listens there yet" in record.message
     assert "rerun --bind 127.0.0.1 --port 1" in record.message
 
 
-def test_a_viewer_that_goes_while_a_show_begins_is_tried_again():
+def test_a_viewer_that_disconnects_while_a_drawing_opens_is_tried_again():
     calls: list[Drawn] = []
 
     def gone_at_first() -> Drawn:
@@ -152,9 +152,11 @@ def test_a_viewer_that_goes_while_a_show_begins_is_tried_again():
         return calls[-1]
 
     with closing(socket.create_server(("127.0.0.1", 0))) as viewer:
-        show = ReconnectingViewer(proxy_address(viewer.getsockname()[1]), gone_at_first, period=0.0)
-        play(show, in_windows(1)[0])
-        show.finish()
+        drawing = ReconnectingViewer(
+            proxy_address(viewer.getsockname()[1]), gone_at_first, period=0.0
+        )
+        play(drawing, in_windows(1)[0])
+        drawing.finish()
     assert calls[1].count(FoundationPosterior) == 1
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Message, NodeStatus
+from pipeline.nodes.node import NodeStatistics
 from pipeline.runtime import runner
 from pipeline.transport.codec import encode
 from pipeline.viewer.outputs import viewer_process
@@ -20,7 +21,7 @@ from pipeline.viewer.outputs.viewer_process import (
     free_port,
     is_listening,
     proxy_address,
-    served_page,
+    serve_page,
     spawn_viewer,
 )
 from pipeline.viewer.viewer_node import Viewer
@@ -45,7 +46,7 @@ class Endpoint:
         return ConnectedViewer(proxy_address(self._server.getsockname()[1]))
 
     def kill(self) -> None:
-        """As the system does it: nobody listens any more, every connection is cut."""
+        """As the system does it: nothing listens any more, every connection is cut."""
         self._server.shutdown(socket.SHUT_RDWR)
         for connection in self._taken:
             connection.close()
@@ -73,12 +74,13 @@ class Listener:
 
     name = "listener"
     inputs = tuple(kind for kind in Viewer.inputs if kind is not NodeStatus)
+    statistics = NodeStatistics()
 
     def __init__(self) -> None:
-        self.heard: list[bytes] = []
+        self.received: list[bytes] = []
 
     def handle(self, message: Message) -> tuple[Message, ...]:
-        self.heard.append(encode(message))
+        self.received.append(encode(message))
         return ()
 
     def close(self) -> None:
@@ -86,10 +88,10 @@ class Listener:
 
 
 def heard_beside(viewers: list[Viewer], messages: Iterable[Message]) -> list[bytes]:
-    """What another node of the same graph hears of a session."""
+    """The messages that another node of the same graph receives."""
     listener = Listener()
     runner.run_lock_step(messages, [*viewers, listener], turbine=TURBINE)
-    return listener.heard
+    return listener.received
 
 
 def until_killed(endpoint: Endpoint) -> Iterator[Message]:
@@ -110,7 +112,7 @@ def test_a_viewer_that_is_killed_changes_nothing_for_anybody_else(
     viewer = Viewer([RrdFile(path), endpoint.output], DESCRIPTION, session="s", strict=True)
     with caplog.at_level(logging.ERROR):
         beside_the_dead = heard_beside([viewer], until_killed(endpoint))
-    assert not caplog.records  # a window that somebody closed is no error
+    assert not caplog.records  # a closed window is no error
     assert beside_the_dead == heard_beside([], session(EPISODE))
     alone = Viewer([RrdFile(tmp_path / "alone.rrd")], DESCRIPTION, session="s", strict=True)
     heard_beside([alone], session(EPISODE))
@@ -120,7 +122,7 @@ def test_a_viewer_that_is_killed_changes_nothing_for_anybody_else(
 
 
 def test_a_page_is_served_on_loopback_only_and_is_gone_afterwards():
-    with served_page(WebPage(free_port(0), free_port(0))) as shown:
+    with serve_page(WebPage(free_port(0), free_port(0))) as shown:
         address = urlsplit(shown.address)
         page, headers = fetched(shown.address)
         assert f'data-show="{shown.output.url}"' in page.decode()
@@ -129,7 +131,7 @@ def test_a_page_is_served_on_loopback_only_and_is_gone_afterwards():
             in headers["Content-Security-Policy"]
         )
         assert fetched(f"{shown.address}re_viewer.js")[0].startswith(b"let wasm_bindgen")
-        viewer = Viewer([shown.output], DESCRIPTION, session="s", unhurried=True, strict=True)
+        viewer = Viewer([shown.output], DESCRIPTION, session="s", wait_for_viewer=True, strict=True)
         for message in session(Episode(n_windows=1, block=60)):
             viewer.handle(message)
         viewer.close()
@@ -150,7 +152,7 @@ def fetched(url: str) -> tuple[bytes, Mapping[str, str]]:
 
 
 def listening_addresses(port: int) -> set[str]:
-    """Local addresses on which somebody listens at that port, as Linux lists them."""
+    """Local addresses on which a program listens at that port, as Linux lists them."""
     found = set()
     for table in ("/proc/net/tcp", "/proc/net/tcp6"):
         for line in Path(table).read_text("ascii").splitlines()[1:]:
@@ -169,7 +171,7 @@ def test_a_port_that_another_program_has_is_replaced_for_a_page():
     assert free_port(taken) == taken
 
 
-def test_a_window_on_a_port_that_is_taken_is_one_line_that_says_what_else_can_be_done():
+def test_a_window_on_a_port_in_use_is_one_line_with_the_alternative():
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(ViewerError, match=rf"port {port} is in use; .*--view connect=rerun"):
@@ -182,6 +184,6 @@ def test_a_viewer_that_ends_at_once_is_one_line(monkeypatch: pytest.MonkeyPatch)
         spawn_viewer(free_port(0))
     with (
         pytest.raises(ViewerError, match=r"--view web: the viewer ended at once"),
-        served_page(WebPage(free_port(0), free_port(0))),
+        serve_page(WebPage(free_port(0), free_port(0))),
     ):
         pass

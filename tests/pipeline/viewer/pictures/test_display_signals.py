@@ -10,7 +10,7 @@ from pipeline.viewer.pictures.display_signals import (
     SAME_CLOCK,
     DisplayDecimator,
     DisplaySignal,
-    joined_runs,
+    join_runs,
     low_pass,
 )
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -65,9 +65,9 @@ def test_where_the_blocks_are_cut_does_not_matter():
 
 
 @pytest.mark.parametrize("sampling_rate", [40.0, 62.5])
-def test_blocks_joined_to_minutes_show_what_each_of_them_would(sampling_rate: float):
+def test_blocks_joined_to_minutes_give_the_samples_of_single_blocks(sampling_rate: float):
     made = blocks(3.0, sampling_rate=sampling_rate, seconds=12)
-    apart, together = shown(made), shown(list(joined_runs(made)))
+    apart, together = shown(made), shown(list(join_runs(made)))
     assert (apart.times_ns == together.times_ns).all()
     assert apart.samples == pytest.approx(together.samples, abs=DISPLAY_STEP)
 
@@ -77,8 +77,8 @@ def test_blocks_with_a_gap_a_restart_or_another_clock_between_them_are_not_joine
     restarted = replace(second, session="restarted")
     late = replace(second, start_ns=second.start_ns + 2 * SAME_CLOCK)
     for pair in ([first, third], [first, restarted], [first, late]):
-        assert [len(run.samples) for run in joined_runs(pair)] == [40, 40]
-    assert [len(run.samples) for run in joined_runs([first, second, fourth])] == [80, 40]
+        assert [len(run.samples) for run in join_runs(pair)] == [40, 40]
+    assert [len(run.samples) for run in join_runs([first, second, fourth])] == [80, 40]
 
 
 def test_a_clock_that_runs_fast_is_followed_to_a_millisecond():
@@ -87,21 +87,21 @@ def test_a_clock_that_runs_fast_is_followed_to_a_millisecond():
         replace(block, start_ns=block.start_ns + round(drift * (block.start_ns - START_NS)))
         for block in blocks(0.5, sampling_rate=40.0, seconds=60)
     ]
-    runs = list(joined_runs(made))
+    runs = list(join_runs(made))
     assert len(runs) == 6
     apart, together = shown(made), shown(runs)
     assert np.abs(apart.times_ns - together.times_ns).max() <= SAME_CLOCK
 
 
-def test_after_a_missing_block_the_line_is_broken_and_begins_anew():
+def test_after_a_missing_block_the_line_is_broken_and_starts_again():
     made = blocks(0.5, sampling_rate=40.0, seconds=10)
     signal = shown(made[:4] + made[6:])
     (broken,) = np.flatnonzero(np.isnan(signal.samples[:, 0]))
     assert signal.times_ns[broken] == made[3].end_ns
     assert signal.times_ns[broken + 1] > made[6].start_ns
     seconds = (np.delete(signal.times_ns, broken) - START_NS) / NANOSECONDS
-    rest = np.delete(signal.samples[:, 0], broken)
-    assert rest == pytest.approx(np.sin(np.pi * seconds), abs=0.01)
+    min_interval = np.delete(signal.samples[:, 0], broken)
+    assert min_interval == pytest.approx(np.sin(np.pi * seconds), abs=0.01)
 
 
 def test_a_new_session_of_the_unit_is_a_break_too():

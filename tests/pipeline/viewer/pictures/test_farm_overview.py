@@ -9,14 +9,19 @@ import pytest
 
 from pipeline.messages import Message, NodeStatus
 from pipeline.viewer.outputs.outputs import RrdFile
-from pipeline.viewer.pictures.farm_overview import ROWS, board_bounds, farm_markdown, lamp_board
+from pipeline.viewer.pictures.farm_overview import (
+    ROWS,
+    board_bounds,
+    farm_markdown,
+    status_indicators,
+)
 from pipeline.viewer.pictures.status_text import SessionStatus
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import DESCRIPTION, START_NS, WINDOW, Episode, session
 
-NAMES = ("north", "south")
+HOST_NAMES = ("north", "south")
 EPISODES = (Episode(n_windows=2, block=60), Episode(n_windows=2, block=60, trusted=False))
 
 
@@ -24,8 +29,8 @@ def farm_session() -> Iterator[Message]:
     """Two turbines by turns; the data of `south` contradict its model."""
     north, south = map(session, EPISODES)
     for of_north, of_south in zip(north, south, strict=True):
-        yield replace(of_north, turbine=NAMES[0])
-        yield replace(of_south, turbine=NAMES[1])
+        yield replace(of_north, turbine=HOST_NAMES[0])
+        yield replace(of_south, turbine=HOST_NAMES[1])
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +45,7 @@ def farm(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 def statuses() -> list[SessionStatus]:
     """After the whole session."""
-    each = {name: SessionStatus(name) for name in NAMES}
+    each = {name: SessionStatus(name) for name in HOST_NAMES}
     for message in farm_session():
         if not isinstance(message, NodeStatus):
             each[message.turbine].take(message)
@@ -50,7 +55,7 @@ def statuses() -> list[SessionStatus]:
 def test_every_turbine_has_its_own_median_of_each_stiffness_among_all_turbines(farm: Recorded):
     ends = [START_NS + n * WINDOW * NANOSECONDS for n in (1, 2)]
     for name in ("k11", "k22", "k12"):
-        for turbine in NAMES:
+        for turbine in HOST_NAMES:
             path = f"/all-turbines/{name}/{turbine}"
             own = farm.scalars(f"/{turbine}/foundation/{name}/posterior")
             assert farm.scalars(path)[:, 0] == pytest.approx(own[:, 1])
@@ -61,7 +66,7 @@ def test_every_turbine_has_its_own_median_of_each_stiffness_among_all_turbines(f
 def test_every_turbine_has_everything_below_its_own_name(farm: Recorded):
     north, south = (
         {entity.removeprefix(f"/{name}/") for entity in farm.entities if f"/{name}/" in entity}
-        for name in NAMES
+        for name in HOST_NAMES
     )
     assert north == south
     assert {"signals/tower/acceleration", "spectrum/channels", "foundation/joint/draws"} <= north
@@ -79,7 +84,7 @@ def test_the_table_of_a_farm_begins_with_who_needs_attention(farm: Recorded):
     heading, attention, _, _ = text.split("\n\n")
     assert heading == "### 2 turbines: 1 known, 1 NOT TRUSTED"
     assert attention.startswith("- **south**: ")
-    assert "foundation: NOT TRUSTED\n- **north**: 10 modes, with a doubt" in attention
+    assert "foundation: NOT TRUSTED\n- **north**: 10 modes, with a warning" in attention
     rows = [line for line in text.splitlines() if line.startswith(("| north", "| south"))]
     assert [row.split(" | ")[1] for row in rows] == ["known", "NOT TRUSTED"]
     assert all(row.count(" ± ") == 3 and "00:20:00" in row for row in rows)
@@ -91,13 +96,13 @@ def test_a_turbine_of_which_nothing_is_known_yet_has_its_row():
     assert "- **east**" not in text  # nothing is wrong with it
 
 
-def test_every_turbine_has_three_lamps_in_its_row_and_a_large_farm_further_columns():
+def test_every_turbine_has_three_indicators_in_its_row_and_a_large_farm_further_columns():
     many = [SessionStatus(f"T{number}") for number in range(ROWS + 5)]
-    board = lamp_board(many)
-    assert len(board.lights) == len(board.lamps) == 3 * len(many)
-    assert len(set(board.lights)) == len(board.lights)
+    board = status_indicators(many)
+    assert len(board.positions) == len(board.indicators) == 3 * len(many)
+    assert len(set(board.positions)) == len(board.positions)
     (left, right), (top, bottom) = board_bounds(len(many))
-    places = np.array([*board.lights, *(text.position for text in board.texts)])
+    places = np.array([*board.positions, *(text.position for text in board.texts)])
     assert (places > (left, top)).all()
     assert (places < (right, bottom)).all()
 
@@ -109,9 +114,9 @@ def test_the_views_of_a_farm_are_laid_out_once_for_all_its_turbines(
 
     laid_out = []
 
-    def counting(panels, **settings):
-        laid_out.append([panel.turbine for panel in panels])
-        return original(panels, **settings)
+    def counting(parameters, **settings):
+        laid_out.append([each.turbine for each in parameters])
+        return original(parameters, **settings)
 
     original = show.session_blueprint
     monkeypatch.setattr(show, "session_blueprint", counting)

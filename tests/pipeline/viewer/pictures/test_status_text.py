@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.messages import NodeStatus, QualityWarning
 from pipeline.viewer.pictures.status_text import (
     SessionStatus,
-    counted,
+    count_noun,
     frequencies_text,
     posterior_text,
 )
@@ -33,7 +33,7 @@ def test_the_verdict_comes_before_the_details():
             status.take(message)
     text = status.markdown()
     assert text.startswith("### A turbine (iea15mw)\n\n**Foundation known")
-    assert text.index("Foundation known") < text.index("| k11 |") < text.index("#### Doubts")
+    assert text.index("Foundation known") < text.index("| k11 |") < text.index("#### Warnings")
 
 
 def test_an_untrusted_posterior_is_never_called_known():
@@ -57,11 +57,11 @@ def test_only_the_newest_rejections_are_listed_but_all_are_counted():
 def test_a_window_in_which_the_session_ended_is_no_trouble():
     status = SessionStatus(TURBINE)
     status.take(modal_estimate(0, np.random.default_rng(1)))
-    before = status.lamps
+    before = status.indicators
     status.take(replace(rejection(1), code="short"))
-    assert status.lamps == before
+    assert status.indicators == before
     status.take(rejection(2))
-    assert status.lamps[1].state == "bad"
+    assert status.indicators[1].state == "bad"
 
 
 def test_a_node_is_news_when_its_state_or_its_losses_change():
@@ -71,7 +71,7 @@ def test_a_node_is_news_when_its_state_or_its_losses_change():
     assert status.take_node(node_status("stopped", 3))
 
 
-def test_what_a_node_doubts_stands_below_the_nodes_and_its_words_are_no_markup():
+def test_warnings_of_a_node_are_below_the_nodes_and_their_text_is_no_markup():
     status = SessionStatus(TURBINE)
     status.take_node(node_status("running", 1))
     doubting = replace(
@@ -90,19 +90,19 @@ def test_one_line_for_a_posterior_has_medians_and_half_widths():
     assert text.endswith("× nominal, from 1 window")
 
 
-def test_words_are_in_the_plural_where_they_should_be():
-    assert [counted(n, "gap") for n in (0, 1, 2)] == ["0 gaps", "1 gap", "2 gaps"]
+def test_nouns_are_in_the_plural_after_numbers_other_than_one():
+    assert [count_noun(n, "gap") for n in (0, 1, 2)] == ["0 gaps", "1 gap", "2 gaps"]
     assert frequencies_text([]) == "no modes"
     assert frequencies_text([0.158, 1.1]) == "2 modes, 0.158 to 1.10 Hz"
 
 
-def test_lamps_say_what_is_wrong_in_words_and_colour():
+def test_indicators_give_each_state_by_colour_and_text():
     status = SessionStatus("t")
-    assert {lamp.state for lamp in status.lamps} == {"unknown"}
+    assert {indicator.state for indicator in status.indicators} == {"unknown"}
     messages = list(session(Episode(n_windows=2, rejected=(1,), trusted=False)))
     for message in messages:
         status.take(message)
-    measurements, modes, foundation = status.lamps
-    assert (measurements.state, modes.state, foundation.state) == ("doubt", "bad", "bad")
+    measurements, modes, foundation = status.indicators
+    assert (measurements.state, modes.state, foundation.state) == ("warning", "bad", "bad")
     assert "1 gap" in measurements.text
     assert "NOT TRUSTED" in foundation.text

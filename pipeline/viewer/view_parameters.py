@@ -1,4 +1,4 @@
-"""What the tabs share: what they must know of a turbine, time axes, lists of events."""
+"""What the tabs share: parameters of a turbine's views, time axes, lists of events."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,18 +12,24 @@ from sensors.acquisition.layout import SensorLayout
 
 
 @dataclass(frozen=True, slots=True)
-class TurbinePanel:
-    """What the layout must know of one turbine."""
+class ViewParameters:
+    """What the blueprint of one turbine depends on."""
 
     turbine: str
-    layouts: tuple[SensorLayout, ...]  # of its acquisition units
-    modes: tuple[str, ...]  # model labels that get a plot of their own, in order
-    mid_height: float  # where the camera looks [m]
-    sized: bool = False  # a change was noticed and by how much is known: that gets a plot
+    layouts: tuple[SensorLayout, ...]
+    """Layouts of its acquisition units."""
+    modes: tuple[str, ...]
+    """Labels of the modes with a plot of their own, in order."""
+    mid_height: float
+    """Elevation at which the camera looks [m]."""
+    sized: bool = False
+    """Whether a change of known size was detected; it gets a plot."""
+    has_structure: bool = True
+    """Whether there is a structural model; without one the tabs have modes only."""
 
 
 def whole_session() -> dict[str, Any]:
-    """Data and axis of a plot from the first to the last sample, wherever the cursor is."""
+    """Return the time range of a plot: first to last sample, wherever the cursor is."""
     start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.infinite()
     return {
         "time_ranges": rrb.VisibleTimeRange(TIMELINE, start=start, end=end),
@@ -32,7 +38,7 @@ def whole_session() -> dict[str, Any]:
 
 
 def events_view(path: str, name: str = "Events") -> rrb.TextLogView:
-    """A list of events, line by line; each line says its own time."""
+    """Return a list of events, line by line; each line starts with its time."""
     return rrb.TextLogView(
         origin=path,
         name=name,

@@ -1,0 +1,114 @@
+"""A unit's stamps against its own count of samples: steps, drift and scatter.
+
+    stamp − sample number / sampling rate
+        ────────────┐                       a step: the clock was set, or samples are missing
+                    └───────────
+        ／／／／／／／／／／／／                drift: the converter's rate is not the nominal one
+
+Order, gaps and windows go by the count; the stamps are data that are checked here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+
+STEP = 0.5  # between two blocks, beyond which stamps have stepped [s]
+CLOCK_ERROR = 0.01  # of a converter's rate, at most [-]
+FEWEST_STAMPS = 20  # that a line is fitted to
+OUTLYING = 5.0  # median deviations beyond which a stamp does not count
+LEAST_STAMP_SCATTER = 1e-6  # of stamps about the line [s]
+
+
+@dataclass(frozen=True, slots=True)
+class ClockStep:
+    """A jump of a unit's stamps against its sample count."""
+
+    first_sample: int
+    """First sample after the step, since the unit's start."""
+    seconds: float
+    """Size of the step, positive forward [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockFit:
+    """A robust line through stamps over the sample count."""
+
+    drift: float
+    """Rate of the stamps against the nominal count, minus one [-]; positive: stamps run fast."""
+    drift_std: float
+    """[-]"""
+    scatter: float
+    """Standard deviation of the stamps about the line [s]."""
+
+    def exceeds(self, limit: float) -> bool:
+        """Whether the drift is beyond a limit [-] and not by chance."""
+        return abs(self.drift) > max(limit, 4 * self.drift_std)
+
+
+def clock_step(before: tuple[int, int], after: tuple[int, int], sampling_rate: float) -> float:
+    """Step of the stamps between two blocks of one boot [s]; 0 where there is none.
+
+    Parameters
+    ----------
+    before, after : tuple of int
+        First sample since the unit's start, and its stamp [ns].
+    sampling_rate : float
+        Nominal [Hz].
+    """
+    counted = (after[0] - before[0]) / sampling_rate
+    step = (after[1] - before[1]) / NANOSECONDS - counted
+    return step if abs(step) > STEP + CLOCK_ERROR * abs(counted) else 0.0
+
+
+def fit_clock(stamps: Sequence[tuple[int, int]], sampling_rate: float) -> ClockFit | None:
+    """Fit a line through the stamps of blocks, outlying stamps left out.
+
+    Parameters
+    ----------
+    stamps : sequence of (int, int)
+        First sample since the unit's start, and its stamp [ns].
+    sampling_rate : float
+        Nominal [Hz].
+
+    Returns
+    -------
+    ClockFit or None
+        None for fewer than `FEWEST_STAMPS` stamps.
+    """
+    if len(stamps) < FEWEST_STAMPS:
+        return None
+    due = np.array([(number - stamps[0][0]) / sampling_rate for number, _ in stamps])
+    off = np.array([(stamp - stamps[0][1]) / NANOSECONDS for _, stamp in stamps]) - due
+    slope, offset = np.polyfit(due, off, 1)
+    residual = off - slope * due - offset
+    scale = max(1.4826 * float(np.median(abs(residual - np.median(residual)))), LEAST_STAMP_SCATTER)
+    sound = abs(residual - np.median(residual)) <= OUTLYING * scale
+    if 2 < sound.sum() < len(sound):
+        slope, offset = np.polyfit(due[sound], off[sound], 1)
+    scatter = float(np.std(off - slope * due - offset))
+    spread = float(np.sqrt(np.sum((due[sound] - due[sound].mean()) ** 2)))
+    inlying = float(np.std((off - slope * due - offset)[sound]))
+    return ClockFit(float(slope), inlying / spread if spread > 0 else np.inf, scatter)
+
+
+def text_of_step(step: ClockStep, unit: str, window_start: int, sampling_rate: float) -> str:
+    """For people: what a step of a unit's clock means for a window.
+
+    Parameters
+    ----------
+    window_start : int
+        First sample of the window, since the unit's start.
+    """
+    at = (step.first_sample - window_start) / sampling_rate
+    return (
+        f"the stamps of unit {unit} step by {step.seconds:+.3f} s against its sample count at "
+        f"{at:.3f} s: its clock was set, or samples are missing"
+    )
+
+
+def stamp_of(block: AccelerationBlock) -> tuple[int, int]:
+    """First sample since the unit's start, and its stamp [ns]."""
+    return block.first_sample, block.start_ns

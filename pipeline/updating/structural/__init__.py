@@ -1,0 +1,1 @@
+"""Springs and the structure's uncertain figures inferred together."""

@@ -1,0 +1,208 @@
+"""Discrete alternatives of the structure, each fitted by itself and weighed by the evidence.
+
+A monopile is flooded or not; blades behave as the description's reduced ones or as converged ones.
+Between such structures no figure leads from one to the other, so each is a model of its own:
+
+    p(u | d) = Σ_a p(a | d) p(u | d, a),   p(a | d) ∝ p(a) |H_a|^(−1/2) exp(−cost_a / 2)
+
+with costs at one σ for all, that of the best, in which a mode without a partner costs its rejection
+(`joint_fit`), so that alternatives that pair different modes can be compared.
+Source: MacKay, "Information Theory, Inference, and Learning Algorithms" (2003), chapter 28.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.structural.joint_fit import FEW_STARTS, JointFit, JointPeak
+from pipeline.updating.structural.posterior import JointPosterior, joint_posterior
+from pipeline.updating.structural.prior import StructuralPrior
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
+from sensors.structure.description import TurbineDescription
+
+LEAST_WEIGHT = 1e-3  # of an alternative that draws are taken from [-]
+HOPELESS = 60.0  # cost above a rival's at which a structure has lost: e^-30 of its probability
+COST_GROWTH = 1.15  # of the last fit's cost, up to which a warm start is as good as it was [-]
+UNDESCRIBED_FLOODING = 0.1  # prior probability that water inside is not as described [-]
+SIGMA_POINTS = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """One structure of several."""
+
+    name: str
+    """ "" for the description as it is; "flooded", "reduced blades", …"""
+    probability: float
+    """Prior [-]"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WarmStart:
+    """Where an alternative's last fit ended."""
+
+    name: str
+    """Of the alternative."""
+    u: FloatArray
+    """(n_dim,)"""
+    relative_cost: float
+    """Per degree of freedom"""
+
+    def good_cost(self, wanted: float) -> float:
+        """At which no further start is tried: where the structure is not the described one, no
+        start ends below what is wanted, and the last window has tried them all."""
+        return max(wanted, COST_GROWTH * self.relative_cost)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedAlternative:
+    """An alternative with its peak and its share of the posterior."""
+
+    alternative: Alternative
+    fit: JointFit
+    peak: JointPeak
+    posterior: JointPosterior
+    weight: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointResult:
+    """The posterior over all alternatives; the likeliest first."""
+
+    fitted: tuple[FittedAlternative, ...]
+
+    @property
+    def best(self) -> FittedAlternative:
+        return self.fitted[0]
+
+    def draws(
+        self, n: int, generator: np.random.Generator, *, widening: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """(n, n_dim) points u and (n,) σ."""
+        weights = np.array([each.weight for each in self.fitted])
+        weights = np.where(weights >= LEAST_WEIGHT, weights, 0.0)
+        counts = generator.multinomial(n, weights / weights.sum())
+        parts = [
+            each.posterior.draws(int(count), generator, widening=widening)
+            for each, count in zip(self.fitted, counts, strict=True)
+            if count
+        ]
+        order = generator.permutation(n)
+        return (
+            np.concatenate([u for u, _ in parts])[order],
+            np.concatenate([sigma for _, sigma in parts])[order],
+        )
+
+
+class JointInference:
+    """All alternatives of one turbine."""
+
+    def __init__(
+        self,
+        fits: Sequence[tuple[Alternative, JointFit]],
+        *,
+        structure: TurbineDescription,
+        layout: SensorLayout,
+        prior: StructuralPrior,
+        highest_sigma: float,
+    ) -> None:
+        self.fits = tuple(fits)
+        self.structure = structure
+        self.layout = layout
+        self.prior = prior
+        self._highest_sigma = highest_sigma
+
+    def fit_of(self, name: str) -> JointFit:
+        """The alternative of that name; the first where none has it."""
+        return next((fit for each, fit in self.fits if each.name == name), self.fits[0][1])
+
+    def result(
+        self,
+        evidence: ModalEvidence,
+        *,
+        level_std: float,
+        starts: Mapping[str, WarmStart] | None = None,
+    ) -> JointResult | None:
+        """The joint posterior; None where no alternative can be compared with the evidence.
+
+        level_std   of the water level in the evidence [m]
+        starts      alternative's name → where its last fit ended
+        """
+        found = []
+        for alternative, fit, peak in self._peaks(evidence, level_std, starts or {}):
+            found.append((alternative, fit, *self._with_discrepancy(fit, evidence, peak)))
+        if not found:
+            return None
+        weights = self._weights(found, evidence)
+        fitted = [
+            FittedAlternative(alternative, fit, peak, posterior, weight)
+            for (alternative, fit, peak, posterior), weight in zip(found, weights, strict=True)
+        ]
+        return JointResult(tuple(sorted(fitted, key=lambda each: -each.weight)))
+
+    def _peaks(
+        self, evidence: ModalEvidence, level_std: float, starts: Mapping[str, WarmStart]
+    ) -> list[tuple[Alternative, JointFit, JointPeak]]:
+        """Those of the alternatives that have not lost, with their peaks by the floors alone."""
+        warm = {each.name: starts[each.name] for each, _ in self.fits if each.name in starts}
+        fits = [(each, fit.with_level_std(level_std)) for each, fit in self.fits]
+        ends = [
+            fit.best(
+                evidence,
+                [warm[each.name].u] if each.name in warm else [],
+                good_cost=warm[each.name].good_cost(fit.settings.good_cost)
+                if each.name in warm
+                else None,
+                most_starts=FEW_STARTS,
+            )
+            for each, fit in fits
+        ]
+        lowest = min((end.cost for end in ends if end is not None), default=np.inf)
+        peaks = []
+        for (each, fit), end in zip(fits, ends, strict=True):
+            if end is None or end.cost > lowest + HOPELESS:
+                continue
+            good = warm[each.name].good_cost(fit.settings.good_cost) if each.name in warm else None
+            peaks.append((each, fit, fit.improved(evidence, end, good_cost=good)))
+        lowest = min((peak.cost for *_, peak in peaks), default=np.inf)
+        return [each for each in peaks if each[2].cost <= lowest + HOPELESS]
+
+    def _with_discrepancy(
+        self, fit: JointFit, evidence: ModalEvidence, peak: JointPeak
+    ) -> tuple[JointPeak, JointPosterior]:
+        """Peak and posterior, fitted again with the discrepancy σ that the first fit shows."""
+        posterior = self._posterior(peak, fit)
+        sigma = posterior.likeliest_sigma
+        if sigma > 0:
+            again = fit.best(evidence, [peak.u], sigma=sigma, good_cost=np.inf)
+            if again is not None:
+                return again, self._posterior(again, fit)
+        return peak, posterior
+
+    def refitted(
+        self, fitted: FittedAlternative, fit: JointFit, evidence: ModalEvidence, peak: JointPeak
+    ) -> FittedAlternative:
+        """An alternative with other priors and its peak there, alone."""
+        peak, posterior = self._with_discrepancy(fit, evidence, peak)
+        return FittedAlternative(fitted.alternative, fit, peak, posterior, 1.0)
+
+    def _posterior(self, peak: JointPeak, fit: JointFit) -> JointPosterior:
+        return joint_posterior(
+            peak, fit.coordinates, highest_sigma=self._highest_sigma, n_sigma=SIGMA_POINTS
+        )
+
+    def _weights(
+        self,
+        found: Sequence[tuple[Alternative, JointFit, JointPeak, JointPosterior]],
+        evidence: ModalEvidence,
+    ) -> list[float]:
+        sigma = min(posterior.likeliest_sigma for *_, posterior in found)
+        logs = []
+        for alternative, fit, peak, _ in found:
+            cost, log_determinant = fit.judged(peak, evidence, sigma)
+            logs.append(np.log(alternative.probability) - 0.5 * (cost + log_determinant))
+        weights = np.exp(np.array(logs) - max(logs))
+        return [float(weight) for weight in weights / weights.sum()]

@@ -1,0 +1,263 @@
+"""The posterior of an uncertain structure as it is published."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.stats import halfnorm, norm
+
+from pipeline.messages import (
+    FigureShare,
+    FoundationPosterior,
+    ModalEstimate,
+    ModePair,
+    ParameterSummary,
+    QualityWarning,
+    RelativeStiffness,
+    StructureAlternative,
+)
+from pipeline.updating.acceptance import AcceptanceSettings, reduced_chi_square
+from pipeline.updating.diagnostics import contraction, mode_information, unidentified_doubts
+from pipeline.updating.likelihood.pairing import macs
+from pipeline.updating.posterior_message import (
+    largest_component_one,
+    spring_summaries,
+    thinned_draws,
+)
+from pipeline.updating.prior import PARAMETER_NAMES, Prior
+from pipeline.updating.structural.predictive_checks import UNPREDICTED
+from pipeline.updating.structural.prior import N_SPRINGS
+from pipeline.updating.structural.refresh import JointRefresh
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.figures import LEVEL
+
+SAMPLER = "laplace"
+UNCERTAIN, EXACT = "uncertain", "exact"
+EXACT_AS_RECORDED = "exact, as recorded before there was a choice"
+WORTH_NAMING = 0.02  # share of a spring's variance from which a figure stands in the budget [-]
+LEAST_ALTERNATIVE = 1e-3  # probability from which an alternative is named [-]
+NORMAL_90 = float(np.ptp(norm.ppf([0.05, 0.95])))  # width of the 90 % interval [std]
+HALF_NORMAL_90 = float(np.ptp(halfnorm.ppf([0.05, 0.95])))
+
+
+def joint_message(
+    estimate: ModalEstimate,
+    found: JointRefresh,
+    model: ModalModel,
+    *,
+    now: FloatArray,
+    prior: Prior,
+    guards: AcceptanceSettings,
+    reference_ns: int,
+) -> FoundationPosterior:
+    """The posterior after one window.
+
+    model   with the figures at the peak, its modes followed from the springs there
+    now     (n_draws, 4) ratios of the springs in the estimate's window, and σ
+    """
+    best = found.best
+    comparison = best.peak.comparison
+    shown = model.modal(model.theta_reference)
+    pairs = _pairs(found, model)
+    parameters = spring_summaries(now, prior)
+    doubts = distrust(found, guards)
+    return FoundationPosterior(
+        turbine=estimate.turbine,
+        window=estimate.window,
+        time_ns=estimate.end_ns,
+        n_windows=found.evidence.n_windows,
+        parameters=parameters,
+        correlation=np.asarray(np.corrcoef(now[:, :3].T)),
+        draws=thinned_draws(now, prior),
+        pairs=pairs,
+        model_labels=tuple(model.labels),
+        model_frequencies=shown.frequencies[0],
+        model_shapes=largest_component_one(shown.shapes[0]),
+        sampler=SAMPLER,
+        ess=float(len(now)),
+        rhat=float("nan"),
+        autocorrelation_time=float("nan"),
+        reduced_chi_square=reduced_chi_square(found.checks.frequency_misfits),
+        paired_share=comparison.pairing.paired_share,
+        pairing_cost=comparison.pairing.cost,
+        trusted=not doubts,
+        warnings=(*doubts, *_misfits(pairs, found), *unidentified_doubts(parameters, guards)),
+        figures=_figures(found),
+        structure=UNCERTAIN,
+        budget=_budget(found),
+        alternatives=_alternatives(found),
+        unpredicted_share=found.checks.unpredicted_share,
+        relative=_relative(found, reference_ns),
+    )
+
+
+def distrust(found: JointRefresh, guards: AcceptanceSettings) -> tuple[QualityWarning, ...]:
+    """Why the data contradict every structure that the priors allow; empty for a posterior that may
+    be trusted."""
+    doubts = []
+    if found.fault is not None:
+        doubts.append(QualityWarning("sensor", f"{found.fault.text}: its shapes are read so"))
+    share = found.checks.unpredicted_share
+    if share > guards.unpredicted_share:
+        doubts.append(
+            QualityWarning(
+                "unpredicted",
+                f"{share:.0%} of the modes are not what the others predict (at most "
+                f"{guards.unpredicted_share:.0%} expected): the structure differs from the "
+                "description by more than its figures",
+            )
+        )
+    paired = found.best.peak.comparison.pairing.paired_share
+    if paired < guards.paired_share:
+        doubts.append(
+            QualityWarning(
+                "few-pairs",
+                f"only {paired:.0%} of the identified modes are modes of the model (at least "
+                f"{guards.paired_share:.0%} expected)",
+            )
+        )
+    doubts += [
+        QualityWarning(
+            "figure-outside-prior",
+            f"{each.name} lies {abs(each.deviations):.1f} of its prior's standard deviations "
+            f"{'above' if each.deviations > 0 else 'below'} the description",
+        )
+        for each in found.conflicts
+        if abs(each.deviations) > guards.figure_deviation
+    ]
+    return tuple(doubts)
+
+
+def _misfits(pairs: tuple[ModePair, ...], found: JointRefresh) -> tuple[QualityWarning, ...]:
+    """One sentence for each mode that the others do not predict."""
+    return tuple(
+        QualityWarning(
+            "mode-misfit",
+            f"mode {pair.identified or '?'} at {pair.frequency:.4g} Hz, taken for the model's "
+            f"{pair.model}, is not what the other modes predict (frequency "
+            f"{pair.misfit:+.1f} standard deviations off): it counts little",
+        )
+        for pair, p in zip(pairs, found.checks.p_values, strict=True)
+        if p < UNPREDICTED
+    )
+
+
+def _pairs(found: JointRefresh, model: ModalModel) -> tuple[ModePair, ...]:
+    comparison, evidence = found.best.peak.comparison, found.evidence
+    labels = mode_labels(found, model)
+    modes = comparison.linearisation
+    mac = macs(found.best.fit.targets(evidence), modes.shapes[None])[0]
+    D = comparison.variances + comparison.floors
+    information = mode_information(
+        comparison.jacobian[:, :N_SPRINGS],
+        comparison.robust_weights(D) / D,
+        comparison.groups.tolist(),
+    )
+    return tuple(
+        ModePair(
+            identified=evidence.modes[each.identified].name,
+            model=labels[each.model_modes[0]],
+            frequency=evidence.modes[each.identified].frequency,
+            frequency_std=evidence.modes[each.identified].frequency_std,
+            model_frequency=float(modes.frequencies[each.model_modes[0]]),
+            mac=float(mac[each.identified, each.model_modes[0]]),
+            shape_used=each.shape_used,
+            misfit=float(found.checks.frequency_misfits[number]),
+            information=float(information[number]),
+        )
+        for number, each in enumerate(comparison.used)
+    )
+
+
+def mode_labels(found: JointRefresh, model: ModalModel) -> tuple[str, ...]:
+    """The description's labels of the fit's modes; "?" for one that it has no label for."""
+    modes = found.best.peak.comparison.linearisation
+    shown = model.modal(model.theta_reference)
+    logs, shapes = np.log(shown.frequencies[0]), shown.shapes[0]
+    products = (modes.shapes @ shapes.T) ** 2
+    norms = np.outer((modes.shapes**2).sum(axis=1), (shapes**2).sum(axis=1))
+    cost = ((np.log(modes.frequencies)[:, None] - logs) / 0.01) ** 2
+    cost = np.minimum(cost + ((1 - products / norms) / 0.15) ** 2, 1e3)
+    rows, columns = linear_sum_assignment(np.nan_to_num(cost, nan=1e3))
+    labels = ["?"] * len(modes.frequencies)
+    for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
+        if cost[row, column] < 9.0:
+            labels[row] = model.labels[column]
+    return tuple(labels)
+
+
+def _figures(found: JointRefresh) -> tuple[ParameterSummary, ...]:
+    """Figures as factors to the described value or in their unit, the level, then the sensors."""
+    coordinates = found.best.fit.coordinates
+    summaries = []
+    departures = coordinates.departures(found.u)
+    for figure, values in zip(coordinates.figures, departures.T, strict=True):
+        relative = figure.definition.unit == "-"
+        before = (HALF_NORMAL_90 if figure.half_normal else NORMAL_90) * figure.std
+        unit = figure.definition.unit
+        summaries.append(_summary(figure.name, unit, values + relative, float(relative), before))
+    if coordinates.level_std > 0:
+        before = NORMAL_90 * coordinates.level_std
+        summaries.append(_summary(LEVEL, "m", coordinates.level(found.u), 0.0, before))
+    sensors = coordinates.sensors(found.u)
+    for sensor, values in zip(found.best.fit.sensors.figures, sensors.T, strict=True):
+        before = NORMAL_90 * sensor.std
+        summaries.append(_summary(sensor.name, sensor.unit, values * sensor.std, 0.0, before))
+    return tuple(summaries)
+
+
+def _summary(
+    name: str, unit: str, values: FloatArray, nominal: float, before: float
+) -> ParameterSummary:
+    low, median, high = np.quantile(values, [0.05, 0.5, 0.95]).tolist()
+    return ParameterSummary(
+        name=name,
+        unit=unit,
+        nominal=nominal,
+        median=median,
+        p05=low,
+        p95=high,
+        contraction=contraction(high - low, before / 0.9),
+    )
+
+
+def _budget(found: JointRefresh) -> tuple[FigureShare, ...]:
+    """Figures that matter, the largest first; the rest are summed as "other figures"."""
+    budget = found.budget
+    shares = [
+        FigureShare(name, *row)
+        for name, row in zip(budget.names, budget.shares.tolist(), strict=True)
+    ]
+    large = [each for each in shares if max(each.k11, each.k22, each.k12) >= WORTH_NAMING]
+    large.sort(key=lambda each: -max(each.k11, each.k22, each.k12))
+    rest = [each for each in shares if each not in large]
+    others = FigureShare(
+        "other figures",
+        *(sum(getattr(each, name) for each in rest) for name in PARAMETER_NAMES),
+    )
+    return (*large, others)
+
+
+def _alternatives(found: JointRefresh) -> tuple[StructureAlternative, ...]:
+    return tuple(
+        StructureAlternative(each.alternative.name, each.weight)
+        for each in found.result.fitted
+        if each.weight >= LEAST_ALTERNATIVE
+    )
+
+
+def _relative(found: JointRefresh, reference_ns: int) -> tuple[RelativeStiffness, ...]:
+    if found.relative is None:
+        return ()
+    stds = np.sqrt(np.diag(found.relative.covariance))
+    ends = np.exp(found.relative.mean[:, None] + stds[:, None] * norm.ppf([0.05, 0.5, 0.95]))
+    return tuple(
+        RelativeStiffness(name, float(median), float(low), float(high), reference_ns)
+        for name, (low, median, high) in zip(PARAMETER_NAMES, ends, strict=True)
+    )
+
+
+def as_exact(posterior: FoundationPosterior, *, stated: bool) -> FoundationPosterior:
+    """The posterior of an exact structure, which names it so."""
+    return replace(posterior, structure=EXACT if stated else EXACT_AS_RECORDED)

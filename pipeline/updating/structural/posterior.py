@@ -1,0 +1,100 @@
+"""The joint posterior at its peak: a mixture of Gaussians over the model's discrepancy σ.
+
+With the errors linear about the peak, η(u) = η₀ + J (u − u₁), every σ has a Gaussian posterior
+
+    H(σ) = Jᵀ D⁻¹ J + P,   D = S + F + σ² R,   δ(σ) = −H⁻¹ (Jᵀ D⁻¹ η₀ + P (u₁ − u₀)),
+
+and its weight is p(d | σ) ∝ |D|^(−1/2) |H|^(−1/2) exp(−½ (cost − δᵀ H δ)): Laplace's method in u,
+exact in σ. Source: Rue, Martino and Chopin, JRSS B 71 (2009) 319, with one hyperparameter.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.updating.likelihood.likelihood import sigma_grid
+from pipeline.updating.structural.joint_fit import Comparison, JointPeak
+from pipeline.updating.structural.prior import JointCoordinates
+from sensors.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointPosterior:
+    """Gaussians in u for each σ of a grid."""
+
+    sigma: FloatArray
+    """(n_sigma,) [-]"""
+    weights: FloatArray
+    """(n_sigma,) probabilities"""
+    means: FloatArray
+    """(n_sigma, n_dim)"""
+    covariances: FloatArray
+    """(n_sigma, n_dim, n_dim)"""
+    log_evidence: float
+    """log p(d), terms without σ and u left out"""
+
+    @property
+    def mean(self) -> FloatArray:
+        """(n_dim,)"""
+        return self.weights @ self.means
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(n_dim, n_dim)"""
+        off = self.means - self.mean
+        within = np.tensordot(self.weights, self.covariances, axes=1)
+        return np.asarray(within + (off.T * self.weights) @ off)
+
+    @property
+    def likeliest_sigma(self) -> float:
+        """Of largest density; 0 where the floors explain all errors [-]."""
+        density = self.weights / np.gradient(self.sigma)
+        density[0] = self.weights[0] / (self.sigma[1] / 2)
+        density[-1] = 2 * density[-1]
+        return float(self.sigma[int(np.argmax(density))])
+
+    def draws(
+        self, n: int, generator: np.random.Generator, *, widening: float = 1.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """(n, n_dim) points and (n,) σ. widening: factor on standard deviations."""
+        chosen = generator.choice(len(self.sigma), size=n, p=self.weights)
+        noise = generator.standard_normal((n, self.means.shape[1]))
+        found = np.empty_like(noise)
+        for number in np.unique(chosen):
+            rows = chosen == number
+            factor = np.linalg.cholesky(self.covariances[number])
+            found[rows] = self.means[number] + widening * noise[rows] @ factor.T
+        return found, self.sigma[chosen]
+
+
+def joint_posterior(
+    peak: JointPeak,
+    coordinates: JointCoordinates,
+    *,
+    highest_sigma: float,
+    n_sigma: int,
+) -> JointPosterior:
+    """The posterior about a peak, σ uniform up to its highest."""
+    found: Comparison = peak.comparison
+    sigma, widths = sigma_grid(highest_sigma, n_sigma)
+    prior, off = coordinates.prior_precision, peak.u - coordinates.origin
+    J, eta = found.jacobian, found.errors
+    logs, means, covariances = [], [], []
+    for value in sigma:
+        D = found.variances + found.floors + value**2 * found.reference
+        D = D / found.robust_weights(D)
+        hessian = (J.T / D) @ J + prior
+        gradient = J.T @ (eta / D) + prior @ off
+        covariance = np.linalg.inv(hessian)
+        step = -covariance @ gradient
+        cost = float((eta**2 / D).sum() + off @ prior @ off - gradient @ covariance @ gradient)
+        logs.append(-0.5 * (np.log(D).sum() + np.linalg.slogdet(hessian)[1] + cost))
+        means.append(peak.u + step)
+        covariances.append(covariance)
+    log_weights = np.array(logs) + np.log(np.maximum(widths, 1e-300))
+    largest = float(log_weights.max())
+    weights = np.exp(log_weights - largest)
+    total = float(weights.sum())
+    return JointPosterior(
+        sigma, weights / total, np.array(means), np.array(covariances), largest + np.log(total)
+    )

@@ -1,0 +1,163 @@
+"""One refresh of an uncertain structure: evidence in, joint posterior and its checks out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.structural.alternatives import (
+    FittedAlternative,
+    JointInference,
+    JointResult,
+    WarmStart,
+)
+from pipeline.updating.structural.error_budget import ErrorBudget, error_budget
+from pipeline.updating.structural.joint_fit import JointFit
+from pipeline.updating.structural.predictive_checks import (
+    FigureConflict,
+    HeldOutChecks,
+    figure_conflicts,
+    held_out_checks,
+)
+from pipeline.updating.structural.relative_change import RelativeSprings, relative_springs
+from pipeline.updating.structural.sensor_faults import SensorFault, sensor_fault, suspicious
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
+from sensors.dynamics.modal_model import ModalModel
+
+N_DRAWS = 4000
+WIDENING = 1.05  # of the joint Gaussian: what Laplace's method leaves out [-]
+WATER_ROUNDS = 2  # of taking the known water levels out of the windows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointRefresh:
+    """What the evidence reports of springs and figures."""
+
+    result: JointResult
+    evidence: ModalEvidence
+    """At the model's water level."""
+    u: FloatArray
+    """(n_draws, n_dim) draws"""
+    draws: FloatArray
+    """(n_draws, 4) ratios k / nominal and σ [-]"""
+    checks: HeldOutChecks
+    conflicts: tuple[FigureConflict, ...]
+    budget: ErrorBudget
+    relative: RelativeSprings | None
+    """To the reference period; None without one."""
+    fault: SensorFault | None
+    """A sensor that is not as its layout states; the posterior takes it into account."""
+
+    @property
+    def best(self) -> FittedAlternative:
+        return self.result.best
+
+    @property
+    def warm_starts(self) -> tuple[WarmStart, ...]:
+        """Where the next refresh begins."""
+        return tuple(
+            WarmStart(
+                each.alternative.name, np.ascontiguousarray(each.peak.u), each.peak.relative_cost
+            )
+            for each in self.result.fitted
+        )
+
+
+def joint_refresh(
+    inference: JointInference,
+    measured: ModalEvidence,
+    warm: Sequence[WarmStart],
+    generator: np.random.Generator,
+    *,
+    reference: ModalEvidence | None = None,
+    last_fault: str = "",
+) -> JointRefresh | None:
+    """The joint posterior; None where no mode can be compared with any structure.
+
+    measured    with the windows' water levels in it
+    warm        of the last refresh
+    reference   evidence of a period to compare with
+    last_fault  name of the sensor's fault that the last refresh found
+    """
+    starts = {each.name: each for each in warm}
+    level_std = _level_std(inference, measured)
+    result = inference.result(measured, level_std=level_std, starts=starts)
+    evidence = measured
+    for _ in range(WATER_ROUNDS if measured.level_varied and result is not None else 0):
+        assert result is not None
+        evidence = at_model_level(measured, result.best)
+        again = {each.alternative.name: _warm(each) for each in result.fitted}
+        result = inference.result(evidence, level_std=level_std, starts=again) or result
+    if result is None:
+        return None
+    fault = None
+    if suspicious(result.best.fit, result.best.peak):
+        result, evidence, fault = _with_sensor_fault(inference, result, evidence, last_fault)
+    best = result.best
+    coordinates = best.fit.coordinates
+    u, sigma = result.draws(N_DRAWS, generator, widening=WIDENING)
+    covariance = best.posterior.covariance
+    relative = None
+    if reference is not None:
+        relative = relative_springs(
+            best.fit.with_level_std(max(level_std, _level_std(inference, reference))),
+            at_model_level(reference, best) if reference.level_varied else reference,
+            evidence,
+            best.peak.u,
+        )
+    return JointRefresh(
+        result=result,
+        evidence=evidence,
+        u=u,
+        draws=np.column_stack([coordinates.springs(u) / coordinates.nominal, sigma]),
+        checks=held_out_checks(best.peak, coordinates),
+        conflicts=figure_conflicts(best.posterior.mean, covariance, coordinates),
+        budget=error_budget(best.peak.u, covariance, coordinates),
+        relative=relative,
+        fault=fault,
+    )
+
+
+def _with_sensor_fault(
+    inference: JointInference, result: JointResult, evidence: ModalEvidence, last: str
+) -> tuple[JointResult, ModalEvidence, SensorFault | None]:
+    """The result with the likeliest fault of a sensor taken into account; as it was for none."""
+    best = result.best
+    peak = best.fit.settled(evidence, best.peak.u) or best.peak  # by the floors alone
+    found = sensor_fault(best.fit, evidence, peak, last=last)
+    if found is None:
+        return result, evidence, None
+    fault, peak = found
+    corrected = fault.corrected(evidence)
+    fitted = inference.refitted(best, fault.fit, corrected, peak)
+    return JointResult((fitted,)), corrected, fault
+
+
+def _warm(each: FittedAlternative) -> WarmStart:
+    return WarmStart(each.alternative.name, each.peak.u, each.peak.relative_cost)
+
+
+def _level_std(inference: JointInference, evidence: ModalEvidence) -> float:
+    """Of the water level that all windows have in common [m]: an error of the gauge is the same in
+    every window, and a tide that nothing reports is counted as if it were."""
+    prior, unknown = inference.prior, evidence.unknown_level_share
+    return float(np.hypot(prior.known_level_std, unknown * prior.unknown_level_std))
+
+
+def at_model_level(measured: ModalEvidence, fitted: FittedAlternative) -> ModalEvidence:
+    """The evidence as if every window had had the model's water level, by the modes at a peak."""
+    found = fitted.peak.comparison
+    targets = fitted.fit.targets(measured)
+    compared = fitted.fit.compared(measured, targets, fitted.peak.u, 0.008)
+    pairing = (compared or found).pairing
+    partners = fitted.fit.partners_in_water(fitted.peak)
+    if len(pairing.model_modes) != len(measured.modes):
+        return measured
+    return measured.at_model_level([partners[m] if m >= 0 else None for m in pairing.model_modes])
+
+
+def model_at(fit: JointFit, u: FloatArray, layout: SensorLayout) -> ModalModel:
+    """The structure with the figures of a point, its modes followed from the springs there."""
+    return ModalModel(fit.structure_at(u), layout).following(fit.coordinates.springs(u))

@@ -1,0 +1,536 @@
+"""FigureModel: modes for many foundations and many departures of the structure's figures.
+
+The matrices of `figure_terms` are projected once on a basis that holds the modes of the whole range
+of springs, figures and water levels; then a point costs one small eigenvalue solution for each
+decoupled group of the structure, and its derivatives the modal sums
+
+    dλ_m = φ_mᵀ (dK − λ_m dM) φ_m
+    dφ_m = Σ_n≠m φ_n φ_nᵀ (dK − λ_m dM) φ_m / (λ_m − λ_n) − ½ φ_m φ_mᵀ dM φ_m,
+
+exact within the basis. Source of the sums: Fox and Kapoor, AIAA Journal 6 (1968) 2426.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, eigh
+
+from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
+from sensors.dynamics.figure_terms import RELATIVE, FigureTerms, Term, figure_terms
+from sensors.dynamics.full_model_modes import decoupled_groups
+from sensors.dynamics.reference_modes import VISIBLE_SHARE
+from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.description import TurbineDescription
+from sensors.structure.figures import BY_NAME
+from sensors.structure.foundation import positive_definite, spring_matrix
+from sensors.structure.sensor_readings import Observation
+
+BladeMesh = Literal["described", "converged"]
+
+TUBE_REFINEMENT = 2  # elements in each described tube
+BLADE_MODES = 2  # at least, of each blade element in each direction
+LEVEL_REACH = 6.0  # of the water about the description's level [m]
+LEVEL_STEP = 0.5  # between the tabulated levels; cubics between them [m]
+SNAPSHOTS = 160  # points whose modes span the basis
+SNAPSHOT_SPREAD = 2.5  # of the figures there, in default standard deviations, uniform
+SNAPSHOT_TOLERANCE = 3e-5  # of the basis: share of a mode left out [-]
+SLOW = 2.0  # below, modes are held the more closely the slower they are [Hz]
+BASIS_MARGIN = 1.12  # a basis holds the modes to this multiple of the highest frequency [-]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FigureModes:
+    """Visible modes at n points, lowest first; fewer than n_modes at some: NaN at the end."""
+
+    frequencies: FloatArray
+    """(n, n_modes) [Hz]"""
+    shapes: FloatArray
+    """(n, n_modes, n_channels), as the channels read them, largest component 1 [-]"""
+    admissible: NDArray[np.bool_]
+    """(n,) springs positive definite, structure stable"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearisation:
+    """Modes at one point and their derivatives by springs, figures and level."""
+
+    frequencies: FloatArray
+    """(n_modes,) [Hz]"""
+    shapes: FloatArray
+    """(n_modes, n_channels), largest component 1 [-]"""
+    log_frequency_slopes: FloatArray
+    """∂ ln f, (n_modes, p), p: k11, k22, k12 [per N/m, …], then each figure's departure, then the
+    level [1/m]"""
+    readings: FloatArray
+    """(n_modes, n_channels) what the channels read of the mass-normalised modes, complex for an
+    AC-coupled channel"""
+    reading_slopes: FloatArray
+    """(n_modes, n_channels, p) their derivatives"""
+    across: FloatArray
+    """(n_modes, n_channels) what the channels would read turned by a right angle about z"""
+    by_height: FloatArray
+    """(n_modes, n_channels) change of what they read by a metre of height [1/m]"""
+    vectors: FloatArray
+    """(n_modes, n_dofs) mass-normalised modes"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """One decoupled group in its basis."""
+
+    basis: FloatArray
+    """(n_dofs, m)"""
+    mass: FloatArray
+    """(n_mass_terms, m, m)"""
+    stiffness: FloatArray
+    """(n_stiffness_terms, m, m)"""
+    water: FloatArray
+    """(n_levels, m, m)"""
+    water_slopes: FloatArray
+    """(n_levels, m, m) by the level [1/m]"""
+    inner_water: FloatArray
+    """(m, m)"""
+    springs: FloatArray
+    """(3, m, m) of unit k11, k22 and k12"""
+    displacement: FloatArray
+    """(n_channels, m)"""
+    slope: FloatArray
+    """g ψ, (n_channels, m)"""
+    across: FloatArray
+    """(n_channels, m) displacement across the channels' axes, right-handed about z"""
+    across_slope: FloatArray
+    """g ψ across them, (n_channels, m)"""
+
+
+class _Monomials:
+    """c_j(x) = Π v_i^n_ij of a list of terms, and its derivatives by the departures."""
+
+    def __init__(self, terms: Sequence[Term], names: Sequence[str]) -> None:
+        self._offset = np.array([1.0 if name in RELATIVE else 0.0 for name in names])
+        self._powers = np.array(
+            [[term.powers.get(name, 0) for name in names] for term in terms], dtype=float
+        ).reshape(len(terms), len(names))
+        self._figure, self._term = np.nonzero(self._powers.T)  # of each derivative that is not 0
+        self._exponents = self._powers[self._term, self._figure]
+        self._derived = self._powers[self._term].copy()
+        self._derived[np.arange(len(self._term)), self._figure] -= 1
+
+    def values(self, departures: FloatArray) -> FloatArray:
+        """(n, n_terms) for departures, (n, q)"""
+        v = departures + self._offset
+        return np.prod(v[:, None, :] ** self._powers, axis=2)
+
+    def slopes(self, departures: FloatArray) -> FloatArray:
+        """(q, n_terms) for departures, (q,)"""
+        v = departures + self._offset
+        found = np.zeros(self._powers.shape[::-1])
+        found[self._figure, self._term] = self._exponents * np.prod(v**self._derived, axis=1)
+        return found
+
+
+class FigureModel:
+    """Modes that the sensors can see for springs θ, departures of figures and water levels.
+
+    names   of the figures, in the order of their departures
+    """
+
+    def __init__(
+        self,
+        turbine: TurbineDescription,
+        layout: SensorLayout,
+        names: Sequence[str],
+        *,
+        highest_frequency: float = 12.5,
+        blades: BladeMesh = "converged",
+        seed: int = 0,
+    ) -> None:
+        """Tubes are refined; blades are converged, or as described, one mode of an element being
+        what the reduced blade of a definition has.
+
+        Raises TurbineError.
+        """
+        self.described = turbine
+        self.turbine = turbine
+        self.layout = layout
+        self.names = tuple(names)
+        self.nominal = turbine.nominal
+        self.highest_frequency = highest_frequency
+        self.has_water = turbine.water is not None
+        self.flooded = turbine.water is not None and turbine.water.inside
+        turbine = converged(turbine, blades)
+        model = assemble(turbine)
+        self._model = model
+        self._observation = Observation.of(model, layout)
+        self._across = Observation.of(model, _turned(layout))
+        levels = np.arange(-LEVEL_REACH, LEVEL_REACH + LEVEL_STEP / 2, LEVEL_STEP)
+        if turbine.water is not None:
+            lowest = turbine.mudline + 1.0 - turbine.water.level
+            levels = levels[levels >= lowest]
+        terms = figure_terms(turbine, names, levels)
+        self._levels = terms.levels
+        self._mass_terms = _Monomials(terms.mass, names)
+        self._stiffness_terms = _Monomials(terms.stiffness, names)
+        self._added = names.index("added_mass") if "added_mass" in names else None
+        self._groups = self._projected(model, terms, np.random.default_rng(seed))
+        corners = self._observation.corner_frequencies
+        self._corners = corners if np.any(corners > 0) else None
+
+    def with_flooding(self, flooded: bool) -> "FigureModel":
+        """The same structure with or without water inside; the basis serves both."""
+        other: FigureModel = object.__new__(FigureModel)
+        other.__dict__.update(self.__dict__, flooded=flooded)
+        return other
+
+    # ---- basis -----------------------------------------------------------------------------
+
+    def _projected(
+        self, model: StructuralModel, terms: FigureTerms, generator: np.random.Generator
+    ) -> tuple[_Group, ...]:
+        points = self._snapshot_points(generator)
+        masses = np.array([term.matrix for term in terms.mass])
+        stiffnesses = np.array([term.matrix for term in terms.stiffness])
+        slopes = terms.water
+        if len(terms.levels):
+            slopes = np.gradient(terms.water, LEVEL_STEP, axis=0, edge_order=2)
+        groups = []
+        for coordinates in decoupled_groups(model):
+            full = _Group(
+                basis=coordinates,
+                mass=_congruent(masses, coordinates),
+                stiffness=_congruent(stiffnesses, coordinates),
+                water=_congruent(terms.water, coordinates),
+                water_slopes=_congruent(slopes, coordinates),
+                inner_water=coordinates.T @ terms.inner_water @ coordinates,
+                springs=_unit_springs(model, coordinates),
+                displacement=self._observation.displacement @ coordinates,
+                slope=self._observation.gravity_slope @ coordinates,
+                across=self._across.displacement @ coordinates,
+                across_slope=self._across.gravity_slope @ coordinates,
+            )
+            if np.abs(full.displacement).max() < 1e-9:
+                continue
+            basis = self._snapshot_basis(full, points)
+            groups.append(_reduced(full, basis))
+        return tuple(groups)
+
+    def _snapshot_points(
+        self, generator: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Springs, departures and levels all over the range, the description first."""
+        n = SNAPSHOTS
+        theta = self.nominal * np.exp(generator.uniform(np.log(0.25), np.log(4.0), (4 * n, 3)))
+        theta = theta[positive_definite(theta)][:n]
+        departures = np.empty((n, len(self.names)))
+        for i, name in enumerate(self.names):
+            figure = BY_NAME[name]
+            low = 0.0 if figure.distribution == "half-normal" else -SNAPSHOT_SPREAD
+            departures[:, i] = figure.std * generator.uniform(low, SNAPSHOT_SPREAD, n)
+        levels = generator.uniform(-2.5, 2.5, n)
+        theta[0], departures[0], levels[0] = self.nominal, 0.0, 0.0
+        return theta, departures, levels
+
+    def _snapshot_basis(
+        self, full: _Group, points: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> FloatArray:
+        """(n, m) of coordinates of the group that hold the modes at all points."""
+        theta, departures, levels = points
+        lowest = (2 * np.pi * BASIS_MARGIN * self.highest_frequency) ** -2
+        found = []
+        for row in range(len(theta)):
+            level, fill = float(levels[row]), row % 3 / 2
+            K, M = self._matrices(full, theta[row], departures[row], level, fill)
+            try:
+                flexibilities, vectors = eigh(M, K, subset_by_value=(lowest, np.inf))
+            except LinAlgError:
+                continue
+            # a slow mode's ω² is the small rest of what springs and weight do: it needs more digits
+            slowness = np.maximum(1.0, 2 * np.pi * SLOW * np.sqrt(flexibilities))
+            found.append(vectors / np.sqrt(flexibilities) * slowness)
+        snapshots = np.hstack(found)
+        _, M = self._matrices(full, theta[0], departures[0], 0.0)
+        upper = np.linalg.cholesky(M).T
+        left, strength, _ = np.linalg.svd(upper @ snapshots, full_matrices=False)
+        kept = strength > SNAPSHOT_TOLERANCE * np.sqrt(len(found))
+        return np.linalg.solve(upper, left[:, kept])
+
+    # ---- one point -------------------------------------------------------------------------
+
+    def _coefficients(self, departures: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """c_j of mass and stiffness, (n, n_terms), and the factor to C_a, (n,)."""
+        added = np.ones(len(departures))
+        if self._added is not None:
+            added = 1.0 + departures[:, self._added]
+        return (
+            self._mass_terms.values(departures),
+            self._stiffness_terms.values(departures),
+            added,
+        )
+
+    def _matrices(
+        self,
+        group: _Group,
+        theta: FloatArray,
+        departures: FloatArray,
+        level: float,
+        fill: float | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """K and M of a group at one point; fill: share of the inner water, None: as it is."""
+        fill = float(self.flooded) if fill is None else fill
+        mass, stiffness, added = self._coefficients(departures[None])
+        M = np.tensordot(mass[0], group.mass, axes=1) + fill * group.inner_water
+        if len(self._levels):
+            M += added[0] * self._water(group, np.array([level]))[0][0]
+        K = np.tensordot(stiffness[0], group.stiffness, axes=1)
+        K += np.tensordot(theta, group.springs, axes=1)
+        return K, M
+
+    def _water(self, group: _Group, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """W and dW/dlevel, (n, m, m): Hermite's cubics between the tabulated levels."""
+        nodes = self._levels
+        place = np.clip((levels - nodes[0]) / LEVEL_STEP, 0.0, len(nodes) - 1.0)
+        left = np.minimum(place.astype(int), len(nodes) - 2)
+        t = (place - left)[:, None, None]
+        values, slopes = group.water, group.water_slopes * LEVEL_STEP
+        h00, h10 = 2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t
+        h01, h11 = 3 * t**2 - 2 * t**3, t**3 - t**2
+        W = h00 * values[left] + h10 * slopes[left] + h01 * values[left + 1]
+        W += h11 * slopes[left + 1]
+        d00, d10 = 6 * t**2 - 6 * t, 3 * t**2 - 4 * t + 1
+        d11 = 3 * t**2 - 2 * t
+        dW = d00 * (values[left] - values[left + 1]) + d10 * slopes[left] + d11 * slopes[left + 1]
+        return W, dW / LEVEL_STEP
+
+    # ---- many points -----------------------------------------------------------------------
+
+    def modes(self, theta: FloatArray, departures: FloatArray, levels: FloatArray) -> FigureModes:
+        """The visible modes at many points.
+
+        theta        θ, (n, 3) [N/m, N·m/rad, N/rad]
+        departures   (n, q) of the figures, in their units
+        levels       (n,) of the water above the description's [m]
+        """
+        admissible = positive_definite(theta)
+        parts = [
+            self._solved(group, theta, departures, levels, admissible) for group in self._groups
+        ]
+        squares = np.concatenate([squares for squares, _ in parts], axis=1)
+        readings = np.concatenate([readings for _, readings in parts], axis=1)
+        admissible &= np.isfinite(squares).any(axis=1)
+        return self._visible(squares, readings, admissible)
+
+    def _solved(
+        self,
+        group: _Group,
+        theta: FloatArray,
+        departures: FloatArray,
+        levels: FloatArray,
+        admissible: NDArray[np.bool_],
+    ) -> tuple[FloatArray, FloatArray]:
+        """λ, (n, m), NaN where there is no such mode, and displacement and tilt read, (n, m, c)."""
+        n, size = len(theta), group.basis.shape[1]
+        highest = (2 * np.pi * self.highest_frequency) ** 2
+        squares = np.full((n, size), np.nan)
+        readings = np.zeros((n, size, group.displacement.shape[0]))
+        for row in np.flatnonzero(admissible):
+            K, M = self._matrices(group, theta[row], departures[row], float(levels[row]))
+            try:
+                values, vectors = eigh(K, M, check_finite=False)
+            except LinAlgError:
+                continue
+            if not values[0] > 0:
+                squares[row] = np.nan
+                continue
+            kept = int(np.searchsorted(values, highest))
+            squares[row, :kept] = values[:kept]
+            V = vectors[:, :kept]
+            readings[row, :kept] = (group.displacement @ V + group.slope @ V / values[:kept]).T
+        return squares, readings
+
+    def _visible(
+        self, squares: FloatArray, readings: FloatArray, admissible: NDArray[np.bool_]
+    ) -> FigureModes:
+        motion = np.where(np.isfinite(squares), np.abs(readings).max(axis=2), 0.0)
+        seen = motion >= VISIBLE_SHARE * np.nanmax(motion, axis=1, keepdims=True)
+        squares = np.where(seen & (motion > 0), squares, np.nan)
+        order = np.argsort(squares, axis=1)
+        count = int(np.isfinite(squares).sum(axis=1).max(initial=0))
+        order = order[:, :count]
+        squares = np.take_along_axis(squares, order, axis=1)
+        readings = np.take_along_axis(readings, order[:, :, None], axis=1)
+        frequencies = np.sqrt(squares) / (2 * np.pi)
+        return FigureModes(frequencies, self._normalised(readings, frequencies), admissible)
+
+    def _normalised(self, readings: FloatArray, frequencies: FloatArray) -> FloatArray:
+        if self._corners is not None:
+            with np.errstate(invalid="ignore"):
+                readings = readings / (1 - 1j * self._corners / frequencies[..., None])
+        places = np.argmax(np.abs(readings), axis=-1)[..., None]
+        largest = np.take_along_axis(readings, places, axis=-1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(np.real(readings / largest))
+
+    # ---- derivatives -----------------------------------------------------------------------
+
+    def linearised(
+        self, theta: FloatArray, departures: FloatArray, level: float
+    ) -> Linearisation | None:
+        """Modes and derivatives at one point; None where it is not admissible."""
+        if not bool(positive_definite(theta)):
+            return None
+        parts = []
+        slopes = (
+            self._mass_terms.slopes(departures),
+            self._stiffness_terms.slopes(departures),
+        )
+        for group in self._groups:
+            part = self._linearised_group(group, theta, departures, level, slopes)
+            if part is None:
+                return None
+            parts.append(part)
+        squares, log_slopes, readings, reading_slopes, across, by_height, vectors = (
+            np.concatenate(each) for each in zip(*parts, strict=True)
+        )
+        motion = np.abs(readings).max(axis=1)
+        seen = np.flatnonzero(motion >= VISIBLE_SHARE * motion.max())
+        order = seen[np.argsort(squares[seen])]
+        frequencies = np.sqrt(squares[order]) / (2 * np.pi)
+        readings, reading_slopes = readings[order], reading_slopes[order]
+        across, by_height = across[order], by_height[order]
+        log_slopes = log_slopes[order] / (2 * squares[order, None])
+        if self._corners is not None:
+            ratio = 1j * self._corners / frequencies[:, None]
+            gain = 1 / (1 - ratio)
+            turned = readings * -(gain**2) * ratio  # d gain / d ln f = −gain² · i fc / f
+            reading_slopes = (
+                reading_slopes * gain[..., None] + turned[..., None] * log_slopes[:, None, :]
+            )
+            readings, across, by_height = readings * gain, across * gain, by_height * gain
+        places = np.argmax(np.abs(readings), axis=1)[:, None]
+        shapes = np.real(readings / np.take_along_axis(readings, places, axis=1))
+        return Linearisation(
+            frequencies=frequencies,
+            shapes=shapes,
+            log_frequency_slopes=log_slopes,
+            readings=readings,
+            reading_slopes=reading_slopes,
+            across=across,
+            by_height=by_height,
+            vectors=vectors[order],
+        )
+
+    def _linearised_group(
+        self,
+        group: _Group,
+        theta: FloatArray,
+        departures: FloatArray,
+        level: float,
+        slopes: tuple[FloatArray, FloatArray],
+    ) -> tuple[FloatArray, ...] | None:
+        """λ (m,), dλ (m, p), readings (m, c), their derivatives (m, c, p), vectors (m, n_dofs)."""
+        K, M = self._matrices(group, theta, departures, level)
+        try:
+            values, vectors = eigh(K, M, check_finite=False)
+        except LinAlgError:
+            return None
+        if not values[0] > 0:
+            return None
+        kept = int(np.searchsorted(values, (2 * np.pi * self.highest_frequency) ** 2))
+        lam, V = values[:kept], vectors[:, :kept]
+        dK, dM = self._matrix_slopes(group, departures, level, slopes)
+        dKV = dK @ V  # (p, m, kept)
+        dMV = dM @ V
+        coupling = vectors.T @ (dKV - lam * dMV)  # φ_nᵀ (dK − λ_m dM) φ_m, (p, n, kept)
+        diagonal = np.arange(kept)
+        dlam = coupling[:, diagonal, diagonal].T.copy()  # (kept, p)
+        gaps = lam[None, :] - values[:, None]
+        gaps[diagonal, diagonal] = np.inf
+        tiny = 1e-9 * lam[None, :]
+        gaps = np.where(np.abs(gaps) < tiny, np.copysign(tiny, gaps), gaps)
+        mixing = coupling / gaps  # (p, n, kept)
+        own = np.einsum("jm,pjm->pm", V, dMV)
+        mixing[:, diagonal, diagonal] = -0.5 * own
+        H, G = group.displacement @ vectors, group.slope @ vectors  # (c, m)
+        readings = (H[:, :kept] + G[:, :kept] / lam).T
+        moved = np.matmul(H, mixing) + np.matmul(G, mixing) / lam  # (p, c, kept)
+        moved -= G[:, :kept][None] * (dlam.T / lam**2)[:, None, :]
+        across = (group.across @ V + group.across_slope @ V / lam).T
+        by_height = (group.slope @ V).T / (self.turbine.gravity or 1.0)  # without weight no slope
+        moved = np.moveaxis(moved, 0, 2).swapaxes(0, 1)
+        return lam, dlam, readings, moved, across, by_height, (group.basis @ V).T
+
+    def _matrix_slopes(
+        self,
+        group: _Group,
+        departures: FloatArray,
+        level: float,
+        slopes: tuple[FloatArray, FloatArray],
+    ) -> tuple[FloatArray, FloatArray]:
+        """dK and dM, (p, m, m)."""
+        size = group.basis.shape[1]
+        q = len(self.names)
+        dK = np.zeros((3 + q + 1, size, size))
+        dM = np.zeros_like(dK)
+        dK[:3] = group.springs
+        dK[3 : 3 + q] = np.tensordot(slopes[1], group.stiffness, axes=1)
+        dM[3 : 3 + q] = np.tensordot(slopes[0], group.mass, axes=1)
+        if len(self._levels):
+            W, dW = self._water(group, np.array([level]))
+            added = 1.0
+            if self._added is not None:
+                dM[3 + self._added] += W[0]
+                added += departures[self._added]
+            dM[-1] = added * dW[0]
+        return dK, dM
+
+
+def converged(turbine: TurbineDescription, blades: BladeMesh = "converged") -> TurbineDescription:
+    """The same structure on a mesh whose modes up to 12.5 Hz are exact to 1e-4 on average, 5e-4 at
+    worst: the described one errs by up to 2e-3, more than identified frequencies do."""
+    finer = turbine.refined(TUBE_REFINEMENT)
+    if finer.blades is None or blades == "described":
+        return finer
+    modes = max(finer.blades.modes_per_element, BLADE_MODES)
+    return replace(finer, blades=replace(finer.blades, modes_per_element=modes))
+
+
+def _turned(layout: SensorLayout) -> SensorLayout:
+    """Every axis turned by a right angle about z: x becomes y, y becomes −x."""
+    axes = [replace(c, direction=_right_angle(c.direction)) for c in layout.channels]
+    return replace(layout, channels=tuple(axes))
+
+
+def _right_angle(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = direction
+    return (-y, x, z)
+
+
+def _congruent(matrices: FloatArray, basis: FloatArray) -> FloatArray:
+    """Vᵀ A V of a stack."""
+    return np.asarray(basis.T @ matrices @ basis)
+
+
+def _unit_springs(model: StructuralModel, coordinates: FloatArray) -> FloatArray:
+    """(3, m, m) stiffness of unit k11, k22 and k12 in both planes."""
+    springs = spring_matrix(np.eye(3), model.description.foundation.sign)
+    Y = coordinates[model.spring_dofs]
+    return np.asarray(np.einsum("pia,nij,pjb->nab", Y, springs, Y, optimize=True))
+
+
+def _reduced(full: _Group, basis: FloatArray) -> _Group:
+    return _Group(
+        basis=full.basis @ basis,
+        mass=_congruent(full.mass, basis),
+        stiffness=_congruent(full.stiffness, basis),
+        water=_congruent(full.water, basis),
+        water_slopes=_congruent(full.water_slopes, basis),
+        inner_water=basis.T @ full.inner_water @ basis,
+        springs=_congruent(full.springs, basis),
+        displacement=full.displacement @ basis,
+        slope=full.slope @ basis,
+        across=full.across @ basis,
+        across_slope=full.across_slope @ basis,
+    )

@@ -1,0 +1,259 @@
+"""Mass and stiffness as sums of fixed matrices times products of powers of the figures.
+
+    K = Σ_j c_j(x) K_j,   M = Σ_j c_j(x) M_j + C W(level),   c_j = Π_i v_i^n_ij
+
+v_i is 1 + departure for relative figures and the departure itself for the others. The structure's
+matrices are such sums exactly: E and a wall's thickness multiply, a mass weighs on what is below
+it. The matrices are found by differences of assembled descriptions, so that `assembly` stays the
+only place that knows the structure.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sensors.arrays import FloatArray
+from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.description import TurbineDescription
+from sensors.structure.figures import varied
+from sensors.structure.foundation import spring_matrix
+
+Powers = Mapping[str, int]
+
+WALL_STEP = 0.1  # of the wall, for its quadratic [-]
+LENGTH_STEP = 0.5  # of heights and of growth, likewise [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Term:
+    """One matrix and the powers of the figures that multiply it."""
+
+    matrix: FloatArray
+    """(n_dofs, n_dofs), SI."""
+    powers: Powers
+    """Figure → exponent of its v; empty for what no figure changes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FigureTerms:
+    """The whole structure, without springs."""
+
+    mass: tuple[Term, ...]
+    """Without the water outside."""
+    stiffness: tuple[Term, ...]
+    """Elastic and gravity."""
+    levels: FloatArray
+    """Of the water above the description's, rising, (n_levels,) [m]; (0,) on land."""
+    water: FloatArray
+    """Mass of the water that moves along at those levels and C_a as described, (n_levels, n_dofs,
+    n_dofs)."""
+    inner_water: FloatArray
+    """Mass of the water inside a flooded structure, (n_dofs, n_dofs); zero where it is described as
+    flooded already, or on land."""
+
+
+def figure_terms(
+    turbine: TurbineDescription, names: Sequence[str], levels: FloatArray
+) -> FigureTerms:
+    """Take a structure apart by its figures.
+
+    names    of the figures that may be off; the others are as described
+    levels   of the water above the description's, rising [m]
+    """
+    return _Parts(turbine, frozenset(names)).terms(levels)
+
+
+class _Parts:
+    """Differences of assembled descriptions."""
+
+    def __init__(self, turbine: TurbineDescription, names: frozenset[str]) -> None:
+        self._names = names
+        self._turbine = turbine
+        dry = turbine if turbine.water is None else _dried(turbine)
+        self._dry = dry
+        self._model = self._matrices(dry)
+        self._floating = self._matrices(replace(dry, gravity=0.0))
+
+    def terms(self, levels: FloatArray) -> FigureTerms:
+        mass, stiffness = self._tube_terms()
+        for more_mass, more_stiffness in (self._nacelle_terms(), self._blade_terms()):
+            mass, stiffness = mass + more_mass, stiffness + more_stiffness
+        if "transition_piece" in self._names:
+            heavier = self._matrices(varied(self._dry, {"transition_piece": 1.0}))
+            mass.append(Term(heavier[0] - self._model[0], {"transition_piece": 1}))
+            stiffness.append(Term(heavier[1] - self._model[1], {"transition_piece": 1}))
+        mass.append(Term(self._model[0] - _sum(mass, self._described), {}))
+        stiffness.append(Term(self._model[1] - _sum(stiffness, self._described), {}))
+        return FigureTerms(
+            mass=tuple(mass + self._growth_terms()),
+            stiffness=tuple(stiffness),
+            levels=levels if self._turbine.water is not None else np.zeros(0),
+            water=self._water_at(levels),
+            inner_water=self._inner_water(),
+        )
+
+    @property
+    def _described(self) -> Mapping[str, float]:
+        """v of every figure as described."""
+        return {name: 1.0 if name in RELATIVE else 0.0 for name in self._names}
+
+    def _matrices(self, turbine: TurbineDescription) -> tuple[FloatArray, FloatArray]:
+        """Mass and stiffness without springs."""
+        model: StructuralModel = assemble(turbine)
+        stiffness = model.stiffness.copy()
+        springs = spring_matrix(model.theta, turbine.foundation.sign)
+        for dofs in model.spring_dofs:
+            stiffness[np.ix_(dofs, dofs)] -= springs
+        return model.mass, stiffness
+
+    def _named(self, powers: Powers) -> Powers:
+        return {name: n for name, n in powers.items() if name in self._names and n}
+
+    def _tube_terms(self) -> tuple[list[Term], list[Term]]:
+        """By powers 0, 1 and 2 of the wall's departure, times E and ρ: the area is quadratic in the
+        wall's thickness and the cubic part of the second moment is 1e-5 of it."""
+        steps = [-WALL_STEP, 0.0, WALL_STEP]
+        elastic, heavy, weight = [], [], []
+        for step in steps:
+            thinner = varied(self._dry, {"wall_thickness": step})
+            stiffer = varied(thinner, {"steel_modulus": 1.0})
+            denser = varied(thinner, {"steel_density": 1.0})
+            standing, floating = self._matrices(thinner), self._floated(thinner)
+            elastic.append(self._floated(stiffer)[1] - floating[1])
+            heavier = self._matrices(denser)
+            heavy.append(heavier[0] - standing[0])
+            weight.append(heavier[1] - standing[1])
+        mass, stiffness = [], []
+        for power in range(3 if "wall_thickness" in self._names else 1):
+            wall = {"wall_thickness": power}
+            density = self._named({"steel_density": 1, **wall})
+            modulus = self._named({"steel_modulus": 1, **wall})
+            stiffness.append(Term(_coefficient(elastic, steps, power), modulus))
+            stiffness.append(Term(_coefficient(weight, steps, power), density))
+            mass.append(Term(_coefficient(heavy, steps, power), density))
+        return mass, stiffness
+
+    def _nacelle_terms(self) -> tuple[list[Term], list[Term]]:
+        mass: list[Term] = []
+        stiffness: list[Term] = []
+        for axis in ("roll", "pitch", "yaw"):
+            name = f"nacelle_{axis}_inertia"
+            if name in self._names:
+                more = self._matrices(varied(self._dry, {name: 1.0}))
+                mass.append(Term(more[0] - self._model[0], {name: 1}))
+        if not {"rna_mass", "rna_height"} & self._names:
+            return mass, stiffness
+        steps = [-LENGTH_STEP, 0.0, LENGTH_STEP]
+        masses, weights = [], []
+        for step in steps:
+            raised = self._dry
+            if "rna_height" in self._names:
+                raised = varied(raised, {"rna_height": step})
+            twice, once = self._matrices(varied(raised, {"rna_mass": 1.0})), self._matrices(raised)
+            masses.append(twice[0] - once[0])
+            weights.append(twice[1] - once[1])
+        for power in range(3 if "rna_height" in self._names else 1):
+            powers = self._named({"rna_mass": 1, "rna_height": power})
+            mass.append(Term(_coefficient(masses, steps, power), powers))
+            stiffness.append(Term(_coefficient(weights, steps, power), powers))
+        return mass, stiffness
+
+    def _blade_terms(self) -> tuple[list[Term], list[Term]]:
+        mass: list[Term] = []
+        stiffness: list[Term] = []
+        if "blade_mass" in self._names:
+            heavier = self._matrices(varied(self._dry, {"blade_mass": 1.0}))
+            mass.append(Term(heavier[0] - self._model[0], {"blade_mass": 1}))
+            stiffness.append(Term(heavier[1] - self._model[1], {"blade_mass": 1}))
+        for name in ("flap_stiffness", "edge_stiffness"):
+            if name in self._names:
+                stiffer = self._floated(varied(self._dry, {name: 1.0}))
+                stiffness.append(Term(stiffer[1] - self._floating[1], {name: 1}))
+        return mass, stiffness
+
+    def _growth_terms(self) -> list[Term]:
+        """Growth h thick beyond what is described: quadratic in h, its water by C_a."""
+        if self._turbine.water is None:
+            return []
+        bare = replace(self._turbine.water, growth=0.0)
+
+        def grown(water_weight: float, growth_weight: float, h: float) -> FloatArray:
+            water = replace(
+                bare,
+                growth=h,
+                added_mass_coefficient=water_weight * bare.added_mass_coefficient,
+                growth_density=growth_weight * bare.growth_density,
+            )
+            with_growth = self._matrices(replace(self._turbine, water=water))[0]
+            without = self._matrices(replace(self._turbine, water=replace(water, growth=0.0)))[0]
+            return with_growth - without
+
+        described = self._turbine.water.growth
+        steps = [0.0, LENGTH_STEP, 2 * LENGTH_STEP]
+        found = []
+        for powers, weights in (({"added_mass": 1}, (1.0, 0.0)), ({}, (0.0, 1.0))):
+            matrices = [grown(*weights, described + step) for step in steps]
+            for power in range(3 if "marine_growth" in self._names else 1):
+                own = self._named({**powers, "marine_growth": power})
+                found.append(Term(_coefficient(matrices, steps, power), own))
+        return found
+
+    def _water_at(self, levels: FloatArray) -> FloatArray:
+        """(n_levels, n_dofs, n_dofs) of the water outside, and inside where that is described."""
+        water, n = self._turbine.water, len(self._model[0])
+        if water is None:
+            return np.zeros((0, n, n))
+        bare = replace(self._turbine, water=replace(water, growth=0.0, inside=False))
+        found = [
+            self._matrices(bare.with_water_level(water.level + rise))[0] - self._model[0]
+            for rise in levels.tolist()
+        ]
+        return np.array(found)
+
+    def _inner_water(self) -> FloatArray:
+        """At the mean level, where it stands, whatever the sea outside does."""
+        water = self._turbine.water
+        if water is None:
+            return np.zeros_like(self._model[0])
+        empty = replace(self._turbine, water=replace(water, inside=False, level=0.0))
+        full = replace(self._turbine, water=replace(water, inside=True, level=0.0))
+        return self._matrices(full)[0] - self._matrices(empty)[0]
+
+    def _floated(self, turbine: TurbineDescription) -> tuple[FloatArray, FloatArray]:
+        return self._matrices(replace(turbine, gravity=0.0))
+
+
+RELATIVE = frozenset(
+    {
+        "steel_modulus",
+        "steel_density",
+        "rna_mass",
+        "nacelle_roll_inertia",
+        "nacelle_pitch_inertia",
+        "nacelle_yaw_inertia",
+        "blade_mass",
+        "flap_stiffness",
+        "edge_stiffness",
+        "added_mass",
+    }
+)  # whose v is 1 + departure
+
+
+def _dried(turbine: TurbineDescription) -> TurbineDescription:
+    return replace(turbine, water=None)
+
+
+def _coefficient(values: Sequence[FloatArray], steps: Sequence[float], power: int) -> FloatArray:
+    """Coefficient of step^power of the parabola through three values."""
+    weights = np.linalg.inv(np.vander(np.array(steps), 3, increasing=True))[power]
+    return np.asarray(sum(w * value for w, value in zip(weights, values, strict=True)))
+
+
+def _sum(terms: Sequence[Term], at: Mapping[str, float]) -> FloatArray:
+    return np.asarray(
+        sum(
+            float(np.prod([at[name] ** n for name, n in term.powers.items()])) * term.matrix
+            for term in terms
+        )
+    )

@@ -1,0 +1,236 @@
+"""Figures of a structure that are never known exactly: what each is, how far off it may be.
+
+Every figure has a departure from the description, 0 as described: relative ones as a share, the
+others in their unit. `varied` gives the description with such departures; `figure_model` gives the
+modes for many of them at once.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from sensors.structure.description import (
+    BladeElement,
+    PointMass,
+    RigidBody,
+    Tube,
+    TurbineDescription,
+    Vector,
+    Water,
+)
+from sensors.structure.foundation import TurbineError
+
+Change = Callable[[TurbineDescription, float], TurbineDescription]
+Distribution = Literal["normal", "half-normal"]
+
+KNOWN_LEVEL_STD = 0.1  # of a sea level that SCADA reports: gauge, waves, distance to it [m]
+UNKNOWN_LEVEL_STD = 1.0  # of one that no sensor reports: the tide of an open coast [m]
+LEVEL = "water_level"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure of the structure, its default prior and where that comes from."""
+
+    name: str
+    """Key in `[structure.uncertain]`."""
+    title: str
+    """Words for reports."""
+    unit: str
+    """Of the departure; "-" for a share of the described value."""
+    std: float
+    """Default standard deviation of the prior [unit]; the scale of a half-normal one."""
+    distribution: Distribution
+    """Half-normal: nothing of it is described, and there cannot be less."""
+    source: str
+    """Where the standard deviation comes from."""
+    change: Change
+    """The description with a departure of so much."""
+    present: Callable[[TurbineDescription], bool]
+    """Whether the structure has such a figure."""
+
+
+def _tubes(change: Callable[[Tube, float], Tube]) -> Change:
+    def changed(turbine: TurbineDescription, departure: float) -> TurbineDescription:
+        return replace(turbine, tubes=tuple(change(tube, departure) for tube in turbine.tubes))
+
+    return changed
+
+
+def _blades(change: Callable[[BladeElement, float], BladeElement]) -> Change:
+    def changed(turbine: TurbineDescription, departure: float) -> TurbineDescription:
+        if turbine.blades is None:
+            return turbine
+        elements = tuple(change(element, departure) for element in turbine.blades.elements)
+        return replace(turbine, blades=replace(turbine.blades, elements=elements))
+
+    return changed
+
+
+def _bodies(change: Callable[[RigidBody, float], RigidBody]) -> Change:
+    def changed(turbine: TurbineDescription, departure: float) -> TurbineDescription:
+        nacelle = turbine.rotor_nacelle
+        bodies = tuple(change(body, departure) for body in nacelle.bodies)
+        return replace(turbine, rotor_nacelle=replace(nacelle, bodies=bodies))
+
+    return changed
+
+
+def _water(change: Callable[[Water, float], Water]) -> Change:
+    def changed(turbine: TurbineDescription, departure: float) -> TurbineDescription:
+        assert turbine.water is not None
+        return replace(turbine, water=change(turbine.water, departure))
+
+    return changed
+
+
+def _inertia(axis: int) -> Change:
+    def scaled(body: RigidBody, departure: float) -> RigidBody:
+        x, y, z = (i * (1 + departure * (n == axis)) for n, i in enumerate(body.inertia))
+        return replace(body, inertia=(x, y, z))
+
+    return _bodies(scaled)
+
+
+def _rna_mass(turbine: TurbineDescription, departure: float) -> TurbineDescription:
+    heavier = _bodies(lambda body, d: replace(body, mass=body.mass * (1 + d)))(turbine, departure)
+    nacelle = heavier.rotor_nacelle
+    hub = nacelle.hub_mass * (1 + departure)
+    return replace(heavier, rotor_nacelle=replace(nacelle, hub_mass=hub))
+
+
+def _rna_height(turbine: TurbineDescription, departure: float) -> TurbineDescription:
+    def raised(body: RigidBody, d: float) -> RigidBody:
+        x, y, z = body.centre
+        centre: Vector = (x, y, z + d)
+        return replace(body, centre=centre) if any(body.inertia) else body
+
+    return _bodies(raised)(turbine, departure)
+
+
+def _transition_piece(turbine: TurbineDescription, departure: float) -> TurbineDescription:
+    assert turbine.transition is not None
+    piece = PointMass("transition piece", turbine.transition, departure)
+    return replace(turbine, point_masses=(*turbine.point_masses, piece))
+
+
+def _always(_: TurbineDescription) -> bool:
+    return True
+
+
+def _has_water(turbine: TurbineDescription) -> bool:
+    return turbine.water is not None
+
+
+def _has_blades(turbine: TurbineDescription) -> bool:
+    return turbine.blades is not None
+
+
+def _has_inertia(axis: int) -> Callable[[TurbineDescription], bool]:
+    return lambda turbine: any(body.inertia[axis] > 0 for body in turbine.rotor_nacelle.bodies)
+
+
+def _has_bodies(turbine: TurbineDescription) -> bool:
+    return bool(turbine.rotor_nacelle.bodies) or turbine.rotor_nacelle.hub_mass > 0
+
+
+def _has_transition(turbine: TurbineDescription) -> bool:
+    return turbine.transition is not None
+
+
+FIGURES: tuple[Figure, ...] = (
+    Figure(
+        "steel_modulus", "Young's modulus of the tubes", "-", 0.01, "normal",
+        "EN 1993-1-1 takes 210 GPa; mills' records of plate scatter by about 1 %",
+        _tubes(lambda t, d: replace(t, youngs_modulus=t.youngs_modulus * (1 + d))), _always,
+    ),
+    Figure(
+        "wall_thickness", "wall of the tubes, outer diameter kept", "-", 0.01, "normal",
+        "EN 10029 class B: -.3 to +2.5 mm of a 40 to 60 mm plate, averaged over the cans",
+        _tubes(lambda t, d: replace(t, thickness=t.thickness * (1 + d))), _always,
+    ),
+    Figure(
+        "steel_density", "density of the tubes with paint and bolts", "-", 0.01, "normal",
+        "secondary steel and coating, counted into 8500 kg/m³ by rule of thumb",
+        _tubes(lambda t, d: replace(t, density=t.density * (1 + d))), _always,
+    ),
+    Figure(
+        "rna_mass", "mass of nacelle, hub and yaw bearing", "-", 0.02, "normal",
+        "weighing certificates and what is added on site", _rna_mass, _has_bodies,
+    ),
+    Figure(
+        "rna_height", "height of the nacelle's centre of mass", "m", 0.05, "normal",
+        "drawings; 1 % of the nacelle's height", _rna_height,
+        lambda turbine: any(any(b.inertia) for b in turbine.rotor_nacelle.bodies),
+    ),
+    Figure(
+        "nacelle_roll_inertia", "nacelle's moment of inertia about the fore-aft axis", "-",
+        0.2, "normal", "definitions of the IEA 15 MW turbine differ by 31 % between versions",
+        _inertia(0), _has_inertia(0),
+    ),
+    Figure(
+        "nacelle_pitch_inertia", "nacelle's moment of inertia about the side-side axis", "-",
+        0.2, "normal", "as the roll inertia", _inertia(1), _has_inertia(1),
+    ),
+    Figure(
+        "nacelle_yaw_inertia", "nacelle's moment of inertia about the vertical", "-",
+        0.2, "normal", "as the roll inertia", _inertia(2), _has_inertia(2),
+    ),
+    Figure(
+        "blade_mass", "mass of the blades", "-", 0.02, "normal",
+        "makers match a set to .1 %, but a class of blades scatters by 2 %",
+        _blades(lambda e, d: replace(e, mass_per_length=e.mass_per_length * (1 + d))), _has_blades,
+    ),
+    Figure(
+        "flap_stiffness", "flapwise rigidity of the blades", "-", 0.05, "normal",
+        "IEC 61400-23 lets tested blades differ from their design by 5 % in frequency",
+        _blades(lambda e, d: replace(e, flapwise_rigidity=e.flapwise_rigidity * (1 + d))),
+        _has_blades,
+    ),
+    Figure(
+        "edge_stiffness", "edgewise rigidity of the blades", "-", 0.05, "normal",
+        "as the flapwise rigidity",
+        _blades(lambda e, d: replace(e, edgewise_rigidity=e.edgewise_rigidity * (1 + d))),
+        _has_blades,
+    ),
+    Figure(
+        "added_mass", "coefficient of the water that moves along", "-", 0.15, "normal",
+        "DNV-RP-C205: C_a of .8 to 1 for a large cylinder near the surface",
+        _water(lambda w, d: replace(w, added_mass_coefficient=w.added_mass_coefficient * (1 + d))),
+        _has_water,
+    ),
+    Figure(
+        "marine_growth", "thickness of marine growth below the mean sea level", "m", 0.03,
+        "half-normal", "DNV-ST-0437: up to 100 mm between +2 and -10 m, less below",
+        _water(lambda w, d: replace(w, growth=w.growth + d)), _has_water,
+    ),
+    Figure(
+        "transition_piece", "mass at the top of the monopile", "kg", 150e3, "half-normal",
+        "flange, platform, boat landing and grout: 0 to 400 t built, the definition has 100 t",
+        _transition_piece, _has_transition,
+    ),
+)  # fmt: skip
+BY_NAME: Mapping[str, Figure] = {figure.name: figure for figure in FIGURES}
+
+
+def figures_of(turbine: TurbineDescription) -> tuple[Figure, ...]:
+    """The figures that a structure has: one on land has no added mass."""
+    return tuple(figure for figure in FIGURES if figure.present(turbine))
+
+
+def varied(turbine: TurbineDescription, departures: Mapping[str, float]) -> TurbineDescription:
+    """The same turbine with some figures off.
+
+    departures   by name, each in its figure's unit; `water_level` in metres
+
+    Raises TurbineError: no such figure, or one that the turbine does not have.
+    """
+    for name, departure in departures.items():
+        if name == LEVEL and turbine.water is not None:
+            turbine = turbine.with_water_level(turbine.water.level + departure)
+        elif name not in BY_NAME or not BY_NAME[name].present(turbine):
+            known = ", ".join(figure.name for figure in figures_of(turbine))
+            raise TurbineError(f"{turbine.name} has no figure {name!r}; it has {known}")
+        elif departure != 0.0:
+            turbine = BY_NAME[name].change(turbine, departure)
+    return turbine

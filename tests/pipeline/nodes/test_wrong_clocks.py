@@ -1,0 +1,148 @@
+"""A clock that was wrong costs the windows that it spans, each with a reason, and no other.
+
+samples   |—— 0 ——|—— 1 ——|—— 2 ——|—— 3 ——|     of one boot
+stamps    2036 2036 2024 2024 2024 …            window 0 is rejected, 1 is answered
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.messages import Message, ModalEstimate, StabilisationDiagram, WindowRejected
+from pipeline.nodes.identification import IdentificationNode
+from pipeline.runtime.runner import with_end
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
+from sensors.simulation.acquisition_units import UnitSettings, read_by_units, unit_layouts
+from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, cut
+from tests.pipeline.oma.conftest import structure
+
+YEAR = 365.25 * 86_400.0  # [s]
+WINDOW = 60  # [s]
+Stamps = Callable[[int], float]  # block → how far its stamp is off [s]
+
+
+@pytest.fixture(scope="module")
+def blocks() -> list[AccelerationBlock]:
+    """Five minutes of two channels in blocks of one second."""
+    known = structure([1.0, 3.0], 0.01, np.array([[1.0, 0.4], [0.4, -1.0]]))
+    return cut(known.ambient_response(sampling_rate=RATE, duration=300.0, seed=2))
+
+
+def stamped(blocks: list[AccelerationBlock], off: Stamps) -> list[AccelerationBlock]:
+    return [replace(b, start_ns=b.start_ns + round(off(b.sequence)) * NANOSECONDS) for b in blocks]
+
+
+def answers(messages: list[Message]) -> list[Message]:
+    """What is said of windows and gaps."""
+    node = IdentificationNode(SETTINGS)
+    said = [a for message in with_end(messages) for a in node.handle(message)]
+    assert not node.statistics.rejected
+    assert node.statistics.late == 0
+    return [each for each in said if not isinstance(each, StabilisationDiagram)]
+
+
+def fates(said: list[Message]) -> list[str]:
+    return [e.code if isinstance(e, WindowRejected) else "" for e in said]
+
+
+@pytest.mark.parametrize("size", [1.0, -1.0, 1800.0, -1800.0, -7200.0, YEAR, -20 * YEAR, 12 * YEAR])
+@pytest.mark.parametrize("at", [10, 60, 130, 240])
+def test_a_step_costs_the_window_that_it_lies_in(blocks, size: float, at: int) -> None:
+    said = answers([LAYOUT, *stamped(blocks, lambda k: size * (k >= at))])
+    spanned = [] if at % WINDOW == 0 else [at // WINDOW]
+    assert fates(said) == ["clock-step" if k in spanned else "" for k in range(5)]
+    assert [each.origins[0].first_sample for each in said] == [1200 * k for k in range(5)]
+    for each in said:
+        assert isinstance(each, ModalEstimate | WindowRejected)
+        assert each.end_ns - each.start_ns == WINDOW * NANOSECONDS
+
+
+@pytest.mark.parametrize("blocks_before", [10, 60, 75])
+def test_stamps_of_2036_at_boot_cost_the_windows_that_hold_the_step(blocks, blocks_before) -> None:
+    said = answers([LAYOUT, *stamped(blocks, lambda k: 12 * YEAR * (k < blocks_before))])
+    assert fates(said).count("clock-step") == (blocks_before % WINDOW > 0)
+    assert fates(said).count("") == 5 - (blocks_before % WINDOW > 0)
+
+
+def test_seconds_that_are_missing_by_the_stamps_are_not_trusted(blocks) -> None:
+    """Every tenth second is missing; nothing but the stamps shows it."""
+    said = answers([LAYOUT, *stamped(blocks, lambda k: k // 9)])
+    assert set(fates(said)) == {"clock-step"}
+    assert isinstance(said[0], WindowRejected)
+    assert "samples are missing" in said[0].reason
+
+
+@pytest.mark.parametrize("ppm", [100.0, 2500.0])
+def test_a_drift_that_the_stamps_show_is_taken_out_of_the_frequencies(blocks, ppm: float) -> None:
+    drifting = [
+        replace(b, start_ns=b.start_ns + round(ppm * 1e-6 * b.sequence * NANOSECONDS))
+        for b in blocks
+    ]
+    for ours, plain in zip(answers([LAYOUT, *drifting]), answers([LAYOUT, *blocks]), strict=True):
+        assert isinstance(ours, ModalEstimate)
+        assert isinstance(plain, ModalEstimate)
+        assert "clock-drift" in {warning.code for warning in ours.warnings}
+        for mode, other in zip(ours.modes, plain.modes, strict=True):
+            assert mode.frequency * (1 + ppm * 1e-6) == pytest.approx(other.frequency, rel=1e-8)
+            assert mode.frequency_std * (1 + ppm * 1e-6) == pytest.approx(
+                other.frequency_std, rel=1e-6
+            )
+            assert mode.damping_ratio == other.damping_ratio
+
+
+ELEVATIONS = (20.0, 60.0)
+FIVE = SensorLayout(
+    "two", "t", "tower", tuple(Accelerometer(f"z{z:g}", z, FORE_AFT) for z in ELEVATIONS)
+)
+UNITS = (UnitSettings("lower", ELEVATIONS[:1]), UnitSettings("upper", ELEVATIONS[1:]))
+
+
+def of_two_units(blocks: list[AccelerationBlock], **off: Stamps) -> list[Message]:
+    """The same tower read by two units, whose stamps are off."""
+    whole = [replace(b, turbine="t", start_ns=b.start_ns) for b in blocks]
+    return [
+        *unit_layouts(FIVE, UNITS),
+        *(
+            replace(
+                b, start_ns=b.start_ns + round(off.get(b.unit, lambda _: 0)(b.sequence)) * 10**9
+            )
+            for b in read_by_units(whole, FIVE, UNITS)
+        ),
+    ]
+
+
+@pytest.mark.parametrize("size", [12 * YEAR, -12 * YEAR, 1800.0, -7200.0])
+def test_a_step_of_both_units_at_once_begins_another_session(blocks, size: float) -> None:
+    """On today's main blocks of 2036 silence the turbine for good."""
+
+    def off(k: int) -> float:
+        return size * (k >= 70)
+
+    said = answers(of_two_units(blocks, lower=off, upper=off))
+    good = [each for each in said if isinstance(each, ModalEstimate)]
+    after = [each for each in good if each.origins[0].first_sample >= 70 * RATE]
+    assert len(good) - len(after) == 1
+    assert len(after) >= 2  # of 230 s that are left, begun with the first blocks after the step
+    assert all(set(each.channels) == {"z20", "z60"} for each in good)
+    assert all(each.end_ns > each.start_ns for each in said)
+
+
+@pytest.mark.parametrize("size", [12 * YEAR, -12 * YEAR, 600.0, -600.0])
+def test_a_step_of_one_unit_leaves_it_out_until_it_agrees_again(blocks, size: float) -> None:
+    said = answers(of_two_units(blocks, upper=lambda k: size * (70 <= k < 130)))
+    good = [each for each in said if isinstance(each, ModalEstimate)]
+    channels = [each.channels for each in good]
+    assert channels[0] == channels[-1] == ("z20", "z60")
+    assert channels.count(("z20",)) == 2
+    codes = {warning.code for each in good for warning in each.warnings}
+    assert {"missing-unit", "clock-step"} <= codes
+
+
+def test_a_unit_that_starts_in_2036_does_not_take_the_others_along(blocks) -> None:
+    said = answers(of_two_units(blocks, upper=lambda k: 12 * YEAR * (k < 100)))
+    good = [each for each in said if isinstance(each, ModalEstimate)]
+    assert len(good) >= 4
+    assert good[-1].channels == ("z20", "z60")

@@ -1,0 +1,70 @@
+"""Modes for many departures of the figures: against the full model, and by differences."""
+
+import numpy as np
+import pytest
+
+from sensors.acquisition.layout import biaxial_layout
+from sensors.dynamics.figure_model import FigureModel, converged
+from sensors.dynamics.full_model_modes import solved_modes
+from sensors.structure.assembly import assemble
+from sensors.structure.description import load_turbine
+from sensors.structure.figures import BY_NAME, LEVEL, figures_of, varied
+from sensors.structure.foundation import positive_definite
+from sensors.structure.sensor_readings import Observation
+
+LAYOUT = biaxial_layout("t", turbine="t", unit="u", elevations=(41.0, 80.0, 106.0, 145.0))
+TURBINE = load_turbine("iea15mw_monopile")
+NAMES = [figure.name for figure in figures_of(TURBINE)]
+
+
+@pytest.fixture(scope="module")
+def model() -> FigureModel:
+    return FigureModel(TURBINE, LAYOUT, NAMES)
+
+
+def drawn_points(n: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Springs over the prior box, figures and levels from their priors."""
+    rng = np.random.default_rng(seed)
+    theta = TURBINE.nominal * np.exp(rng.uniform(np.log(0.25), np.log(4.0), (6 * n, 3)))
+    theta = theta[positive_definite(theta)][:n]
+    z = rng.standard_normal((n, len(NAMES)))
+    half = np.array([BY_NAME[name].distribution == "half-normal" for name in NAMES])
+    stds = np.array([BY_NAME[name].std for name in NAMES])
+    return theta, np.where(half, np.abs(z), z) * stds, rng.normal(0.0, 1.0, n)
+
+
+def test_every_mode_is_that_of_the_full_model_with_the_same_departures(model: FigureModel) -> None:
+    theta, departures, levels = drawn_points(5, seed=3)
+    found = model.modes(theta, departures, levels)
+    for row in np.flatnonzero(found.admissible):
+        off = dict(zip(NAMES, departures[row], strict=True)) | {LEVEL: float(levels[row])}
+        full = assemble(converged(varied(TURBINE, off)), stiffness=theta[row])
+        modes = solved_modes(full, Observation.of(full, LAYOUT), highest_frequency=12.6)
+        frequencies = found.frequencies[row][np.isfinite(found.frequencies[row])]
+        nearest = np.abs(modes.frequencies / frequencies[:, None] - 1).min(axis=1)
+        assert nearest.max() < 1e-5
+
+
+def test_derivatives_are_those_of_differences(model: FigureModel) -> None:
+    theta, departures, levels = (each[2] for each in drawn_points(3, seed=4))
+    here = model.linearised(theta, departures, float(levels))
+    assert here is not None
+    point = np.concatenate([theta, departures, [levels]])
+    scales = np.concatenate([0.1 * theta, [BY_NAME[name].std for name in NAMES], [1.0]])
+    for column, scale in enumerate(scales):
+        step = np.zeros(len(point))
+        step[column] = 1e-4 * scale
+        ends = [point + step, point - step]
+        more, less = (model.linearised(x[:3], x[3:-1], float(x[-1])) for x in ends)
+        assert more is not None
+        assert less is not None
+        slope = np.log(more.frequencies / less.frequencies) / 2e-4
+        expected = here.log_frequency_slopes[:, column] * scale
+        np.testing.assert_allclose(slope, expected, atol=2e-4 * np.abs(expected).max() + 2e-5)
+
+
+def test_a_tower_on_land_has_no_figure_of_the_water() -> None:
+    from dataclasses import replace
+
+    names = {figure.name for figure in figures_of(replace(TURBINE, water=None))}
+    assert not names & {"added_mass", "marine_growth"}
