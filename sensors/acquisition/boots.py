@@ -2,7 +2,7 @@
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
-NOTABLE_STEP = 0.5  # of stamps against the sample count between two blocks [s]
+NOTABLE_CLOCK_STEP = 0.5  # of stamps against the sample count between two blocks [s]
 RATE_ERROR = 0.01  # of a converter's rate, at most [-]
 
 
@@ -34,4 +34,4 @@ class BootCounter:
 def _fits(newest: AccelerationBlock, block: AccelerationBlock) -> bool:
     since = (block.first_sample - newest.first_sample) / newest.sampling_rate
     clock = (block.start_ns - newest.start_ns) / NANOSECONDS
-    return abs(clock - since) <= NOTABLE_STEP + RATE_ERROR * abs(since)
+    return abs(clock - since) <= NOTABLE_CLOCK_STEP + RATE_ERROR * abs(since)
