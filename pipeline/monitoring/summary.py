@@ -24,6 +24,7 @@ from pipeline.messages import (
 )
 from pipeline.nodes.by_turbine import of_kind
 from pipeline.nodes.node import NodeStatistics
+from pipeline.state.books import Books
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import empty_summary, posterior_summary
 from pipeline.state.run_modes import CombinedMode, combined_modes
@@ -54,6 +55,7 @@ class SessionSummary:
     first_ns: int | None = None  # of the first block that the source gave
     last_ns: int | None = None
     published: int = 0  # acceleration blocks
+    books: Books = field(default_factory=Books)
     heard: dict[tuple[str, ...], int] = field(default_factory=dict)  # a unit's session → sequence
 
     others: dict[str, "SessionSummary"] = field(default_factory=dict)  # of a farm, by turbine
@@ -64,10 +66,11 @@ class SessionSummary:
     def inputs(self) -> tuple[type, ...]:
         """What it takes: results and accounts, and blocks where these are counted by hearing."""
         results = (ModalEstimate, WindowRejected, FoundationEvent, FoundationPosterior)
-        told = (StreamGap, FoundationTruth, NodeStatus)
-        return (*results, *told, *((AccelerationBlock,) if self.live else ()))
+        accounts = (StreamGap, FoundationTruth, NodeStatus)
+        return (*results, *accounts, *((AccelerationBlock,) if self.live else ()))
 
     def handle(self, message: Message) -> Iterable[Message]:
+        self.books.handle(message)
         if isinstance(message, AccelerationBlock):
             self._hear(message)
         turbine = getattr(message, "turbine", self.turbine)
@@ -162,6 +165,8 @@ class SessionSummary:
 
     def count(self, block: AccelerationBlock) -> None:
         """A block that the source publishes."""
+        if not self.live:
+            self.books.handle(block)
         self.published += 1
         self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
         self.last_ns = max(self.last_ns or 0, block.end_ns)
@@ -215,6 +220,7 @@ class SessionSummary:
             "events": [self._event(each) for each in self.events],
             "warnings": [{"code": each.code, "text": each.text} for each in self.doubts],
             "stream": self._stream(),
+            "books": self.books.as_json(),
             "timing": {
                 "wall_s": wall,
                 "realtime_factor": self.duration / wall if wall > 0 else None,
