@@ -39,6 +39,7 @@ from pipeline.recording.atomic_write import written_whole
 from sensors.errors import InputError
 
 FINISHED = ".finished"  # folder of what is kept from run to run, within the results
+SURVEYS = ".surveys"  # the same for what is known of files that have not changed
 SUMMARY = "reprocess.json"
 
 Report = Callable[[str, int, int], None]  # phase, done, of how many
@@ -119,7 +120,7 @@ class _Reprocessing:
 
     def _surveys(self, files: Sequence[Path]) -> list[FileSurvey]:
         self._report.files = len(files)
-        cache = SurveyCache(self._finished)
+        cache = SurveyCache(FinishedResults(self._out / SURVEYS))
         known = {path: cache.get(path) for path in files}
         found = [survey for survey in known.values() if survey is not None]
         calls = (Call(f"survey-{path}", surveyed, path) for path in files if known[path] is None)
