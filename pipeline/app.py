@@ -93,7 +93,8 @@ def build(
 
     def viewer() -> Node:
         drawn = scenario.structure if scenario.has_structure else bare_mast(layout)
-        return Viewer(outputs.views, drawn, session=outputs.session)
+        known = scenario.has_structure
+        return Viewer(outputs.views, drawn, session=outputs.session, has_structure=known)
 
     def recorder() -> Node:
         assert outputs.recording is not None

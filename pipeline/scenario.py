@@ -33,7 +33,7 @@ from pipeline.updating.structural.settings import (
 )
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
-from sensors.settings import settings_from_table
+from sensors.settings import NO_KEY, settings_from_table
 from sensors.simulation.tower import SimulationSettings
 from sensors.structure.description import (
     SHIPPED,
@@ -88,16 +88,8 @@ class SensorSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class FlowSettings:
-    """How fast a replay may run ahead of the nodes."""
-
-    unacknowledged_blocks: int = 120
-    """Blocks that are published but not yet reported as handled by every node, at most."""
-
-
-@dataclass(frozen=True, slots=True)
 class FarmMember:
-    """What is a turbine's own where the scenario says otherwise for all; "" and () for the same."""
+    """Values of one turbine that differ from the scenario's; "" and () keep the scenario's."""
 
     number: int | None = None
     """Number from 1; None: its place in the list."""
@@ -124,7 +116,7 @@ class FarmMember:
 
 @dataclass(frozen=True, slots=True)
 class FarmSettings:
-    """Several turbines alike but for their foundations, and for what `members` says of some."""
+    """Several turbines alike but for their foundations, and for what `members` sets for some."""
 
     turbines: int = 1
     """Number of turbines; `members` may make it larger."""
@@ -159,7 +151,7 @@ class FarmSettings:
         return max(self.turbines, *(number for number, _ in self._numbered), 1)
 
     def member(self, number: int) -> FarmMember:
-        """Return what is said of the turbine of that number, from 1."""
+        """Return the values of the turbine of that number, from 1."""
         return dict(self._numbered).get(number, FarmMember())
 
 
@@ -178,15 +170,14 @@ class Scenario:
     updating: UpdatingSettings = field(default_factory=UpdatingSettings)
     operation: OperationSettings = field(default_factory=OperationSettings)
     farm: FarmSettings = field(default_factory=FarmSettings)
-    flow: FlowSettings = field(default_factory=FlowSettings)
     recording: RecordingSettings = field(default_factory=RecordingSettings)
-    text: str = ""
+    text: str = field(default="", metadata=NO_KEY)
     """The file as it was read."""
 
-    origin: str = DEFAULT_SCENARIO
+    origin: str = field(default=DEFAULT_SCENARIO, metadata=NO_KEY)
     """Shipped name or path, as the person gave it."""
 
-    files: tuple[tuple[str, str], ...] = ()
+    files: tuple[tuple[str, str], ...] = field(default=(), metadata=NO_KEY)
     """(path, text) of each file that the scenario names, from a recording."""
 
     @property
@@ -203,7 +194,7 @@ class Scenario:
 
     @property
     def population(self) -> StiffnessPopulation | None:
-        """What a farm says of this turbine's springs; None where `[updating] population` is none.
+        """Population of the farm for this turbine's springs; None without `[updating] population`.
 
         Raises
         ------
@@ -287,13 +278,14 @@ def scenario_from_text(text: str, origin: str) -> Scenario:
         table: dict[str, Any] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
-    for key in ("text", "origin", "files"):  # ours, not the file's
-        if key in table:
-            raise ScenarioError(f"{origin}: unknown key {key!r}")
+    return _scenario_from_table(table, text, origin)
+
+
+def _scenario_from_table(table: dict[str, Any], text: str, origin: str) -> Scenario:
     _check_updating(table.get("updating"), origin)
     structure = table.pop("structure", None)
     table.setdefault("name", Path(origin).stem)
-    scenario = settings_from_table(Scenario, table | {"text": text}, origin, ScenarioError)
+    scenario = replace(settings_from_table(Scenario, table, origin, ScenarioError), text=text)
     return with_structure(scenario, _structure(structure, origin))
 
 
@@ -319,7 +311,7 @@ def _check_updating(table: Any, origin: str) -> None:
 
 
 def with_structure(scenario: Scenario, structure: StructureSettings) -> Scenario:
-    """The scenario with other figures of the structure uncertain."""
+    """Return the scenario with other figures of the structure uncertain."""
     return replace(scenario, updating=replace(scenario.updating, structure=structure))
 
 
@@ -461,6 +453,39 @@ def _named_files(scenario: Scenario) -> dict[str, str]:
     return found
 
 
+# Keys of earlier versions that are constants now; recordings may have them.
+REMOVED_KEYS = (
+    "flow",
+    "simulation.seed",
+    "simulation.start_ns",
+    "simulation.session",
+    "simulation.broadband.highest_frequency",
+    "simulation.waves.peak_period",
+    "simulation.waves.peak_enhancement",
+    "simulation.waves.highest_frequency",
+    "simulation.sea.peak_enhancement",
+    "simulation.sea.highest_frequency",
+    "simulation.rotor.side_share",
+    "simulation.rotor.damping_share",
+    "simulation.wind.air_density",
+    "simulation.wind.tower_drag",
+    "simulation.wind.nacelle_drag",
+    "simulation.wind.blade_drag",
+    "simulation.wind.blade_lift_slope",
+    "simulation.wind.tower_points",
+    "simulation.wind.blade_points",
+)
+
+
+def _without_removed(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return a stored scenario's table without keys that this version no longer has."""
+    return {
+        key: _without_removed(value, f"{prefix}{key}.") if isinstance(value, dict) else value
+        for key, value in table.items()
+        if prefix + key not in REMOVED_KEYS
+    }
+
+
 def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario:
     """Return the scenario that a recording was made under, with the files that it names.
 
@@ -480,8 +505,10 @@ def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario
     ScenarioError
         If the stored text describes no scenario of this version.
     """
-    stored = scenario_from_text(metadata["toml"], origin)
-    if "structure" not in metadata and "structure" not in tomllib.loads(metadata["toml"]):
+    text = metadata["toml"]
+    table = tomllib.loads(text)
+    stored = _scenario_from_table(_without_removed(table), text, origin)
+    if "structure" not in metadata and "structure" not in table:
         # made before there was a choice: its scenario meant the described structure
         stored = with_structure(stored, StructureSettings(exact=True, stated=False))
     files = json.loads(metadata.get("files", "{}"))

@@ -25,7 +25,7 @@ def settings_from_table(
     Parameters
     ----------
     cls : type[T]
-        Frozen dataclass; its field types say what each key takes.
+        Frozen dataclass; its field types define what each key takes.
     table : Mapping[str, Any]
         As the TOML file has it.
     where : str
@@ -45,12 +45,21 @@ def settings_from_table(
     return _Reader(error).read(cls, table, where)
 
 
+NO_KEY: Mapping[str, Any] = types.MappingProxyType({"key": False})
+"""Metadata of a field that is set in Python only and is no key of a TOML table."""
+
+
+def key_fields(cls: type) -> tuple[Field[Any], ...]:
+    """Return the fields of a settings dataclass that are keys of its TOML table."""
+    return tuple(each for each in fields(cls) if each.init and each.metadata.get("key", True))
+
+
 @dataclass(frozen=True, slots=True)
 class _Reader:
     error: type[InputError]
 
     def read(self, cls: type[T], table: Mapping[str, Any], where: str) -> T:
-        known = {field.name: field for field in fields(cls) if field.init}  # type: ignore[arg-type]
+        known = {field.name: field for field in key_fields(cls)}
         self._check_keys(table, known, where)
         hints = get_type_hints(cls)
         values = {

@@ -8,10 +8,10 @@ import errno
 import logging
 import sys
 from collections.abc import Callable
-from typing import Any
+from importlib.metadata import version
+from typing import Annotated, Any
 
 import typer
-from rich.logging import RichHandler
 
 from pipeline.cli.console import escape_markup, stderr
 from pipeline.cli.farm import farm, reprocess
@@ -21,7 +21,7 @@ from pipeline.cli.new import new
 from pipeline.cli.recordings import export, import_files, info, salvage, simulate
 from pipeline.cli.report import audit, report, show
 from pipeline.cli.run import node, run
-from pipeline.cli.status import ack, metrics, status
+from pipeline.cli.status import ack, metrics, notices, status
 from pipeline.cli.update import reproduce, update
 from pipeline.runtime.errors import NodeFailed
 from sensors.errors import InputError
@@ -37,7 +37,7 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "A session": (run, new, status, control, show, report, audit),
     "Recordings and files": (simulate, import_files, info, salvage, export),
     "Modes and stiffness": (identify, modes, describe, update, reproduce),
-    "Instruments, parts and alarms": (feed, publish, node, certificates, metrics, ack),
+    "Instruments, parts and alarms": (feed, publish, node, certificates, metrics, notices, ack),
     "A farm, an archive": (farm, reprocess),
 }
 for panel, commands in PANELS.items():
@@ -59,12 +59,44 @@ ENVIRONMENT_ERRORS = frozenset(
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
 
+def print_version(asked: bool) -> None:
+    """Print the version and exit, where it was asked for."""
+    if asked:
+        typer.echo(f"pilewatch {version('pilewatch')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common_options(
+    verbose: Annotated[
+        int, typer.Option("-v", "--verbose", count=True, help="Log more; -vv: for debugging.")
+    ] = 0,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Log errors only.")] = False,
+    shown_version: Annotated[
+        bool,
+        typer.Option("--version", callback=print_version, is_eager=True, help="Print the version."),
+    ] = False,
+) -> None:
+    """Options before the name of a command."""
+    more = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    logging.getLogger().setLevel(logging.ERROR if quiet else more)
+
+
+class ConsoleHandler(logging.Handler):
+    """Log on the error stream beside progress bars, one unbroken line per event."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one log record."""
+        text = f"{record.levelname.lower()}: {self.format(record)}"
+        stderr.print(text, soft_wrap=True, markup=False, highlight=False)
+
+
 def main() -> None:
     """Run `pilewatch`: wrong input becomes one line and exit code 2."""
     logging.basicConfig(
         level=logging.WARNING,
         format="%(message)s",
-        handlers=[RichHandler(console=stderr, show_path=False)],
+        handlers=[ConsoleHandler()],
     )
     try:
         sys.exit(app(prog_name="pilewatch", standalone_mode=False) or 0)
@@ -79,6 +111,16 @@ def main() -> None:
         logging.getLogger(__name__).debug("a node failed", exc_info=True)
         stderr.print(f"[bold red]pilewatch:[/] {escape_markup(str(failure))}", soft_wrap=True)
         sys.exit(1)
+    except ModuleNotFoundError as error:
+        if not _is_left_out(error):
+            raise
+        stderr.print(
+            f"[bold red]pilewatch:[/] this needs {escape_markup(str(error.name))}, which is not "
+            "installed here: a tower unit (pilewatch-edge) only publishes and feeds; "
+            "pip install pilewatch",
+            soft_wrap=True,
+        )
+        sys.exit(2)
     except OSError as error:
         if error.errno not in ENVIRONMENT_ERRORS:
             raise
@@ -91,9 +133,15 @@ def main() -> None:
         sys.exit(130)
 
 
+def _is_left_out(error: ModuleNotFoundError) -> bool:
+    """Report whether what is missing is a package of others, not a part of this one."""
+    return bool(error.name) and str(error.name).split(".")[0] not in ("pipeline", "sensors")
+
+
 def _usage_text(error: Any) -> str:
     """Return the error of a wrong argument or option as one line; "" after the help."""
     message = " ".join(error.format_message().split()).removesuffix(".")
+    message = message.replace("Value error, ", "", 1)
     context = getattr(error, "ctx", None)
     command = (
         context.command_path if context is not None else " ".join(["pilewatch", *sys.argv[1:2]])

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -27,6 +27,11 @@ ScenarioOption = Annotated[
     str | None,
     typer.Option(help="A shipped scenario (e.g. parked) or a TOML file of your own."),
 ]
+SamplerChoice = Literal["importance", "emcee", "tmcmc", "tmcmc-published"]  # of the updating
+SamplerOption = Annotated[
+    SamplerChoice | None,
+    typer.Option("--sampler", help="Default: the scenario's, else importance."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
@@ -34,8 +39,9 @@ ZenohConfigOption = Annotated[
     Path | None,
     typer.Option("--zenoh-config", help="A Zenoh configuration (JSON5), as zenohd reads it."),
 ]
+ZenohMode = Literal["peer", "client", "router"]
 ModeOption = Annotated[
-    str,
+    ZenohMode,
     typer.Option("--mode", help="peer: find each other; client: of a router; router: be one."),
 ]
 ListenOption = Annotated[
@@ -49,7 +55,7 @@ ConnectOption = Annotated[
 
 
 def zenoh_settings(
-    mode: str, listen: list[str] | None, connect: list[str] | None, config: Path | None
+    mode: ZenohMode, listen: list[str] | None, connect: list[str] | None, config: Path | None
 ) -> Any:
     """Return how the command's session finds the others.
 
@@ -60,13 +66,9 @@ def zenoh_settings(
     """
     from pipeline.transport.zenoh_bus import ZenohSettings
 
-    match mode:
-        case "peer" | "client" | "router" if config is None or mode == "peer":
-            return ZenohSettings(mode, tuple(listen or ()), tuple(connect or ()), False, config)
-        case "peer" | "client" | "router":
-            raise InputError(f"--mode {mode} and --zenoh-config {config}: the file sets the mode")
-        case _:
-            raise InputError(f"--mode {mode} is none of peer, client and router")
+    if config is not None and mode != "peer":
+        raise InputError(f"--mode {mode} and --zenoh-config {config}: the file sets the mode")
+    return ZenohSettings(mode, tuple(listen or ()), tuple(connect or ()), False, config)
 
 
 def speed_of(text: str) -> float:

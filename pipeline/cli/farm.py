@@ -18,6 +18,7 @@ from rich.progress import (
 
 from pipeline.cli.console import (
     JsonOption,
+    SamplerOption,
     ScenarioOption,
     ZenohConfigOption,
     escape_markup,
@@ -185,10 +186,7 @@ def reprocess(
     serial: Annotated[
         bool, typer.Option("--serial", help="In this process only; the results are bit-identical.")
     ] = False,
-    sampler: Annotated[
-        str | None,
-        typer.Option(help="importance (default), emcee, tmcmc or tmcmc-published."),
-    ] = None,
+    sampler: SamplerOption = None,
     scenario: ScenarioOption = None,
 ) -> None:
     """Identify and update years of recordings in parallel; a repeated call continues."""

@@ -2,9 +2,10 @@
 
 import json
 import threading
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -25,6 +26,13 @@ from pipeline.cli.console import (
 )
 from pipeline.cli.tables.cells import count_noun
 from sensors.errors import InputError
+from sensors.feeds.protocol import printable
+
+SNIFFED_FOR = 10.0  # without --for [s]
+
+if TYPE_CHECKING:
+    from pipeline.sources.recorded_source import RecordedSource
+    from pipeline.sources.sources import Source
 
 
 def feed(
@@ -47,6 +55,17 @@ def feed(
     seconds: Annotated[
         float | None, typer.Option("--for", help="Stop after so many seconds.")
     ] = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="STATE_DIRECTORY",
+            help="Folder where it is remembered how far the source was published: a feed that was "
+            "killed goes on there.",
+        ),
+    ] = None,
+    sniff: Annotated[
+        bool, typer.Option("--sniff", help="Print what comes and a mapping that reads it (MQTT).")
+    ] = False,
     connect: ConnectOption = None,
     listen: ListenOption = None,
     mode: ModeOption = "peer",
@@ -59,6 +78,9 @@ def feed(
 
     if seconds is not None and not seconds > 0:
         raise InputError(f"--for {seconds:g}: a positive number of seconds is needed")
+    if sniff:
+        _sniff(address, SNIFFED_FOR if seconds is None else seconds)
+        return
     settings = zenoh_settings(mode, listen, connect, zenoh_config)
     if layout is not None and scenario is not None:
         raise InputError(
@@ -67,7 +89,7 @@ def feed(
     channels = channels_of(layout, scenario)
     if turbine is not None:
         channels = replace(channels, turbine=turbine)
-    live = open_feed(address, channels, once=once)
+    live = open_feed(address, channels, once=once, state=state)
     with stop_on_signals() as stopping, progress(address, None) as report:
         if seconds is not None:
             timer = threading.Timer(seconds, stopping.set)
@@ -82,6 +104,38 @@ def feed(
             connected=lambda: stderr.print(f"connected: {escape_markup(address)}", soft_wrap=True),
         )
     _print(published_feed, channels.turbine, blocks=live.gives_blocks)
+
+
+def _sniff(address: str, seconds: float) -> None:
+    """Print topics, channels and a mapping of what comes in some seconds."""
+    from sensors.feeds.open_feed import captured_messages
+    from sensors.feeds.payloads.sniff import sniffed
+
+    with stop_on_signals() as stopping:
+        messages = captured_messages(address, seconds, stopping)
+    if not messages:
+        raise InputError(f"{address}: no message came in {seconds:g} s")
+    for topic, count in Counter(topic for topic, _ in messages).most_common(20):
+        output.print(f"{count:6d}  {printable(topic, 100)}", markup=False)
+    example = messages[-1][1]
+    output.print(printable(example[:400].decode("utf-8", "replace"), 400), markup=False)
+    found = sniffed(messages)
+    if not found.mapping:
+        raise InputError(f"{address}: no preset reads these messages, and no mapping was found")
+    for name, samples in found.channels.items():
+        output.print(f"{samples:6d}  samples of {printable(name, 100)}", markup=False)
+    output.print(
+        f"{found.sampling_rate:g} Hz, units {', '.join(found.units) or 'not given'}, "
+        f"{found.refused} of {len(messages)} messages not read",
+        markup=False,
+    )
+    output.print(_advice(found.mapping, found.toml), markup=False)
+
+
+def _advice(mapping: str, toml: str) -> str:
+    if toml:
+        return f"write this into mapping.toml, and use ?mapping=mapping.toml:\n{toml}"
+    return "no mapping is needed" if mapping == "json" else f"use ?mapping={mapping}"
 
 
 def _print(published_feed: Any, turbine: str, *, blocks: bool) -> None:
@@ -136,7 +190,10 @@ def certificates(
     written = write_configurations(folder, units, viewer or (), host=host, port=port)
     output.print(f"new certificates: {', '.join(made) or 'none'}", soft_wrap=True)
     output.print("Written: " + ", ".join(str(path) for path in written), soft_wrap=True)
-    output.print(f"On the shore: pilewatch run --source live --zenoh-config {folder}/{SHORE}.json5")
+    output.print(
+        "On the shore: pilewatch run --source live --scenario my.toml "
+        f"--zenoh-config {folder}/{SHORE}.json5"
+    )
 
 
 def publish(
@@ -150,11 +207,10 @@ def publish(
 ) -> None:
     """Publish a source to listening sessions (`pilewatch run --source live`)."""
     from pipeline.sources.publisher import publish_source
-    from pipeline.sources.sources import open_source
 
     settings = zenoh_settings(mode, listen, connect, zenoh_config)
     factor = speed_of(speed)
-    opened = open_source(source, scenario)
+    opened = _published(source, scenario)
     with stop_on_signals() as stopping, progress(opened.text, opened.duration) as report:
         count = publish_source(opened, settings, speed=factor, stopping=stopping, report=report)
     n_turbines = len(opened.turbines)
@@ -162,8 +218,23 @@ def publish(
     output.print(f"{count} blocks of {turbines} published")
 
 
+def _published(source: str, scenario: str | None) -> "Source | RecordedSource":
+    """A replay as a tower unit has it, without structure and scipy; else any source."""
+    from pipeline.sources.recorded_source import recorded_source
+
+    kind, _, name = source.partition(":")
+    if kind == "replay" and name and scenario is None:
+        return recorded_source(Path(name))
+    from pipeline.sources.sources import open_source
+
+    return open_source(source, scenario)
+
+
 def control(
-    action: Annotated[str, typer.Argument(help="play, pause, seek, speed or state.")],
+    action: Annotated[
+        Literal["play", "pause", "seek", "speed", "state"],
+        typer.Argument(help="What to do; state: report position and speed."),
+    ],
     value: Annotated[
         float | None, typer.Argument(help="seek: seconds from the first sample; speed: a factor.")
     ] = None,
@@ -177,11 +248,9 @@ def control(
 ) -> None:
     """Pause, play, seek or change the speed of a running replay."""
     from pipeline.monitoring.status import endpoint_of
-    from pipeline.sources.replay_control import ACTIONS, KEY
+    from pipeline.sources.replay_control import KEY
     from pipeline.transport.zenoh_bus import asked
 
-    if action not in ACTIONS:
-        raise InputError(f"{action!r} is none of {', '.join(ACTIONS)}")
     endpoint: Any = zenoh_settings("peer", None, None, zenoh_config)
     if zenoh_config is None:
         endpoint = endpoint_of(out) if connect is None else connect

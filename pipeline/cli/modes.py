@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -17,9 +17,9 @@ def identify(
     file: Annotated[
         Path,
         typer.Argument(
-            help="An MCAP recording or a file of measurements: CSV, TSV, Parquet, NPZ, HDF5, TDMS "
-            "or miniSEED. A CSV has a header row; a time column called t, time or timestamp, its "
-            "unit in brackets; channel units in brackets."
+            help="An MCAP recording or a file of measurements: CSV, TSV, Parquet, NPZ, HDF5, "
+            "MATLAB, OpenFAST, TDMS, miniSEED or UFF. A CSV has a header row; a time column called "
+            "t, time or timestamp, its unit in brackets; channel units in brackets."
         ),
     ],
     sampling_rate: Annotated[
@@ -72,6 +72,8 @@ def identify(
     if plot is not None:
         _draw(found, file, plot)
     modes = combined_modes(found.estimates)
+    if not modes and not as_json:
+        raise InputError(f"{file}: {_why_no_modes(found)}")
     for warning in found.warnings:
         stderr.print(f"[yellow]{warning.code}[/]: {escape_markup(warning.text)}", soft_wrap=True)
     if as_json:
@@ -84,8 +86,19 @@ def identify(
             "channels": list(found.channels),
         }
         output.print_json(json.dumps(figures))
+        if not modes:
+            raise InputError(f"{file}: {_why_no_modes(found)}")
     else:
         output.print(identified_modes_table(modes, len(found.estimates)))
+
+
+def _why_no_modes(found: "FileIdentification") -> str:
+    """Return the reason of the first rejected window, or that no pole was stable."""
+    if not found.rejected:
+        return "no mode was identified: no pole is stable over the model orders"
+    windows = len(found.rejected) + len(found.estimates)
+    reason = found.rejected[0].reason
+    return reason if windows == 1 else f"none of {windows} windows was identified: {reason}"
 
 
 def _draw(found: "FileIdentification", file: Path, plot: Path) -> None:
@@ -108,7 +121,8 @@ def modes(
         typer.Option(help="k11,k22,k12 as ratios to nominal, e.g. 1,0.9,1."),
     ] = None,
     sign: Annotated[
-        str | None, typer.Option(help="Sign convention of k12: published or embedded-pile.")
+        Literal["published", "embedded-pile"] | None,
+        typer.Option(help="Sign convention of k12; default: the scenario's."),
     ] = None,
     turbine: Annotated[
         str | None, typer.Option(help="A shipped turbine or a TOML description.")

@@ -1,11 +1,12 @@
 """`pilewatch simulate`, `info`, `salvage`, `import`, `export`: work with recordings."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.cli.console import ScenarioOption, escape_markup, output, progress, stderr
+from pipeline.cli.console import JsonOption, ScenarioOption, escape_markup, output, progress, stderr
 from sensors.errors import InputError
 
 
@@ -56,13 +57,17 @@ def simulate(
 
 def info(
     file: Annotated[Path, typer.Argument(help="An MCAP recording.")],
+    as_json: JsonOption = False,
 ) -> None:
     """List what a recording holds: channels, duration, gaps, scenario, truth."""
-    from pipeline.cli.tables.recordings import recording_tables
+    from pipeline.cli.tables.recordings import info_json, recording_tables
     from pipeline.recording.info import recording_info
 
     with stderr.status(f"reading {file}"):
         found = recording_info(file)
+    if as_json:
+        output.print_json(json.dumps(info_json(found)))
+        return
     for table in recording_tables(found):
         output.print(table)
     for section, texts in found.metadata.items():
@@ -92,8 +97,8 @@ def import_files(
     files: Annotated[
         list[Path],
         typer.Argument(
-            help="CSV, TSV, Parquet, NPZ, HDF5, TDMS or miniSEED; several are joined in order of "
-            "time."
+            help="CSV, TSV, Parquet, NPZ, HDF5, MATLAB, OpenFAST, TDMS, miniSEED or UFF; several "
+            "are joined in order of time."
         ),
     ],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The MCAP file to write.")] = None,

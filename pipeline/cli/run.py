@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -14,6 +14,7 @@ from pipeline.cli.console import (
     JsonOption,
     ListenOption,
     ModeOption,
+    SamplerOption,
     ScenarioOption,
     ZenohConfigOption,
     escape_markup,
@@ -61,10 +62,7 @@ def run(
         typer.Option(help=VIEW_HELP),
     ] = None,
     rrd: Annotated[bool, typer.Option(help="Write out/session.rrd for the Rerun viewer.")] = True,
-    sampler: Annotated[
-        str | None,
-        typer.Option(help="importance (default), emcee, tmcmc or tmcmc-published."),
-    ] = None,
+    sampler: SamplerOption = None,
     processes: Annotated[
         bool, typer.Option("--processes", help="Each node in a process of its own.")
     ] = False,
@@ -127,7 +125,7 @@ def run(
                 f"--processes and --source {source}: run `pilewatch feed {source}` beside "
                 "`pilewatch run --source live --processes`"
             )
-        opened = feed_source(source, layout, scenario)
+        opened = feed_source(source, layout, scenario, state=None if fresh else out)
     else:
         opened = open_source(_imported(source, out, layout, scenario), scenario)
     opened = opened.with_sampler(sampler).with_playback(playback)
@@ -217,7 +215,10 @@ def _print_session(session: Any, scenario: Any) -> None:
 
 
 def node(
-    name: Annotated[str, typer.Argument(help="identification, updating, recorder or viewer.")],
+    name: Annotated[
+        Literal["identification", "updating", "recorder", "viewer"],
+        typer.Argument(help="Which node of the graph."),
+    ],
     connect: ConnectOption = None,
     listen: ListenOption = None,
     mode: ModeOption = "peer",
@@ -230,7 +231,7 @@ def node(
     out: Annotated[Path, typer.Option(help="Folder for what the node writes.")] = Path("out"),
     view: Annotated[str | None, typer.Option(help="For the viewer: as in `run`.")] = None,
     rrd: Annotated[bool, typer.Option(help="For the viewer: write session.rrd.")] = True,
-    sampler: Annotated[str | None, typer.Option(help="For updating: as in `run`.")] = None,
+    sampler: SamplerOption = None,
     shard: Annotated[
         str | None,
         typer.Option(help="1/4: the first of four parts of a farm's turbines."),

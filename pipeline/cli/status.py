@@ -2,6 +2,7 @@
 
 import getpass
 import json
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -114,6 +115,40 @@ def ack(
     if answer["unknown"]:
         numbers = ", ".join(map(str, answer["unknown"]))
         raise InputError(f"{numbers} is no open alarm; `pilewatch ack --list` lists them")
+
+
+def notices(
+    file: Annotated[Path, typer.Argument(help="TOML file of `run --notices`.")],
+    test: Annotated[
+        bool, typer.Option("--test", help="Send a test message through every channel.")
+    ] = False,
+    out: Annotated[Path, typer.Option(help="Folder that the message names.")] = Path("out"),
+    as_json: JsonOption = False,
+) -> None:
+    """Check a notices file; with --test, whether each channel delivers."""
+    from pipeline.monitoring.alarms.channel_check import checked_channels
+    from pipeline.monitoring.alarms.channels import channels_of
+    from pipeline.monitoring.alarms.settings import load_notices
+
+    settings = load_notices(file)
+    if not test:
+        count = len(channels_of(settings)) + len(settings.heartbeat)
+        stderr.print(
+            f"{escape_markup(str(file))} is right: {count} channels; --test sends a message."
+        )
+        return
+    results = list(checked_channels(settings, out.resolve()))
+    if as_json:
+        output.print_json(json.dumps([asdict(each) for each in results]))
+    else:
+        table = Table("channel", "receiver", "time [s]", "result")
+        for each in results:
+            result = escape_markup(each.problem) if each.problem else "delivered"
+            table.add_row(each.channel, escape_markup(each.place), f"{each.seconds:.2f}", result)
+        output.print(table)
+    failed = [each.channel for each in results if each.problem]
+    if failed:
+        raise InputError(f"no test message arrived by {', '.join(failed)}")
 
 
 def _answered(endpoint: Any, ids: list[int], name: str, out: Path) -> dict[str, Any]:

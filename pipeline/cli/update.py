@@ -8,17 +8,14 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from pipeline.cli.console import JsonOption, ScenarioOption, output, progress, stderr
+from pipeline.cli.console import JsonOption, SamplerOption, ScenarioOption, output, progress, stderr
 from pipeline.cli.results import print_results
 from sensors.errors import InputError
 
 
 def update(
     file: Annotated[Path, typer.Argument(help="An MCAP recording or session.")],
-    sampler: Annotated[
-        str | None,
-        typer.Option(help="importance (default), emcee, tmcmc or tmcmc-published."),
-    ] = None,
+    sampler: SamplerOption = None,
     scenario: ScenarioOption = None,
     identify: Annotated[
         bool,

@@ -153,14 +153,36 @@ def _signed(
             x509.BasicConstraints(ca=is_authority, path_length=0 if is_authority else None),
             critical=True,
         )
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .add_extension(_key_usage(is_authority), critical=True)
     )
     if not is_authority:
+        # Python 3.13 refuses a certificate that does not name its signer's key (RFC 5280)
+        signer = x509.AuthorityKeyIdentifier.from_issuer_public_key(authority_key.public_key())
+        builder = builder.add_extension(signer, critical=False)
         purposes = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
         builder = builder.add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
     if hosts:
         names = x509.SubjectAlternativeName([_host(each) for each in dict.fromkeys(hosts)])
         builder = builder.add_extension(names, critical=False)
     return builder.sign(authority_key, hashes.SHA256())
+
+
+def _key_usage(is_authority: bool) -> "x509.KeyUsage":
+    """An authority signs certificates, a machine its handshakes (RFC 5280, 4.2.1.3)."""
+    from cryptography import x509
+
+    return x509.KeyUsage(
+        digital_signature=not is_authority,
+        key_cert_sign=is_authority,
+        crl_sign=is_authority,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )
 
 
 def _host(text: str) -> Any:

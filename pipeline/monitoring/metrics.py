@@ -34,7 +34,11 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 LAST_PORT = 65_535
-QUANTILES = (("0.05", "p05"), ("0.5", "median"), ("0.95", "p95"))
+QUANTILE_LEVELS = (
+    ("0.05", "p05"),
+    ("0.5", "median"),
+    ("0.95", "p95"),
+)  # `quantile` is for summaries
 COUNTED_BY_NODES = ("lost", "recovered", "late", "duplicate", "malformed")
 
 Families = Iterable["Metric"]
@@ -63,6 +67,7 @@ class MetricsNode:
         self._estimates: dict[str, ModalEstimate] = {}  # newest by turbine
         self._posteriors: dict[str, FoundationPosterior] = {}
         self._events: dict[str, FoundationEvent] = {}
+        self.parts: list[Callable[[], Families]] = []  # figures of other nodes of this process
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Take note of a message. Gives nothing back."""
@@ -100,38 +105,40 @@ class MetricsNode:
         with self._asked:
             families = [*self._streams(), *self._nodes(), *self._modes(), *self._foundation()]
         yield from families
+        for part in self.parts:
+            yield from part()
 
     def _streams(self) -> Families:
         now_ns = self._clock()
         unit = ("turbine", "unit")
-        yield _counter(
+        yield counter(
             "messages", "Messages received.", ("turbine", "message"), self._messages.items()
         )
-        yield _counter("samples", "Samples a channel received.", unit, self._samples.items())
-        yield _counter("gaps", "Gaps in the measurements.", unit, self._gaps.items())
-        yield _counter(
+        yield counter("samples", "Samples a channel received.", unit, self._samples.items())
+        yield counter("gaps", "Gaps in the measurements.", unit, self._gaps.items())
+        yield counter(
             "missing_seconds", "Measured time that is missing.", unit, self._missing.items()
         )
-        yield _gauge(
+        yield gauge(
             "lag_seconds",
             "Age of the newest sample by this machine's clock; of a replay, of its recording.",
             unit,
             ((key, (now_ns - each.end_ns) / NANOSECONDS) for key, each in self._blocks.items()),
         )
-        yield _gauge(
+        yield gauge(
             "sampling_rate_hertz",
             "Sampling rate of the unit.",
             unit,
             ((key, each.sampling_rate) for key, each in self._blocks.items()),
         )
         streams = self._health.streams(now_ns)
-        yield _gauge(
+        yield gauge(
             "stream_rate_hertz",
             "Messages a second on a key since its first.",
             ("key",),
             (((each.key,), each.rate) for each in streams),
         )
-        yield _gauge(
+        yield gauge(
             "stream_silence_seconds",
             "Since the last message on a key.",
             ("key",),
@@ -141,19 +148,19 @@ class MetricsNode:
     def _nodes(self) -> Families:
         nodes = self._health.nodes(self._clock())
         labels = ("turbine", "node")
-        yield _gauge(
+        yield gauge(
             "node_up",
             "1: the node has spoken lately and not said that it stops.",
             labels,
             ((_of_node(each), float(each.condition == "alive")) for each in nodes),
         )
-        yield _counter(
+        yield counter(
             "node_busy_seconds",
             "Time that the node has worked.",
             labels,
             ((_of_node(each), each.status.busy_s) for each in nodes),
         )
-        yield _counter(
+        yield counter(
             "node_blocks",
             "Blocks by what became of them, beside those that were simply handled.",
             (*labels, "fate"),
@@ -171,31 +178,31 @@ class MetricsNode:
             for turbine, estimate in self._estimates.items()
             for mode in estimate.modes
         ]
-        yield _gauge(
+        yield gauge(
             "first_frequency_hertz",
             "f1, the lowest frequency of the newest window.",
             ("turbine",),
             (((t,), e.modes[0].frequency) for t, e in self._estimates.items() if e.modes),
         )
-        yield _gauge(
+        yield gauge(
             "mode_frequency_hertz",
             "Frequencies of the newest window.",
             labels,
             ((key, mode.frequency) for key, mode in modes),
         )
-        yield _gauge(
+        yield gauge(
             "mode_frequency_std_hertz",
             "Their standard deviations.",
             labels,
             ((key, mode.frequency_std) for key, mode in modes),
         )
-        yield _gauge(
+        yield gauge(
             "mode_damping_ratio",
             "Damping ratios of the newest window.",
             labels,
             ((key, mode.damping_ratio) for key, mode in modes),
         )
-        yield _counter(
+        yield counter(
             "windows_rejected",
             "Windows that were not used, by the reason's code.",
             ("turbine", "code"),
@@ -204,18 +211,18 @@ class MetricsNode:
 
     def _foundation(self) -> Families:
         posteriors = self._posteriors.items()
-        yield _gauge(
+        yield gauge(
             "stiffness_ratio",
             "Quantiles of k11, k22, k12 over their nominal values.",
-            ("turbine", "spring", "quantile"),
+            ("turbine", "spring", "level"),
             (
-                ((turbine, p.name, quantile), getattr(p, field) / p.nominal)
+                ((turbine, p.name, level), getattr(p, field) / p.nominal)
                 for turbine, posterior in posteriors
                 for p in posterior.parameters[:3]
-                for quantile, field in QUANTILES
+                for level, field in QUANTILE_LEVELS
             ),
         )
-        yield _gauge(
+        yield gauge(
             "stiffness",
             "Medians of k11, k22, k12 in the unit of the label.",
             ("turbine", "spring", "unit"),
@@ -232,8 +239,8 @@ class MetricsNode:
             ("change_probability", "That the modes have changed since the last event.", _change),
         ):
             values = (((turbine,), figure(each)) for turbine, each in posteriors)
-            yield _gauge(name, text, ("turbine",), values)
-        yield _counter(
+            yield gauge(name, text, ("turbine",), values)
+        yield counter(
             "events",
             "Changes of the structure that were told.",
             ("turbine",),
@@ -242,7 +249,7 @@ class MetricsNode:
                 for turbine in self._posteriors
             ),
         )
-        yield _gauge(
+        yield gauge(
             "event_timestamp_seconds",
             "When the newest change was noticed.",
             ("turbine", "kind"),
@@ -270,13 +277,13 @@ def _change(posterior: FoundationPosterior) -> float:
     return posterior.change_probability
 
 
-def _gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[Sample]) -> "Metric":
+def gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[Sample]) -> "Metric":
     from prometheus_client.core import GaugeMetricFamily
 
     return _filled(GaugeMetricFamily(f"pilewatch_{name}", text, labels=labels), values)
 
 
-def _counter(
+def counter(
     name: str, text: str, labels: tuple[str, ...], values: Iterable[tuple[Any, float]]
 ) -> "Metric":
     from prometheus_client.core import CounterMetricFamily

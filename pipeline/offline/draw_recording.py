@@ -41,7 +41,9 @@ def draw_recording(
     source = replayed(recording)
     known = source.scenario.has_structure
     structure = source.scenario.structure if known else bare_mast(source.layout)
-    viewer = Viewer(outputs, structure, session=f"{recording.name}", wait_for_viewer=True)
+    viewer = Viewer(
+        outputs, structure, session=recording.name, has_structure=known, wait_for_viewer=True
+    )
     try:
         for message in read_messages(recording):
             _draw(viewer, message, report)

@@ -17,19 +17,23 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.report.canvas import css_colour, page_figure
+from pipeline.report.canvas import INK, css_colour, page_figure
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import ratios
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_informative
+from pipeline.report.wording import day, has_clock
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.viewer.pictures import colours
+from pipeline.viewer.pictures.scene import Deflection, deflection
 from sensors.arrays import FloatArray
 
 Times = NDArray[np.datetime64]
 _Spanned = ModalEstimate | WindowRejected | StreamGap
 
 QUANTILE = 1.6449  # of the standard normal distribution at 95 %
+MINUTES_NS = 600 * 10**9  # below this span, times have seconds [ns]
 FEW = 40  # windows that are drawn one by one, with bars; more are drawn as a band
+SHAPES = 12  # modes whose shapes are drawn
 TRACKS = 8  # modes with a panel of their own
 VECTOR_POINTS = 1500  # more of them are drawn as pixels
 
@@ -53,7 +57,7 @@ def stiffness_over_time(record: TurbineRecord) -> str:
             _mark_events(axes, record.summary.events, axes is panels[0])
             axes.set_ylabel(f"{name} ÷ nominal")
         _legend(panels[0])
-        _time_axis(panels[-1])
+        _time_axis(panels[-1], record)
         return page.svg()
 
 
@@ -122,7 +126,7 @@ def most_informative_frequencies(record: TurbineRecord) -> str:
             axes.remove()
         for axes in panels.flat[max(0, len(chosen) - 2) : len(chosen)]:
             axes.tick_params(labelbottom=True)
-            _time_axis(axes, label=False)
+            _time_axis(axes, record, label=False)
         return page.svg()
 
 
@@ -158,8 +162,49 @@ def all_frequencies(record: TurbineRecord) -> str:
         axes.yaxis.set_minor_formatter("")
         axes.set_ylabel("natural frequency [Hz]")
         _mark_events(axes, record.summary.events, named=False)
-        _time_axis(axes)
+        _time_axis(axes, record)
         return page.svg()
+
+
+def mode_shapes(record: TurbineRecord) -> str:
+    """Draw the identified mode shapes over the height of their sensors, one panel per mode."""
+    layout = record.layout
+    modes = [
+        mode
+        for mode in record.summary.modes
+        if layout is not None and len(mode.shape) == len(layout.channels)
+    ][:SHAPES]
+    if layout is None or not modes:
+        return ""
+    columns = min(4, len(modes))
+    rows = -(-len(modes) // columns)
+    with page_figure(0.5 + 1.7 * rows) as page:
+        panels = page.figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for axes, mode in zip(panels.flat, modes, strict=False):
+            _shape_panel(axes, deflection(layout, layout.channel_names, np.array(mode.shape)))
+            label = mode.name if mode.pair is None else f"mode {mode.name}"
+            axes.set_title(f"{label}\n{mode.frequency:.3g} Hz")
+        for axes in panels.flat[len(modes) :]:
+            axes.remove()
+        for axes in panels[:, 0]:
+            axes.set_ylabel("height [m]")
+        return page.svg()
+
+
+def _shape_panel(axes: Any, shape: Deflection) -> None:
+    """Draw fore-aft and side-side components with the larger one's maximum at 1."""
+    largest = max(float(np.abs(shape.displacements).max()), 1e-12)
+    styles = (("-", "o", colours.MEASURED), ("--", "s", colours.POSTERIOR))
+    for axis, (line, marker, colour) in enumerate(styles):
+        if not np.any(shape.displacements[:, axis]):
+            continue  # no channel measures this direction
+        axes.plot(
+            shape.displacements[:, axis] / largest, shape.elevations, linestyle=line,
+            marker=marker, markersize=3, color=css_colour(colour),
+        )  # fmt: skip
+    axes.axvline(0.0, color=INK, linewidth=0.5)
+    axes.set_xlim(-1.15, 1.15)
+    axes.set_xticks([-1, 0, 1])
 
 
 def windows_over_time(record: TurbineRecord) -> str:
@@ -184,9 +229,8 @@ def windows_over_time(record: TurbineRecord) -> str:
             )  # fmt: skip
         axes.set_yticks([0, -1, -2], [name for name, _, _ in rows])
         axes.set_ylim(-2.6, 0.6)
-        axes.set_xlim(start, end)
         axes.grid(False, axis="y")
-        _time_axis(axes)
+        _time_axis(axes, record)
         return page.svg()
 
 
@@ -263,15 +307,27 @@ def _legend(axes: Any) -> None:
         )  # fmt: skip
 
 
-def _time_axis(axes: Any, *, label: bool = True) -> None:
+def _time_axis(axes: Any, record: TurbineRecord, *, label: bool = True) -> None:
+    """Span the recording on the time axis, in UTC or, without a clock, from the start."""
+    start_ns, end_ns = record.span_ns
+    margin = (end_ns - start_ns) // 50  # without limits, a single window spans years
+    axes.set_xlim(*datetimes([start_ns - margin, end_ns + margin]))
     dates: Any = importlib.import_module("matplotlib.dates")  # its classes have no types
     locator = dates.AutoDateLocator(minticks=3, maxticks=7 if label else 5)
     locator.intervald[dates.MINUTELY].append(60)  # else two hours or two days fit no interval
     locator.intervald[dates.HOURLY].append(24)
     axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator, show_offset=label))
+    clocked = has_clock(start_ns)
+    if clocked:
+        formatter = dates.ConciseDateFormatter(locator, show_offset=False)
+    else:
+        formatter = dates.DateFormatter("%H:%M:%S" if end_ns - start_ns < MINUTES_NS else "%H:%M")
+    axes.xaxis.set_major_formatter(formatter)
     if label:
-        axes.set_xlabel("UTC")
+        unit = "h:min:s" if end_ns - start_ns < MINUTES_NS else "h:min"
+        first, last = day(start_ns), day(end_ns)
+        days = first if first == last else f"{first} to {last}"
+        axes.set_xlabel(f"{days}, UTC" if clocked else f"time since the start [{unit}]")
 
 
 def _log_ticks() -> Any:

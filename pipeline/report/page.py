@@ -8,6 +8,7 @@ import html
 from collections.abc import Sequence
 from pathlib import Path
 
+from pipeline.messages import FoundationPosterior
 from pipeline.report import figures
 from pipeline.report.canvas import css_colour
 from pipeline.report.html import (
@@ -93,7 +94,8 @@ def page(session: RecordedSession) -> str:
             parts.append(heading(record.turbine, anchor=_anchor(number)))
         parts.append(_turbine(record, session.prior, f"t{number}", level=3 if several else 2))
     parts.append(_settings(session))
-    title = f"Foundation of {records[0].turbine}" if not several else f"{len(records)} foundations"
+    what = "Foundation" if any(record.has_structure for record in records) else "Modes"
+    title = f"{what} of " + (f"{len(records)} turbines" if several else records[0].turbine)
     return document(title, "".join(parts), STYLE)
 
 
@@ -151,9 +153,10 @@ def _key_figures(record: TurbineRecord) -> list[KeyFigure]:
         ("measured", span((end_ns - start_ns) / NANOSECONDS)),
         ("missing", span(missing)),
         ("windows identified", str(len(summary.estimates))),
-        ("in the last posterior", str(used)),
         ("modes", str(len(summary.modes))),
     ]
+    if record.has_structure:
+        cards.append(("windows in the last posterior", str(used)))
     return cards
 
 
@@ -163,6 +166,25 @@ def _cards(cards: Sequence[KeyFigure]) -> str:
         for name, figure in cards
     )
     return f'<dl class="cards">{items}</dl>\n'
+
+
+def structure_sentence(posterior: FoundationPosterior) -> str:
+    """How the structure was taken, and what makes the intervals."""
+    if posterior.structure != "uncertain":
+        taken = posterior.structure or "exact"
+        return f"The structure is taken as {taken}: its errors are not in these intervals."
+    parts = [
+        f"{each.name} {each.k11:.0%}, {each.k22:.0%}, {each.k12:.0%}"
+        for each in posterior.budget[:4]
+    ]
+    alternatives = ", ".join(
+        f"{each.name} ({each.probability:.0%})" for each in posterior.alternatives
+    )
+    return (
+        f"The structure's figures are inferred with the springs ({alternatives}). Shares of the "
+        f"variance of k11, k22 and k12: {'; '.join(parts)}. {posterior.unpredicted_share:.0%} of "
+        "the modes are not what the others predict."
+    )
 
 
 def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, level: int) -> str:
@@ -193,6 +215,7 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
     return (
         heading("Foundation", level)
         + table_html(springs_table(record))
+        + paragraph(structure_sentence(posterior))
         + paragraph(fit, "quiet")
         + _pair(pictures, f"{name}-foundation")
     )
@@ -228,27 +251,44 @@ def _modes(record: TurbineRecord, name: str, level: int) -> str:
     pictures = (
         (
             figures.most_informative_frequencies(record),
-            "Frequencies of the modes with most information on the stiffness",
-            "The modes with most information on the stiffness, 90 % intervals; dashed: model at "
-            "the last posterior.",
+            *_frequency_captions(record),
         ),
         (
             figures.all_frequencies(record),
             "All identified frequencies over time",
             "All identified modes of all windows.",
         ),
+        (
+            figures.mode_shapes(record),
+            "Mode shapes",
+            "Identified mode shapes at the sensors, largest component 1: fore-aft (x) solid, "
+            "side-side (y) dashed.",
+        ),
     )
-    legend = (
-        "misfit: in standard deviations of the posterior's prediction; information: share of the "
-        "information on the stiffness; – beside MAC: shape not used; ≈: mean of two modes that "
-        "cannot be separated."
-    )
+    legend = []
+    if record.summary.posterior is not None:
+        legend = [
+            "misfit: in standard deviations of the posterior's prediction",
+            "information: share of the information on the stiffness",
+            "– beside MAC: shape not used",
+        ]
+    if any(mode.pair_id for mode in record.summary.modes):
+        legend.append("≈: mean of two modes that cannot be separated")
     return (
         heading("Modes", level)
         + _pair(pictures, f"{name}-modes")
         + table_html(modes_table(record))
-        + paragraph(legend, "quiet")
+        + (paragraph(f"{'; '.join(legend)}.", "quiet") if legend else "")
     )
+
+
+def _frequency_captions(record: TurbineRecord) -> tuple[str, str]:
+    """Return description and caption of the picture of the chosen frequencies."""
+    if record.summary.posterior is None:
+        name = "Frequencies of the modes found most often"
+        return name, f"{name}, with 90 % intervals."
+    name = "Frequencies of the modes with most information on the stiffness"
+    return name, f"{name}, 90 % intervals; dashed: model at the last posterior."
 
 
 def _quality(record: TurbineRecord, name: str, level: int) -> str:

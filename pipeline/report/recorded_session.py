@@ -22,7 +22,7 @@ from pipeline.monitoring.summary import SessionSummary
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Metadata
-from pipeline.scenario import scenario_from_metadata
+from pipeline.scenario import Scenario, scenario_from_metadata
 from pipeline.sources.session_files import session_files, unfinished_files
 from pipeline.updating.prior import PriorSettings
 from sensors.acquisition.blocks import AccelerationBlock
@@ -66,6 +66,8 @@ class TurbineRecord:
     """Sensor layouts by acquisition unit."""
     sampling_rate: float = float("nan")
     """Sampling rate of the latest block [Hz]."""
+    has_structure: bool = True
+    """Whether the scenario has a structural model; without one there are modes only."""
 
     def take(self, message: Message) -> None:
         """Take one message of this turbine into account."""
@@ -162,20 +164,24 @@ def read_session(path: Path) -> RecordedSession:
             "makes a session of it that can be reported"
         )
     metadata = read_metadata(files[-1])
+    scenario = _scenario(metadata)
+    if scenario is not None:
+        for record in turbines.values():
+            record.has_structure = scenario.has_structure
     return RecordedSession(
         name=path.resolve().name,
         files=tuple(files),
         unread=tuple(unfinished_files(path)),
         metadata=metadata,
-        prior=_prior(metadata),
+        prior=None if scenario is None else scenario.updating.prior,
         turbines=tuple(turbines[name] for name in sorted(turbines)),
     )
 
 
-def _prior(metadata: Metadata) -> PriorSettings | None:
-    """Return the prior of the scenario; None for a scenario that this version cannot read."""
+def _scenario(metadata: Metadata) -> Scenario | None:
+    """Return the recorded scenario; None for one that this version cannot read."""
     try:
-        return scenario_from_metadata(metadata["scenario"], "scenario").updating.prior
+        return scenario_from_metadata(metadata["scenario"], "scenario")
     except (KeyError, InputError):
         return None
 

@@ -26,6 +26,8 @@ SPRINGS = {
 def headline(record: TurbineRecord) -> str:
     """Return the headline: one sentence on the state of the foundation."""
     posterior = record.summary.posterior
+    if not record.has_structure:
+        return _modes_headline(record)
     if posterior is None:
         return f"The foundation's stiffness is not known: {_why_no_posterior(record)}."
     if not posterior.trusted:
@@ -41,6 +43,8 @@ def headline(record: TurbineRecord) -> str:
 def condition(record: TurbineRecord) -> str:
     """Return whether the posterior is reliable: `good`, `doubt`, `bad` or `unknown`."""
     posterior = record.summary.posterior
+    if not record.has_structure:
+        return "good" if record.summary.estimates else "unknown"
     if posterior is None:
         return "unknown"
     if not posterior.trusted:
@@ -207,6 +211,21 @@ def _missing_samples(record: TurbineRecord) -> str:
     return (
         f"{count_noun(stream['gaps'], 'gap')} in the stream, {span(stream['gap_s'])} in all; "
         f"{count_noun(stream['lost'], 'block')} lost."
+    )
+
+
+def _modes_headline(record: TurbineRecord) -> str:
+    """Return the headline of a session without a structural model."""
+    summary = record.summary
+    if not summary.estimates:
+        return f"No modes are known: {_why_no_posterior(record)}."
+    frequencies = [mode.frequency for mode in summary.modes]
+    if not frequencies:
+        return "No mode was identified."
+    modes, windows = len(frequencies), len(summary.estimates)
+    return (
+        f"{count_noun(modes, 'mode')} between {min(frequencies):.3g} and {max(frequencies):.3g} Hz "
+        f"{'was' if modes == 1 else 'were'} identified in {count_noun(windows, 'window')}."
     )
 
 

@@ -4,6 +4,20 @@ from datetime import UTC, datetime
 
 from sensors.acquisition.blocks import NANOSECONDS
 
+EARLIEST_CLOCK_NS = 315_532_800 * NANOSECONDS  # 1980-01-01; earlier times have no clock
+
+
+def has_clock(time_ns: int) -> bool:
+    """Return whether a time is one of a clock, not counted from the start of a recording."""
+    return time_ns >= EARLIEST_CLOCK_NS
+
+
+def elapsed(time_ns: int) -> str:
+    """Return "0:08:20", the time since the start of a recording without a clock."""
+    minutes, seconds = divmod(time_ns // NANOSECONDS, 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{seconds:02}"
+
 
 def day(time_ns: int) -> str:
     """Return "3 March 2026", UTC."""
@@ -18,16 +32,22 @@ def clock(time_ns: int) -> str:
 
 def instant(time_ns: int) -> str:
     """Return "3 March 2026 14:10 UTC"."""
+    if not has_clock(time_ns):
+        return f"{elapsed(time_ns)} after the start"
     return f"{day(time_ns)} {clock(time_ns)} UTC"
 
 
 def stamp(time_ns: int) -> str:
     """Return "2026-03-03 14:10:05", UTC, for tables."""
+    if not has_clock(time_ns):
+        return elapsed(time_ns)
     return f"{_datetime(time_ns):%Y-%m-%d %H:%M:%S}"
 
 
 def period(start_ns: int, end_ns: int) -> str:
     """Return "on 3 March 2026 between 14:10 and 14:30 UTC", or over midnight with both days."""
+    if not has_clock(start_ns):
+        return f"between {elapsed(start_ns)} and {elapsed(end_ns)} after the start"
     if clock(start_ns) == clock(end_ns) and day(start_ns) == day(end_ns):
         return f"on {day(start_ns)} at about {clock(start_ns)} UTC"
     if day(start_ns) == day(end_ns):

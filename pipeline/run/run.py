@@ -1,6 +1,7 @@
 """A session from its source to its summary. Whatever ends it early, what was recorded is closed
 properly and the summary says what is known."""
 
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -9,11 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.app import Outputs, Plan, build
+from pipeline.deploy.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.messages import Message
 from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
 from pipeline.monitoring.alarms.alarm_node import KEY as NOTICES_KEY
-from pipeline.monitoring.alarms.alarm_node import AlarmNode, desk_of
+from pipeline.monitoring.alarms.alarm_node import AlarmNode, running_alarm_node
 from pipeline.monitoring.alarms.channels import channels_of
+from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.metrics import MetricsNode, served
 from pipeline.monitoring.status import KEY as STATUS_KEY
 from pipeline.monitoring.status import StatusNode
@@ -38,6 +41,7 @@ from pipeline.run.options import SessionOptions
 from pipeline.run.ownership import Ownership, epoch_of, owned
 from pipeline.run.processes import SHARED, node_command, processes, require_processes
 from pipeline.runtime import runner
+from pipeline.runtime.flow_control import UNACKNOWLEDGED_BLOCKS
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.sources.feed_publisher import FeedAccount
@@ -122,16 +126,25 @@ def _run_owned(
     desks: list[Node] = [summary]
     try:
         with ExitStack() as stack:
-            if options.metrics is not None:
-                figures_desk = MetricsNode()
-                stack.enter_context(served(figures_desk, options.metrics))
-                desks.append(figures_desk)
+            if notified():
+                desks.append(WatchdogNode(Watchdog(os.environ)))
+            figures_node = None if options.metrics is None else MetricsNode()
+            if figures_node is not None and options.metrics is not None:
+                stack.enter_context(served(figures_node, options.metrics))
+                desks.append(figures_node)
             if options.notices is not None:
                 channels = channels_of(options.notices)
-                folder = options.out / NOTICES
-                desks.append(
-                    stack.enter_context(desk_of(folder, options.notices.notices, channels))
+                alarms = stack.enter_context(
+                    running_alarm_node(
+                        options.out / NOTICES,
+                        options.notices.notices,
+                        channels,
+                        options.notices.heartbeat,
+                    )
                 )
+                if figures_node is not None:
+                    figures_node.parts.append(lambda: delivery_families(alarms.delivery_states))
+                desks.append(alarms)
             _run(source, options, outputs, desks, account, scenario_option, stopping, ownership)
     finally:
         figures = summary.as_json(wall=time.monotonic() - started)
@@ -218,7 +231,7 @@ def _run(
             workers,
             bus,
             turbine=turbine,
-            unacknowledged_blocks=source.scenario.flow.unacknowledged_blocks if follows else None,
+            unacknowledged_blocks=UNACKNOWLEDGED_BLOCKS if follows else None,
             report=report,
             stopping=stopping,
         )

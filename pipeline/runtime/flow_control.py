@@ -6,6 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pipeline.messages import MessageCount, NodeStatus
 from sensors.acquisition.blocks import AccelerationBlock
 
+# Published but not yet reported as handled by every node: two minutes of one unit's blocks, so that
+# no node waits for the source and a replay fits into the transport's queues.
+UNACKNOWLEDGED_BLOCKS = 120
+
 
 class Credit:
     """Lets a source publish as fast as the slowest node follows.

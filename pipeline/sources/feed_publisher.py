@@ -1,10 +1,11 @@
-"""A live instrument on the bus: its blocks and SCADA samples, and what it says of itself.
+"""A live instrument on the bus: its blocks, SCADA samples and status.
 
 instrument ──► [feed] ──► AccelerationBlock, ScadaSample     as of any other source
                      └──► NodeStatus, every second: what came, what never did, why the link is down
 """
 
 import logging
+import os
 import threading
 import time
 from collections import Counter
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.deploy.watchdog import Watchdog
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.runner import STATUS_PERIOD, Report, open_session, with_end
@@ -32,12 +34,12 @@ logger = logging.getLogger(__name__)
 
 NODE = "feed"
 QUIET = 60.0  # of an instrument, before a link that is up is doubted [s]
-NOTHING_CAME = "is the address right, does somebody send, and may this user read it?"
+NOTHING_CAME = "is the address right, is data sent, and may this user read it?"
 QUIET_CONTROLLER = 3600.0  # the same: they speak every few minutes
 
 
 @dataclass(frozen=True, slots=True)
-class Fed:
+class FeedResult:
     """What became of a feed."""
 
     status: NodeStatus
@@ -61,7 +63,7 @@ def publish_feed(
     stopping: threading.Event,
     report: Report | None = None,
     connected: Callable[[], None] = lambda: None,
-) -> Fed:
+) -> FeedResult:
     """Publish what an instrument measures until `stopping` is set.
 
     Parameters
@@ -80,12 +82,14 @@ def publish_feed(
     FeedError
         If the feed cannot be opened.
     TransportError
-        If nobody can be reached.
+        If no endpoint can be reached.
     """
     account = FeedAccount(live, layout, connected=connected)
+    watchdog = Watchdog(os.environ)
     with open_session(lambda: ZenohBus(settings)) as bus:
         for message in with_end(account.messages(stopping)):
             bus.publish(message)
+            watchdog.alive()
             if report and isinstance(message, AccelerationBlock):
                 report(message)
     return account.fed()
@@ -111,15 +115,19 @@ def channels_of(layout: Path | None, scenario: str | None) -> LayoutFile:
     return layout_file_of(load_scenario(scenario or DEFAULT_SCENARIO).layout)
 
 
-def feed_source(address: str, layout: Path | None, scenario: str | None) -> "Source":
+def feed_source(
+    address: str, layout: Path | None, scenario: str | None, state: Path | None = None
+) -> "Source":
     """Return a live instrument as the source of a session that listens to it itself.
 
     Parameters
     ----------
     layout : Path or None
-        File that says where its channels are; None: they are the scenario's sensors.
+        File that lists where its channels are; None: they are the scenario's sensors.
     scenario : str or None
         What is made of them; None: modes are tracked, nothing is updated.
+    state : Path, optional
+        Folder in which it is remembered how far the source was published.
 
     Returns
     -------
@@ -135,7 +143,7 @@ def feed_source(address: str, layout: Path | None, scenario: str | None) -> "Sou
     from pipeline.sources.sources import Source, report_modes_only
 
     channels = channels_of(layout, scenario)
-    live = open_feed(address, channels)
+    live = open_feed(address, channels, state=state)
     if not live.gives_blocks:
         raise FeedError(f"{address} measures no accelerations; run `pilewatch feed {address}`")
     if scenario is None:
@@ -166,19 +174,20 @@ class FeedAccount:
         self._live, self._layout, self._clock = live, layout, clock
         self._connected = connected
         self._last_sequence = -1
-        self._heard = (0, clock())  # messages so far, and when the last of them came [ns]
+        self._last_received = (0, clock())  # messages so far, and when the last of them came [ns]
         self._quiet = False
         self._patience = QUIET if live.gives_blocks else QUIET_CONTROLLER
-        self._named: set[str] = set()  # channels that nobody lists, and that were told
+        self._named: set[str] = set()  # channels that no layout lists, and that were logged
 
     def messages(self, stopping: threading.Event) -> Iterator[Message]:
-        """Layout, then what is measured as it comes, with a status at the beginning, every second
-        and at the end.
+        """Yield the layout, then what is measured as it comes.
+
+        A status comes at the beginning, every second and at the end.
         """
         if self._live.gives_blocks:
             yield self._layout
         yield self.status("ready")
-        said_ns, reached = self._clock(), False
+        reported_ns, reached = self._clock(), False
         for measured in self._live.measured(stopping):
             if measured is not None:
                 self.published[type(measured).__name__] += 1
@@ -188,33 +197,33 @@ class FeedAccount:
             if self._live.counts.connected and not reached:
                 reached = True
                 self._connected()
-            if self._clock() - said_ns > STATUS_PERIOD * 1e9:
-                said_ns = self._clock()
-                self._watch_silence(said_ns)
+            if self._clock() - reported_ns > STATUS_PERIOD * 1e9:
+                reported_ns = self._clock()
+                self._watch_silence(reported_ns)
                 yield self.status("running")
                 self._name_unknown()
         self._name_unknown()
         yield self.status("stopped")
 
     def _watch_silence(self, now_ns: int) -> None:
-        """Tell a person once whenever nothing comes over a link that is up."""
+        """Log once whenever nothing comes over a link that is up."""
         counts = self._live.counts
-        if counts.received != self._heard[0] or not counts.connected:
-            self._heard, self._quiet = (counts.received, now_ns), False
-        if not self._quiet and now_ns - self._heard[1] > self._patience * NANOSECONDS:
+        if counts.received != self._last_received[0] or not counts.connected:
+            self._last_received, self._quiet = (counts.received, now_ns), False
+        if not self._quiet and now_ns - self._last_received[1] > self._patience * NANOSECONDS:
             self._quiet = True
             logger.warning("%s", self._silence)
 
     @property
     def _silence(self) -> str:
-        said = f"{self._live.name}: the link is up and nothing has"
-        if self._heard[0]:
-            return f"{said} come for more than {self._patience:g} s"
-        return f"{said} ever come; {NOTHING_CAME}"
+        text = f"{self._live.name}: the link is up and nothing has"
+        if self._last_received[0]:
+            return f"{text} come for more than {self._patience:g} s"
+        return f"{text} ever come; {NOTHING_CAME}"
 
-    def fed(self) -> Fed:
+    def fed(self) -> FeedResult:
         """Return the counts at the end."""
-        return Fed(
+        return FeedResult(
             self.status("stopped"),
             self.published["AccelerationBlock"],
             self.published["ScadaSample"],
@@ -237,10 +246,10 @@ class FeedAccount:
             late=counts.late,
             duplicate=counts.duplicate,
             malformed=counts.malformed + counts.forged,
-            warnings=tuple(self._doubts(state)),
+            warnings=tuple(self._warnings(state)),
         )
 
-    def _doubts(self, state: str) -> Iterator[QualityWarning]:
+    def _warnings(self, state: str) -> Iterator[QualityWarning]:
         counts, name = self._live.counts, self._live.name
         never = state == "stopped" and not counts.connections and bool(counts.trouble)
         if (not counts.connected and state == "running") or never:
@@ -263,12 +272,18 @@ class FeedAccount:
             yield QualityWarning(
                 "malformed", f"{name}: messages were dropped, the last: {counts.refusal}"
             )
+        if self._live.absent:
+            yield QualityWarning(
+                "gap",
+                f"{name}: {self._live.absent:.3f} s before the feed's restart are missing; the "
+                "source no longer had them",
+            )
         missing = self._live.missing_blocks
         if missing:
             yield QualityWarning("gap", f"{name}: {missing} blocks are missing in its gaps")
 
     def _name_unknown(self) -> None:
-        """Tell a person of channels that are left out, each once."""
+        """Log each channel that is left out once."""
         for channel in sorted(self._live.counts.unknown.keys() - self._named):
             self._named.add(channel)
             logger.warning("%s: no layout lists the channel %r", self._live.name, channel)

@@ -1,9 +1,8 @@
-"""The true stiffness of a simulated turbine, and when it is said: beside the stream, never to the
-updating.
-"""
+"""The true stiffness of a simulated turbine: published beside the stream, never for updating."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,13 +12,15 @@ from pipeline.recording.writer import Metadata
 from pipeline.sources.playback import SensorMessage
 from pipeline.sources.recorded_stream import recordings_in
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-from sensors.simulation.tower import SimulatedTower
 
-TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is said anew
+if TYPE_CHECKING:
+    from sensors.simulation.tower import SimulatedTower
+
+TRUTH_PERIOD = 600.0  # [s]: how often a truth that changes is published again
 
 
 def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
-    """Return what a recording says of the true stiffness, in order of time."""
+    """Return the true stiffness in a recording, in order of time."""
     found = {
         (message.turbine, message.time_ns): message
         for file in recordings_in(path)
@@ -29,7 +30,7 @@ def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
     return iter(sorted(found.values(), key=lambda truth: truth.time_ns))
 
 
-def simulated_truths(tower: SimulatedTower) -> Iterator[FoundationTruth]:
+def simulated_truths(tower: "SimulatedTower") -> Iterator[FoundationTruth]:
     """Yield the true stiffness of a simulated turbine.
 
     At the beginning, and where it has changed.
@@ -57,6 +58,7 @@ def _springs(truth: FoundationTruth) -> tuple[float, float, float]:
 def later_truths(
     truths: Iterator[FoundationTruth], first: FoundationTruth | None
 ) -> Iterator[FoundationTruth]:
+    """Return the truths without the one that is published already."""
     return (truth for truth in truths if truth != first)
 
 
@@ -74,7 +76,7 @@ def with_truths(
 
 
 def stored_truth(metadata: Metadata, turbine: str) -> FoundationTruth | None:
-    """Return what a recording's metadata says of the truth; None where it is not known."""
+    """Return the truth in a recording's metadata; None where it is not known."""
     truth = metadata.get("truth")
     if not truth:
         return None

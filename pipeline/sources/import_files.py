@@ -18,9 +18,9 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.files.block_builder import (
     BlockCutter,
     MeasurementFile,
-    in_order_of_time,
-    opened,
-    stamped,
+    open_file,
+    sort_by_time,
+    stamp_samples,
 )
 from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
 from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError
@@ -54,14 +54,14 @@ class Measurement:
             If a file turns out to be damaged, or to overlap with another.
         """
         cutter = BlockCutter(self.layout, self.sampling_rate)
-        for piece in stamped(self.files, self._pieces(), self.sampling_rate):
-            yield from cutter.push(piece)
+        for chunk in stamp_samples(self.files, self._chunks(), self.sampling_rate):
+            yield from cutter.push(chunk)
         yield from cutter.finish()
 
-    def _pieces(self) -> Iterator[tuple[int, ChannelTable]]:
+    def _chunks(self) -> Iterator[tuple[int, ChannelTable]]:
         for number, file in enumerate(self.files):
-            for piece in file.pieces():
-                chosen = self.mapping.chosen(piece)
+            for chunk in file.chunks():
+                chosen = self.mapping.chosen(chunk)
                 yield number, replace(chosen, times=None) if self.counted else chosen
 
 
@@ -78,9 +78,9 @@ def open_measurement(
     Parameters
     ----------
     layout : LayoutFile, optional
-        Where the channels were; None: their names say it ("z145-fa").
+        Where the channels were; None: their names state it ("z145-fa").
     turbine : str, optional
-        What it is called where no layout says.
+        Name of the turbine where no layout states it.
     sampling_rate : float, optional
         Sampling rate [Hz]; samples are counted from each file's start instead of by its time
         stamps.
@@ -96,15 +96,15 @@ def open_measurement(
     FileError
     LayoutError
         A file that cannot be read; a channel without a place; channels of several quantities;
-        no sampling rate; files that differ or do not say when they begin.
+        no sampling rate; files that differ or do not state when they begin.
     """
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise FileError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
     wanted = EVERYTHING if layout is None else layout.wanted()
     wanted = replace(wanted, stamps=sampling_rate is None)
-    begun = [opened(path, reader, wanted) for path in paths]
-    files = in_order_of_time([file for file, _ in begun])
-    first = next(table for file, table in begun if file.path == files[0].path)
+    opened = [open_file(path, reader, wanted) for path in paths]
+    files = sort_by_time([file for file, _ in opened])
+    first = next(table for file, table in opened if file.path == files[0].path)
     mapping = layout or layout_by_names(first.names, turbine=turbine)
     if mapping is None:
         raise FileError(
@@ -127,14 +127,14 @@ def open_measurement(
 
 
 def _require_one_quantity(table: ChannelTable, path: Path) -> None:
-    """Blocks hold accelerations, or channels alike: mixed ones cannot be told apart in them."""
+    """Blocks hold accelerations, or channels alike: mixed ones cannot be distinguished in them."""
     quantities = table.quantities
     if quantities is not None and len(set(quantities)) > 1:
-        said = ", ".join(
+        listed = ", ".join(
             f"{name} {each}" for name, each in zip(table.names, quantities, strict=True)
         )
         raise FileError(
-            f"{path} mixes quantities ({said}); a layout file (--layout) that lists channels of "
+            f"{path} mixes quantities ({listed}); a layout file (--layout) that lists channels of "
             "one quantity chooses them"
         )
 
@@ -160,7 +160,7 @@ def record_measurement(
     FileError
         As the files are read.
     RecordingError
-        If the recording exists or cannot be written. What was begun is removed where reading
+        If the recording exists or cannot be written. A part that was written is removed if reading
         fails.
     """
     chosen = scenario or modes_only(measurement.layout.turbine)
@@ -218,7 +218,7 @@ def imported_source(
     )
     folder.mkdir(parents=True, exist_ok=True)
     names = (f"{path.stem}{again}.mcap" for again in ("", *(f"-{i}" for i in range(2, 1000))))
-    begun = {each.name.removesuffix(ACTIVE_SUFFIX) for each in folder.iterdir()}
-    recording = next(folder / name for name in names if name not in begun)
+    existing = {each.name.removesuffix(ACTIVE_SUFFIX) for each in folder.iterdir()}
+    recording = next(folder / name for name in names if name not in existing)
     record_measurement(measurement, recording, scenario=chosen, report=report)
     return f"replay:{recording}"

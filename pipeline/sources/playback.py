@@ -71,14 +71,14 @@ class Playback:
             if isinstance(message, SensorLayout):
                 yield message
             elif origin_ns is not None and self._has(message, origin_ns):
-                yield _counted_anew(message, firsts) if self.start > 0 else message
+                yield _renumbered(message, firsts) if self.start > 0 else message
 
     def _has(self, message: AccelerationBlock | ScadaSample, origin_ns: int) -> bool:
         time_ns = message.time_ns if isinstance(message, ScadaSample) else message.start_ns
         return self.start <= (time_ns - origin_ns) / NANOSECONDS < self.end
 
 
-def _counted_anew(
+def _renumbered(
     message: AccelerationBlock | ScadaSample,
     firsts: dict[tuple[str, str, str], AccelerationBlock],
 ) -> AccelerationBlock | ScadaSample:

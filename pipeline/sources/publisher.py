@@ -3,13 +3,17 @@
 import logging
 import threading
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from pipeline.runtime.runner import open_session, with_end
+from pipeline.sources.recorded_source import RecordedSource
 from pipeline.sources.recorded_stream import SourceError
 from pipeline.sources.replay_control import KEY, ReplayControl
-from pipeline.sources.sources import Source
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import AccelerationBlock
+
+if TYPE_CHECKING:
+    from pipeline.sources.sources import Source
 
 logger = logging.getLogger(__name__)
 
@@ -17,7 +21,7 @@ LINGER = 5.0  # after the last block, for subscribers that ask for what they mis
 
 
 def publish_source(
-    source: Source,
+    source: "Source | RecordedSource",
     settings: ZenohSettings,
     *,
     speed: float,
@@ -35,7 +39,7 @@ def publish_source(
     SourceError
         For a live source.
     TransportError
-        If nobody can be reached.
+        If no endpoint can be reached.
     """
     if source.is_live:
         raise SourceError(

@@ -1,4 +1,4 @@
-"""What sensors and controller said, as recorded: of one file, or of a folder as one stream."""
+"""Messages of sensors and controller as recorded: one file, or a folder as one stream."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,19 +34,24 @@ def recordings_in(path: Path) -> list[Path]:
             return [path]
     except OSError as error:
         raise SourceError(f"cannot read the recording {path}: {error.strerror}") from error
-    begun = {}
+    order = {}
     for file in path.glob("*.mcap"):
         units = recording_info(file).units
         if units:
-            begun[file] = (min(unit.start_ns for unit in units), file.stat().st_mtime_ns, file.name)
-    if not begun:
+            order[file] = (
+                min(unit.start_ns for unit in units),
+                file.stat().st_mtime_ns,
+                file.name,
+            )
+    if not order:
         raise SourceError(f"the folder {path} holds no recording with acceleration blocks")
-    return sorted(begun, key=lambda file: begun[file])
+    return sorted(order, key=lambda file: order[file])
 
 
 def recorded_stream(path: Path) -> Iterator[SensorMessage]:
-    """Everything measured in a file, or in all files of a folder as one stream, in order of
-    time.
+    """Yield everything measured in a file, or in all files of a folder as one stream.
+
+    The messages come in order of time.
     """
     files = recordings_in(path)
     if len(files) == 1:
@@ -56,7 +61,7 @@ def recorded_stream(path: Path) -> Iterator[SensorMessage]:
 
 
 def sensor_messages(path: Path) -> Iterator[SensorMessage]:
-    """Yield what sensors and controller said, in the order of recording."""
+    """Yield the messages of sensors and controller in the order of recording."""
     for message in read_messages(path, (SensorLayout, AccelerationBlock, ScadaSample)):
         if isinstance(message, AccelerationBlock | SensorLayout | ScadaSample):
             yield message

@@ -13,12 +13,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from pipeline.messages import Message
-from pipeline.sources.sources import Source, due_of
+from pipeline.sources.recorded_source import RecordedSource, due_of
 from pipeline.state.json_values import Json
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
+
+if TYPE_CHECKING:
+    from pipeline.sources.sources import Source
 
 KEY = "pilewatch/@replay"  # no stream's key expression matches what begins with @
 ACTIONS = ("play", "pause", "seek", "speed", "state")
@@ -58,7 +62,7 @@ class ReplayControl:
 
     def __init__(
         self,
-        source: Source,
+        source: "Source | RecordedSource",
         speed: float = math.inf,
         stopping: threading.Event | None = None,
         clock: Callable[[], float] = time.monotonic,
@@ -82,7 +86,7 @@ class ReplayControl:
             number += 1
             source = replace(self._source, playback=replace(source.playback, start=wanted))
 
-    def _played(self, source: Source, number: int) -> Iterator[Message]:
+    def _played(self, source: "Source | RecordedSource", number: int) -> Iterator[Message]:
         first_ns: int | None = None
         for message in source.messages():
             if self._is_interrupted_before(due_of(message)):

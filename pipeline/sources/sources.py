@@ -3,16 +3,14 @@
 import heapq
 import logging
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.messages import FoundationTruth, Message
-from pipeline.recording.info import RecordingInfo, recording_info
+from pipeline.recording.info import recording_info
 from pipeline.recording.writer import Metadata, RecorderSettings, whole_recording
 from pipeline.runtime.runner import with_end
 from pipeline.scenario import (
@@ -28,17 +26,20 @@ from pipeline.scenario import (
 )
 from pipeline.sources.ground_truth import (
     later_truths,
-    recorded_truths,
     simulated_truths,
-    stored_truth,
     with_truths,
 )
 from pipeline.sources.playback import Playback
-from pipeline.sources.recorded_stream import SourceError, recorded_stream, recordings_in
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-from sensors.acquisition.layout import SensorLayout, joined_layout
+from pipeline.sources.recorded_source import (
+    MonotonicClock,
+    due_of,
+    recorded_with_truths,
+    source_of,
+)
+from pipeline.sources.recorded_stream import SourceError, recordings_in
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.pacing import Pace, paced
-from sensors.acquisition.replayed import due_time
 from sensors.acquisition.scada import ScadaSample
 from sensors.simulation.tower import SimulatedTower
 
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 DEFAULT_RECORDING = Path("recordings/parked.mcap")
+SHIPPED_RECORDING = Path(__file__).parents[1] / DEFAULT_RECORDING  # in the wheel
 COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing is at risk here
 
 
@@ -80,6 +82,7 @@ class Source:
 
     @property
     def is_live(self) -> bool:
+        """Whether the source goes on without end."""
         return self.duration is None
 
     @property
@@ -169,16 +172,14 @@ class Source:
 
     def _sensor_messages(self) -> Iterator[Message]:
         if self.recording is not None:
-            measured = self.playback.of(partial(recorded_stream, self.recording))
-            later = later_truths(recorded_truths(self.recording), self.truth)
-            yield from with_truths(measured, later)
+            yield from recorded_with_truths(self.recording, self.playback, self.truth)
             return
         towers = [simulated_tower(member) for member in farm_members(self.scenario)]
         yield from (layout for tower in towers for layout in tower.layouts)
         yield from heapq.merge(*(self._simulated(tower) for tower in towers), key=_begin)
 
     def _simulated(self, tower: SimulatedTower) -> Iterator[Message]:
-        """Everything of one turbine but its layout and the truth that was said already."""
+        """Everything of one turbine but its layout and the truth that was published already."""
         return with_truths(tower.messages(), later_truths(simulated_truths(tower), self.truth))
 
 
@@ -191,28 +192,6 @@ def _begin(message: Message) -> int:
             return message.time_ns
         case _:
             return 0
-
-
-def due_of(message: Message) -> int | None:
-    """Return when a message is given [ns]; None: at once."""
-    if isinstance(message, AccelerationBlock | SensorLayout | ScadaSample):
-        return due_time(message)
-    return None
-
-
-class MonotonicClock:
-    """The machine's own clock, for pacing; a wait ends early when the session is to end."""
-
-    def __init__(self, stopping: threading.Event) -> None:
-        self._stopping = stopping
-
-    def now(self) -> float:
-        """[s]"""
-        return time.monotonic()
-
-    def wait(self, seconds: float) -> None:
-        """Return after that time, or when the session is to end."""
-        self._stopping.wait(seconds)
 
 
 def open_source(text: str | None, scenario: str | None = None) -> Source:
@@ -272,6 +251,8 @@ def _default_source(scenario: str | None) -> Source:
     own = sorted(DEFAULT_RECORDING.parent.glob("*.mcap"))
     if len(own) == 1:  # a folder that `pilewatch new` made
         return replayed(own[0], scenario)
+    if SHIPPED_RECORDING.exists() and not own:
+        return replayed(SHIPPED_RECORDING, scenario)
     raise SourceError(
         f"there is no {DEFAULT_RECORDING} in this folder; make one with "
         f"`pilewatch simulate {DEFAULT_SCENARIO} -o {DEFAULT_RECORDING}`, "
@@ -285,42 +266,24 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
     Under its own (the newest's) scenario unless another is named.
     """
     infos = [recording_info(file) for file in recordings_in(path)]
-    info = infos[-1]
-    if not info.units or not info.layouts:
-        raise SourceError(f"{path} holds no acceleration blocks with their layout")
-    stored = info.metadata.get("scenario")
+    recorded = source_of(path, infos)
+    stored = infos[-1].metadata.get("scenario")
     if scenario is not None:
         chosen = load_scenario(scenario)
     elif stored:
         chosen = scenario_from_metadata(stored, f"scenario in {path}")
     else:
         report_modes_only(str(path))
-        chosen = modes_only(info.layouts[0].turbine)
-    layout = joined_layout(_units_of(info.layouts, info.layouts[0].turbine))
+        chosen = modes_only(recorded.layout.turbine)
     return Source(
-        text=f"replay:{path}",
+        text=recorded.text,
         scenario=chosen,
-        layout=layout,
-        truth=stored_truth(info.metadata, layout.turbine),
-        duration=_duration(infos),
+        layout=recorded.layout,
+        truth=recorded.truth,
+        duration=recorded.duration,
         recording=path,
-        layouts={
-            each: joined_layout(_units_of(info.layouts, each))
-            for each in dict.fromkeys(layout.turbine for layout in info.layouts)
-        },
+        layouts=recorded.layouts,
     )
-
-
-def _duration(infos: Sequence[RecordingInfo]) -> float:
-    units = [unit for info in infos for unit in info.units]
-    span_ns = max(unit.end_ns for unit in units) - min(unit.start_ns for unit in units)
-    return span_ns / NANOSECONDS
-
-
-def _units_of(layouts: Sequence[SensorLayout], turbine: str) -> list[SensorLayout]:
-    """The newest layout of each of the turbine's units, in their order."""
-    newest = {layout.unit: layout for layout in layouts if layout.turbine == turbine}
-    return [newest[unit] for unit in sorted(newest)]
 
 
 def simulated(scenario: Scenario) -> Source:

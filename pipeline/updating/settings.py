@@ -10,6 +10,7 @@ from pipeline.updating.prior import PriorSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.registry import SamplingSettings
 from pipeline.updating.structural.settings import StructureSettings
+from sensors.settings import NO_KEY
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,5 +24,7 @@ class UpdatingSettings:
     sampler: SamplerSettings = field(default_factory=SamplerSettings)  # emcee's
     guards: AcceptanceSettings = field(default_factory=AcceptanceSettings)
     change: ChangeSettings = field(default_factory=ChangeSettings)
-    structure: StructureSettings = field(default_factory=StructureSettings)  # section [structure]
+    structure: StructureSettings = field(
+        default_factory=StructureSettings, metadata=NO_KEY
+    )  # [structure]
     population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none

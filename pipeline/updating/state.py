@@ -40,6 +40,7 @@ class UpdatingState:
     recent: tuple[RecentWindow, ...] = ()  # from which the evidence is begun anew after a change
     sensitivities: tuple[TrackSensitivity, ...] = ()  # of the last posterior's pairs
     joint: tuple[WarmStart, ...] = ()  # of each alternative of an uncertain structure, best first
+    sensor_fault: str = ""  # name of the one that the last posterior found
     reference: ModalEvidence | None = None  # of the windows before the last event
     reference_ns: int = 0  # start of the last of them
 

@@ -261,6 +261,7 @@ class FoundationUpdater:
             state.joint,
             np.random.default_rng([self._seed, estimate.window]),
             reference=state.reference,
+            last_fault=state.sensor_fault,
         )
         if found is None:
             raise without_partner(len(state.evidence.modes))
@@ -284,6 +285,7 @@ class FoundationUpdater:
             median=fit.coordinates.springs(u) / fit.coordinates.nominal,
             sensitivities=_joint_sensitivities(found, mode_labels(found, model)),
             joint=found.warm_starts,
+            sensor_fault="" if found.fault is None else found.fault.name,
         )
         change = self._change_probability(state.change, after.sensitivities, estimate.duration)
         name = "" if self._population is None else self._population.name

@@ -54,13 +54,17 @@ def session_blueprint(
 def turbine_tabs(parameters: ViewParameters, *, tab: str = TABS[0]) -> rrb.Tabs:
     """Return Overview, Signals, Modes, Foundation and Health of one turbine."""
     root = turbine_path(parameters.turbine)
+    tabs = {
+        "Overview": _overview(root, parameters),
+        "Signals": _signals(root, parameters),
+        "Modes": _modes(root, parameters),
+    }
+    if parameters.has_structure:
+        tabs["Foundation"] = _foundation(root, parameters)
+    tabs["Health"] = _health(root)
     return rrb.Tabs(
-        _overview(root, parameters),
-        _signals(root, parameters),
-        _modes(root, parameters),
-        _foundation(root, parameters),
-        _health(root),
-        active_tab=TABS.index(tab),
+        *tabs.values(),
+        active_tab=list(tabs).index(tab) if tab in tabs else 0,
         name=parameters.turbine,
     )
 
@@ -68,13 +72,20 @@ def turbine_tabs(parameters: ViewParameters, *, tab: str = TABS[0]) -> rrb.Tabs:
 def _overview(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     return rrb.Horizontal(
         _tower(root, parameters),
-        rrb.Vertical(*_stiffness_bands(root), _shapes(root, parameters), row_shares=[7, 7, 7, 10]),
+        _overview_plots(root, parameters),
         rrb.Vertical(
             _indicators(root), _status(root), events_view(f"{root}/events"), row_shares=[2, 5, 4]
         ),
         column_shares=[5, 8, 6],
         name="Overview",
     )
+
+
+def _overview_plots(root: str, parameters: ViewParameters) -> rrb.Vertical:
+    shapes = _shapes(root, parameters)
+    if not parameters.has_structure:
+        return rrb.Vertical(_frequencies(root, parameters), shapes, row_shares=[1, 1])
+    return rrb.Vertical(*_stiffness_bands(root), shapes, row_shares=[7, 7, 7, 10])
 
 
 def _signals(root: str, parameters: ViewParameters) -> rrb.Horizontal:
@@ -92,25 +103,29 @@ def _modes(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     return rrb.Horizontal(
         rrb.Vertical(
             _stabilisation(root),
-            _frequencies(root, parameters),
+            _frequency_changes(root),
             _damping(root, parameters),
-            row_shares=[4, 3, 2],
+            row_shares=[4, 3, 3],
         ),
         rrb.Vertical(
-            rrb.Tabs(
-                rrb.Grid(
-                    *[_track(root, label) for label in parameters.modes],
-                    grid_columns=4,
-                    name="Natural frequencies: identified ± 2 std (blue), model (orange)",
-                ),
-                _matrix(root),
-            ),
+            _tracks(root, parameters),
             _shapes(root, parameters),
             row_shares=[5, 3],
         ),
         column_shares=[2, 3],
         name="Modes",
     )
+
+
+def _tracks(root: str, parameters: ViewParameters) -> rrb.Tabs | rrb.Grid:
+    """Return a grid of the modes' tracks, in tabs with the MAC matrix where there is a model."""
+    model = ", model (orange)" * parameters.has_structure
+    grid = rrb.Grid(
+        *[_track(root, label) for label in parameters.modes],
+        grid_columns=4,
+        name=f"Natural frequencies: identified ± 2 std (blue){model}",
+    )
+    return rrb.Tabs(grid, _matrix(root)) if parameters.has_structure else grid
 
 
 def _foundation(root: str, parameters: ViewParameters) -> rrb.Horizontal:
@@ -237,7 +252,9 @@ def _indicators(root: str) -> rrb.Spatial2DView:
 def _tower(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin=f"{root}/tower",
-        name="Tower, sensors, sea and mudline [m]",
+        name="Tower, sensors, sea and mudline [m]"
+        if parameters.has_structure
+        else "Sensors by height [m]",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
             position=[360.0, 270.0, parameters.mid_height + 60.0],
@@ -251,7 +268,9 @@ def _shapes(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
     middle = (len(parameters.modes) - 1) / 2 * SPACING / 2**0.5
     return rrb.Spatial3DView(
         origin=f"{root}/shapes",
-        name="Mode shapes: model (line), identified (dots; –: not found); direction, f [Hz], MAC",
+        name="Mode shapes: model (line), identified (dots; –: not found); direction, f [Hz], MAC"
+        if parameters.has_structure
+        else "Mode shapes at the sensors, as identified; direction, f [Hz]",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
             position=[-middle + 208.0, middle + 208.0, parameters.mid_height],
@@ -278,11 +297,19 @@ def _accelerations(root: str, layout: SensorLayout, axis: int, name: str) -> rrb
     along = [abs(channel.direction[axis]) > 0.7 for channel in layout.channels]
     return rrb.TimeSeriesView(
         origin=path,
-        name=f"Acceleration {name} of unit {layout.unit} [m/s²]",
+        name=f"{_quantity(layout)[0]} {name} of unit {layout.unit} [{_quantity(layout)[1]}]",
         overrides={path: rr.SeriesLines(visible_series=along)},
         **whole_session(),
         plot_legend=rrb.PlotLegend("LeftTop"),
     )
+
+
+def _quantity(layout: SensorLayout) -> tuple[str, str]:
+    """Return the quantity and unit of a layout's channels."""
+    units = {channel.unit for channel in layout.channels}
+    if units == {"m/s²"}:
+        return "Acceleration", "m/s²"
+    return "Signal", ", ".join(sorted(units - {""})) or "unscaled"
 
 
 def _track(root: str, label: str) -> rrb.TimeSeriesView:
@@ -297,27 +324,36 @@ def _track(root: str, label: str) -> rrb.TimeSeriesView:
 
 
 def _frequencies(root: str, parameters: ViewParameters) -> rrb.TimeSeriesView:
-    model = [f"{mode_path(root, label)}/model" for label in parameters.modes]
+    model = [
+        f"{mode_path(root, label)}/model" for label in parameters.modes if parameters.has_structure
+    ]
     return rrb.TimeSeriesView(
         origin=root,
-        contents=[f"{root}/frequencies/**", *model],
-        name="Natural frequencies [Hz]: blue fore-aft, purple side-side, orange model",
+        contents=[f"{root}/frequencies/identified/**", *model],
+        name="Natural frequencies [Hz]: blue fore-aft, purple side-side"
+        + ", orange model" * parameters.has_structure,
         **whole_session(),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 
 
+def _frequency_changes(root: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=f"{root}/frequencies/change",
+        name="Change of natural frequencies since their first window [%]",
+        **whole_session(),
+        plot_legend=rrb.PlotLegend("LeftTop"),
+    )
+
+
 def _damping(root: str, parameters: ViewParameters) -> rrb.TimeSeriesView:
     paths = [f"{mode_path(root, label)}/damping" for label in parameters.modes]
-    middle = rr.SeriesLines(visible_series=[False, True, False])  # bands would hide each other
-    points = rr.SeriesPoints(visible_series=[False, True, False])
     return rrb.TimeSeriesView(
         origin=f"{root}/modes",
         contents=paths,
         name="Damping ratios [% of critical], one line per mode",
-        overrides={path: [middle, points] for path in paths},
         **whole_session(),
-        plot_legend=rrb.PlotLegend(visible=False),
+        plot_legend=rrb.PlotLegend("LeftTop"),
     )
 
 

@@ -1,11 +1,13 @@
 """Draw the modes of one turbine, identified and modelled: tracks, moving shapes, MAC."""
 
+import numpy as np
 import rerun as rr
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
 from pipeline.viewer.drawing import plots_2d as plane_views
 from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
+from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.mac_matrix import mac_matrix
 from pipeline.viewer.pictures.scene import (
     Deflection,
@@ -49,6 +51,7 @@ class ModeView:
         self._drawn_until_ns: dict[
             str, int
         ] = {}  # shown shape → time until which its frames are out
+        self._shapes: dict[str, FloatArray] = {}  # latest identified shape, without a model
         self._full_swing_ns: int | None = None  # end of the first window with a posterior
         self._log_places()
 
@@ -86,6 +89,40 @@ class ModeView:
         if self._full_swing_ns is None:
             self._full_swing_ns = posterior.time_ns
 
+    def draw_estimate(self, estimate: ModalEstimate, layout: SensorLayout | None) -> None:
+        """Draw the tracks and shapes of identified modes where there is no model."""
+        self._add_labels([mode.name for mode in estimate.modes if mode.name])
+        for mode in estimate.modes:
+            if mode.name in self._labels:
+                track_views.log_identified(self._recording, self._root, mode.name, mode)
+                if layout is not None:
+                    self._draw_measured_shape(mode, estimate, layout)
+        if self._full_swing_ns is None:
+            self._full_swing_ns = estimate.end_ns
+
+    def _add_labels(self, names: list[str]) -> None:
+        new = [name for name in names if name not in self._labels]
+        if new:
+            self._labels = (*self._labels, *new)[:MAX_MODES]
+            self._log_places(colours.MEASURED)
+
+    def _draw_measured_shape(
+        self, mode: Mode, estimate: ModalEstimate, layout: SensorLayout
+    ) -> None:
+        """Draw an identified shape at its sensors, largest component 1, in a steady sign."""
+        shape = mode.shape / np.abs(mode.shape).max()
+        before = self._shapes.get(mode.name)
+        if before is not None and before.shape == shape.shape and before @ shape < 0:
+            shape = -shape
+        self._shapes[mode.name] = shape
+        drawn = deflection(layout, estimate.channels, shape).scaled(self._outline.scale)
+        tower_views.log_model_shape(self._recording, self._root, mode.name, drawn)
+        tower_views.log_identified_shape(self._recording, self._root, mode.name, drawn)
+        foot = self._outline.mudline - CAPTION_DEPTH
+        lines = [drawn.direction, f"{mode.frequency:.3g}"]
+        tower_views.log_shape_caption(self._recording, self._root, mode.name, lines, foot=foot)
+        self._drawn_until_ns.setdefault(mode.name, estimate.end_ns)
+
     def extend_motion(self, now_ns: int, *, at_least: float) -> None:
         """Frames of every shown shape up to `now_ns`, where `at_least` [s] of them are due."""
         if self._full_swing_ns is None:
@@ -101,10 +138,12 @@ class ModeView:
             tower_views.log_swing(self._recording, self._root, label, frames)
             self._drawn_until_ns[label] = now_ns + 1
 
-    def _log_places(self) -> None:
+    def _log_places(self, colour: colours.Colour = colours.MODEL) -> None:
         for slot, label in enumerate(self._labels):
             track_views.log_mode_styles(self._recording, self._root, label, slot)
-            tower_views.log_shape_place(self._recording, self._root, label, slot, self._outline)
+            tower_views.log_shape_place(
+                *(self._recording, self._root, label, slot, self._outline), colour=colour
+            )
 
     def _draw_track(self, label: str, frequency: float, mode: Mode | None) -> None:
         track_views.log_model_frequency(self._recording, self._root, label, frequency)

@@ -55,13 +55,19 @@ class RerunStream:
     """
 
     def __init__(
-        self, output: ViewerOutput, description: TurbineDescription, *, session: str
+        self,
+        output: ViewerOutput,
+        description: TurbineDescription,
+        *,
+        session: str,
+        has_structure: bool = True,
     ) -> None:
         to_file = isinstance(output, RrdFile)
         self._output = output
         self._session = session
         self._day: int | None = None  # of the file, counted from 1970; None before the first block
         self._description = description
+        self._has_structure = has_structure
         self._rates = TO_FILE if to_file else TO_VIEWER
         self._timeout = FILE_TIMEOUT if to_file else VIEWER_TIMEOUT
         self._recording = open_recording(output, recording_id=session)
@@ -142,7 +148,9 @@ class RerunStream:
     def _view_of(self, turbine: str) -> TurbineView:
         if turbine not in self._views:
             self._views[turbine] = TurbineView(
-                self._recording, turbine, self._description, rates=self._rates
+                *(self._recording, turbine, self._description),
+                rates=self._rates,
+                has_structure=self._has_structure,
             )
             if len(self._views) > 1:
                 for view in self._views.values():

@@ -81,6 +81,7 @@ class TurbineView:
         *,
         rates: UpdateRates,
         labels: tuple[str, ...] | None = None,
+        has_structure: bool = True,
     ) -> None:
         """Draw the static parts.
 
@@ -88,11 +89,14 @@ class TurbineView:
         ----------
         labels : tuple[str, ...] | None, optional
             Labels of the modes to draw; None: those of the description.
+        has_structure : bool, optional
+            False: no structural model; the identified modes are drawn by themselves.
         """
         self._recording = recording
         self._turbine = turbine
         self._description = description
         self._root = turbine_path(turbine)
+        self._has_structure = has_structure
         self._outline = outline(description)
         self._rates = rates
         if labels is None:
@@ -104,13 +108,14 @@ class TurbineView:
         foundation_views.log_foundation_styles(recording, root)
         self._modes = ModeView(recording, root, self._outline, labels=labels, rates=rates)
         self._nodes = NodeView(recording, root, period=rates.nodes)
-        self._status = SessionStatus(turbine, title=description.title)
+        self._status = SessionStatus(turbine, title=description.title, has_structure=has_structure)
         self._estimates: dict[int, ModalEstimate] = {}  # by window, those without a posterior yet
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
         self._truth: FoundationTruth | None = None
         self._sized = False  # a change of known size was detected
         self._in_farm = False  # one of several turbines
         self._styled: set[str] = set()
+        self._first_frequencies: dict[str, float] = {}  # by track [Hz]
         self._now_ns = 0  # latest sensor time seen
         self._at_ns = 0  # sensor time of what is being drawn
 
@@ -132,6 +137,7 @@ class TurbineView:
         return ViewParameters(
             *(self._turbine, self._layouts.all, self._modes.labels, middle),
             self._sized,
+            self._has_structure,
         )
 
     def copy_to(self, recording: rr.RecordingStream) -> "TurbineView":
@@ -140,6 +146,7 @@ class TurbineView:
             *(recording, self._turbine, self._description),
             rates=self._rates,
             labels=self._modes.labels,
+            has_structure=self._has_structure,
         )
         view._status, view._truth = self._status, self._truth
         view._estimates = self._estimates
@@ -154,7 +161,7 @@ class TurbineView:
         """Draw the sensors on the tower and name the signals."""
         self._layouts.add(layout)
         track_views.log_signal_style(self._recording, self._root, layout)
-        tower_views.log_sensors(self._recording, self._root, layout)
+        tower_views.log_sensors(self._recording, self._root, layout, scale=self._outline.scale)
 
     def draw_block(self, block: AccelerationBlock) -> None:
         """Draw accelerations at display rate, gathered into chunks."""
@@ -168,11 +175,18 @@ class TurbineView:
         self._estimates[estimate.window] = estimate
         layout = self._layouts.named(estimate.layout_id)
         self._at(estimate.end_ns)
-        track_views.log_estimate(self._recording, self._root, estimate, layout, styled=self._styled)
+        track_views.log_estimate(
+            *(self._recording, self._root, estimate, layout),
+            styled=self._styled,
+            first=self._first_frequencies,
+        )
         frequencies = [mode.frequency for mode in estimate.modes]
         self._found = (estimate.window, frequencies)
         self._event(f"window {estimate.window}: {frequencies_text(frequencies)}")
         self._signals.draw_spectrum(estimate)
+        if not self._has_structure:
+            self._modes.draw_estimate(estimate, layout)
+            self._modes.extend_motion(self._now_ns, at_least=self._rates.swing_chunk)
         self._status.take(estimate)
         self._draw_status()
 

@@ -24,6 +24,8 @@ class ViewParameters:
     """Elevation at which the camera looks [m]."""
     sized: bool = False
     """Whether a change of known size was detected; it gets a plot."""
+    has_structure: bool = True
+    """Whether there is a structural model; without one the tabs have modes only."""
 
 
 def whole_session() -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The node that draws a session in Rerun while it runs, or writes it to a .rrd file."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from pipeline.messages import (
     FoundationEvent,
@@ -14,7 +14,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.node import NodeStatistics
-from pipeline.viewer.outputs.drawing_thread import DirectDrawing, DrawingThread
+from pipeline.viewer.outputs.drawing_thread import DirectDrawing, Drawing, DrawingThread
 from pipeline.viewer.outputs.outputs import (
     ConnectedViewer,
     RrdFile,
@@ -40,7 +40,9 @@ class Viewer:
         The turbine's geometry and its reference modes.
     session : str
         Names the recording in the viewer.
-    unhurried : bool, optional
+    has_structure : bool, optional
+        False: modes only; the description is drawn but stands for no structural model.
+    wait_for_viewer : bool, optional
         True: a viewer, which must be there, is waited for as a file is, so that nothing is left
         out. Only where no measurement can be held up: a recording that is drawn afterwards.
     strict : bool, optional
@@ -73,6 +75,7 @@ class Viewer:
         description: TurbineDescription,
         *,
         session: str,
+        has_structure: bool = True,
         wait_for_viewer: bool = False,
         strict: bool = False,
     ) -> None:
@@ -81,10 +84,13 @@ class Viewer:
             RerunStream,  # here, so that all but pictures runs without rerun
         )
 
+        def stream(to: ViewerOutput) -> RerunStream:
+            return RerunStream(to, description, session=session, has_structure=has_structure)
+
         self._drawings: tuple[DirectDrawing | DrawingThread, ...] = tuple(
-            DirectDrawing(RerunStream(output, description, session=session), strict=strict)
+            DirectDrawing(stream(output), strict=strict)
             if wait_for_viewer or isinstance(output, RrdFile)
-            else DrawingThread(_reconnecting_viewer(output, description, session=session))
+            else DrawingThread(_reconnecting_viewer(output, stream))
             for output in outputs
         )
 
@@ -107,12 +113,12 @@ class Viewer:
 
 
 def _reconnecting_viewer(
-    output: SpawnedViewer | ConnectedViewer, description: TurbineDescription, *, session: str
+    output: SpawnedViewer | ConnectedViewer, stream: Callable[[ViewerOutput], Drawing]
 ) -> ReconnectingViewer:
     """Return a drawing on a viewer that may disconnect; one to be started is started here, once."""
     from pipeline.viewer.outputs.viewer_process import spawn_viewer
-    from pipeline.viewer.rerun_stream import RerunStream
 
     if isinstance(output, SpawnedViewer):
         output = ConnectedViewer(spawn_viewer(output.port))
-    return ReconnectingViewer(output.url, lambda: RerunStream(output, description, session=session))
+    connected = output
+    return ReconnectingViewer(connected.url, lambda: stream(connected))

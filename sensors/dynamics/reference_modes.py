@@ -104,6 +104,6 @@ def _near(mode: ReferenceMode, modes: FullModes, *, taken: Iterable[int]) -> lis
 
 
 def _further_labels(used: set[str], count: int) -> list[str]:
-    """Numbers that go on after the listed names: '12', '13', …"""
+    """Return numbers that continue the listed names: '12', '13', …."""
     numbers = (str(number) for number in range(len(used) + 1, len(used) + count + 2 + len(used)))
     return [number for number in numbers if number not in used][:count]

@@ -18,8 +18,9 @@ def modes_in_water(
     frequencies: FloatArray,
     rise: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Frequencies, (n_modes,) [Hz], and shapes as read, (n_modes, n_channels) [-], with the water
-    risen above the description's level by so much [m]; as they are for a turbine on land.
+    """Return the modes with the water risen above the description's level by so much [m].
+
+    Frequencies, (n_modes,) [Hz], and shapes as read, (n_modes, n_channels) [-]; unchanged on land.
 
     Parameters
     ----------
@@ -53,8 +54,9 @@ def modes_in_water(
 
 
 def _static_responses(model: StructuralModel, mass: FloatArray, modes: FloatArray) -> FloatArray:
-    """(n_dofs, n): to forces where `mass` differs from the model's, what the modes hold of them
-    taken out, independent of each other.
+    """Return responses to forces where `mass` differs from the model's, (n_dofs, n).
+
+    The modes' part of them is taken out; they are independent of each other.
     """
     changed = np.flatnonzero(np.abs(mass - model.mass).max(axis=0) > 0)
     forces = np.zeros((len(mass), len(changed)))

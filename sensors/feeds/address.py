@@ -1,7 +1,7 @@
 """How a feed is named: a URL that tells protocol, place and options.
 
     mqtt://[USER@]HOST[:1883]/TOPIC[?OPTIONS]     mqtts:// with TLS, port 8883
-    seedlink://HOST[:18000]/NET.STA[,NET.STA…]
+    seedlink://HOST[:18000]/NET.STA[,NET.STA…]    seedlinks:// with TLS, port 18500
     udp://[HOST]:PORT
     scada+mqtt://HOST/TOPIC                       what the controller says, as JSON
     scada+csv:FILE                                …, or as a CSV file that grows
@@ -25,13 +25,13 @@ _COMMON = ("rate", "wait")
 _SECURITY = ("ca", "cert", "key", "password-file")
 _SCADA = ("time", "state", "wind_speed", "rotor_speed", "pitch", "yaw", "power", "water_level")
 OPTIONS = {  # by scheme
-    "mqtt": (*_COMMON, *_SECURITY, "qos", "mqtt", "format", "client", "key-file"),
-    "seedlink": (*_COMMON,),
+    "mqtt": (*_COMMON, *_SECURITY, "qos", "mqtt", "format", "client", "key-file", "mapping"),
+    "seedlink": (*_COMMON, "ca"),
     "udp": (*_COMMON, "key-file"),
     "scada+mqtt": (*_SECURITY, "qos", "mqtt", "client", *_SCADA),
     "scada+csv": ("from", *_SCADA),
 }
-PORTS = {"mqtt": 1883, "mqtts": 8883, "seedlink": 18000}
+PORTS = {"mqtt": 1883, "mqtts": 8883, "seedlink": 18000, "seedlinks": 18500}
 
 _PARTS = re.compile(r"(?P<host>\[[^\]]*\]|[^:/]*)(:(?P<port>[^/]*))?(/(?P<path>.*))?")
 
@@ -93,15 +93,14 @@ class FeedAddress:
 
 def is_feed(text: str) -> bool:
     """Whether a text begins as the address of a feed does."""
-    scheme = text.partition(":")[0].replace("mqtts", "mqtt")
+    scheme, _ = _without_tls(text.partition(":")[0])
     return scheme in OPTIONS and (text.startswith("scada+csv:") or "://" in text)
 
 
 def parsed(text: str) -> FeedAddress:
     """The parts of a feed's URL. Raises FeedError for one that cannot be understood."""
     scheme, colon, rest = text.partition(":")
-    tls = scheme.endswith("mqtts")
-    kind = scheme.replace("mqtts", "mqtt")
+    kind, tls = _without_tls(scheme)
     if kind not in OPTIONS or not colon:
         raise FeedError(
             f"{text!r} is no feed; one begins with mqtt://, mqtts://, seedlink://, udp://, "
@@ -125,10 +124,16 @@ def parsed(text: str) -> FeedAddress:
         )
     found = _PARTS.fullmatch(place)
     assert found is not None
-    port = _port(text, found["port"], PORTS.get("mqtts" if tls else kind.removeprefix("scada+")))
+    port = _port(text, found["port"], PORTS.get(kind.removeprefix("scada+") + "s" * tls))
     host, path = found["host"].strip("[]"), unquote(found["path"] or "")
     _check(text, kind, host, path)
     return FeedAddress(text, kind, host, port, path, unquote(user), tls, options)
+
+
+def _without_tls(scheme: str) -> tuple[str, bool]:
+    """The scheme without its last s, and whether that s means TLS."""
+    tls = scheme.endswith(("mqtts", "seedlinks"))
+    return (scheme[:-1] if tls else scheme), tls
 
 
 def _options(text: str, kind: str, query: str) -> dict[str, str]:

@@ -4,9 +4,10 @@ import asyncio
 import threading
 from collections.abc import Iterator
 
-from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.assembly.assembler import Assembler
+from sensors.feeds.position import FeedPosition
 from sensors.feeds.protocol import Arrival, ChannelSamples, Feed, FeedCounts, Inbox
 
 TICK = 0.1  # how often somebody may look at the clock, when nothing comes [s]
@@ -18,10 +19,14 @@ class LiveFeed:
     """One instrument: its feed, and what puts its channels together.
 
     assembler   None: the feed gives no accelerations
+    position    how far the source was published before
     """
 
-    def __init__(self, feed: Feed, assembler: Assembler | None) -> None:
+    def __init__(
+        self, feed: Feed, assembler: Assembler | None, position: FeedPosition | None = None
+    ) -> None:
         self._feed, self._assembler = feed, assembler
+        self._position = position or FeedPosition(None)
 
     @property
     def name(self) -> str:
@@ -59,13 +64,28 @@ class LiveFeed:
                 yield from self._taken(arrival)
             yield None
         if self._assembler is not None:
-            yield from self._assembler.finish()
+            yield from self._published(self._assembler.finish())
+        self._position.save()
+
+    @property
+    def absent(self) -> float:
+        """Measured time before a restart that the source no longer had [s]."""
+        return self._position.absent_ns / NANOSECONDS
 
     def _taken(self, arrival: Arrival) -> Iterator[Measured]:
         if not isinstance(arrival, ChannelSamples):
             yield arrival
         elif self._assembler is not None:
-            yield from self._assembler.push(arrival)
+            piece = self._position.unpublished(arrival)
+            if piece is not None:
+                yield from self._published(self._assembler.push(piece))
+
+    def _published(self, blocks: Iterator[AccelerationBlock]) -> Iterator[AccelerationBlock]:
+        """The position moves when the caller comes back for more: then a block is published."""
+        for block in blocks:
+            yield block
+            period_ns = NANOSECONDS / block.sampling_rate
+            self._position.published(block.start_ns, block.end_ns, period_ns)
 
 
 def batches(feed: Feed, stopping: threading.Event) -> Iterator[list[Arrival]]:

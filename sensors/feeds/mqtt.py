@@ -2,8 +2,9 @@
 
     mqtt://[USER@]HOST/TOPIC[?qos=1&format=auto&rate=40&client=NAME]
 
-A message is told by itself (format=auto), or by the option: `json` (`json_samples.py`), `float32`
-(`frame.py`) or `cpsens` (`cpsens.py`). With client=NAME the broker keeps what comes while the link
+A message's format is recognised (format=auto), or given by the option: `json` (`json_samples.py`),
+`float32` (`frame.py`) or `cpsens` (`cpsens.py`); mapping=NAME or mapping=FILE reads other JSON and
+Sparkplug B (`mapping.py`). With client=NAME the broker keeps what comes while the link
 is cut (quality of service 1 or 2), and gives it afterwards; without, it is lost, and counted where
 messages are numbered. mqtt=5 speaks MQTT 5 instead of 3.1.1. mqtts:// checks the broker's
 certificate, by the authorities in ca=FILE or the system's; cert=FILE and key=FILE are the client's
@@ -12,9 +13,11 @@ own.
 
 import logging
 import re
+import socket
 import ssl
 import time
 from collections.abc import Iterator
+from hashlib import sha256
 from importlib import import_module
 from typing import Any, Protocol
 
@@ -24,6 +27,8 @@ from sensors.feeds.payloads.cpsens import CpSensReader, is_cpsens
 from sensors.feeds.payloads.frame import MAGIC
 from sensors.feeds.payloads.frame_reader import FrameReader
 from sensors.feeds.payloads.json_samples import JsonReader, MessageError, json_of
+from sensors.feeds.payloads.mapped_reader import MappedReader
+from sensors.feeds.payloads.mapping import mapping_named
 from sensors.feeds.payloads.scada import RisingTimes, ScadaReader
 from sensors.feeds.protocol import Arrival, FeedCounts, FeedError, Inbox
 from sensors.feeds.reconnect import LinkError, kept_connected
@@ -56,16 +61,24 @@ class MqttFeed:
     reader   of the messages
     counts   that the reader writes too
     once     give up where the broker cannot be reached at the start
+    keeps    let the broker keep what comes while this feed is away, also without client=NAME
 
     Raises FeedError where aiomqtt is missing, and for options that are none.
     """
 
     def __init__(
-        self, address: FeedAddress, reader: Reader, counts: FeedCounts, *, once: bool
+        self,
+        address: FeedAddress,
+        reader: Reader,
+        counts: FeedCounts,
+        *,
+        once: bool,
+        keeps: bool = False,
     ) -> None:
         self.name = address.text
         self.counts = counts
         self._address, self._reader, self._once = address, reader, once
+        self._client_id = address.options.get("client") or (_stable_id(address) if keeps else None)
         self._aiomqtt = _aiomqtt()
         self._is_5 = address.one_of("mqtt", ("3.1.1", "5")) == "5"
         self._qos = int(address.one_of("qos", ("1", "0", "2")))
@@ -137,7 +150,7 @@ class MqttFeed:
 
     def _client(self) -> Any:
         address, versions = self._address, self._aiomqtt.ProtocolVersion
-        client = address.options.get("client")
+        client = self._client_id
         kept: dict[str, Any] = {"clean_session": client is None}
         if self._is_5:
             kept = {"clean_start": client is None, "properties": _kept_for_ever(client is not None)}
@@ -167,6 +180,12 @@ class MqttFeed:
             self.counts.refuse(f"{topic}: {error}")
 
 
+def _stable_id(address: FeedAddress) -> str:
+    """The same whenever this machine listens to this address."""
+    place = f"{socket.gethostname()} {address.text}"
+    return f"pilewatch-{sha256(place.encode()).hexdigest()[:12]}"  # 22 letters: MQTT 3.1.1 takes 23
+
+
 def _kept_for_ever(wanted: bool) -> Any:
     """What makes a broker of MQTT 5 keep messages while the link is cut."""
     properties = import_module("paho.mqtt.properties").Properties(
@@ -187,6 +206,10 @@ class SamplesReader:
     def __init__(self, address: FeedAddress, names: tuple[str, ...], counts: FeedCounts) -> None:
         self._format = address.one_of("format", FORMATS)
         self._counts = counts
+        mapping, rate = address.options.get("mapping"), address.number("rate")
+        self._mapped = (
+            None if mapping is None else MappedReader(mapping_named(mapping), names, counts, rate)
+        )
         self._json = JsonReader(names, counts)
         self._frames = FrameReader(names, counts, address.secret("key").encode())
         self._cpsens = CpSensReader(
@@ -194,7 +217,10 @@ class SamplesReader:
         )
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
-        kind = self._format if self._format != "auto" else kind_of(topic, payload)
+        if self._mapped is not None:
+            kind = "mapped"
+        else:
+            kind = self._format if self._format != "auto" else kind_of(topic, payload)
         if retained and not topic.endswith("/metadata"):
             self._counts.retained += 1  # of another time, and its number is no loss
             return
@@ -202,6 +228,9 @@ class SamplesReader:
             piece = self._frames.read(payload, topic)
         else:
             self._counts.received += 1
+            if self._mapped is not None:
+                yield from self._mapped.read(payload, topic)
+                return
             if kind == "json":
                 yield from self._json.read(payload, topic)
                 return

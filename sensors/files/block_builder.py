@@ -1,6 +1,6 @@
 """Files of measurements → AccelerationBlocks, as an acquisition unit would have sent them.
 
-file 1  |‾‾‾‾‾‾‾‾‾‾‾|           pieces with their stamps
+file 1  |‾‾‾‾‾‾‾‾‾‾‾|           chunks with their stamps
 file 2                  |‾‾‾‾|  in order of time, never two at once
           │ BlockCutter
 blocks  |0|1|2|3|4|5|   |9|10|  a second each; a gap ends one, numbers go on behind it
@@ -17,7 +17,7 @@ import numpy as np
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray, IntArray
-from sensors.files.formats import file_pieces
+from sensors.files.formats import read_chunks
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
 
 BLOCK = 1.0  # [s]
@@ -40,7 +40,7 @@ class StampedSamples:
 
 @dataclass(frozen=True, slots=True)
 class MeasurementFile:
-    """One file and what its beginning tells."""
+    """One file and what its beginning states."""
 
     path: Path
     reader: str | None
@@ -49,27 +49,27 @@ class MeasurementFile:
     names: tuple[str, ...]
     units: tuple[str, ...]
     sampling_rate: float | None
-    """Sampling rate [Hz]; None: it does not say."""
+    """Sampling rate [Hz]; None: the file does not state it."""
 
     start_ns: int
     """Time of the first sample [ns since 1970-01-01 UTC]; 0: the file does not state it."""
 
     wanted: Wanted = EVERYTHING
 
-    def pieces(self) -> Iterator[ChannelTable]:
+    def chunks(self) -> Iterator[ChannelTable]:
         """Its samples, its channels in the order of `names`."""
-        for piece in file_pieces(self.path, self.reader, self.wanted):
-            if piece.names == self.names:
-                yield piece
+        for chunk in read_chunks(self.path, self.reader, self.wanted):
+            if chunk.names == self.names:
+                yield chunk
             else:
-                columns = [piece.names.index(name) for name in self.names]
-                yield replace(piece, names=self.names, samples=piece.samples[:, columns])
+                columns = [chunk.names.index(name) for name in self.names]
+                yield replace(chunk, names=self.names, samples=chunk.samples[:, columns])
 
 
-def opened(
+def open_file(
     path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
 ) -> tuple[MeasurementFile, ChannelTable]:
-    """Return a file and its first piece.
+    """Return a file and its first chunk.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def opened(
     ------
     FileError
     """
-    first = next(file_pieces(path, reader, wanted), None)
+    first = next(read_chunks(path, reader, wanted), None)
     if first is None:
         raise FileError(f"{path}: 0 samples; at least two are needed")
     rate = first.sampling_rate
@@ -87,7 +87,7 @@ def opened(
     return MeasurementFile(path, reader, *known, wanted), first
 
 
-def in_order_of_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
+def sort_by_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
     """Files that begin one after the other, with the same channels at the same rate.
 
     Returns
@@ -97,7 +97,7 @@ def in_order_of_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
     Raises
     ------
     FileError
-        For one of several that does not say when it begins, or differs from the first.
+        For one of several that does not state when it begins, or differs from the first.
     """
     if len(files) == 1:
         return list(files)
@@ -133,17 +133,17 @@ def _titled(file: MeasurementFile) -> str:
     return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in titles)
 
 
-def stamped(
-    files: Sequence[MeasurementFile], pieces: Iterable[tuple[int, ChannelTable]], rate: float
+def stamp_samples(
+    files: Sequence[MeasurementFile], chunks: Iterable[tuple[int, ChannelTable]], rate: float
 ) -> Iterator[StampedSamples]:
-    """Yield the pieces with every sample's time; rows without any number are left out as missing.
+    """Yield the chunks with every sample's time; rows without any number are left out as missing.
 
     Parameters
     ----------
     files : Sequence[MeasurementFile]
         Files in order of time.
     pieces : Iterable[tuple[int, ChannelTable]]
-        Pieces of all of them, each with the number of its file.
+        Chunks of all of them, each with the number of its file.
     rate : float
         Rate [Hz], of what has no stamps.
 
@@ -157,14 +157,14 @@ def stamped(
         If time stands still or goes back, within a file or from one to the next.
     """
     counted, current, last_ns, last_file = 0, -1, None, 0
-    for number, piece in pieces:
+    for number, chunk in chunks:
         counted = counted if number == current else 0
         current = number
-        times = piece.times
+        times = chunk.times
         if times is None:
-            times = (counted + np.arange(len(piece.samples))) / rate
-        counted += len(piece.samples)
-        times_ns = piece.start_ns + np.round(times * NANOSECONDS).astype(np.int64)
+            times = (counted + np.arange(len(chunk.samples))) / rate
+        counted += len(chunk.samples)
+        times_ns = chunk.start_ns + np.round(times * NANOSECONDS).astype(np.int64)
         if times_ns[0] < 0:
             raise FileError(
                 f"{files[number].path} begins at {moment(int(times_ns[0]))}, before 1970: its "
@@ -183,9 +183,9 @@ def stamped(
                 "samples instead"
             )
         last_ns, last_file = int(times_ns[-1]), number
-        present = ~np.isnan(piece.samples).all(axis=1)
+        present = ~np.isnan(chunk.samples).all(axis=1)
         if present.any():
-            yield StampedSamples(times_ns[present], piece.samples[present])
+            yield StampedSamples(times_ns[present], chunk.samples[present])
 
 
 def moment(time_ns: int) -> str:
@@ -221,9 +221,9 @@ class BlockCutter:
         self._sequence = 0
         self._end_ns: int | None = None  # one sample after the last one given [ns]
 
-    def push(self, piece: StampedSamples) -> Iterator[AccelerationBlock]:
+    def push(self, chunk: StampedSamples) -> Iterator[AccelerationBlock]:
         """Take more samples; give the blocks that are complete."""
-        self._held = piece if self._held is None else _joined(self._held, piece)
+        self._held = chunk if self._held is None else _join(self._held, chunk)
         yield from self._cut(final=False)
 
     def finish(self) -> Iterator[AccelerationBlock]:
@@ -243,22 +243,23 @@ class BlockCutter:
                 break
             if lost[begin]:
                 self._skip(int(lost[begin]))
-            whole = (
+            complete = (
                 end if end < sure or final else begin + (sure - begin) // self._size * self._size
             )
-            for first in range(begin, whole, self._size):
-                last = min(first + self._size, whole)
+            for first in range(begin, complete, self._size):
+                last = min(first + self._size, complete)
                 yield self._block(int(times_ns[first]), held.samples[first:last])
-            done = whole
-            if whole < end:
+            done = complete
+            if complete < end:
                 break
         self._held = StampedSamples(held.times_ns[done:], held.samples[done:])
         if final:
             self._held = None
 
     def _even(self, times_ns: IntArray) -> tuple[IntArray, IntArray]:
-        """When the samples were taken by a clock that late stamps do not move, (n,) [ns], and how
-        many samples are lost before each, (n,).
+        """Return the samples' times by a clock that late stamps do not move, (n,) [ns].
+
+        The second array, (n,), counts the samples that are lost before each.
         """
         expected = times_ns[0] if self._end_ns is None else self._end_ns
         ahead = (times_ns - expected) * (self._rate / NANOSECONDS) - np.arange(len(times_ns))
@@ -298,7 +299,7 @@ class BlockCutter:
         return block
 
 
-def _joined(a: StampedSamples, b: StampedSamples) -> StampedSamples:
+def _join(a: StampedSamples, b: StampedSamples) -> StampedSamples:
     return StampedSamples(
         np.concatenate([a.times_ns, b.times_ns]), np.concatenate([a.samples, b.samples])
     )

@@ -1,7 +1,7 @@
 """Which reader reads which file.
 
     file ─► reader of its suffix ─► SEP005 channels ─┐
-    text, Parquet ─► pieces ─────────────────────────┴► ChannelTables
+    text, Parquet ─► chunks ─────────────────────────┴► ChannelTables
 
 Other formats plug in as an entry point of the group `pilewatch.files`: its name is the suffix
 ("dxd"), its object any function from a path to a list of SEP005 channels, as the readers called
@@ -18,28 +18,35 @@ from sensors.files.readers.matlab import read_mat
 from sensors.files.readers.miniseed import read_miniseed
 from sensors.files.readers.npz import read_npy, read_npz
 from sensors.files.readers.openfast import read_outb
-from sensors.files.readers.parquet import parquet_pieces
+from sensors.files.readers.parquet import read_parquet_chunks
 from sensors.files.readers.tdms import read_tdms
 from sensors.files.readers.uff import read_uff
-from sensors.files.sep005 import Channel, table_of_channels, titles_of_channels
-from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, existing, whole
-from sensors.files.text.csv import csv_pieces
+from sensors.files.sep005 import Channel, join_channels, list_channels
+from sensors.files.table import (
+    EVERYTHING,
+    ChannelTable,
+    FileError,
+    Wanted,
+    join_chunks,
+    require_file,
+)
+from sensors.files.text.csv import read_csv_chunks
 
 GROUP = "pilewatch.files"  # of entry points
 
-PieceReader = Callable[[Path, Wanted], Iterable[ChannelTable]]
+ChunkReader = Callable[[Path, Wanted], Iterable[ChannelTable]]
 ChannelReader = Callable[[Path], list[Channel]]
 
-IN_PIECES: dict[str, PieceReader] = {
-    "csv": csv_pieces,
-    "tsv": csv_pieces,
-    "txt": csv_pieces,
-    "dat": csv_pieces,  # Campbell's TOA5, and many others
-    "out": csv_pieces,  # OpenFAST
-    "parquet": parquet_pieces,
-    "pq": parquet_pieces,
+CHUNK_READERS: dict[str, ChunkReader] = {
+    "csv": read_csv_chunks,
+    "tsv": read_csv_chunks,
+    "txt": read_csv_chunks,
+    "dat": read_csv_chunks,  # Campbell's TOA5, and many others
+    "out": read_csv_chunks,  # OpenFAST
+    "parquet": read_parquet_chunks,
+    "pq": read_parquet_chunks,
 }
-AS_CHANNELS: dict[str, ChannelReader] = {
+CHANNEL_READERS: dict[str, ChannelReader] = {
     "npz": read_npz,
     "npy": read_npy,
     "h5": read_hdf5,
@@ -68,13 +75,13 @@ def read_file(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
     FileError
         As its reader does.
     """
-    return whole(file_pieces(path, reader, wanted), path)
+    return join_chunks(read_chunks(path, reader, wanted), path)
 
 
-def file_pieces(
+def read_chunks(
     path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
 ) -> Iterator[ChannelTable]:
-    """Yield the channels of a file, in pieces where its format allows it.
+    """Yield the channels of a file, in chunks where its format allows it.
 
     Parameters
     ----------
@@ -95,10 +102,10 @@ def file_pieces(
     """
     channels = _channels(path, reader)
     if channels is not None:
-        yield table_of_channels(channels, path, wanted)
+        yield join_channels(channels, path, wanted)
     else:
         suffix = path.suffix.lower().removeprefix(".")
-        yield from IN_PIECES.get(suffix, csv_pieces)(path, wanted)
+        yield from CHUNK_READERS.get(suffix, read_csv_chunks)(path, wanted)
 
 
 def channels_in(path: Path, reader: str | None = None) -> ChannelTable:
@@ -117,26 +124,26 @@ def channels_in(path: Path, reader: str | None = None) -> ChannelTable:
     """
     channels = _channels(path, reader)
     if channels is None:
-        first = next(file_pieces(path, reader), None)
+        first = next(read_chunks(path, reader), None)
         if first is None:
             raise FileError(f"{path}: 0 samples; at least two are needed")
         return replace(first, samples=first.samples[:0], times=None)
-    return titles_of_channels(channels, path)
+    return list_channels(channels, path)
 
 
 def _channels(path: Path, reader: str | None) -> list[Channel] | None:
-    """The channels of a file that is not read in pieces."""
+    """The channels of a file that is not read in chunks."""
     suffix = path.suffix.lower().removeprefix(".")
     entries = [each for each in entry_points(group=GROUP) if each.name == suffix]
     if reader is not None:
         entries = [EntryPoint("--reader", reader, GROUP)]
     if entries:
         return _by_entry(entries[0], path)
-    return AS_CHANNELS[suffix](path) if suffix in AS_CHANNELS else None
+    return CHANNEL_READERS[suffix](path) if suffix in CHANNEL_READERS else None
 
 
 def _by_entry(entry: EntryPoint, path: Path) -> list[Channel]:
-    """What a reader of somebody else's gives; whatever it raises becomes one line."""
+    """Read a file by a plugged-in reader; any exception of it becomes one line."""
     try:
         read = entry.load()
     except (ImportError, AttributeError, ValueError) as error:
@@ -145,7 +152,7 @@ def _by_entry(entry: EntryPoint, path: Path) -> list[Channel]:
             "package.module:function is needed"
         ) from error
     try:
-        return list(read(existing(path)))
+        return list(read(require_file(path)))
     except FileError:
         raise
     except Exception as error:

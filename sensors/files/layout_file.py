@@ -32,11 +32,10 @@ from sensors.acquisition.layout import (
     SensorLayout,
 )
 from sensors.files.table import ChannelTable, Quantity, TimeColumn, Wanted, in_standard_unit
-from sensors.files.text.time_column import known_unit
 from sensors.settings import settings_from_table
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
-_CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file said its unit itself
+_CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file states its unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,18 +117,18 @@ class LayoutFile:
         Raises
         ------
         LayoutError
-            For a channel that the measurement lacks, and for a unit that it says itself.
+            For a channel that the measurement lacks, and for a unit that it states itself.
         """
         columns = [self._column(channel, table) for channel in self.channels]
         pairs = list(zip(self.channels, columns, strict=True))
         units, factors = zip(*(self._scale(channel, table, i) for channel, i in pairs), strict=True)
-        told = table.stated_quantities or (None,) * len(table.names)
+        stated = table.stated_quantities or (None,) * len(table.names)
         return replace(
             table,
             names=tuple(channel.name for channel in self.channels),
             units=units,
             samples=table.samples[:, columns] * np.array(factors),
-            stated_quantities=tuple(_quantity(channel) or told[i] for channel, i in pairs),
+            stated_quantities=tuple(_quantity(channel) or stated[i] for channel, i in pairs),
         )
 
     def sensor_layout(self, table: ChannelTable) -> SensorLayout:
@@ -166,12 +165,12 @@ class LayoutFile:
 
     def _scale(self, channel: MappedChannel, table: ChannelTable, column: int) -> tuple[str, float]:
         """Unit of a channel's samples, and the factor to it."""
-        said = table.units[column]
+        stated = table.units[column]
         if channel.unit is None:
-            return said, 1.0
-        if said in _CONVERTED:
+            return stated, 1.0
+        if stated in _CONVERTED:
             raise LayoutError(
-                f"{self.origin}: channel {channel.name!r} is in {said} by the measurement's own "
+                f"{self.origin}: channel {channel.name!r} is in {stated} by the measurement's own "
                 f"words; leave unit = {channel.unit!r} out"
             )
         unit, factor = in_standard_unit(channel.unit)
@@ -225,7 +224,11 @@ class _Heading:
     time: TimeColumn | None = None
 
     def __post_init__(self) -> None:
-        if self.time is not None and self.time.unit and known_unit(self.time.unit) is None:
+        if self.time is None or not self.time.unit:
+            return
+        from sensors.files.text.time_column import known_unit  # pyarrow: not on a tower unit
+
+        if known_unit(self.time.unit) is None:
             raise LayoutError(
                 f"[time] unit is {self.time.unit!r}; it can be s, ms, us, ns, min, h or d"
             )
@@ -244,7 +247,7 @@ def _require_heights(channels: Sequence[MappedChannel]) -> None:
 def layout_by_names(
     names: Sequence[str], *, turbine: str = "turbine", unit: str = "tower"
 ) -> LayoutFile | None:
-    """Return the layout that names like "z145-fa" tell, which our own recordings have.
+    """Return the layout that names like "z145-fa" state, which our own recordings have.
 
     None of others.
     """
@@ -281,9 +284,9 @@ def layout_template(table: ChannelTable) -> str:
             "direction = [1.0, 0.0, 0.0]        # of its positive axis, x y z: fill in",
         ]
         if unit not in _CONVERTED:
-            said = f"; the file says {unit!r}" if unit else ""
+            hint = f"; the file states {unit!r}" if unit else ""
             lines += [
-                f'# unit = "m/s²"                    # of its samples{said}',
+                f'# unit = "m/s²"                    # of its samples{hint}',
                 "# sensitivity = 1.0                # samples per unit, e.g. 0.1 for 100 mV per g",
             ]
         lines += ['# quantity = "acceleration"        # velocity, displacement, strain']

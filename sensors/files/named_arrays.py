@@ -1,13 +1,13 @@
 """Named arrays with notes beside them (NPZ, HDF5, TDMS) → SEP005 channels.
 
-None of these formats says how a measurement is written down in it. This is what is understood:
+None of these formats defines how a measurement is stored in it. This is what is understood:
 
 - every series of numbers is a channel, every column of a matrix too, every field of a table; of
   several lengths, the most samples are the measurement;
 - a matrix has as many samples as there are times, else channels as there are names, else its
   longer side is the samples;
 - a series called `t`, `time` or `timestamp` (or a word like it) is the time, see `clock`;
-- notes, which are scalars or texts of the file, or attributes of a group or of an array, say the
+- notes, which are scalars or texts of the file, or attributes of a group or of an array, state the
   rest under one of the names below. What is nearest to the array holds.
 """
 
@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from sensors.files.sep005 import Channel, timestamp_ns
 from sensors.files.table import FileError
 from sensors.files.text.column_titles import is_time_title, split_unit, time_unit
-from sensors.files.text.columns import told_once
+from sensors.files.text.columns import log_once
 from sensors.files.text.time_column import (
     ClockError,
     Scale,
     iso,
     known_unit,
+    parse_start_ns,
     since_1970,
-    stated_moment_ns,
 )
 
 Notes = Mapping[str, Any]
@@ -68,14 +68,16 @@ class NamedArray:
 
     @property
     def group(self) -> str:
+        """Names of its groups, joined by slashes."""
         return self.name.partition("[")[0].rpartition("/")[0]
 
     @property
     def is_time(self) -> bool:
+        """Whether the title names a time."""
         return self.values.ndim == 1 and is_time_title(split_unit(self.title)[0])
 
 
-def channels_of_arrays(arrays: list[NamedArray], path: Path) -> list[Channel]:
+def find_channels(arrays: list[NamedArray], path: Path) -> list[Channel]:
     """Return the channels among the arrays.
 
     Returns
@@ -90,7 +92,7 @@ def channels_of_arrays(arrays: list[NamedArray], path: Path) -> list[Channel]:
     single = [part for array in arrays for part in _simple(array)]
     stamps = [a for a in single if a.is_time and a.values.dtype.kind in "iufM"]
     series = [
-        _upright(a, stamps)
+        _orient(a, stamps)
         for a in single
         if not a.is_time and a.values.ndim in (1, 2) and a.values.dtype.kind in "iuf"
     ]
@@ -101,7 +103,7 @@ def channels_of_arrays(arrays: list[NamedArray], path: Path) -> list[Channel]:
     kept = [each for each in series if _belongs(each, longest, stamps, path)]
     ignored = odd + [each.name for each in series if not any(each is one for one in kept)]
     if ignored:
-        told_once(
+        log_once(
             f"{path}: {', '.join(ignored)} not read: shorter than the others, or no series of "
             "real numbers"
         )
@@ -123,13 +125,13 @@ def _simple(array: NamedArray) -> Iterator[NamedArray]:
         yield replace(array, name=f"{array.group}/{name}".lstrip("/"), values=values[name])
 
 
-def _upright(array: NamedArray, stamps: list[NamedArray]) -> NamedArray:
+def _orient(array: NamedArray, stamps: list[NamedArray]) -> NamedArray:
     """The array with its samples along the first axis."""
     if array.values.ndim < 2:
         return array
     rows, columns = array.values.shape
     lengths = {len(each.values) for each in stamps}
-    named = np.size(_listed_or_nothing(array.notes))
+    named = np.size(_find_names(array.notes))
     lies = columns > rows
     if (rows in lengths) != (columns in lengths):
         lies = columns in lengths
@@ -138,8 +140,8 @@ def _upright(array: NamedArray, stamps: list[NamedArray]) -> NamedArray:
     return replace(array, values=array.values.T) if lies else array
 
 
-def _listed_or_nothing(notes: Notes) -> NDArray[Any]:
-    names = _noted(notes, NAMES)
+def _find_names(notes: Notes) -> NDArray[Any]:
+    names = _find_note(notes, NAMES)
     return np.array([]) if names is None else np.asarray(names)
 
 
@@ -147,7 +149,7 @@ def _belongs(array: NamedArray, longest: int, stamps: list[NamedArray], path: Pa
     length = len(array.values)
     if length == longest:
         return True
-    timed = _nearest(stamps, array) is not None
+    timed = _find_time(stamps, array) is not None
     return length >= NEARLY * longest and not timed and _rate(array, path) is not None
 
 
@@ -158,8 +160,8 @@ def _channels(
     values = array.values
     if values.ndim == 1:
         bare, unit = split_unit(name)
-        said = unit or str(_noted(array.notes, UNIT) or "")
-        yield _channel(values, bare, said, array, stamps, path)
+        stated = unit or str(_find_note(array.notes, UNIT) or "")
+        yield _channel(values, bare, stated, array, stamps, path)
         return
     count = values.shape[1]
     names = _listed(array.notes, NAMES, count, path) or [f"{name}{i + 1}" for i in range(count)]
@@ -178,7 +180,7 @@ def _channel(
     path: Path,
 ) -> Channel:
     channel = Channel(data=values, name=name, unit_str=unit)
-    stamp = _nearest(stamps, array)
+    stamp = _find_time(stamps, array)
     start = None
     if stamp is not None:
         channel["time"], start = _seconds(stamp, path)
@@ -187,16 +189,16 @@ def _channel(
         if rate is not None:
             channel["fs"] = rate
     channel["start_timestamp"] = start or _start(array.notes, path)
-    channel["quantity"] = _noted(array.notes, ("quantity",))
+    channel["quantity"] = _find_note(array.notes, ("quantity",))
     return channel
 
 
 def _rate(array: NamedArray, path: Path) -> float | None:
-    """The sampling rate that its notes say, perhaps as the interval [Hz]."""
-    rate = _noted(array.notes, RATE)
+    """The sampling rate in its notes, perhaps as the interval [Hz]."""
+    rate = _find_note(array.notes, RATE)
     if rate is not None:
         return _number(rate, "the sampling rate", _FREQUENCY, path)
-    step = _noted(array.notes, STEP)
+    step = _find_note(array.notes, STEP)
     if step is None:
         return None
     factors = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "": 1.0}
@@ -206,22 +208,24 @@ def _rate(array: NamedArray, path: Path) -> float | None:
     return 1.0 / seconds
 
 
-def _number(said: Any, what: str, factors: Mapping[str, float], path: Path) -> float:
+def _number(stated: Any, what: str, factors: Mapping[str, float], path: Path) -> float:
     """A number, perhaps with its unit: 50, "50 Hz", several that are equal."""
-    values = np.unique(np.asarray(said))
+    values = np.unique(np.asarray(stated))
     found = _QUANTITY.fullmatch(str(values[0])) if len(values) == 1 else None
     if values.dtype.kind in "iuf" and len(values) == 1 and np.isfinite(values[0]):
         return float(values[0])
     if found is None or found[2].lower() not in factors:
-        raise FileError(f"{path}: {what} is {_shown(said)}; one number is needed")
+        raise FileError(f"{path}: {what} is {_shorten(stated)}; one number is needed")
     return float(found[1]) * factors[found[2].lower()]
 
 
-def _shown(said: Any) -> str:
-    return " ".join(repr(said.tolist() if isinstance(said, np.ndarray) else said).split())[:60]
+def _shorten(stated: Any) -> str:
+    return " ".join(repr(stated.tolist() if isinstance(stated, np.ndarray) else stated).split())[
+        :60
+    ]
 
 
-def _nearest(stamps: list[NamedArray], array: NamedArray) -> NamedArray | None:
+def _find_time(stamps: list[NamedArray], array: NamedArray) -> NamedArray | None:
     """The time of an array: of its own group, else of one around it."""
     fitting = [
         each
@@ -241,18 +245,18 @@ def _seconds(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | 
         since = (values - values[0]) / np.timedelta64(1, "ns")
         return np.asarray(since * 1e-9), str(values[0].astype("datetime64[ns]"))
     try:
-        return _counted(stamp, path)
+        return _convert_numbers(stamp, path)
     except ClockError as error:
         raise FileError(f"{path}: the time {stamp.name!r} {error}") from error
 
 
-def _counted(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | None]:
-    values, noted = stamp.values, str(_noted(stamp.own, UNIT) or "")
+def _convert_numbers(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | None]:
+    values, noted = stamp.values, str(_find_note(stamp.own, UNIT) or "")
     if values.dtype.kind == "u":
         values = values.astype(np.int64)
     since = _SINCE.fullmatch(noted.strip())
     name, unit = split_unit(stamp.title)
-    around = str(_noted(stamp.notes, UNIT) or "")
+    around = str(_find_note(stamp.notes, UNIT) or "")
     unit = (
         unit or time_unit(name) or (since["unit"] if since else noted)
         or (around if known_unit(around) is not None else "")
@@ -271,27 +275,27 @@ def _counted(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | 
 
 
 def _start(notes: Notes, path: Path) -> str | None:
-    """When the first sample was taken; None where the notes do not say, or say nonsense (1904)."""
-    start = _noted(notes, START)
+    """Time of the first sample; None where the notes state none or an impossible one (1904)."""
+    start = _find_note(notes, START)
     if isinstance(start, np.ndarray):
-        raise FileError(f"{path}: the start is {_shown(start)}; one time is needed")
+        raise FileError(f"{path}: the start is {_shorten(start)}; one time is needed")
     if isinstance(start, np.datetime64):
         if not np.datetime64("1973") < start:
             return None
         start = str(start.astype("datetime64[ns]"))
     elif isinstance(start, int | float):
         try:
-            began = stated_moment_ns(start)
+            began = parse_start_ns(start)
         except ClockError as error:
             raise FileError(f"{path}: the start {error}") from error
         start = iso(began) if began else None
-    offset = _noted(notes, OFFSET)
+    offset = _find_note(notes, OFFSET)
     if not start or not offset:
         return str(start) if start else None
     return iso(timestamp_ns(str(start), path) + round(float(offset) * 1e9))
 
 
-def _noted(notes: Notes, names: tuple[str, ...]) -> Any:
+def _find_note(notes: Notes, names: tuple[str, ...]) -> Any:
     """The first of these notes that there is, as a Python value."""
     plain = {key.lower().replace(" ", "_").replace("-", "_"): each for key, each in notes.items()}
     value = next((plain[name] for name in names if name in plain), None)
@@ -304,7 +308,7 @@ def _noted(notes: Notes, names: tuple[str, ...]) -> Any:
 
 def _listed(notes: Notes, names: tuple[str, ...], count: int, path: Path) -> list[str]:
     """One text for each column; one that holds for all is repeated; [] where there is none."""
-    value = _noted(notes, names)
+    value = _find_note(notes, names)
     if value is None:
         return []
     texts = [value] * count if isinstance(value, str) else list(np.asarray(value).reshape(-1))

@@ -58,7 +58,7 @@ class Channel(TypedDict):
     """What is measured: "a", "v", "d" or "e" (strain)."""
 
 
-def table_of_channels(
+def join_channels(
     channels: Sequence[Channel], path: Path, wanted: Wanted = EVERYTHING
 ) -> ChannelTable:
     """Return the channels of one file side by side.
@@ -82,7 +82,7 @@ def table_of_channels(
         channels = _with_time(channels, wanted.time, path)
     names = distinct([str(channel.get("name") or "") for channel in channels])
     chosen = wanted.among(names)
-    channels = [channels[i] if wanted.stamps else _counted(channels[i]) for i in chosen]
+    channels = [channels[i] if wanted.stamps else _convert_numbers(channels[i]) for i in chosen]
     columns = [_samples(channel, path) for channel in channels]
     times, start_ns, samples = _on_one_clock(channels, columns, path)
     rate = channels[0].get("fs")
@@ -101,7 +101,7 @@ def table_of_channels(
     )
 
 
-def titles_of_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
+def list_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
     """Return names and units, without samples.
 
     Returns
@@ -139,12 +139,12 @@ def _with_time(channels: Sequence[Channel], time: TimeColumn, path: Path) -> lis
         raise FileError(f"{path}: the time {time.column!r} {error}") from error
     begin = iso(clock.start_ns) if clock.start_ns else channels[place].get("start_timestamp")
     return [
-        _counted(channel) | Channel(time=seconds, start_timestamp=begin)  # type: ignore[typeddict-item]
+        _convert_numbers(channel) | Channel(time=seconds, start_timestamp=begin)  # type: ignore[typeddict-item]
         for channel in (*channels[:place], *channels[place + 1 :])
     ]
 
 
-def _counted(channel: Channel) -> Channel:
+def _convert_numbers(channel: Channel) -> Channel:
     return Channel(
         data=channel["data"],
         name=channel["name"],
@@ -170,8 +170,10 @@ def _samples(channel: Channel, path: Path) -> FloatArray:
 def _on_one_clock(
     channels: Sequence[Channel], columns: list[FloatArray], path: Path
 ) -> tuple[FloatArray | None, int, FloatArray]:
-    """Seconds since the first sample (None: unknown), that sample [ns since 1970; 0: unknown],
-    and (n, n_channels) samples.
+    """Return times, start and samples of all channels on one clock.
+
+    Seconds since the first sample (None: unknown), that sample [ns since 1970; 0: unknown], and
+    (n, n_channels) samples.
     """
     rates = {channel.get("fs") for channel in channels}
     if len(rates) > 1:
@@ -200,11 +202,11 @@ def _rates_in_words(channels: Sequence[Channel]) -> str:
     first: dict[Any, str] = {}
     for channel in channels:
         first.setdefault(channel.get("fs"), channel["name"])
-    said = [
+    rates = [
         f"{name} {'of unknown rate' if rate is None else f'{rate:g} Hz'}"
         for rate, name in first.items()
     ]
-    return ", ".join(said)
+    return ", ".join(rates)
 
 
 def _require_alike(channels: Sequence[Channel], columns: list[FloatArray], path: Path) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sensors.errors import InputError
 
 STANDARD_GRAVITY = 9.80665  # [m/s²], by definition (CGPM 1901)
-EXACT = 1e-9  # relative doubt about a rate whose stamps are exact: rounding of doubles [-]
+ROUNDING = 1e-9  # relative uncertainty of a rate whose stamps are exact: rounding of doubles [-]
 
 # Every unit as `plain_unit` writes it: lower case, no blanks, powers as digits, "u" for micro.
 ACCELERATION_UNITS = {
@@ -114,7 +114,7 @@ STANDING = "{path}: its time stamps stand still; --sampling-rate HZ counts the s
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelTable:
-    """Samples of all channels of one file or of a piece of it, time-stamped where it says when."""
+    """Samples of all channels of one file or of a chunk of it, with time stamps if it has them."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -127,7 +127,7 @@ class ChannelTable:
     """Times, (n_samples,) seconds since the file's first sample, or None."""
 
     start_ns: int = 0
-    """The file's first sample [ns since 1970-01-01 UTC]; 0: it does not say."""
+    """The file's first sample [ns since 1970-01-01 UTC]; 0: the file does not state it."""
 
     stated_rate: float | None = None
     """Sampling rate [Hz], where the file states it."""
@@ -137,12 +137,12 @@ class ChannelTable:
 
     @property
     def quantities(self) -> tuple[Quantity, ...] | None:
-        """What each channel measures; None where nothing tells."""
+        """What each channel measures; None where neither file, unit nor name state it."""
         stated = self.stated_quantities or (None,) * len(self.names)
         titles = zip(stated, self.units, self.names, strict=True)
-        known = [told or quantity_of(unit) or quantity_named(name) for told, unit, name in titles]
-        told = tuple(quantity for quantity in known if quantity is not None)
-        return told if len(told) == len(known) else None
+        known = [own or quantity_of(unit) or quantity_named(name) for own, unit, name in titles]
+        found = tuple(quantity for quantity in known if quantity is not None)
+        return found if len(found) == len(known) else None
 
     @property
     def sampling_rate(self) -> float | None:
@@ -153,14 +153,14 @@ class ChannelTable:
 
 
 def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
-    """Return the sampling rate that time stamps tell [Hz].
+    """Return the sampling rate that time stamps have [Hz].
 
     None of fewer than two, or of standing time.
 
     The mean step, not the median: stamps rounded to the millisecond have a median that is wrong by
     up to half a millisecond. Steps over a gap do not count. Of the rates that the stamps' scatter
     about an even clock allows, the one with the fewest digits, as a rate or as its period: stamps
-    of 25.000 and 50.001 ms tell 40 Hz, not 39.9992.
+    of 25.000 and 50.001 ms mean 40 Hz, not 39.9992.
 
     Parameters
     ----------
@@ -180,22 +180,22 @@ def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
     if not step > 0:
         return None
     clock = np.cumsum(steps - step)  # how far the stamps stray from an even clock [s]
-    doubt = float(np.ptp(clock)) / (step * len(steps)) + EXACT
-    return _plainest(1.0 / step, doubt)
+    tolerance = float(np.ptp(clock)) / (step * len(steps)) + ROUNDING
+    return _plainest(1.0 / step, tolerance)
 
 
-def _plainest(rate: float, doubt: float) -> float:
-    """The number of fewest digits within a relative `doubt` of a rate, or of its period."""
+def _plainest(rate: float, tolerance: float) -> float:
+    """The number of fewest digits within a relative `tolerance` of a rate, or of its period."""
     for digits in range(1, 12):
         for value in (rate, 1.0 / rate):
             plain = float(f"{value:.{digits}g}")
-            if abs(plain / value - 1.0) <= doubt:
+            if abs(plain / value - 1.0) <= tolerance:
                 return plain if value == rate else 1.0 / plain
     return rate
 
 
-def whole(pieces: Iterable[ChannelTable], path: Path) -> ChannelTable:
-    """Return the pieces of one file, in their order, as one table.
+def join_chunks(chunks: Iterable[ChannelTable], path: Path) -> ChannelTable:
+    """Return the chunks of one file, in their order, as one table.
 
     Returns
     -------
@@ -206,7 +206,7 @@ def whole(pieces: Iterable[ChannelTable], path: Path) -> ChannelTable:
     FileError
         Fewer than two samples, only NaN, a time that ends before it starts.
     """
-    parts = list(pieces)
+    parts = list(chunks)
     count = sum(len(part.samples) for part in parts)
     if count < 2:
         raise FileError(f"{path}: {count} sample(s); at least two are needed")
@@ -224,8 +224,9 @@ def whole(pieces: Iterable[ChannelTable], path: Path) -> ChannelTable:
 
 
 def in_standard_unit(unit: str) -> tuple[str, float]:
-    """Unit after conversion, and the factor to it: accelerations become m/s², velocities m/s,
-    displacements m; the rest stays.
+    """Return the unit after conversion and the factor to it.
+
+    Accelerations become m/s², velocities m/s, displacements m; the rest stays.
     """
     for standard, factors in (
         ("m/s²", ACCELERATION_UNITS),
@@ -248,7 +249,7 @@ _SPELLING = str.maketrans("²³⁻−¹µμ", "23--1uu", "â \u00a0·⋅.^()")
 
 
 def quantity_of(unit: str) -> Quantity | None:
-    """Return what is measured in a unit (after conversion); None where it does not tell."""
+    """Return what is measured in a unit (after conversion); None where the unit leaves it open."""
     if plain_unit(unit) in LIKE_DISPLACEMENT:
         return "displacement"
     known: dict[str, Quantity] = {"m/s²": "acceleration", "m/s": "velocity", "m": "displacement"}
@@ -256,7 +257,7 @@ def quantity_of(unit: str) -> Quantity | None:
 
 
 def quantity_named(name: str) -> Quantity | None:
-    """Return what a channel's name says that it measures: "acc_z145", "Velocity 3", "disp-x"."""
+    """Return what a channel measures by its name: "acc_z145", "Velocity 3", "disp-x"."""
     for word in re.split(r"[^a-z]+", name.lower()):
         for quantity, words in _WORDS.items():
             if word in words:
@@ -264,7 +265,7 @@ def quantity_named(name: str) -> Quantity | None:
     return None
 
 
-def needed(module: str, extra: str, path: Path) -> Any:
+def require_module(module: str, extra: str, path: Path) -> Any:
     """Return the module.
 
     Parameters
@@ -290,7 +291,7 @@ def needed(module: str, extra: str, path: Path) -> Any:
         ) from error
 
 
-def existing(path: Path) -> Path:
+def require_file(path: Path) -> Path:
     """Return the path.
 
     Returns

@@ -27,6 +27,7 @@ class RandomLoad:
 
     @property
     def n_series(self) -> int:
+        """Number of series."""
         return self.distribution.shape[1]
 
     def spectrum(self, frequencies: FloatArray) -> FloatArray:

@@ -44,7 +44,9 @@ class Load(Protocol):
         ...
 
     @property
-    def n_series(self) -> int: ...
+    def n_series(self) -> int:
+        """Number of series."""
+        ...
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
         """Return the series from the first step on, in chunks (chunk, n_series) [-]."""
@@ -73,10 +75,12 @@ class Load(Protocol):
 
 
 def require_positive(what: str, value: float, unit: str) -> None:
+    """Raise LoadError for a value that is not positive."""
     if not value > 0:
         raise LoadError(f"{what} is {value:g} {unit}; it must be positive")
 
 
 def require_not_negative(what: str, value: float, unit: str) -> None:
+    """Raise LoadError for a negative value."""
     if not value >= 0:
         raise LoadError(f"{what} is {value:g} {unit}; it must be 0 or more")

@@ -7,6 +7,7 @@ structure, though they look like very sharp ones.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from sensors.structure.rotor_nacelle import apex, rigid_displacement
 
 ROTOR_RADIUS = 120.0  # of the IEA 15 MW [m]
 HIGHEST_FREQUENCY = 2.0  # of the thrust's turbulence; the rotor averages what is faster [Hz]
-CURVE_STEP = 1.0  # [s] between points of the slow course
+CURVE_STEP = 1.0  # [s] between points of the slow curves
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +38,10 @@ class Rotor:
     sixth_harmonic: float = 0.003
     """Amplitude at 6P over the mean thrust [-]."""
 
-    side_share: float = 0.3
+    side_share: ClassVar[float] = 0.3
     """Side-side over fore-aft amplitude of the harmonics [-]."""
 
-    damping_share: float = 0.5
+    damping_share: ClassVar[float] = 0.5
     """dT/dV of the controlled rotor over 2T/V, that of a fixed one [-]."""
 
     idling_imbalance: float = 2e3
@@ -102,15 +103,17 @@ class RotorLoad:
 
     @property
     def n_series(self) -> int:
+        """Number of series."""
         return 2
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
         """Forces without end, (chunk, 2) [N]."""
-        return in_chunks(self._pieces(seed), chunk)
+        return in_chunks(self._segments(seed), chunk)
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
-        """Spectrum of what the thrust's turbulence makes a structure do; see `Load`. Of time 0;
-        the harmonics are lines and have none.
+        """Return the spectrum of a structure's response to the thrust's turbulence; see `Load`.
+
+        It is that of time 0; the harmonics are lines and have none.
         """
         speed = self.speed_at(0.0)
         slope = thrust_slope(self.rotor, self.steady_at(0.0), speed)
@@ -124,7 +127,7 @@ class RotorLoad:
         density = kaimal(frequencies, wind_speed=speed, deviation=deviation, length=ALONG_LENGTH)
         return density * averaging(frequencies, speed)
 
-    def _pieces(self, seed: int) -> Iterator[FloatArray]:
+    def _segments(self, seed: int) -> Iterator[FloatArray]:
         frequencies = harmonics(HIGHEST_FREQUENCY)
 
         def coloured(time: float, white: ComplexArray) -> ComplexArray:
@@ -141,16 +144,17 @@ class RotorLoad:
         time, turns = self.start, 0.0
         for (gust,) in noise:
             times = time + np.arange(len(gust)) / self.sampling_rate
-            thrust, slope, speed, amplitude = self._course(times)
+            thrust, slope, speed, amplitude = self._curves(times)
             angle = turns + np.concatenate([[0.0], np.cumsum(speed)]) / self.sampling_rate
             turns = float(angle[-1] % 1.0)
             along, across = self._harmonics(2 * np.pi * angle[:-1], thrust, amplitude)
             yield np.stack([thrust + slope * gust + along, self.rotor.side_share * across], axis=1)
             time += len(gust) / self.sampling_rate
 
-    def _course(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Thrust [N], its slope [N·s/m], rotor speed [1/s] and idling imbalance [N] at the
-        times.
+    def _curves(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return thrust, its slope, rotor speed and idling imbalance at the times.
+
+        In [N], [N·s/m], [1/s] and [N].
         """
         knots = np.arange(times[0], times[-1] + 2 * CURVE_STEP, CURVE_STEP)
         rows = []

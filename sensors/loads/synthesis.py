@@ -65,7 +65,7 @@ class SegmentedNoise:
         self._rng = rng
 
     def __iter__(self) -> Iterator[FloatArray]:
-        """Pieces of one overlap's length, (n_series, n) each."""
+        """Yield segments of one overlap's length, (n_series, n) each."""
         angle = 0.5 * np.pi * np.arange(self._half) / self._half
         leaving, entering = np.cos(angle), np.sin(angle)
         middle = self._start
@@ -73,11 +73,11 @@ class SegmentedNoise:
         while True:
             middle += OVERLAP
             following = self._segment(middle)
-            piece = held[:, self._half :]
-            piece *= leaving
-            piece += following[:, : self._half] * entering
+            segment = held[:, self._half :]
+            segment *= leaving
+            segment += following[:, : self._half] * entering
             held = following
-            yield piece
+            yield segment
 
     def _segment(self, middle: float) -> FloatArray:
         """(n_series, 2 · overlap)."""
@@ -96,16 +96,16 @@ class SegmentedNoise:
         return series
 
 
-def in_chunks(pieces: Iterator[FloatArray], chunk: int) -> Iterator[FloatArray]:
-    """Pieces (n, n_series) of any length as chunks of one length."""
+def in_chunks(segments: Iterator[FloatArray], chunk: int) -> Iterator[FloatArray]:
+    """Yield segments (n, n_series) of any length as chunks of one length."""
     held: list[FloatArray] = []
     count = 0
-    for piece in pieces:
-        held.append(piece)
-        count += len(piece)
+    for segment in segments:
+        held.append(segment)
+        count += len(segment)
         if count < chunk:
             continue
-        joined = np.concatenate(held) if len(held) > 1 else piece
+        joined = np.concatenate(held) if len(held) > 1 else segment
         for first in range(0, count - chunk + 1, chunk):
             yield joined[first : first + chunk]
         held = [joined[count // chunk * chunk :]]

@@ -7,7 +7,8 @@ and makes their shapes complex.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from sensors.loads.load import (
 )
 from sensors.loads.spectra import iec_coherence, kaimal
 from sensors.loads.synthesis import SegmentedNoise, harmonics, in_chunks
+from sensors.settings import NO_KEY
 from sensors.structure.assembly import StructuralModel
 from sensors.structure.rotor_nacelle import apex, blade_axes, rigid_displacement
 
@@ -47,31 +49,31 @@ class Wind:
     shear_exponent: float = 0.14
     """Shear exponent of the power law; IEC 61400-3's over the sea [-]."""
 
-    air_density: float = 1.225
+    air_density: ClassVar[float] = 1.225
     """Air density [kg/m³]."""
 
-    tower_drag: float = 0.7
+    tower_drag: ClassVar[float] = 0.7
     """C_D of a rough cylinder beyond its drag crisis [-]."""
 
-    nacelle_drag: float = 1.2
+    nacelle_drag: ClassVar[float] = 1.2
     """C_D [-]."""
 
     nacelle_area: float = 100.0
     """Seen along the wind, and the same across [m²]."""
 
-    blade_drag: float = 0.02
+    blade_drag: ClassVar[float] = 0.02
     """C_D of the feathered profile, on its chord [-]."""
 
-    blade_lift_slope: float = 2 * np.pi
+    blade_lift_slope: ClassVar[float] = 2 * np.pi
     """dC_L/dα of the feathered profile [1/rad]."""
 
     blade_chords: tuple[float, ...] = IEA15_CHORDS
     """Blade chords at even shares of the length, root first [m]."""
 
-    tower_points: int = 6
+    tower_points: int = field(default=6, metadata=NO_KEY)
     """Places of the wind field on the tower."""
 
-    blade_points: int = 6
+    blade_points: int = field(default=6, metadata=NO_KEY)
     """On each blade, at most."""
 
     highest_frequency: float = 12.5
@@ -79,17 +81,9 @@ class Wind:
 
     def __post_init__(self) -> None:
         require_positive("wind speed", self.speed, "m/s")
-        for name, unit in (
-            ("turbulence_intensity", ""),
-            ("air_density", "kg/m³"),
-            ("tower_drag", ""),
-            ("nacelle_drag", ""),
-            ("nacelle_area", "m²"),
-            ("blade_drag", ""),
-            ("blade_lift_slope", "1/rad"),
-        ):
-            require_not_negative(f"wind {name}", getattr(self, name), unit)
+        require_not_negative("wind turbulence_intensity", self.turbulence_intensity, "")
         require_positive("wind highest_frequency", self.highest_frequency, "Hz")
+        require_not_negative("wind nacelle_area", self.nacelle_area, "m²")
         if min(self.tower_points, self.blade_points) < 1 or len(self.blade_chords) < 2:
             raise LoadError(
                 f"wind has {self.tower_points} tower_points, {self.blade_points} blade_points and "
@@ -242,14 +236,15 @@ class WindLoad:
 
     @property
     def n_series(self) -> int:
+        """Number of series."""
         return 2 * len(self.points.positions)
 
     def series(self, seed: int, chunk: int) -> Iterator[FloatArray]:
         """Forces at the points without end, (chunk, 2 n_points) [N]."""
-        return in_chunks(self._pieces(seed), chunk)
+        return in_chunks(self._segments(seed), chunk)
 
     def turbulence(self, seed: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """u along and v across the mean wind, pieces (n_points, n) each [m/s]."""
+        """u along and v across the mean wind, segments (n_points, n) each [m/s]."""
         frequencies = harmonics(self.wind.highest_frequency)
         sources = (
             (self._along, RandomStream.WIND_ALONG),
@@ -271,8 +266,9 @@ class WindLoad:
         )
 
     def response_spectrum(self, frequencies: FloatArray, gains: ComplexArray) -> FloatArray:
-        """Spectrum of what the linear part of the force (in u and v) makes a structure do; see
-        `Load`. Of the wind at time 0.
+        """Return the spectrum of the response to the linear part of the force; see `Load`.
+
+        The linear part is that in u and v, of the wind at time 0.
         """
         speed = self.speed_at(0.0)
         along, across = np.split(gains, 2, axis=2)
@@ -325,8 +321,9 @@ class WindLoad:
         return coloured
 
     def _coherence_factor(self, frequencies: FloatArray, speed: float) -> FloatArray:
-        """Cholesky factors of the coherence up to where the points are coherent,
-        (n, n_points, n_points).
+        """Return Cholesky factors of the coherence, (n, n_points, n_points).
+
+        They go up to the frequency at which the points are no longer coherent.
         """
         apart = self.points.positions[:, None] - self.points.positions[None]
         nearest = np.min(np.linalg.norm(apart, axis=2) + 1e9 * np.eye(len(apart)), initial=1e9)
@@ -342,7 +339,7 @@ class WindLoad:
 
         return coloured
 
-    def _pieces(self, seed: int) -> Iterator[FloatArray]:
+    def _segments(self, seed: int) -> Iterator[FloatArray]:
         time = self.start
         for along, across in self.turbulence(seed):
             duration = along.shape[1] / self.sampling_rate

@@ -24,7 +24,7 @@ class UnitSettings:
     """Becomes part of its key."""
 
     elevations: tuple[float, ...]
-    """Whose accelerometers it reads [m]."""
+    """Heights of the accelerometers that it reads [m]."""
 
     start: float = 0.0
     """Start of its first sample after the others' [s]."""

@@ -87,7 +87,7 @@ class Fault:
 
     @property
     def end(self) -> float:
-        """[s]"""
+        """End of the fault [s]."""
         return self.start + self.duration
 
 
@@ -98,8 +98,7 @@ def with_faults(
     *,
     rng: np.random.Generator,
 ) -> Iterator[AccelerationBlock]:
-    """Yield the blocks of a tower's units as they arrive when things go wrong, each unit in its
-    turn.
+    """Yield the blocks of a tower's units as they arrive with faults, each unit in its turn.
 
     Yields
     ------

@@ -1,5 +1,6 @@
-"""What instruments make of accelerations: anti-alias decimation, axes as they were mounted, noise,
-drift, and the counts of a converter.
+"""What instruments make of accelerations.
+
+Anti-alias decimation, axes as they were mounted, noise, drift, and the counts of a converter.
 """
 
 from dataclasses import dataclass, replace
@@ -73,7 +74,7 @@ def anti_alias_taps(factor: int) -> FloatArray:
     return firwin(2 * half + 1, cutoff, window=("kaiser", beta))
 
 
-def quantised(samples: FloatArray, step: float) -> NDArray[np.float32]:
+def quantise(samples: FloatArray, step: float) -> NDArray[np.float32]:
     """Samples as the converter counts them: the nearest multiple of its step.
 
     Parameters

@@ -10,7 +10,7 @@ from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, positive_definite
 
 
-def course_of(settings: SimulationSettings, description: TurbineDescription) -> Schedule:
+def build_schedule(settings: SimulationSettings, description: TurbineDescription) -> Schedule:
     """Return what of a simulation depends on time alone."""
     water, sea, wind = description.water, settings.sea, settings.wind
     return Schedule(
@@ -24,8 +24,8 @@ def course_of(settings: SimulationSettings, description: TurbineDescription) -> 
     )
 
 
-def loads_on(
-    model: StructuralModel, settings: SimulationSettings, course: Schedule, rate: float
+def build_loads(
+    model: StructuralModel, settings: SimulationSettings, schedule: Schedule, rate: float
 ) -> tuple[Load, ...]:
     """Return every load of a simulation as series at the integration's rate [Hz].
 
@@ -44,32 +44,32 @@ def loads_on(
     begin = {"sampling_rate": rate, "start": -settings.transient}
 
     def wind_speed(time: float) -> float:
-        return course.figure("wind_speed", time)
+        return schedule.figure("wind_speed", time)
 
     def sea_state(time: float) -> SeaState:
         assert settings.sea is not None
         return SeaState(
-            significant_wave_height=course.figure("significant_wave_height", time),
-            peak_period=course.figure("peak_period", time),
-            level=course.level(time),
-            direction=settings.sea.direction - course.figure("yaw", time),
+            significant_wave_height=schedule.figure("significant_wave_height", time),
+            peak_period=schedule.figure("peak_period", time),
+            level=schedule.level(time),
+            direction=settings.sea.direction - schedule.figure("yaw", time),
         )
 
     if settings.sea is not None:
         levels = {
-            "highest_level": course.highest_level,
-            "largest_height": course.largest("significant_wave_height"),
+            "highest_level": schedule.highest_level,
+            "largest_height": schedule.largest("significant_wave_height"),
         }
         loads.append(wave_load(model, settings.sea, sea_state, **levels, **begin))
     if settings.wind is not None:
         loads.append(wind_load(model, settings.wind, wind_speed, **begin))
-        if course.turns:
+        if schedule.turns:
             loads.append(
                 rotor_load(
                     model,
                     settings.rotor,
                     settings.wind,
-                    steady_at=course.rotor,
+                    steady_at=schedule.rotor,
                     speed_at=wind_speed,
                     **begin,
                 )

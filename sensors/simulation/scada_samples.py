@@ -8,7 +8,7 @@ from sensors.simulation.schedule import Schedule
 
 
 def scada_samples(
-    course: Schedule, *, turbine: str, start_ns: int, period: float, duration: float
+    schedule: Schedule, *, turbine: str, start_ns: int, period: float, duration: float
 ) -> Iterator[ScadaSample]:
     """Yield what the controller of a simulated turbine reports, from the first sample on.
 
@@ -27,15 +27,15 @@ def scada_samples(
     """
     for number in range(int(duration / period - 1e-9) + 1):
         time = number * period
-        rotor = course.rotor(time)
+        rotor = schedule.rotor(time)
         yield ScadaSample(
             turbine=turbine,
             time_ns=start_ns + round(time * NANOSECONDS),
-            state=course.state(time),
-            wind_speed=course.figure("wind_speed", time),
+            state=schedule.state(time),
+            wind_speed=schedule.figure("wind_speed", time),
             rotor_speed=rotor.rotor_speed,
             pitch=rotor.pitch,
-            yaw=course.figure("yaw", time),
+            yaw=schedule.figure("yaw", time),
             power=rotor.power,
-            water_level=course.level(time),
+            water_level=schedule.level(time),
         )

@@ -1,4 +1,4 @@
-"""What changes in the course of a simulation: weather, operation, tide, foundation.
+"""What changes during a simulation: weather, operation, tide, foundation.
 
 Everything is a function of the time since the first sample; before it, the beginning holds.
 """
@@ -16,13 +16,15 @@ DAY = 86_400.0  # [s]
 
 
 class ScheduleError(InputError):
-    """A course that cannot be; the message names what and its value."""
+    """A schedule that is not possible; the message names what and its value."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScheduleStep:
-    """What holds from a moment on. Figures run straight to the next stage that gives them; the
-    operating state holds until the next one. What a stage leaves out goes on.
+    """Weather and operation from a time on.
+
+    Figures run straight to the next step that gives them; the operating state holds until the
+    next one. What a step leaves out goes on.
     """
 
     at: float = 0.0
@@ -148,7 +150,7 @@ class Schedule:
     """Peak period [s]."""
 
     def __post_init__(self) -> None:
-        times = [stage.at for stage in self.stages]
+        times = [step.at for step in self.stages]
         for before, after in pairwise(times):
             if not after > before:
                 raise ScheduleError(
@@ -157,11 +159,11 @@ class Schedule:
                 )
 
     def figure(self, name: str, time: float) -> float:
-        """Return a stage's figure at a time: straight between the stages that give it."""
+        """Return a figure at a time: straight between the steps that give it."""
         given = [
-            (stage.at, getattr(stage, name))
-            for stage in self.stages
-            if getattr(stage, name) is not None
+            (step.at, getattr(step, name))
+            for step in self.stages
+            if getattr(step, name) is not None
         ]
         if not given:
             return float(getattr(self, name, 0.0))
@@ -169,16 +171,17 @@ class Schedule:
         return float(np.interp(time, times, values))
 
     def state(self, time: float) -> OperatingState:
-        """Return what the turbine does; parked where no stage says."""
+        """Return what the turbine does; parked where no step states it."""
         state: OperatingState = "parked"
-        for stage in self.stages:
-            if stage.at <= max(time, 0.0) and stage.state is not None:
-                state = stage.state
+        for step in self.stages:
+            if step.at <= max(time, 0.0) and step.state is not None:
+                state = step.state
         return state
 
     def running_share(self, time: float) -> float:
-        """0 with the blades feathered, 1 in operation; a start or stop takes until the next
-        stage.
+        """0 with the blades feathered, 1 in operation.
+
+        A start or stop takes until the next step.
         """
         state = self.state(time)
         if state in ("start", "stop"):
@@ -208,15 +211,16 @@ class Schedule:
     @property
     def turns(self) -> bool:
         """Whether the rotor ever turns."""
-        return any(stage.state not in (None, "parked") for stage in self.stages)
+        return any(step.state not in (None, "parked") for step in self.stages)
 
     @property
     def yaws(self) -> bool:
         """Whether the nacelle is ever turned."""
-        return any(stage.yaw for stage in self.stages)
+        return any(step.yaw for step in self.stages)
 
     @property
     def highest_level(self) -> float:
+        """Highest water level of the tide [m]."""
         return self.mean_level + abs(self.tide.amplitude)
 
     def largest(self, name: str) -> float:

@@ -7,6 +7,7 @@ from sensors.acquisition.blocks import NANOSECONDS
 from sensors.dynamics.structure_modes import ModalDamping
 from sensors.errors import InputError
 from sensors.loads import BroadbandLoad, Rotor, Sea, WaveBandLoad, Wind
+from sensors.settings import NO_KEY
 from sensors.simulation.acquisition_units import UnitSettings
 from sensors.simulation.faults import Fault
 from sensors.simulation.instruments import Instruments
@@ -24,13 +25,13 @@ class SimulationSettings:
     """What is simulated: how long, under which loads, seen by which instruments.
 
     `wind` and `sea` follow from their physics; `broadband` and `waves` have a stated rms. Any of
-    them may act together. `stages`, `foundation` and `tide` say what changes with time.
+    them may act together. `stages`, `foundation` and `tide` state what changes with time.
     """
 
     duration: float = 3600.0
     """Duration [s]."""
 
-    seed: int = 1
+    seed: int = field(default=1, metadata=NO_KEY)
     stiffness_ratios: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """True k11, k22, k12 / nominal."""
 
@@ -43,7 +44,7 @@ class SimulationSettings:
     """Forces of the rotor while a step makes it turn."""
 
     stages: tuple[ScheduleStep, ...] = ()
-    """Stages of weather and operation."""
+    """Steps of weather and operation."""
 
     foundation: FoundationSchedule = field(default_factory=FoundationSchedule)
     tide: Tide = field(default_factory=Tide)
@@ -73,10 +74,10 @@ class SimulationSettings:
     quantisation_step: float = 2.0**-12
     """Quantisation step [m/s²]: 16 bits over ±8 m/s²; 0: no converter."""
 
-    start_ns: int = 1_767_225_600 * NANOSECONDS
+    start_ns: int = field(default=1_767_225_600 * NANOSECONDS, metadata=NO_KEY)
     """Sensor clock at the first sample: 2026-01-01."""
 
-    session: str = ""
+    session: str = field(default="", metadata=NO_KEY)
     """Name of the session; empty: "simulated-" and the seed."""
 
     tube_refinement: int = 2
@@ -101,7 +102,7 @@ class SimulationSettings:
                 f"tube_refinement is {self.tube_refinement}; it must be 1 or more"
             )
 
-        turning = [stage for stage in self.stages if stage.state not in (None, "parked")]
+        turning = [step for step in self.stages if step.state not in (None, "parked")]
         if turning and self.wind is None:
             raise SimulationError(
                 f"the stage at {turning[0].at:g} s is {turning[0].state!r}; a rotor that turns "
@@ -110,6 +111,7 @@ class SimulationSettings:
 
     @property
     def samples_per_block(self) -> int:
+        """Number of samples in a block."""
         return max(1, round(self.block_duration * self.sampling_rate))
 
     @property
@@ -124,4 +126,5 @@ class SimulationSettings:
 
     @property
     def session_id(self) -> str:
+        """Name of the session in every block."""
         return self.session or f"simulated-{self.seed}"

@@ -1,4 +1,4 @@
-"""The simulated structure in the course of time: foundation, water, pitch and air change it."""
+"""The simulated structure over time: foundation, water, pitch and air change it."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ import numpy as np
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.dynamics.damped_modes import DampedSystem, damped_system
-from sensors.dynamics.damped_response import DampedResponse
+from sensors.dynamics.responses.damped_response import DampedResponse
 from sensors.dynamics.structure_modes import (
     ModalDamping,
     ObservedModes,
@@ -22,7 +22,7 @@ from sensors.structure.assembly import StructuralModel, assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings
 
-# The structure is solved anew when one of these has changed by as much.
+# The structure is solved again when one of these has changed by as much.
 STIFFNESS_STEP = 2e-4  # of a spring, relative: 1e-5 of a frequency at most
 LEVEL_STEP = 0.02  # of the water [m]
 WIND_STEP = 0.25  # of the mean wind that damps [m/s]
@@ -71,7 +71,7 @@ class ChangingStructure:
         layout: SensorLayout,
         *,
         springs: FoundationSprings,
-        course: Schedule,
+        schedule: Schedule,
         damping: ModalDamping,
         wind: Wind | None,
         rotor: Rotor,
@@ -81,7 +81,7 @@ class ChangingStructure:
         self._description = description
         self._layout = layout
         self._stiffness = springs.stiffness
-        self._course = course
+        self._schedule = schedule
         self._damping = damping
         self._wind = wind
         self._rotor = rotor
@@ -103,11 +103,11 @@ class ChangingStructure:
     @property
     def is_simple(self) -> bool:
         """Whether modal damping is all there is, and nothing changes."""
-        course = self._course
+        schedule = self._schedule
         changes = (
-            course.tide != type(course.tide)()
-            or course.foundation != type(course.foundation)()
-            or course.turns
+            schedule.tide != type(schedule.tide)()
+            or schedule.foundation != type(schedule.foundation)()
+            or schedule.turns
         )
         return self._wind is None and not changes
 
@@ -132,12 +132,12 @@ class ChangingStructure:
         return float(np.sqrt(np.sum(np.var(motion, axis=1))))
 
     def _condition(self, time: float, motion: float) -> _Condition:
-        course = self._course
-        k11, k22, k12 = course.stiffness_factors(time, motion).tolist()
-        share = course.running_share(time)
-        speed = course.figure("wind_speed", time)
-        slope = thrust_slope(self._rotor, course.rotor(time), speed) if share > 0 else 0.0
-        return _Condition((k11, k22, k12), course.level(time), speed, slope, share > 0.5)
+        schedule = self._schedule
+        k11, k22, k12 = schedule.stiffness_factors(time, motion).tolist()
+        share = schedule.running_share(time)
+        speed = schedule.figure("wind_speed", time)
+        slope = thrust_slope(self._rotor, schedule.rotor(time), speed) if share > 0 else 0.0
+        return _Condition((k11, k22, k12), schedule.level(time), speed, slope, share > 0.5)
 
     def _assembled(self, condition: _Condition) -> StructuralModel:
         description = self._description

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -13,15 +12,15 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
 from sensors.dynamics.damped_modes import DampedSystem
-from sensors.dynamics.damped_response import DampedResponse
-from sensors.dynamics.modal_response import AccelerationResponse
+from sensors.dynamics.responses.damped_response import DampedResponse
+from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.structure_modes import StructureModes
 from sensors.loads import RandomStream, generator
 from sensors.simulation.acquisition_units import read_by_units, unit_layouts
-from sensors.simulation.chunks import in_blocks, made_ahead, trimmed
+from sensors.simulation.chunks import prefetch, split_into_blocks, trim
 from sensors.simulation.faults import with_faults
-from sensors.simulation.instruments import Decimator, MountedAxes, quantised
-from sensors.simulation.loads_over_time import course_of, loads_on, true_springs
+from sensors.simulation.instruments import Decimator, MountedAxes, quantise
+from sensors.simulation.loads_over_time import build_loads, build_schedule, true_springs
 from sensors.simulation.scada_samples import scada_samples
 from sensors.simulation.settings import (
     LOWEST_INTEGRATION_RATE,
@@ -34,7 +33,6 @@ from sensors.structure.foundation import FoundationSprings
 
 __all__ = [
     "LOWEST_INTEGRATION_RATE",
-    "SensedModes",
     "SimulatedTower",
     "SimulationError",
     "SimulationSettings",
@@ -45,20 +43,6 @@ __all__ = [
 SPECTRUM_CHUNK = 256  # frequencies at a time, to stay in the processor's cache
 CHUNK_DURATION = 60.0  # [s] integrated at a time; fixed, so that the blocks do not change it
 CHUNKS_AHEAD = 8  # of each load: a wind or a sea is drawn ten chunks at once meanwhile
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SensedModes:
-    """The simulated structure's modes in free motion, as the accelerometers read them."""
-
-    frequencies: FloatArray
-    """|λ| / 2π, rising, (n_modes,) [Hz]."""
-
-    damping_ratios: FloatArray
-    """Damping ratios, (n_modes,) [-]."""
-
-    shapes: NDArray[np.complex128]
-    """Shapes, (n_modes, n_channels), of any scale and phase."""
 
 
 class SimulatedTower:
@@ -85,22 +69,22 @@ class SimulatedTower:
         if settings.structure:
             differing = load_turbine(settings.structure)
             description = differing.with_sign(description.foundation.sign)
-        self.course = course_of(settings, description)
+        self.schedule = build_schedule(settings, description)
         self._rate = settings.sampling_rate * settings.decimation
-        turns = self.course.yaws or bool(settings.instruments.misalignment)
+        turns = self.schedule.yaws or bool(settings.instruments.misalignment)
         self._axes = MountedAxes(layout, settings.instruments.misalignment) if turns else None
         self._structure = ChangingStructure(
             description,
             self._axes.in_nacelle if self._axes else layout,
             springs=self._springs,
-            course=self.course,
+            schedule=self.schedule,
             damping=settings.damping,
             wind=settings.wind,
             rotor=settings.rotor,
             tube_refinement=settings.tube_refinement,
             highest_frequency=0.5 * self._rate,
         )
-        self._loads = loads_on(self._structure.model, settings, self.course, self._rate)
+        self._loads = build_loads(self._structure.model, settings, self.schedule, self._rate)
         self._structure.bear(np.concatenate([load.distribution for load in self._loads], axis=1))
 
     @property
@@ -110,7 +94,7 @@ class SimulatedTower:
 
     def truth_at(self, time: float) -> FoundationSprings:
         """Return the stiffness at a time [s] without the softening by motion."""
-        k11, k22, k12 = (self._springs.stiffness * self.course.stiffness_factors(time)).tolist()
+        k11, k22, k12 = (self._springs.stiffness * self.schedule.stiffness_factors(time)).tolist()
         return FoundationSprings(k11, k22, k12, sign=self._springs.sign)
 
     @property
@@ -122,21 +106,6 @@ class SimulatedTower:
     def system(self) -> DampedSystem:
         """The modal model at the first sample, with the air's damping."""
         return self._structure.at(0.0)
-
-    @property
-    def sensed_modes(self) -> SensedModes:
-        """Every mode at the first sample as the instruments feel it: the truth of the
-        identification, with the air's damping and the axes as they were mounted.
-        """
-        system = self.system
-        shapes = system.readings
-        if self._axes is not None:
-            yaw = np.full(len(shapes), self.course.figure("yaw", 0.0))
-            real, imaginary = (
-                self._axes.readings(part, yaw) for part in (shapes.real, shapes.imag)
-            )
-            shapes = real + 1j * imaginary
-        return SensedModes(system.frequencies, system.damping_ratios, shapes)
 
     def messages(self) -> Iterator[AccelerationBlock | ScadaSample]:
         """Blocks as the link brings them, and SCADA samples, each before the block that it is of.
@@ -160,18 +129,18 @@ class SimulatedTower:
         if settings.scada_period == 0:
             return blocks
         samples = scada_samples(
-            self.course,
+            self.schedule,
             turbine=self.layout.turbine,
             start_ns=settings.start_ns,
             period=settings.scada_period,
             duration=settings.duration,
         )
-        return in_time(samples, blocks)
+        return merge_by_time(samples, blocks)
 
     def __iter__(self) -> Iterator[AccelerationBlock]:
         settings, layout = self.settings, self.layout
         size = settings.samples_per_block
-        for sequence, samples in enumerate(in_blocks(self.samples(), size)):
+        for sequence, samples in enumerate(split_into_blocks(self.samples(), size)):
             first = sequence * size
             yield AccelerationBlock(
                 turbine=layout.turbine,
@@ -186,7 +155,7 @@ class SimulatedTower:
             )
 
     def samples(self) -> Iterator[NDArray[np.float32]]:
-        """Yield the session's samples as the converter gives them, in pieces of any length.
+        """Yield the session's samples as the converter gives them, in chunks of any length.
 
         Each (n, n_channels) [m/s²].
         """
@@ -196,7 +165,7 @@ class SimulatedTower:
         dropped = round(settings.transient * settings.sampling_rate)
         first = 0
         needed = self.readings(settings.transient + settings.duration)
-        for readings in trimmed(needed, first=dropped, count=settings.n_samples):
+        for readings in trim(needed, first=dropped, count=settings.n_samples):
             times = (first + np.arange(len(readings))) / settings.sampling_rate
             first += len(readings)
             if self._axes is not None:
@@ -204,10 +173,10 @@ class SimulatedTower:
             noisy = readings + noise_rms * noise.standard_normal(readings.shape)
             if settings.instruments.drift_per_hour:
                 noisy += settings.instruments.drift(times, noisy.shape[1])
-            yield quantised(settings.instruments.limited(noisy), settings.quantisation_step)
+            yield quantise(settings.instruments.limited(noisy), settings.quantisation_step)
 
     def _yaw(self, times: FloatArray) -> FloatArray:
-        return np.array([self.course.figure("yaw", time) for time in times.tolist()])
+        return np.array([self.schedule.figure("yaw", time) for time in times.tolist()])
 
     def readings(self, duration: float | None = None) -> Iterator[FloatArray]:
         """Yield what perfect accelerometers read at the sampling rate, from rest.
@@ -234,7 +203,7 @@ class SimulatedTower:
                 self._structure.update(response, time, motion)
             yield decimator.advance(response.advance(forces))
             time += CHUNK_DURATION
-            if isinstance(response, DampedResponse) and self.course.foundation.softening:
+            if isinstance(response, DampedResponse) and self.schedule.foundation.softening:
                 motion = self._structure.mudline_motion(response)
 
     def _forces(self, chunk: int, n_chunks: int | None) -> Iterator[FloatArray]:
@@ -243,7 +212,7 @@ class SimulatedTower:
             series = []
             for load in self._loads:
                 own = islice(load.series(self.settings.seed, chunk), n_chunks)
-                series.append(threads.enter_context(closing(made_ahead(own, CHUNKS_AHEAD))))
+                series.append(threads.enter_context(closing(prefetch(own, CHUNKS_AHEAD))))
             for parts in zip(*series, strict=True):
                 yield np.concatenate(parts, axis=1)
 
@@ -256,25 +225,10 @@ class SimulatedTower:
             return AccelerationResponse(self._structure.observed, self._rate)
         return DampedResponse(self._structure.at(-self.settings.transient), self._rate)
 
-    def readings_per_mode(self, frequencies: FloatArray) -> NDArray[np.complex128]:
-        """Reading of each channel per unit harmonic force in each of `modes`, before decimation.
-
-        Parameters
-        ----------
-        frequencies : ndarray, shape (n_frequencies,)
-            Frequencies [Hz].
-
-        Returns
-        -------
-        ndarray, shape (n_frequencies, n_channels, n_modes)
-            [m/s² per N/kg^½].
-        """
-        response = AccelerationResponse(self._structure.observed, self._rate)
-        return response.frequency_response(frequencies)
-
     def spectrum(self, frequencies: FloatArray) -> FloatArray:
-        """One-sided spectral density of the readings by linear theory, without noise, at the
-        beginning; axes as for `readings`.
+        """Return the one-sided spectral density of the readings by linear theory, without noise.
+
+        It is that at the beginning; axes as for `readings`.
 
         Parameters
         ----------
@@ -307,7 +261,7 @@ class SimulatedTower:
         grid = resonance_grid(self.modes, 0.5 * self.settings.sampling_rate)
         variances: FloatArray = np.asarray(np.trapezoid(self.spectrum(grid), grid, axis=0))
         if self._axes is not None:  # fore-aft and side-side taken as independent
-            variances = self._axes.variances(variances, self.course.figure("yaw", 0.0))
+            variances = self._axes.variances(variances, self.schedule.figure("yaw", 0.0))
         return np.sqrt(variances)
 
     def noise_rms(self) -> FloatArray:
@@ -333,7 +287,7 @@ def resonance_grid(modes: StructureModes, highest_frequency: float) -> FloatArra
     return np.unique(grid[(grid >= 0.0) & (grid <= highest_frequency)])
 
 
-def in_time(
+def merge_by_time(
     samples: Iterator[ScadaSample], blocks: Iterator[AccelerationBlock]
 ) -> Iterator[AccelerationBlock | ScadaSample]:
     """Yield both streams in one.

@@ -6,7 +6,7 @@ Every tower node has (u_x, ψ_x, u_y, ψ_y, u_z, θ_z): displacement [m] and slo
 fore-aft and the side-side plane, heave [m] and twist [rad]. Heave and twist are fixed at the
 mudline. Every blade node has displacement and slope flapwise and edgewise, absolute but along the
 blade's own axes; axially and in twist a blade follows its root.
-Source of the mesh: [foundation-updating] §3.1; what is not said there stands in the docstrings.
+Source of the mesh: [foundation-updating] §3.1; what is not stated there stands in the docstrings.
 """
 
 from collections.abc import Callable, Sequence
@@ -79,6 +79,7 @@ class StructuralModel:
 
     @property
     def n_dofs(self) -> int:
+        """Number of degrees of freedom."""
         return len(self.mass)
 
     @property
@@ -255,8 +256,9 @@ class _System:
 
 
 def _number_dofs(turbine: TurbineDescription) -> tuple[IndexArray, IndexArray, IndexArray, int]:
-    """Tower nodes from the mudline up, then blade after blade; the mudline's heave and twist
-    are fixed.
+    """Number the degrees of freedom: tower nodes from the mudline up, then blade after blade.
+
+    The mudline's heave and twist are fixed.
     """
     n_nodes = len(turbine.tubes) + 1
     tower = np.arange(-2, 6 * n_nodes - 2).reshape(n_nodes, 6)
@@ -316,8 +318,9 @@ def wetted_share(tube: Tube, water: Water | None) -> float:
 
 
 def added_mass(tube: Tube, water: Water | None) -> float:
-    """Mass of water that moves with a wetted metre of the tube, C_a ρ π D²/4 and what is
-    inside [kg/m].
+    """Return the mass of water that moves with a wetted metre of the tube [kg/m].
+
+    C_a ρ π D²/4 outside, and what is inside.
     """
     if water is None:
         return 0.0

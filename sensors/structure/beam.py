@@ -1,4 +1,4 @@
-"""Uniform Euler-Bernoulli beam elements: the pieces that towers and blades are made of.
+"""Uniform Euler-Bernoulli beam elements, of which towers and blades are made.
 
 Bending in one plane has four degrees of freedom an element, (v_1, ψ_1, v_2, ψ_2): displacement v
 [m] and slope ψ = dv/dz [rad] at the element's start and end, z along the beam. Axial displacement

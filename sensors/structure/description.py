@@ -73,7 +73,7 @@ class Tube:
 
     @property
     def length(self) -> float:
-        """[m]"""
+        """Length of the tube [m]."""
         return self.top - self.bottom
 
     @property
@@ -89,17 +89,17 @@ class Tube:
 
     @property
     def bending_rigidity(self) -> float:
-        """EI [N·m²]"""
+        """Bending rigidity EI [N·m²]."""
         return self.youngs_modulus * self.second_moment
 
     @property
     def torsional_rigidity(self) -> float:
-        """GJ = E / (2 (1 + ν)) · 2I [N·m²]"""
+        """Torsional rigidity GJ = E / (2 (1 + ν)) · 2I [N·m²]."""
         return self.bending_rigidity / (1 + self.poisson_ratio)
 
     @property
     def mass_per_length(self) -> float:
-        """[kg/m]"""
+        """Mass per length with what the tube carries [kg/m]."""
         return self.density * self.area + self.attached_mass
 
 
@@ -225,7 +225,7 @@ class BladeElement:
 
     @property
     def length(self) -> float:
-        """[m]"""
+        """Length of the element [m]."""
         return self.outer - self.inner
 
 

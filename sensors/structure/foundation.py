@@ -61,7 +61,7 @@ class FoundationSprings:
         if self.k12 < 0:
             raise TurbineError(
                 f"foundation: k12 is {self.k12:g} N/rad; its magnitude is needed, the sign "
-                "convention says how it enters"
+                "convention states how it enters"
             )
         if not bool(positive_definite(self.stiffness)):
             raise TurbineError(

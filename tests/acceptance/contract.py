@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from threadpoolctl import threadpool_limits
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
+from pipeline.updating import posterior_message
 from pipeline.updating.samplers.importance import ImportanceSettings
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.updater import FoundationUpdater
@@ -89,10 +91,10 @@ class Published:
         return cls(**{k: np.array(v) if isinstance(v, list) else v for k, v in kept.items()})
 
 
-def updater(settings: UpdatingSettings, *, seed: int = SEED) -> FoundationUpdater:
+@cache
+def model() -> ModalModel:
     """The shipped turbine at the outside model's sensors."""
-    model = ModalModel(load_turbine("iea15mw_monopile"), LAYOUT)
-    return FoundationUpdater(model, LAYOUT, settings, seed=seed)
+    return ModalModel(load_turbine("iea15mw_monopile"), LAYOUT)
 
 
 def last_posterior(
@@ -108,9 +110,12 @@ def last_posterior(
 
 
 def of_day(kind: str, settings: UpdatingSettings, *, seed: int = SEED) -> list[FoundationPosterior]:
-    """One posterior for each cached hour."""
-    updating = updater(settings, seed=seed)
-    return [last_posterior(updating, hour.estimates) for hour in cached_day(kind)]
+    """One posterior for each cached hour, each with draws of its own."""
+    posteriors = []
+    for number, hour in enumerate(cached_day(kind)):
+        updating = FoundationUpdater(model(), LAYOUT, settings, seed=100 * seed + number)
+        posteriors.append(last_posterior(updating, hour.estimates))
+    return posteriors
 
 
 def live_truth() -> Truth:
@@ -132,7 +137,7 @@ def of_windows(
     estimates: Sequence[ModalEstimate], settings: UpdatingSettings, *, seed: int = SEED
 ) -> list[FoundationPosterior]:
     """The posterior after each window."""
-    updating = updater(settings, seed=seed)
+    updating = FoundationUpdater(model(), LAYOUT, settings, seed=seed)
     return [last_posterior(updating, estimates[: n + 1]) for n in range(len(estimates))]
 
 
@@ -149,6 +154,7 @@ def reference(section: str) -> list[Published]:
 
 def write_reference() -> None:
     """Compute the reference again; some minutes."""
+    posterior_message.MOST_DRAWS = LONG.draws  # their std is the reference's, not a thousand's
     sections = {}
     for kind, settings in cases().items():
         sections[kind] = of_day(kind, sampled_long(settings), seed=REFERENCE_SEED)

@@ -133,7 +133,7 @@ def print_replay(case: ReplayCase, recording: Path) -> None:
     with tempfile.TemporaryDirectory() as out:
         found = replay(case, recording, Path(out))
     expected, period = case.turbines * case.windows, WINDOW / case.speed
-    in_time = int((found.lags < period).sum())
+    merge_by_time = int((found.lags < period).sum())
     p50, p99 = np.percentile(found.lags, [50, 99])
     per_window = found.cpu / expected
     print(
@@ -142,7 +142,7 @@ def print_replay(case: ReplayCase, recording: Path) -> None:
     )
     print(
         f"posteriors {len(found.posteriors)} of {expected}, in time (within {period:g} s) "
-        f"{in_time}; rejected windows {len(found.rejected)}; blocks lost {found.lost}"
+        f"{merge_by_time}; rejected windows {len(found.rejected)}; blocks lost {found.lost}"
     )
     print(f"lag p50 {p50:.1f} s, p99 {p99:.1f} s, longest {found.lags.max():.1f} s")
     print(

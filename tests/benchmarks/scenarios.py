@@ -31,8 +31,8 @@ from pipeline.scenario import Scenario, load_scenario
 from pipeline.sources.sources import simulated_tower
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
-from sensors.simulation.tower import SensedModes
 from tests.benchmarks._sessions import print_sessions
+from tests.sensors.simulation.sensed_modes import SensedModes, sensed_modes
 
 LEAST_MAC = 0.9  # between an identified and a true shape [-]
 NEAR = 0.02  # relative distance of frequencies [-]
@@ -122,7 +122,7 @@ def found_modes(scenario: Scenario, seeds: Sequence[int], *, above: float = 0.0)
     found: Found | None = None
     for seed in seeds:
         tower = simulated_tower(replace(scenario, seed=seed))
-        truth = tower.sensed_modes
+        truth = sensed_modes(tower)
         labels = published_labels(scenario, truth)
         if found is None:
             frequencies = truth.frequencies.tolist()

@@ -46,7 +46,7 @@ def test_the_sign_of_k12_is_the_scenarios_where_it_says_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("[oma\n", "not valid TOML"),
         ("colour = 1\n", "unknown key 'colour'"),
@@ -57,8 +57,8 @@ def test_the_sign_of_k12_is_the_scenarios_where_it_says_one() -> None:
         ("[updating.sampler]\nwalkers = 3\n", r"\[updating.sampler\]: walkers is 3"),
     ],
 )
-def test_a_mistake_is_named_with_its_section(text: str, complaint: str) -> None:
-    with pytest.raises(ScenarioError, match=complaint) as error:
+def test_a_mistake_is_named_with_its_section(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message) as error:
         scenario_from_text(text, "mine.toml")
     assert str(error.value).startswith("mine.toml")
     assert "\n" not in str(error.value)
@@ -67,3 +67,16 @@ def test_a_mistake_is_named_with_its_section(text: str, complaint: str) -> None:
 def test_a_folder_is_no_scenario(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="cannot be read"):
         load_scenario(str(tmp_path))
+
+
+def test_an_ac_coupled_layout_has_the_scenarios_corner_frequency() -> None:
+    scenario = scenario_from_text('[sensors]\ncoupling = "ac"\ncorner_frequency = 0.2\n', "a.toml")
+    assert {each.corner_frequency for each in scenario.layout.channels} == {0.2}
+
+
+def test_a_stored_scenario_may_have_keys_of_an_earlier_version() -> None:
+    text = "[flow]\nunacknowledged_blocks = 7\n[simulation.sea]\npeak_enhancement = 2.0\n"
+    metadata = scenario_metadata(load_scenario("parked")) | {"toml": text}
+    assert scenario_from_metadata(metadata, "recording").name == "parked"
+    with pytest.raises(ScenarioError, match="unknown key 'flow'"):
+        scenario_from_text(text, "own.toml")

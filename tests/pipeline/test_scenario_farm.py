@@ -86,7 +86,7 @@ def test_logarithms_of_the_springs_spread_by_the_stated_deviation() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("[[farm.members]]\nnumber = 0", "members have the numbers"),
         ("[[farm.members]]\n[[farm.members]]\nnumber = 1", "each once"),
@@ -94,8 +94,8 @@ def test_logarithms_of_the_springs_spread_by_the_stated_deviation() -> None:
         ("[farm]\nlog_std = 0.7", "log_std is 0.7"),
     ],
 )
-def test_a_farm_that_cannot_be_is_refused(text: str, complaint: str) -> None:
-    with pytest.raises(ScenarioError, match=complaint):
+def test_a_farm_that_cannot_be_is_refused(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
         scenario_from_text(text, "farm.toml")
 
 
@@ -106,3 +106,10 @@ def test_two_turbines_of_one_name_and_a_foundation_that_cannot_stand_are_refused
     soft = "[farm]\nturbines = 2\n[[farm.members]]\nstiffness = [0.1, 0.1, 1.0]\n"
     with pytest.raises(ScenarioError, match="positive definite"):
         farm_members(scenario_from_text(soft, "soft.toml"))
+
+
+def test_a_member_may_have_another_structure() -> None:
+    text = "[farm]\nturbines = 2\n[[farm.members]]\nnumber = 2\ndescription = 'iea15mw_detailed'\n"
+    first, second = farm_members(scenario_from_text(text, "farm.toml"))
+    assert first.turbine.description == "iea15mw_monopile"
+    assert second.structure.name != first.structure.name

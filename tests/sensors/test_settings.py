@@ -32,7 +32,7 @@ def test_a_table_becomes_settings() -> None:
 
 
 @pytest.mark.parametrize(
-    ("table", "complaint"),
+    ("table", "message"),
     [
         ({"duraton": 1.0}, r"\[outer\]: unknown key 'duraton'; did you mean 'duration'"),
         ({"duration": 1.0, "zzz": 1}, r"unknown key 'zzz'; it takes duration, seed"),
@@ -45,6 +45,6 @@ def test_a_table_becomes_settings() -> None:
         ({"duration": 1.0, "inner": {"dept": 1}}, r"\[outer.inner\]: unknown key 'dept'"),
     ],
 )
-def test_an_error_names_section_key_and_value(table: dict[str, object], complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
+def test_an_error_names_section_key_and_value(table: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         settings_from_table(Outer, table, "a.toml [outer]", InputError)

@@ -6,8 +6,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from pipeline.cli.tables.cells import table_of
-from pipeline.recording.info import RecordingInfo
+from pipeline.recording.info import RecordingInfo, UnitInfo
 from pipeline.scenario import Scenario
+from pipeline.state.json_values import Json
 
 
 def recording_tables(info: RecordingInfo) -> list[Table]:
@@ -44,6 +45,42 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
             f"{status.busy_s:.2f}",
         )
     return [channels, units] + ([nodes] if info.health else [])
+
+
+def info_json(info: RecordingInfo) -> Json:
+    """Return the content of a recording for `info --json`; times [ns since 1970-01-01 UTC]."""
+    return {
+        "file": str(info.path),
+        "size_bytes": info.size,
+        "duration_s": info.duration,
+        "metadata": info.metadata,
+        "channels": [
+            {"key": each.key, "message": each.message, "count": each.count}
+            for each in info.channels
+        ],
+        "units": [_unit_json(unit) for unit in info.units],
+        "nodes": [
+            {"node": each.node, "state": each.state, "lost": each.lost, "late": each.late}
+            for each in info.health
+        ],
+    }
+
+
+def _unit_json(unit: UnitInfo) -> Json:
+    return {
+        "turbine": unit.turbine,
+        "unit": unit.unit,
+        "session": unit.session,
+        "sampling_rate_hz": unit.sampling_rate,
+        "channels": unit.n_channels,
+        "blocks": unit.n_blocks,
+        "start_ns": unit.start_ns,
+        "end_ns": unit.end_ns,
+        "gaps": [
+            {"start_ns": gap.start_ns, "end_ns": gap.end_ns, "blocks": gap.n_blocks}
+            for gap in unit.gaps
+        ],
+    }
 
 
 def scenarios_table(scenarios: Sequence[Scenario]) -> Table:

@@ -1,8 +1,9 @@
-"""Somebody must know: what is wrong goes out by webhook, MQTT and e-mail, once, until it is over.
+"""Alarms by webhook, MQTT and e-mail: raised once, reminded of, and ended.
 
-every message ──► [causes] ──► [book] ──► outbox on disk ──► a thread a channel ──► outside
-                  what is wrong  what is told  survives          retries with back-off
-                  and what ended               restarts
+every message ──► [conditions] ──► [alarm log] ──► outbox ──► a thread a channel ──► receiver
+                  what is wrong    what is sent    survives   retries with back-off
+                  and what ended                   restarts
+                                               [heartbeat] ──► receiver that misses it
 
-The pipeline never waits for the outside: a message costs a look, a notice a small file.
+The pipeline never waits for a receiver: a message costs a look, an alarm a small file.
 """

@@ -1,11 +1,11 @@
-"""The book of notices: what is open, how often it was seen, what was told, who has acknowledged it.
+"""The alarm log: which alarms are open, how often they occurred, who acknowledged them.
 
-    cause ──► raised ──► (again: counted) ──► reminder … ──► over, and quiet for `settle` ──► ended
-                              └── acknowledged: no more reminders
+    condition ──► raised ──► (again: counted) ──► reminder … ──► over for `settle` ──► ended
+                                  └── acknowledged: no more reminders
 
-A cause that comes back within `settle` after it was over is the same notice, counted, not told
-anew. One that has no end of its own is closed by who acknowledges it. Pure: time is an argument,
-and the book is a value that goes to a file and comes back.
+A condition that returns within `settle` after its end is the same alarm, counted, with no further
+message. One without an end of its own is closed by its acknowledgement. Pure: time is an argument,
+and the log is a value that goes to a file and comes back.
 """
 
 import json
@@ -19,39 +19,55 @@ from sensors.acquisition.blocks import NANOSECONDS
 
 Occasion = Literal["raised", "reminder", "ended"]
 BEGINNINGS: dict[Occasion, str] = {"raised": "", "reminder": "still: ", "ended": "over: "}
-CLOSED_KEPT = 200  # notices that are over and still listed
+CLOSED_KEPT = 200  # alarms that are over and still listed
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One thing that is or was wrong."""
+    """A condition that is or was wrong. Its field names are those of the file and of `ack`."""
 
-    id: int  # counted from 1; what `pilewatch ack` takes
+    id: int
+    """Counted from 1; what `pilewatch ack` takes."""
     key: str
+    """The same condition has the same key."""
     kind: str
+    """One of `settings.KINDS`."""
     turbine: str
-    text: str  # as it was last said
-    first_ns: int  # when it was first seen [ns since 1970-01-01 UTC]
-    last_ns: int  # when it was last seen
-    count: int = 1  # how often it came, those told as one
-    told_ns: int = 0  # when it was last told
-    over_ns: int = 0  # since when it is over; 0: it lasts
-    acknowledged_ns: int = 0  # 0: not yet
+    """That it concerns; "session" for the session itself."""
+    text: str
+    """The newest sentence."""
+    first_ns: int
+    """When it was first seen [ns since 1970-01-01 UTC]."""
+    last_ns: int
+    """When it was last seen [ns since 1970-01-01 UTC]."""
+    count: int = 1
+    """Occurrences that are this one alarm [-]."""
+    told_ns: int = 0
+    """When a message of it was last sent [ns since 1970-01-01 UTC]."""
+    over_ns: int = 0
+    """When it ended [ns since 1970-01-01 UTC]; 0: it lasts."""
+    acknowledged_ns: int = 0
+    """When it was acknowledged [ns since 1970-01-01 UTC]; 0: not yet."""
     acknowledged_by: str = ""
-    lasting: bool = True  # see Cause
+    """Name of the person."""
+    lasting: bool = True
+    """See `AlarmCondition`."""
     closed: bool = False
+    """Whether it is over for good."""
 
 
 @dataclass(frozen=True, slots=True)
 class AlarmMessage:
-    """What goes out."""
+    """What the channels deliver."""
 
     occasion: Occasion
+    """Why the message is sent."""
     notice: Alarm
+    """The alarm at that moment."""
 
     def as_json(self) -> dict[str, Any]:
         """As webhooks and brokers get it; names are stable. `text` can stand alone, as chats show
-        it; `cause` is what was said of the cause itself."""
+        it; `cause` is the condition's own sentence."""
         notice = self.notice
         return {
             "occasion": self.occasion,
@@ -68,9 +84,14 @@ class AlarmMessage:
 
 
 class AlarmLog:
-    """Every notice that is open, and the latest that were.
+    """Every open alarm, and the latest that are over.
 
-    notices   of an earlier run
+    Parameters
+    ----------
+    settings : AlarmLogSettings
+        Reminders and settling time.
+    notices : sequence of Alarm
+        Of an earlier run.
     """
 
     def __init__(self, settings: AlarmLogSettings, notices: Sequence[Alarm] = ()) -> None:
@@ -81,11 +102,11 @@ class AlarmLog:
 
     @property
     def notices(self) -> tuple[Alarm, ...]:
-        """All of them by their number."""
+        """All of them by number."""
         return tuple(sorted([*self._closed, *self._open.values()], key=lambda each: each.id))
 
     def note(self, cause: AlarmCondition, now_ns: int) -> Iterator[AlarmMessage]:
-        """Take a cause; give what is to be told of it at once."""
+        """Take a condition; yield the messages that it needs at once."""
         known = self._open.get(cause.key)
         if cause.over:
             if known is not None and known.lasting and not known.over_ns:
@@ -110,29 +131,29 @@ class AlarmLog:
         yield AlarmMessage("raised", notice)
 
     def _again(self, known: Alarm, cause: AlarmCondition, now_ns: int) -> Iterator[AlarmMessage]:
-        """A cause that is in the book; a new occurrence of one without an end is told."""
-        anew = not known.lasting and _seconds(now_ns - known.last_ns) >= self._settings.settle
+        """A known condition; a new occurrence of one without an end is a message."""
+        recurs = not known.lasting and _seconds(now_ns - known.last_ns) >= self._settings.settle
         self._open[cause.key] = notice = replace(
             known,
             text=cause.text,
             last_ns=now_ns,
-            told_ns=now_ns if anew else known.told_ns,
+            told_ns=now_ns if recurs else known.told_ns,
             over_ns=0,
             count=known.count + (cause.counted or known.over_ns > 0),
         )
-        if anew:
+        if recurs:
             yield AlarmMessage("raised", notice)
 
     def due(self, now_ns: int) -> Iterator[AlarmMessage]:
-        """What time alone makes worth telling: ends and reminders."""
+        """Yield the messages that time alone makes due: ends and reminders."""
         for notice in list(self._open.values()):
             if notice.over_ns:
                 if _seconds(now_ns - notice.over_ns) >= self._settings.settle:
                     self._close(notice)
                     yield AlarmMessage("ended", notice)
             elif self._reminder_is_due(notice, now_ns):
-                told = self._open[notice.key] = replace(notice, told_ns=now_ns)
-                yield AlarmMessage("reminder", told)
+                reminded = self._open[notice.key] = replace(notice, told_ns=now_ns)
+                yield AlarmMessage("reminder", reminded)
 
     def _reminder_is_due(self, notice: Alarm, now_ns: int) -> bool:
         if not self._settings.reminder or notice.acknowledged_ns:
@@ -140,7 +161,7 @@ class AlarmLog:
         return _seconds(now_ns - notice.told_ns) >= self._settings.reminder
 
     def acknowledge(self, ids: Sequence[int], by: str, now_ns: int) -> tuple[int, ...]:
-        """Somebody has taken note. Gives the numbers that are no open notice's."""
+        """Acknowledge alarms. Returns the numbers of which no alarm is open."""
         open_ids = {each.id: each for each in self._open.values()}
         for number in ids:
             if number in open_ids:
@@ -160,16 +181,16 @@ def _seconds(nanoseconds: int) -> float:
 
 
 def encoded_notices(notices: Sequence[Alarm]) -> bytes:
-    """As the file of a book."""
+    """As the file of an alarm log."""
     return json.dumps([asdict(each) for each in notices], ensure_ascii=False, indent=1).encode()
 
 
 def decoded_notices(content: bytes) -> tuple[Alarm, ...]:
-    """Of a book's file. Raises ValueError where it is none."""
+    """The alarms of a log's file. Raises ValueError if it is none."""
     known = {field.name for field in fields(Alarm)}
     try:
         return tuple(
             Alarm(**{k: v for k, v in each.items() if k in known}) for each in json.loads(content)
         )
     except (AttributeError, TypeError) as error:
-        raise ValueError(f"no book of notices: {error}") from error
+        raise ValueError(f"no alarm log: {error}") from error

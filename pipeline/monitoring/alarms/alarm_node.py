@@ -1,4 +1,4 @@
-"""AlarmNode: the sink that tells, and the file that remembers what was told."""
+"""AlarmNode: the sink that raises alarms, and the file that keeps them over a restart."""
 
 import json
 import logging
@@ -13,15 +13,17 @@ from typing import Any
 
 from pipeline.messages import Message, QualityWarning
 from pipeline.monitoring.alarms.alarm_log import (
+    Alarm,
     AlarmLog,
     AlarmMessage,
     decoded_notices,
     encoded_notices,
 )
-from pipeline.monitoring.alarms.alarm_rules import AlarmRules
+from pipeline.monitoring.alarms.alarm_rules import AlarmCondition, AlarmRules
 from pipeline.monitoring.alarms.channels import Channel
-from pipeline.monitoring.alarms.outbox import Delivery, Outbox
-from pipeline.monitoring.alarms.settings import AlarmLogSettings
+from pipeline.monitoring.alarms.heartbeat import AlarmHeartbeat, Pulse
+from pipeline.monitoring.alarms.outbox import Delivery, DeliveryState, Outbox
+from pipeline.monitoring.alarms.settings import AlarmLogSettings, HeartbeatSettings
 from pipeline.nodes.node import NodeStatistics
 from pipeline.recording.atomic_write import written_whole
 from pipeline.streams import STREAMS
@@ -32,15 +34,30 @@ logger = logging.getLogger(__name__)
 FOLDER, BOOK = "notices", "notices.json"  # within a session's folder
 KEY = "pilewatch/@notices"  # no stream's key expression matches what begins with @
 PATIENCE = 5.0  # at the end, for what is on its way [s]
-CHECKED_EVERY = 1_000_000_000  # the book for ends and reminders [ns]
+CHECKED_EVERY = 1_000_000_000  # the log for ends and reminders, the channels for failures [ns]
+SESSION = "session"  # in place of a turbine, for alarms about the session itself
 
 
 class AlarmNode:
-    """Takes every message of a session, tells what is wrong, answers who acknowledges.
+    """Handles every message of a session, raises alarms, answers acknowledgements.
 
-    folder     of the book and of what waits to go out
-    channels   whom to tell
-    clock      → [ns since 1970-01-01 UTC]
+    Parameters
+    ----------
+    folder : Path
+        Of the alarm log and of the outboxes.
+    settings : AlarmLogSettings
+        What raises an alarm.
+    channels : sequence of Channel
+        Where alarm messages go.
+    clock : callable
+        Time [ns since 1970-01-01 UTC].
+    heartbeats : sequence of HeartbeatSettings
+        Receivers of the dead-man's ping.
+
+    Raises
+    ------
+    InputError
+        If the folder's alarm log is damaged.
     """
 
     name = "notices"
@@ -52,43 +69,57 @@ class AlarmNode:
         settings: AlarmLogSettings,
         channels: Sequence[Channel],
         clock: Callable[[], int] = time.time_ns,
+        heartbeats: Sequence[HeartbeatSettings] = (),
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / BOOK
         self._place = {"host": socket.gethostname(), "session": str(folder.resolve().parent)}
-        self._clock = clock
-        self._causes = AlarmRules(settings)
-        self._book = AlarmLog(settings, notices_in(self._path))
-        self._saved = self._book.notices
-        self._asked = threading.Lock()
-        self._checked_ns = 0
-        self._outboxes = [Outbox(folder / channel.name) for channel in channels]
+        self._clock, self._settings = clock, settings
+        self._rules = AlarmRules(settings)
+        self._log = AlarmLog(settings, notices_in(self._path))
+        self._saved = self._log.notices
+        self._lock = threading.Lock()
+        self._checked_ns, self._heard_ns = 0, clock()
+        self._outboxes = [Outbox(folder / channel.name, clock=clock) for channel in channels]
         self._deliveries = [
-            Delivery(channel, outbox)
+            Delivery(channel, outbox, clock=clock)
             for channel, outbox in zip(channels, self._outboxes, strict=True)
         ]
-        self._save()  # from now on there is a book to ask for
-        for delivery in self._deliveries:
-            delivery.start()
+        self._heartbeats = [
+            AlarmHeartbeat(each, self._pulse, self._place, clock) for each in heartbeats
+        ]
+        self._save()  # from now on `pilewatch ack` finds a log
+        for thread in (*self._deliveries, *self._heartbeats):
+            thread.start()
 
     def handle(self, message: Message) -> Iterable[Message]:
-        """Take note of a message. Gives nothing back and waits for nobody."""
-        now_ns = self._clock()
-        with self._asked:
-            causes = list(self._causes.causes(message, now_ns))
-            tellings = [each for cause in causes for each in self._book.note(cause, now_ns)]
-            if now_ns - self._checked_ns >= CHECKED_EVERY:
+        """Take note of a message. Returns nothing and waits for no receiver."""
+        now_ns = self._heard_ns = self._clock()
+        with self._lock:
+            conditions = list(self._rules.causes(message, now_ns))
+            check = now_ns - self._checked_ns >= CHECKED_EVERY
+            if check:
+                conditions += self._delivery_conditions()
+            raised = [each for cause in conditions for each in self._log.note(cause, now_ns)]
+            if check:
                 self._checked_ns = now_ns
-                tellings += self._book.due(now_ns)
-            if (causes or tellings) and self._book.notices != self._saved:
+                raised += self._log.due(now_ns)
+            if (conditions or raised) and self._log.notices != self._saved:
                 self._save()
-        self._tell(tellings)
+        self._queue(raised)
         return ()
 
     def close(self) -> None:
-        """What can be sent at once is; the rest waits on disk for the next session."""
+        """Deliver what goes at once; the rest waits on disk for the next session."""
+        for heartbeat in self._heartbeats:
+            heartbeat.stop()
         for delivery in self._deliveries:
             delivery.stop(PATIENCE)
+
+    @property
+    def delivery_states(self) -> tuple[DeliveryState, ...]:
+        """What became of the messages, one a channel."""
+        return tuple(delivery.state() for delivery in self._deliveries)
 
     @property
     def statistics(self) -> NodeStatistics:
@@ -97,86 +128,132 @@ class AlarmNode:
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """For the node's status: which channels are away, and what was too much."""
-        doubts = [
-            QualityWarning("notices-waiting", f"{each.name}: {each.problem}")
-            for each in self._deliveries
-            if each.problem
+        """For the node's status: which channels do not deliver, and what was dropped."""
+        problems = [
+            *((each.name, each.problem) for each in self._deliveries),
+            *((each.name, each.problem) for each in self._heartbeats),
+        ]
+        found = [
+            QualityWarning("notices-waiting", f"{name}: {problem}")
+            for name, problem in problems
+            if problem
         ]
         dropped = sum(outbox.dropped for outbox in self._outboxes)
         if dropped:
-            doubts.append(
-                QualityWarning("notices-dropped", f"{dropped} notices were too many to keep")
+            found.append(
+                QualityWarning("notices-dropped", f"{dropped} alarm messages were too many to keep")
             )
-        return tuple(doubts)
+        refused = sum(delivery.refused for delivery in self._deliveries)
+        if refused:
+            found.append(
+                QualityWarning(
+                    "notices-refused",
+                    f"{refused} alarm messages are refused; see notices/*/refused",
+                )
+            )
+        return tuple(found)
 
     def answer(self, asked: bytes = b"") -> bytes:
-        """Acknowledge what the query names, and list all: JSON both ways.
+        """Acknowledge the alarms that a query names, and list all: JSON both ways.
 
-        asked   {"acknowledge": [1, 2], "by": "name"}, or nothing to list alone
+        Parameters
+        ----------
+        asked : bytes
+            {"acknowledge": [1, 2], "by": "name"}, or nothing to list alone.
         """
         wanted = json.loads(asked) if asked else {}
-        with self._asked:
-            unknown = self._book.acknowledge(
+        with self._lock:
+            unknown = self._log.acknowledge(
                 [int(each) for each in wanted.get("acknowledge", ())],
                 str(wanted.get("by", "")),
                 self._clock(),
             )
             self._save()
-            return json.dumps(listed(self._book, unknown), ensure_ascii=False).encode()
+            return json.dumps(listed(self._log, unknown), ensure_ascii=False).encode()
 
-    def _tell(self, tellings: Sequence[AlarmMessage]) -> None:
-        for telling in tellings:
+    def _delivery_conditions(self) -> Iterator[AlarmCondition]:
+        """A channel that does not deliver is an alarm, which the other channels deliver."""
+        if "delivery" not in self._settings.kinds:
+            return
+        for delivery in self._deliveries:
+            text = self._undelivered(delivery.state()) if delivery.problem else ""
+            name = delivery.channel
+            key = f"{SESSION}/delivery/{name}"
+            yield AlarmCondition(key, "delivery", SESSION, text, over=not text, counted=False)
+
+    def _undelivered(self, state: DeliveryState) -> str:
+        """The sentence on a channel whose messages wait for too long; "" if they do not."""
+        if state.age < self._settings.undelivered:
+            return ""
+        return f"{state.waiting} alarm messages wait for {state.channel}: {state.problem}"
+
+    def _pulse(self) -> Pulse:
+        return Pulse(self._heard_ns, sum(not each.closed for each in self._log.notices))
+
+    def _queue(self, raised: Sequence[AlarmMessage]) -> None:
+        for message in raised:
             for outbox, delivery in zip(self._outboxes, self._deliveries, strict=True):
                 try:
-                    outbox.put(telling.as_json() | self._place)
+                    outbox.put(message.as_json() | self._place)
                 except OSError as error:
-                    logger.error("a notice could not be kept: %s", error)
+                    logger.error("an alarm message could not be kept: %s", error)
                 delivery.wake()
 
     def _save(self) -> None:
-        self._saved = self._book.notices
+        self._saved = self._log.notices
         try:
             written_whole(self._path, encoded_notices(self._saved))
         except OSError as error:
-            logger.error("the book of notices could not be written: %s", error)
+            logger.error("the alarm log could not be written: %s", error)
 
 
-def notices_in(path: Path) -> tuple[Any, ...]:
-    """Of a book's file; none where there is no file. Raises InputError where it is damaged."""
+def notices_in(path: Path) -> tuple[Alarm, ...]:
+    """The alarms of a log's file; none if there is no file.
+
+    Raises
+    ------
+    InputError
+        If it is damaged.
+    """
     try:
         return decoded_notices(path.read_bytes())
     except FileNotFoundError:
         return ()
     except ValueError as error:
-        raise InputError(f"{path} is no book of notices: {error}; move it away") from error
+        raise InputError(f"{path} is no alarm log: {error}; move it away") from error
 
 
-def listed(book: AlarmLog, unknown: Sequence[int] = ()) -> dict[str, Any]:
-    """A book as it is answered; names are stable."""
-    return {"notices": [asdict(each) for each in book.notices], "unknown": list(unknown)}
+def listed(log: AlarmLog, unknown: Sequence[int] = ()) -> dict[str, Any]:
+    """An alarm log as it is answered; names are stable."""
+    return {"notices": [asdict(each) for each in log.notices], "unknown": list(unknown)}
 
 
 @contextmanager
-def desk_of(
-    folder: Path, settings: AlarmLogSettings, channels: Sequence[Channel]
+def running_alarm_node(
+    folder: Path,
+    settings: AlarmLogSettings,
+    channels: Sequence[Channel],
+    heartbeats: Sequence[HeartbeatSettings] = (),
 ) -> Iterator[AlarmNode]:
-    """A desk that is closed whatever happens."""
-    desk = AlarmNode(folder, settings, channels)
+    """An alarm node that is closed whatever happens."""
+    node = AlarmNode(folder, settings, channels, heartbeats=heartbeats)
     try:
-        yield desk
+        yield node
     finally:
-        desk.close()
+        node.close()
 
 
 def acknowledged_in_file(path: Path, ids: Sequence[int], by: str) -> dict[str, Any]:
-    """The book of a session that does not run, some of its notices acknowledged.
+    """Acknowledge alarms of a session that does not run.
 
-    Raises InputError where there is no book, or it is damaged.
+    Raises
+    ------
+    InputError
+        If there is no alarm log, or it is damaged.
     """
     if not path.exists():
-        raise InputError(f"there is no {path}: no session in that folder has told of anything")
-    book = AlarmLog(AlarmLogSettings(), notices_in(path))
-    unknown = book.acknowledge(ids, by, time.time_ns())
-    written_whole(path, encoded_notices(book.notices))
-    return listed(book, unknown)
+        raise InputError(f"there is no {path}: no session in that folder has raised an alarm")
+    log = AlarmLog(AlarmLogSettings(), notices_in(path))
+    unknown = log.acknowledge(ids, by, time.time_ns())
+    written_whole(path, encoded_notices(log.notices))
+    return listed(log, unknown)

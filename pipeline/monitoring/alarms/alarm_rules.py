@@ -1,4 +1,4 @@
-"""What in the messages is worth a notice, and what says that it is over."""
+"""Rules: which messages raise an alarm, and which end it."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -19,7 +19,7 @@ from pipeline.state.health import Health
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 
-SENSOR = (  # codes of windows that speak of an instrument
+SENSOR = (  # codes of windows that concern an instrument
     "constant",
     "clipped",
     "duplicate-channel",
@@ -32,41 +32,55 @@ SENSOR = (  # codes of windows that speak of an instrument
     "unsynchronised-units",
 )
 REFUSED = ("few-pairs", "pairing-cost", "no-paired-mode")  # codes of posteriors that were not made
-SILENT_AFTER = 30.0  # without a block of a unit that has not said that it ends [s]
+SILENT_AFTER = 30.0  # without a block of a unit whose stream has not ended [s]
 LOST_AFTER = 60.0  # without a status of a node; one that works on a window has no time for any [s]
-LINK = ("link-down", "quiet")  # what a feed says of why its unit is silent
-LOOKED_EVERY = 1.0  # at what is silent [s]
+LINK = ("link-down", "quiet")  # codes of a feed that explain the silence of its unit
+LOOKED_EVERY = 1.0  # time between two checks of silence [s]
 
 
 @dataclass(frozen=True, slots=True)
 class AlarmCondition:
-    """Something that is wrong, or no longer is."""
+    """A condition that is wrong, or no longer is."""
 
-    key: str  # the same cause has the same key
-    kind: str  # one of `settings.KINDS`
+    key: str
+    """The same condition has the same key."""
+    kind: str
+    """One of `settings.KINDS`."""
     turbine: str
-    text: str  # one sentence for people; "" where it is over
+    """That it concerns; "session" for the session itself."""
+    text: str
+    """One sentence for people; "" if it is over."""
     over: bool = False
-    lasting: bool = True  # False: it has no end of its own; only who acknowledges it ends it
-    counted: bool = True  # False: a state that is said again and again while it lasts
+    """Whether it has ended."""
+    lasting: bool = True
+    """False: it has no end of its own; its acknowledgement ends it."""
+    counted: bool = True
+    """False: a state that is repeated while it lasts, not an occurrence."""
 
 
 class AlarmRules:
-    """Reads the messages of a session as they come.
+    """Finds the conditions in the messages of a session as they come.
 
-    `now_ns` is always of the same clock [ns]: when a message came.
+    Parameters
+    ----------
+    settings : AlarmLogSettings
+        Kinds and thresholds.
+
+    Notes
+    -----
+    `now_ns` is always of one clock [ns]: when a message came.
     """
 
     def __init__(self, settings: AlarmLogSettings) -> None:
         self._settings = settings
         self._health = Health()
         self._looked_ns = 0
-        self._sensor_doubts: dict[str, set[str]] = {}  # by turbine: keys of causes that last
+        self._sensor_keys: dict[str, set[str]] = {}  # by turbine: keys of conditions that last
         self._channels: dict[str, set[str]] = {}  # by turbine: names of its channels
         self._links: dict[tuple[str, str], str] = {}  # turbine, unit: why its feed is silent
 
     def causes(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
-        """What one message says."""
+        """The conditions that one message starts or ends."""
         self._health.observe(message, now_ns)
         found: Iterable[AlarmCondition] = ()
         match message:
@@ -100,34 +114,34 @@ class AlarmRules:
         yield AlarmCondition(key, "gap", gap.turbine, "", over=True)  # samples have resumed
 
     def _sensor(self, estimate: ModalEstimate) -> Iterator[AlarmCondition]:
-        """Doubts about instruments in a window; those that it does not share are over."""
+        """Warnings about instruments in a window; those that it does not repeat are over."""
         turbine = estimate.turbine
-        doubts = {
+        found = {
             self._sensor_key(turbine, each.code, each.text): each.text
             for each in estimate.warnings
             if each.code in SENSOR
         }
-        for key, text in doubts.items():
+        for key, text in found.items():
             yield AlarmCondition(
                 key, "sensor", turbine, f"{text} ({_window_from(estimate.start_ns)})"
             )
-        for key in sorted(self._sensor_doubts.get(turbine, set()) - doubts.keys()):
+        for key in sorted(self._sensor_keys.get(turbine, set()) - found.keys()):
             yield AlarmCondition(key, "sensor", turbine, "", over=True)
-        self._sensor_doubts[turbine] = set(doubts)
+        self._sensor_keys[turbine] = set(found)
 
     def _rejected(self, window: WindowRejected) -> Iterator[AlarmCondition]:
-        """A window that says nothing of instruments does not say that they are well."""
+        """A window that is rejected for another reason ends no instrument's condition."""
         turbine, begin = window.turbine, _window_from(window.start_ns)
         if window.code in SENSOR:
             key = self._sensor_key(turbine, window.code, window.reason)
             yield AlarmCondition(key, "sensor", turbine, f"{window.reason} ({begin}, not used)")
-            self._sensor_doubts.setdefault(turbine, set()).add(key)
+            self._sensor_keys.setdefault(turbine, set()).add(key)
         elif window.code in REFUSED:
             text = f"no posterior of the {begin}: {window.reason}"
             yield AlarmCondition(f"{turbine}/refused", "refused", turbine, text)
 
     def _sensor_key(self, turbine: str, code: str, text: str) -> str:
-        """Of one fault of certain channels: another one that fails meanwhile is another cause."""
+        """One fault of certain channels; the same fault of another channel has another key."""
         channels = self._channels.get(turbine, set())
         named = sorted({name for name in _NAME.findall(text) if name in channels})
         return "/".join([turbine, "sensor", code, *named])
@@ -154,9 +168,9 @@ class AlarmRules:
     def _status(self, status: NodeStatus) -> Iterator[AlarmCondition]:
         unit = status.node.removeprefix("feed-")
         if unit != status.node:
-            link = "; ".join(doubt.text for doubt in status.warnings if doubt.code in LINK)
+            link = "; ".join(each.text for each in status.warnings if each.code in LINK)
             self._links[status.turbine, unit] = link
-        stopped = [doubt for doubt in status.warnings if doubt.code == "recording-stopped"]
+        stopped = [each for each in status.warnings if each.code == "recording-stopped"]
         if status.node == "recorder":
             text = stopped[0].text if stopped else ""
             key = f"{status.turbine}/recorder"
@@ -175,7 +189,7 @@ def _moment(time_ns: int) -> str:
 
 
 def _spoken(seconds: float) -> str:
-    """A duration as people say it."""
+    """A duration in words."""
     for unit, length in (("days", 86_400), ("hours", 3600), ("minutes", 60)):
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"
@@ -193,7 +207,7 @@ def _change(event: FoundationEvent) -> Iterator[AlarmCondition]:
 
 def _posterior(posterior: FoundationPosterior) -> Iterator[AlarmCondition]:
     turbine = posterior.turbine
-    why = "; ".join(doubt.text for doubt in posterior.warnings)
+    why = "; ".join(each.text for each in posterior.warnings)
     text = f"the posterior is not to be trusted: {why or 'the data contradict the model'}"
     yield _state(f"{turbine}/untrusted", "untrusted", turbine, text, not posterior.trusted)
     yield AlarmCondition(f"{turbine}/refused", "refused", turbine, "", over=True)

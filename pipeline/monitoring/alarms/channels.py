@@ -1,16 +1,28 @@
-"""The ways out: each sends one telling or says why it could not."""
+"""The channels: each delivers one alarm message, or reports why it could not.
 
+    webhook   POST, answered by 2xx; a redirect is a failure and is never followed
+    mail      SMTP with STARTTLS, TLS from the first byte, or none; one result a recipient
+    mqtt      PUBLISH with quality of service 1, confirmed by the broker
+
+Every delivery has one deadline for all of it: names, connection, TLS, answer. A receiver that
+answers one byte a second holds a channel no longer than one that does not answer.
+"""
+
+import asyncio
 import json
+import logging
+import os
 import shlex
-import smtplib
 import ssl
-import urllib.error
-import urllib.request
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
 from datetime import UTC, datetime
 from email.message import EmailMessage
-from email.utils import formatdate, make_msgid
-from typing import Any, Protocol
+from email.utils import formatdate
+from typing import Any, Protocol, TypeVar
+from urllib.parse import urlsplit
+
+import aiosmtplib
+import httpx
 
 from pipeline.monitoring.alarms.settings import (
     AlarmError,
@@ -22,97 +34,191 @@ from pipeline.monitoring.alarms.settings import (
 )
 from sensors.acquisition.blocks import NANOSECONDS
 
+logger = logging.getLogger(__name__)
+
 LONGEST_SUBJECT = 160  # [characters]
+LONGEST_REASON = 200  # of a failure, some of which the receiver writes [characters]
+REFUSES_MESSAGE = frozenset({400, 413, 415, 422})  # HTTP: another message may be accepted
 
 Json = Mapping[str, Any]
+T = TypeVar("T")
 
 
-class DeliveryFailed(Exception):  # noqa: N818  # it says what happened
-    """The outside did not take a telling; it is tried again. The text says why."""
+class DeliveryFailed(Exception):  # noqa: N818  # a state of the delivery, not a fault of the program
+    """The receiver did not accept a message; the text is the reason.
+
+    Parameters
+    ----------
+    reason : str
+        One line.
+    message_only : bool
+        Whether the failure concerns this message alone; otherwise no message gets through.
+    remaining : tuple of str
+        Recipients that have not got the message; empty: all of them.
+    """
+
+    def __init__(
+        self, reason: str, *, message_only: bool = False, remaining: tuple[str, ...] = ()
+    ) -> None:
+        line = "".join(c if c.isprintable() else " " for c in reason)
+        super().__init__(" ".join(line.split())[:LONGEST_REASON])
+        self.message_only = message_only
+        self.remaining = remaining
 
 
 class Channel(Protocol):
-    """One way out."""
+    """One way to the receiver."""
 
     @property
     def name(self) -> str:
-        """Stays from run to run; unique among the channels. What waits is kept under it."""
+        """Unique among the channels and the same from run to run: names the outbox's folder."""
         ...
 
-    def send(self, telling: Json) -> None:
-        """One telling, as `Telling.as_json` has it, with `host`, `session` (the folder in which it
-        can be acknowledged) and `serial`. Raises DeliveryFailed."""
+    def send(self, message: Json, recipients: tuple[str, ...] = ()) -> None:
+        """Deliver one message.
+
+        Parameters
+        ----------
+        message : mapping
+            `AlarmMessage.as_json` with `host`, `session` (the folder to acknowledge it in) and
+            `serial`.
+        recipients : tuple of str
+            Those that an earlier attempt has not reached; empty: all.
+
+        Raises
+        ------
+        DeliveryFailed
+            If the receiver does not confirm it.
+        """
         ...
 
 
 class Webhook:
-    """POSTs JSON. A number that stays over retries is sent as `Idempotency-Key`."""
+    """POST of JSON. `Idempotency-Key` stays the same over the attempts of one message."""
 
     def __init__(self, name: str, settings: WebhookSettings) -> None:
         self.name = name
         self._settings = settings
 
-    def send(self, telling: Json) -> None:
-        headers = {
-            "Content-Type": "application/json",
-            "User-Agent": "pilewatch",
-            "Idempotency-Key": f"{telling['turbine']}-{telling['id']}-{telling['serial']}",
-        }
-        token = secret(self._settings.token_environment)
-        if token:
-            headers["Authorization"] = f"Bearer {token}"
-        body = json.dumps(telling, ensure_ascii=False).encode()
-        request = urllib.request.Request(  # http and https alone, by the settings
-            self._settings.url, data=body, headers=headers, method="POST"
+    def send(self, message: Json, recipients: tuple[str, ...] = ()) -> None:
+        """See `Channel`. 2xx alone is a delivery."""
+        key = f"{message['turbine']}-{message['id']}-{message['serial']}"
+        post_json(self._settings, message, {"Idempotency-Key": key})
+
+
+def post_json(settings: WebhookSettings, content: Json, headers: Mapping[str, str]) -> None:
+    """POST to the origin of the settings and to no other host.
+
+    Raises
+    ------
+    DeliveryFailed
+        For any answer but 2xx, a redirect among them, and for none within the timeout.
+    """
+    token = secret(settings.token_environment)
+    sent = {"Content-Type": "application/json", "User-Agent": "pilewatch", **headers}
+    if token:
+        sent["Authorization"] = f"Bearer {token}"
+    body = json.dumps(content, ensure_ascii=False).encode()
+    place = origin(settings.url)
+    try:
+        status, location = _finished(_post(settings, body, sent), settings.timeout, place)
+    except (httpx.HTTPError, httpx.InvalidURL, OSError, ValueError) as error:
+        raise DeliveryFailed(f"{place}: {_system_reason(error)}") from error
+    if 300 <= status < 400:
+        target = origin(location) if urlsplit(location).netloc else "a path of its own"
+        raise DeliveryFailed(
+            f"{place} answered {status}, a redirect to {target}; redirects are not followed: "
+            "set url to the final address"
         )
-        try:
-            with urllib.request.urlopen(request, timeout=self._settings.timeout) as answer:
-                answer.read(1024)
-        except urllib.error.HTTPError as error:
-            with error:
-                raise DeliveryFailed(f"{self._settings.url} answered {error.code}") from error
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "reason", error)
-            raise DeliveryFailed(f"{self._settings.url}: {reason}") from error
+    if not 200 <= status < 300:
+        raise DeliveryFailed(f"{place} answered {status}", message_only=status in REFUSES_MESSAGE)
+
+
+async def _post(
+    settings: WebhookSettings, body: bytes, headers: Mapping[str, str]
+) -> tuple[int, str]:
+    """Status and Location of the answer; its body is not read."""
+    context = tls_context(settings.ca)
+    async with (
+        httpx.AsyncClient(verify=context, timeout=settings.timeout, follow_redirects=False) as http,
+        http.stream("POST", settings.url, content=body, headers=headers) as answer,
+    ):
+        return answer.status_code, answer.headers.get("location", "")
+
+
+def origin(url: str) -> str:
+    """Scheme, host and port: path, query and user of a webhook's URL are often its secret."""
+    parts = urlsplit(url)
+    return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}"
 
 
 class Mail:
-    """An e-mail of a few lines, over STARTTLS unless the settings say otherwise."""
+    """An e-mail of a few lines."""
 
     def __init__(self, name: str, settings: MailSettings) -> None:
         self.name = name
         self._settings = settings
 
-    def send(self, telling: Json) -> None:
+    def send(self, message: Json, recipients: tuple[str, ...] = ()) -> None:
+        """See `Channel`. Each recipient is confirmed or refused on its own."""
         settings = self._settings
+        place = f"{settings.host}:{settings.port}"
+        wanted = recipients or settings.recipients
         try:
-            with smtplib.SMTP(settings.host, settings.port, timeout=settings.timeout) as server:
-                if settings.starttls:
-                    server.starttls(context=ssl.create_default_context())
-                if settings.user:
-                    server.login(settings.user, secret(settings.password_environment))
-                server.send_message(self._message(telling))
-        except (OSError, smtplib.SMTPException) as error:
-            raise DeliveryFailed(f"{settings.host}:{settings.port}: {error}") from error
-
-    def _message(self, telling: Json) -> EmailMessage:
-        message = EmailMessage()
-        message["Subject"] = " ".join(f"[pilewatch] {telling['text']}".split())[:LONGEST_SUBJECT]
-        message["From"] = self._settings.sender
-        message["To"] = ", ".join(self._settings.recipients)
-        message["Date"] = formatdate(telling["last_ns"] / 1e9)
-        message["Message-ID"] = make_msgid(domain="pilewatch")
-        first, last = _moment(telling["first_ns"]), _moment(telling["last_ns"])
-        seen = "once" if telling["count"] == 1 else f"{telling['count']} times"
-        when = f"at {first}" if first == last else f"since {first}, last at {last}"
-        lines = [telling["text"], "", f"kind {telling['kind']}, seen {seen}, {when}"]
-        if telling["occasion"] != "ended":
-            lines.append(
-                f"acknowledge it on {telling['host']}: "
-                f"pilewatch ack {telling['id']} --out {shlex.quote(telling['session'])}"
+            refused = _finished(self._sent(message, wanted), settings.timeout, place)
+        except aiosmtplib.SMTPRecipientsRefused as error:
+            refused = {each.recipient: f"{each.code} {each.message}" for each in error.recipients}
+        except (aiosmtplib.SMTPSenderRefused, aiosmtplib.SMTPDataError) as error:
+            raise DeliveryFailed(f"{place}: {error}", message_only=True) from error
+        except (aiosmtplib.SMTPException, OSError, ValueError) as error:
+            raise DeliveryFailed(f"{place}: {_system_reason(error)}") from error
+        if refused:
+            reasons = "; ".join(f"{who}: {why}" for who, why in refused.items())
+            raise DeliveryFailed(
+                f"{place} refuses {reasons}", message_only=True, remaining=tuple(refused)
             )
-        message.set_content("\n".join([*lines, ""]))
-        return message
+
+    async def _sent(self, message: Json, recipients: tuple[str, ...]) -> dict[str, str]:
+        """The refused recipients, each with the server's reason."""
+        settings = self._settings
+        client = aiosmtplib.SMTP(
+            hostname=settings.host,
+            port=settings.port,
+            timeout=settings.timeout,
+            use_tls=settings.tls,
+            start_tls=settings.starttls and not settings.tls,
+            tls_context=tls_context(settings.ca),
+        )
+        try:
+            await client.connect()
+            if settings.user:
+                await client.login(settings.user, secret(settings.password_environment))
+            refused, _ = await client.send_message(
+                self._message(message), sender=settings.sender, recipients=list(recipients)
+            )
+        finally:
+            client.close()  # without QUIT: an odd answer to it undoes no delivery
+        return {who: f"{answer.code} {answer.message}" for who, answer in refused.items()}
+
+    def _message(self, message: Json) -> EmailMessage:
+        mail = EmailMessage()
+        mail["Subject"] = " ".join(f"[pilewatch] {message['text']}".split())[:LONGEST_SUBJECT]
+        mail["From"] = self._settings.sender
+        mail["To"] = ", ".join(self._settings.recipients)
+        mail["Date"] = formatdate(message["last_ns"] / 1e9)
+        number = f"{message['id']}.{message['serial']}.{message['last_ns']}"
+        mail["Message-ID"] = f"<{number}@pilewatch>"  # the same in every attempt
+        first, last = _moment(message["first_ns"]), _moment(message["last_ns"])
+        seen = "once" if message["count"] == 1 else f"{message['count']} times"
+        when = f"at {first}" if first == last else f"since {first}, last at {last}"
+        lines = [message["text"], "", f"kind {message['kind']}, seen {seen}, {when}"]
+        if message["occasion"] in ("raised", "reminder"):
+            lines.append(
+                f"acknowledge it on {message['host']}: "
+                f"pilewatch ack {message['id']} --out {shlex.quote(message['session'])}"
+            )
+        mail.set_content("\n".join([*lines, ""]))
+        return mail
 
 
 def _moment(time_ns: int) -> str:
@@ -120,11 +226,11 @@ def _moment(time_ns: int) -> str:
 
 
 class Mqtt:
-    """Publishes JSON with quality of service 1 under topic/TURBINE/KIND."""
+    """JSON with quality of service 1 under topic/TURBINE/KIND."""
 
     def __init__(self, name: str, settings: MqttSettings) -> None:
         try:
-            import paho.mqtt.publish  # noqa: F401
+            import aiomqtt  # noqa: F401
         except ImportError:
             raise AlarmError(
                 "[[mqtt]] needs the extra `mqtt`: pip install 'pilewatch[mqtt]'"
@@ -132,35 +238,91 @@ class Mqtt:
         self.name = name
         self._settings = settings
 
-    def send(self, telling: Json) -> None:
-        from paho.mqtt.client import Client
-        from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
+    def send(self, message: Json, recipients: tuple[str, ...] = ()) -> None:
+        """See `Channel`. The broker's PUBACK is the delivery."""
+        from aiomqtt import MqttError
+
+        logging.getLogger("mqtt").setLevel(logging.CRITICAL)  # its own lines on a failed link
+        place = f"{self._settings.host}:{self._settings.port}"
+        try:
+            _finished(self._publish(message), self._settings.timeout, place)
+        except (MqttError, OSError, ValueError) as error:
+            raise DeliveryFailed(f"{place}: {_system_reason(error)}") from error
+
+    async def _publish(self, message: Json) -> None:
+        from aiomqtt import Client, MqttError
 
         settings = self._settings
-        client = Client(CallbackAPIVersion.VERSION2)
-        client.connect_timeout = settings.timeout
-        if settings.user:
-            client.username_pw_set(settings.user, secret(settings.password_environment) or None)
-        if settings.tls:
-            client.tls_set()
-        topic = f"{settings.topic}/{telling['turbine']}/{telling['kind']}"
-        place = f"{settings.host}:{settings.port}"
+        client = Client(
+            settings.host,
+            settings.port,
+            username=settings.user or None,
+            password=secret(settings.password_environment) or None,
+            tls_context=tls_context(settings.ca) if settings.tls else None,
+            timeout=settings.timeout,
+        )
+        levels = (_topic_level(message["turbine"]), _topic_level(message["kind"]))
+        confirmed = False
         try:
-            client.connect(settings.host, settings.port)
-            client.loop_start()
-            told = client.publish(topic, json.dumps(telling, ensure_ascii=False), qos=1)
-            told.wait_for_publish(settings.timeout)
-            if told.rc != MQTTErrorCode.MQTT_ERR_SUCCESS or not told.is_published():
-                raise DeliveryFailed(f"{place} did not confirm within {settings.timeout:g} s")
-        except (OSError, ValueError, RuntimeError) as error:
-            raise DeliveryFailed(f"{place}: {error}") from error
-        finally:
-            client.disconnect()
-            client.loop_stop()
+            async with client:
+                payload = json.dumps(message, ensure_ascii=False)
+                await client.publish("/".join((settings.topic, *levels)), payload, qos=1)
+                confirmed = True
+        except MqttError:
+            if not confirmed:  # a link that breaks after PUBACK undoes no delivery
+                raise
+
+
+def _topic_level(name: str) -> str:
+    return "".join("_" if letter in "+#/\0" else letter for letter in name) or "_"
+
+
+def tls_context(authority: str) -> ssl.SSLContext:
+    """Certificates are checked against one authority's file; "": against the system's."""
+    return ssl.create_default_context(cafile=authority or None)
+
+
+def _finished(delivery: Coroutine[Any, Any, T], seconds: float, place: str) -> T:
+    """Run a delivery to its end within one deadline for all of it [s]."""
+
+    async def bounded() -> T:
+        asyncio.get_running_loop().set_exception_handler(_in_a_callback)
+        async with asyncio.timeout(seconds):
+            return await delivery
+
+    try:
+        with asyncio.Runner() as runner:
+            return runner.run(bounded())
+    except TimeoutError as error:
+        raise DeliveryFailed(f"{place}: no confirmation within {seconds:g} s") from error
+
+
+def _in_a_callback(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """A library's callback that fails on an odd answer: the delivery then ends by its deadline."""
+    logger.debug("a delivery's callback: %s", context.get("message"))
+
+
+def _system_reason(error: BaseException) -> str:
+    """The system's words at the root of an error, without the wrappers' "all attempts failed"."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, ssl.SSLCertVerificationError):
+            return f"the certificate is refused: {cause.verify_message}"
+        of_system = isinstance(cause, OSError) and not isinstance(cause, ssl.SSLError)
+        if of_system and (number := getattr(cause, "errno", 0) or 0) > 0:
+            return os.strerror(number)
+        cause = cause.__cause__ or cause.__context__
+    return str(error) or type(error).__name__
 
 
 def channels_of(settings: AlarmSettings) -> tuple[Channel, ...]:
-    """Every channel that the file names. Raises AlarmError where an extra is missing."""
+    """Every channel of the settings.
+
+    Raises
+    ------
+    AlarmError
+        If an extra is not installed.
+    """
     return (
         *(Webhook(f"webhook-{i}", each) for i, each in enumerate(settings.webhook, start=1)),
         *(Mqtt(f"mqtt-{i}", each) for i, each in enumerate(settings.mqtt, start=1)),

@@ -1,7 +1,8 @@
-"""Whom to tell and how often: a TOML file of its own, so that no recording holds an address.
+"""Where alarm messages go and how often: a TOML file of its own, so that no recording holds an
+address.
 
     [notices]
-    reminder = 86400.0            # told again after so long while it lasts [s]; 0: never
+    reminder = 86400.0            # repeated after so long while the alarm lasts [s]; 0: never
 
     [[webhook]]
     url = "https://example.org/hook"
@@ -10,11 +11,15 @@
     host = "broker.example.org"
 
     [[mail]]
-    host = "smtp.example.org"
+    host = "smtp.example.org"     # STARTTLS on port 587; port = 465 and tls = true: TLS at once
     sender = "pilewatch@example.org"
     recipients = ["engineer@example.org"]
 
-Passwords and tokens are read from the environment; the file names the variables.
+    [[heartbeat]]
+    url = "https://example.org/ping"   # raises the alarm there when the pings end
+
+Passwords and tokens are read from the environment; the file names the variables. `ca` names the
+file of a private authority.
 """
 
 import os
@@ -28,7 +33,11 @@ from urllib.parse import urlsplit
 from sensors.errors import InputError
 from sensors.settings import settings_from_table
 
-KINDS = ("change", "gap", "silence", "sensor", "untrusted", "refused", "node", "recorder")
+KINDS = (
+    *("change", "gap", "silence", "sensor", "untrusted", "refused", "node", "recorder"),
+    "delivery",
+)
+TLS_PORT = 465  # SMTP with TLS from the first byte (RFC 8314)
 
 
 class AlarmError(InputError):
@@ -37,78 +46,146 @@ class AlarmError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class AlarmLogSettings:
-    """Section [notices]: what is worth a notice, and how often it is told."""
+    """Section [notices]: what raises an alarm, and how often its message is repeated."""
 
     kinds: tuple[str, ...] = KINDS
-    reminder: float = 86_400.0  # told again after so long, while it lasts unacknowledged [s]
-    settle: float = 900.0  # what comes back within this is the same notice [s]
-    shortest_gap: float = 60.0  # of missing measurements that is worth a notice [s]
+    """Kinds of alarms that are sent."""
+    reminder: float = 86_400.0
+    """Time after which an unacknowledged alarm that lasts is repeated [s]; 0: never."""
+    settle: float = 900.0
+    """A condition that returns within this time is the same alarm [s]."""
+    shortest_gap: float = 60.0
+    """Shortest gap of the measurements that raises an alarm [s]."""
+    undelivered: float = 300.0
+    """Time after which a channel that does not deliver raises an alarm by the others [s]."""
 
     def __post_init__(self) -> None:
         for kind in self.kinds:
             if kind not in KINDS:
                 raise AlarmError(f"kinds has {kind!r}; there are {', '.join(KINDS)}")
-        for name in ("reminder", "settle", "shortest_gap"):
+        for name in ("reminder", "settle", "shortest_gap", "undelivered"):
             if not getattr(self, name) >= 0:
                 raise AlarmError(f"{name} is {getattr(self, name)}; it must not be negative")
 
 
 @dataclass(frozen=True, slots=True)
 class WebhookSettings:
-    """A section [[webhook]]: every telling is POSTed as JSON."""
+    """A section [[webhook]]: every message is POSTed as JSON."""
 
     url: str
-    token_environment: str = ""  # variable with a token, sent as `Authorization: Bearer …`
-    timeout: float = 10.0  # [s]
+    """Final address, http or https; redirects are not followed."""
+    token_environment: str = ""
+    """Variable with a token, sent as `Authorization: Bearer …`."""
+    timeout: float = 10.0
+    """Deadline of a whole delivery [s]."""
+    ca: str = ""
+    """PEM file of the authority of the server's certificate; "": the system's authorities."""
 
     def __post_init__(self) -> None:
-        if urlsplit(self.url).scheme not in ("http", "https") or not urlsplit(self.url).netloc:
-            raise AlarmError(f"url is {self.url!r}; it is like https://example.org/hook")
+        _require_url(self.url)
         _require_set(self.token_environment, "token_environment")
+        _require_file(self.ca)
+        _require_timeout(self.timeout)
+
+
+@dataclass(frozen=True, slots=True)
+class HeartbeatSettings:
+    """A section [[heartbeat]]: a ping whose absence raises an alarm at the receiver."""
+
+    url: str
+    """Final address, http or https; POSTed to."""
+    period: float = 300.0
+    """Time between two pings [s]."""
+    token_environment: str = ""
+    """Variable with a token, sent as `Authorization: Bearer …`."""
+    timeout: float = 10.0
+    """Deadline of a whole ping [s]."""
+    ca: str = ""
+    """PEM file of the authority of the server's certificate; "": the system's authorities."""
+
+    def __post_init__(self) -> None:
+        _ = self.webhook
+        if not 1 <= self.period <= 86_400:
+            raise AlarmError(f"period is {self.period} s; a heartbeat needs 1 to 86400 s")
+
+    @property
+    def webhook(self) -> WebhookSettings:
+        """The same address as a webhook."""
+        return WebhookSettings(self.url, self.token_environment, self.timeout, self.ca)
 
 
 @dataclass(frozen=True, slots=True)
 class MqttSettings:
-    """A section [[mqtt]]: every telling is published as JSON under topic/TURBINE/KIND."""
+    """A section [[mqtt]]: every message is published as JSON under topic/TURBINE/KIND."""
 
     host: str
+    """Of the broker."""
     port: int = 1883
+    """Of the broker; 8883 is usual with TLS."""
     topic: str = "pilewatch/notices"
+    """First levels of the topic."""
     user: str = ""
-    password_environment: str = ""  # variable with the password
-    tls: bool = False  # the broker's certificate is checked by the system's authorities
-    timeout: float = 10.0  # [s]
+    """At the broker; "": none."""
+    password_environment: str = ""
+    """Variable with the password."""
+    tls: bool = False
+    """Whether the link is encrypted and the broker's certificate checked."""
+    timeout: float = 10.0
+    """Deadline of a whole delivery [s]."""
+    ca: str = ""
+    """PEM file of the authority of the broker's certificate; "": the system's authorities."""
 
     def __post_init__(self) -> None:
         _require_port(self.port)
         _require_set(self.password_environment, "password_environment")
+        _require_file(self.ca)
+        _require_timeout(self.timeout)
         if not self.topic or any(letter in self.topic for letter in "#+"):
             raise AlarmError(f"topic is {self.topic!r}; one to publish on has no # and no +")
+        if self.ca and not self.tls:
+            raise AlarmError("ca without tls = true: no certificate would be checked")
 
 
 @dataclass(frozen=True, slots=True)
 class MailSettings:
-    """A section [[mail]]: every telling is a short e-mail."""
+    """A section [[mail]]: every message is a short e-mail."""
 
     host: str
+    """Of the mail server."""
     sender: str
+    """Address of the sender."""
     recipients: tuple[str, ...]
+    """Addresses of the recipients."""
     port: int = 587
+    """Of the mail server: 587 with STARTTLS, 465 with tls."""
     starttls: bool = True
+    """Whether the link is encrypted after its first lines; a server that cannot gets nothing."""
     user: str = ""
+    """At the mail server; "": none."""
     password_environment: str = ""
-    timeout: float = 30.0  # [s]
+    """Variable with the password."""
+    timeout: float = 30.0
+    """Deadline of a whole delivery [s]."""
+    tls: bool = False
+    """Whether the link is encrypted from its first byte, in place of STARTTLS."""
+    ca: str = ""
+    """PEM file of the authority of the server's certificate; "": the system's authorities."""
 
     def __post_init__(self) -> None:
         _require_port(self.port)
         _require_set(self.password_environment, "password_environment")
+        _require_file(self.ca)
+        _require_timeout(self.timeout)
         if not self.recipients:
             raise AlarmError("recipients is empty; at least one address is needed")
         for address in (self.sender, *self.recipients):
             if "@" not in address or any(letter in address for letter in "\r\n"):
                 raise AlarmError(f"{address!r} is no e-mail address")
-        if self.user and not self.starttls and self.host not in ("localhost", "127.0.0.1"):
-            raise AlarmError("user without starttls: a password would travel readable")
+        encrypted = self.starttls or self.tls
+        if self.user and not encrypted and self.host not in ("localhost", "127.0.0.1"):
+            raise AlarmError("user without starttls or tls: a password would travel readable")
+        if self.port == TLS_PORT and not self.tls:
+            raise AlarmError("port 465 speaks TLS from the first byte; add tls = true")
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,21 +193,34 @@ class AlarmSettings:
     """The whole file."""
 
     notices: AlarmLogSettings = field(default_factory=AlarmLogSettings)
+    """Section [notices]."""
     webhook: tuple[WebhookSettings, ...] = ()
+    """Sections [[webhook]]."""
     mqtt: tuple[MqttSettings, ...] = ()
+    """Sections [[mqtt]]."""
     mail: tuple[MailSettings, ...] = ()
+    """Sections [[mail]]."""
+    heartbeat: tuple[HeartbeatSettings, ...] = ()
+    """Sections [[heartbeat]]."""
 
 
 _CHANNELS: dict[str, type] = {
     "webhook": WebhookSettings,
     "mqtt": MqttSettings,
     "mail": MailSettings,
+    "heartbeat": HeartbeatSettings,
 }
 
 
 def load_notices(path: Path) -> AlarmSettings:
-    """The file's settings. Raises AlarmError: it cannot be read, an unknown key, a wrong value,
-    a variable of the environment that is not set."""
+    """Read a notices file.
+
+    Raises
+    ------
+    AlarmError
+        If it cannot be read, or has an unknown key, a wrong value or a variable of the environment
+        that is not set.
+    """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
@@ -142,12 +232,12 @@ def load_notices(path: Path) -> AlarmSettings:
 
 
 def notices_settings(table: Mapping[str, Any], origin: str) -> AlarmSettings:
-    """The settings that a table describes; `origin` names it in errors. Raises AlarmError."""
+    """The settings of a table; `origin` names it in errors. Raises AlarmError."""
     unknown = [key for key in table if key not in ("notices", *_CHANNELS)]
     if unknown:
         known = ", ".join(("[notices]", *(f"[[{name}]]" for name in _CHANNELS)))
         raise AlarmError(f"{origin}: unknown section {unknown[0]!r}; it takes {known}")
-    book = settings_from_table(
+    log = settings_from_table(
         AlarmLogSettings, table.get("notices", {}), f"{origin} [notices]", AlarmError
     )
     channels: dict[str, tuple[Any, ...]] = {}
@@ -160,20 +250,44 @@ def notices_settings(table: Mapping[str, Any], origin: str) -> AlarmSettings:
             for number, each in enumerate(given, start=1)
         )
     if not any(channels.values()):
-        raise AlarmError(f"{origin} names nobody to tell: add [[webhook]], [[mqtt]] or [[mail]]")
-    return AlarmSettings(notices=book, **channels)
+        raise AlarmError(
+            f"{origin} names no receiver: add [[webhook]], [[mqtt]], [[mail]] or [[heartbeat]]"
+        )
+    return AlarmSettings(notices=log, **channels)
 
 
 def secret(variable: str) -> str:
-    """What a variable of the environment holds; "" where none is named."""
+    """The value of a variable of the environment; "" if none is named."""
     return os.environ.get(variable, "") if variable else ""
 
 
 def _require_set(variable: str, key: str) -> None:
     if variable and variable not in os.environ:
         raise AlarmError(f"{key} names {variable}, which is not set in the environment")
+    if any(letter in secret(variable) for letter in "\r\n"):
+        raise AlarmError(f"{key} names {variable}, whose value has a line break")
 
 
 def _require_port(port: int) -> None:
     if not 0 < port < 65_536:
         raise AlarmError(f"port is {port}; it is 1 to 65535")
+
+
+def _require_timeout(timeout: float) -> None:
+    if not 0 < timeout <= 3600:
+        raise AlarmError(f"timeout is {timeout} s; a deadline is above 0 and at most 3600 s")
+
+
+def _require_url(url: str) -> None:
+    try:
+        parts = urlsplit(url)
+        known = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        known = False
+    if not known:
+        raise AlarmError(f"url is {url!r}; it is like https://example.org/hook")
+
+
+def _require_file(ca: str) -> None:
+    if ca and not Path(ca).is_file():
+        raise AlarmError(f"ca is {ca!r}; there is no such file")

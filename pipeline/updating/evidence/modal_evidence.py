@@ -201,6 +201,16 @@ class ModalEvidence:
             n_unknown_levels=self.n_unknown_levels + (not level_known),
         )
 
+    def with_channels(self, order: Sequence[int], signs: Sequence[float]) -> "ModalEvidence":
+        """The evidence as if every channel had read what another one did, times a sign.
+
+        order   (n_channels,) whose values each channel really has
+        """
+        if tuple(order) == tuple(range(len(order))) and all(sign == 1 for sign in signs):
+            return self
+        modes = tuple(mode.with_channels(order, signs) for mode in self.modes)
+        return replace(self, modes=modes)
+
     @property
     def unknown_level_share(self) -> float:
         """Of the windows, those whose water level nothing reported [-]."""

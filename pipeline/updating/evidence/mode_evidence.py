@@ -1,5 +1,6 @@
 """What the windows have said of one mode: sums that give its mean and information at any time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -119,6 +120,20 @@ class ModeEvidence:
         slope, curvature = partner.parabola(self.frequency, self.unit_component)
         moved = self.level_information[0] @ slope + self.level_information[1] @ curvature
         return replace(self, information_mean=self.information_mean - moved)
+
+    def with_channels(self, order: Sequence[int], signs: Sequence[float]) -> "ModeEvidence":
+        """The same with every channel's values those of another, times a sign."""
+        rows = np.concatenate([[0], 1 + np.asarray(order)])
+        unit = list(order).index(self.unit_component)
+        turned = np.concatenate([[1.0], np.asarray(signs) * signs[unit]])  # the unit stays 1
+        both = np.outer(turned, turned)
+        return replace(
+            self,
+            unit_component=unit,
+            information=self.information[np.ix_(rows, rows)] * both,
+            information_mean=self.information_mean[rows] * turned,
+            level_information=self.level_information[:, rows][:, :, rows] * both,
+        )
 
     def forgotten(self, n_windows: int) -> bool:
         """Whether it has not been seen for so long, after n_windows in all, that it was a mistake

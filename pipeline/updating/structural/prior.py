@@ -153,6 +153,15 @@ class JointCoordinates:
             belief=belief,
         )
 
+    def with_prior_std(self, place: int, std: float) -> "JointCoordinates":
+        """The same with another prior standard deviation of one coordinate."""
+        other = self.with_level_std(self.level_std)
+        precision = other.prior_precision.copy()
+        precision[place], precision[:, place] = 0.0, 0.0
+        precision[place, place] = std**-2
+        other.prior_precision = precision
+        return other
+
     def prior_cost(self, u: FloatArray) -> float:
         """(u − u₀)ᵀ P (u − u₀)"""
         off = u - self.origin

@@ -7,7 +7,8 @@ Everything of a turbine is below /{turbine}:
     frequencies/identified/{mode}     of each window [Hz]
     modes/{label}/identified          median, ±2 standard deviations [Hz]
     modes/{label}/model               frequency of the updated model [Hz]
-    modes/{label}/damping             median, ±2 standard deviations [% of critical]
+    frequencies/change/{mode}         against the first window [%]
+    modes/{label}/damping             [% of critical]
     shapes/{label}/motion/…           the identified shape on the model's, moving
     foundation/{parameter}/posterior  5 %, 50 %, 95 %, stiffness ÷ nominal [-]; /truth
     foundation/joint/…, /pile/…       corner plot of the stiffnesses; the tower on its springs

@@ -28,16 +28,14 @@ def log_tower(recording: rr.RecordingStream, root: str, turbine: Outline) -> Non
     recording.log(
         f"{root}/tower/structure", _mesh(turbine.structure, (205, 205, 200, 255)), static=True
     )
-    recording.log(
-        f"{root}/tower/nacelle",
-        rr.Boxes3D(
+    if turbine.nacelle_centre is not None:
+        box = rr.Boxes3D(
             centers=[turbine.nacelle_centre],
             sizes=[NACELLE_SIZE],
             colors=[(205, 205, 200)],
             fill_mode="solid",
-        ),
-        static=True,
-    )
+        )
+        recording.log(f"{root}/tower/nacelle", box, static=True)
     if turbine.blades:
         recording.log(
             f"{root}/tower/blades",
@@ -62,7 +60,9 @@ def _mesh(mesh: TriangleMesh, colour: tuple[int, int, int, int]) -> rr.Mesh3D:
 
 
 def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outline) -> None:
-    marks = [(turbine.mudline, "mudline"), (turbine.tower_top, "tower top")]
+    known = turbine.nacelle_centre is not None  # a turbine, not a bare mast
+    names = ("mudline", "tower top") if known else ("foot", "top")
+    marks = [(turbine.mudline, names[0]), (turbine.tower_top, names[1])]
     if turbine.water_level is not None:
         marks.append((turbine.water_level, "sea"))
     recording.log(
@@ -71,7 +71,7 @@ def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outl
             [(0.0, 45.0, elevation) for elevation, _ in marks],
             radii=0.5,
             colors=colours.NEUTRAL,
-            labels=[f"{name} {elevation:.0f} m" for elevation, name in marks],
+            labels=[f"{name} {elevation / turbine.scale:.4g} m" for elevation, name in marks],
             show_labels=True,
         ),
         static=True,
@@ -88,18 +88,22 @@ def sensor_levels(layout: SensorLayout) -> list[float]:
     return sorted({channel.elevation for channel in layout.channels})
 
 
-def log_sensors(recording: rr.RecordingStream, root: str, layout: SensorLayout) -> None:
-    """Where the accelerometers of one unit sit, one dot a level; static."""
+def log_sensors(
+    recording: rr.RecordingStream, root: str, layout: SensorLayout, *, scale: float = 1.0
+) -> None:
+    """Draw the accelerometers of one unit, one dot per level; static. `scale` as of the tower."""
     levels = sensor_levels(layout)
     recording.log(
         sensor_path(root, layout.unit),
-        rr.Points3D.from_fields(positions=[(6.0, 3.0, level) for level in levels], radii=2.8),
+        rr.Points3D.from_fields(
+            positions=[(6.0, 3.0, scale * level) for level in levels], radii=2.8
+        ),
         static=True,
     )
     recording.log(
         f"{sensor_path(root, layout.unit)}/labels",
         rr.Points3D(
-            [(0.0, -34.0, level + 6.0) for level in levels],
+            [(0.0, -34.0, scale * level + 6.0) for level in levels],
             radii=0.1,
             colors=colours.MEASURED,
             labels=[f"{level:g} m" for level in levels],
@@ -122,7 +126,13 @@ def log_sensor_health(
 
 
 def log_shape_place(
-    recording: rr.RecordingStream, root: str, label: str, slot: int, turbine: Outline
+    recording: rr.RecordingStream,
+    root: str,
+    label: str,
+    slot: int,
+    turbine: Outline,
+    *,
+    colour: colours.Colour = colours.MODEL,
 ) -> None:
     """Place a mode's shape in the row, with the tower at rest; static."""
     path = shape_path(root, label)
@@ -134,7 +144,7 @@ def log_shape_place(
         f"{path}/rest", rr.LineStrips3D([axis], radii=0.4, colors=colours.NEUTRAL), static=True
     )
     # Static parts are written once: they cost as much as moving ones.
-    line = rr.LineStrips3D.from_fields(radii=1.0, colors=colours.MODEL)
+    line = rr.LineStrips3D.from_fields(radii=1.0, colors=colour)
     recording.log(f"{path}/motion/model", line, static=True)
     dots = rr.Points3D.from_fields(radii=3.2, colors=colours.MEASURED)
     recording.log(f"{path}/motion/identified", dots, static=True)

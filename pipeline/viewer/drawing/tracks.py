@@ -59,10 +59,16 @@ def log_estimate(
     layout: SensorLayout | None,
     *,
     styled: set[str],
+    first: dict[str, float],
 ) -> None:
     """Every identified frequency as a point; untracked modes share entities by rank.
 
-    `styled` holds the entities whose colour and name are already written; it grows here.
+    Parameters
+    ----------
+    styled : set[str]
+        Entities whose colour and name are already written; it grows here.
+    first : dict[str, float]
+        First frequency of each track [Hz], the reference of its change; it grows here.
     """
     for rank, mode in enumerate(estimate.modes):
         name = mode.name or f"untracked {rank}"
@@ -71,6 +77,21 @@ def log_estimate(
             styled.add(path)
             _log_identified_style(recording, path, name, _direction(mode, estimate, layout))
         recording.log(path, rr.Scalars(mode.frequency))
+        if mode.name:
+            _log_change(recording, root, mode, first)
+
+
+def _log_change(
+    recording: rr.RecordingStream, root: str, mode: Mode, first: dict[str, float]
+) -> None:
+    """Draw a track's frequency relative to its first one [%]: on one axis for all modes."""
+    path = f"{root}/frequencies/change/{entity_part(mode.name)}"
+    if mode.name not in first:
+        colour = colours.LEVELS[len(first) % len(colours.LEVELS)]
+        name = f"{mode.name}, {mode.frequency:.3g} Hz [%]"
+        log_line_style(recording, path, name, colour, width=1.5)
+    reference = first.setdefault(mode.name, mode.frequency)
+    recording.log(path, rr.Scalars(PERCENT * (mode.frequency / reference - 1.0)))
 
 
 def _direction(mode: Mode, estimate: ModalEstimate, layout: SensorLayout | None) -> str:
@@ -103,12 +124,8 @@ def log_mode_styles(recording: rr.RecordingStream, root: str, label: str, slot: 
         colours.MEASURED,
     )
     log_line_style(recording, f"{path}/model", f"model {label} [Hz]", colours.MODEL, width=1.5)
-    log_band_style(
-        recording,
-        f"{path}/damping",
-        (f"mode {label} −2 std [%]", f"mode {label} [%]", f"mode {label} +2 std [%]"),
-        colours.LEVELS[slot % len(colours.LEVELS)],
-    )
+    colour = colours.LEVELS[slot % len(colours.LEVELS)]
+    log_line_style(recording, f"{path}/damping", f"mode {label} [%]", colour)
 
 
 def log_model_frequency(
@@ -119,11 +136,10 @@ def log_model_frequency(
 
 
 def log_identified(recording: rr.RecordingStream, root: str, label: str, mode: Mode) -> None:
-    """An identified mode over the model's of that label: frequency and damping with bands."""
+    """An identified mode over the model's of that label: frequency with its band, and damping."""
     path = mode_path(root, label)
     recording.log(f"{path}/identified", _band(mode.frequency, mode.frequency_std))
-    damping, std = mode.damping_ratio * PERCENT, mode.damping_ratio_std * PERCENT
-    recording.log(f"{path}/damping", _band(damping, std))
+    recording.log(f"{path}/damping", rr.Scalars(mode.damping_ratio * PERCENT))
 
 
 def _band(value: float, std: float) -> rr.Scalars:

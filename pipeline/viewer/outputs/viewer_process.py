@@ -139,6 +139,10 @@ def _stop(viewer: "subprocess.Popen[bytes]", *ports: int) -> None:
 
     `python -m rerun` runs the viewer as its child, which may outlive it by a moment.
     """
+    if sys.platform == "win32":  # no process groups there
+        viewer.terminate()
+        _has_ended(viewer, ports)
+        return
     for name in (signal.SIGTERM, signal.SIGKILL):
         try:
             os.killpg(viewer.pid, name)

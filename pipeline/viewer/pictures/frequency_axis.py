@@ -10,7 +10,7 @@ from sensors.arrays import FloatArray
 
 WIDTH = 2.6  # of a panel [picture units]
 LOWEST = 0.1  # left end [Hz]
-LABEL_DISTANCE = 0.13  # between two frequencies written above a panel [picture units]
+LABEL_DISTANCE = 0.2  # between two frequencies written above a panel [picture units]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ x downwind (fore-aft), y to the side (side-side), z up from mean water.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from sensors.structure.description import Blades, RotorNacelle, Tube, TurbineDes
 
 SECTORS = 24  # flat faces round a tube
 GROUND_RADIUS = 70.0  # of the discs that stand for sea and sea bed [m]
+SMALLEST_HEIGHT = 60.0  # of a structure drawn in its own size [m]
+DRAWN_HEIGHT = 150.0  # of a smaller one in the picture [m]
 NACELLE_SIZE = (16.0, 8.0, 8.0)  # for the picture only [m]
 
 
@@ -34,7 +36,7 @@ class TriangleMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """The turbine at rest."""
+    """The turbine at rest, in drawn metres."""
 
     structure: TriangleMesh
     """Monopile and tower."""
@@ -46,12 +48,18 @@ class Outline:
     """Elevation of the mean water level [m]; None on land."""
     blades: tuple[FloatArray, ...]
     """(2, 3) each: root and tip [m]."""
-    nacelle_centre: FloatArray
-    """Centre of the nacelle, shape (3,) [m]."""
+    nacelle_centre: FloatArray | None
+    """Centre of the nacelle, shape (3,) [m]; None without a rotor-nacelle assembly."""
+    scale: float = 1.0
+    """Drawn metres per metre of height [-]; small structures are drawn as tall as a tower."""
 
 
 def outline(description: TurbineDescription) -> Outline:
     """Return what is drawn of a described turbine."""
+    height = description.tower_top - description.mudline
+    scale = 1.0 if height >= SMALLEST_HEIGHT else DRAWN_HEIGHT / height
+    if scale != 1.0:
+        return _small_outline(description, scale)
     top = description.tower_top
     machine = description.rotor_nacelle
     blades = blade_lines(description.blades, machine, top) if description.blades else ()
@@ -62,7 +70,31 @@ def outline(description: TurbineDescription) -> Outline:
         mudline=description.mudline,
         water_level=description.water.level if description.water else None,
         blades=blades,
-        nacelle_centre=centre,
+        nacelle_centre=centre if blades or machine.bodies else None,
+    )
+
+
+def _small_outline(description: TurbineDescription, scale: float) -> Outline:
+    """Return the tubes of a small structure, enlarged; text and camera are sized for towers."""
+    tubes = [
+        replace(
+            tube,
+            bottom=tube.bottom * scale,
+            top=tube.top * scale,
+            diameter=tube.diameter * scale,
+            thickness=tube.thickness * scale,
+        )
+        for tube in description.tubes
+    ]
+    water = description.water
+    return Outline(
+        structure=tube_mesh(tubes),
+        tower_top=description.tower_top * scale,
+        mudline=description.mudline * scale,
+        water_level=water.level * scale if water else None,
+        blades=(),
+        nacelle_centre=None,
+        scale=scale,
     )
 
 
@@ -130,6 +162,10 @@ class Deflection:
         upright = np.zeros((len(self.elevations), 3))
         upright[:, 2] = self.elevations
         return upright + amplitude * self.displacements
+
+    def scaled(self, scale: float) -> "Deflection":
+        """Return the same displacements at elevations times `scale`."""
+        return Deflection(self.elevations * scale, self.displacements)
 
     @property
     def direction(self) -> str:

@@ -104,6 +104,8 @@ def spectrum_picture(
     ]
     shown = axis.shown(frequencies)
     panels = [(panel * PITCH, panel * PITCH + HEIGHT) for panel in range(2)]
+    units = {channel.unit for channel in layout.channels}
+    unit = units.pop() if len(units) == 1 else "unit"
     return SpectrumPicture(
         spectra=tuple(line for line, _ in lines),
         levels=tuple(elevations.index(layout.channels[channel].elevation) for _, channel in lines),
@@ -111,7 +113,7 @@ def spectrum_picture(
             vertical_line(axis, frequency, *panel) for panel in panels for frequency in shown
         ),
         frames=tuple(frame(*panel) for panel in panels),
-        texts=_axis_texts(axis, top) + axis.mode_texts(shown, -0.06),
+        texts=_axis_texts(axis, top, unit) + axis.mode_texts(shown, -0.06),
     )
 
 
@@ -153,7 +155,7 @@ def _curves(
     return [np.stack([x, 1.0 - 0.96 * y[:, i]], axis=1) for i in range(y.shape[1])]
 
 
-def _axis_texts(axis: FrequencyAxis, top: float) -> tuple[Text, ...]:
+def _axis_texts(axis: FrequencyAxis, top: float, unit: str) -> tuple[Text, ...]:
     texts = [text for panel in range(2) for text in axis.tick_texts(panel * PITCH + HEIGHT + 0.05)]
     texts += [
         Text((-0.13, panel * PITCH + 1.0 - 0.96 * (1.0 - below / DECADES)), f"1e{top - below:.0f}")
@@ -162,5 +164,6 @@ def _axis_texts(axis: FrequencyAxis, top: float) -> tuple[Text, ...]:
     ]
     for panel, name in enumerate(AXES):
         middle = (WIDTH / 2, panel * PITCH + HEIGHT + 0.13)
-        texts.append(Text(middle, f"frequency [Hz], {name}; density [(m/s²)²/Hz]"))
+        density = f"({unit})²/Hz" if unit else "1/Hz, unscaled"
+        texts.append(Text(middle, f"frequency [Hz], {name}; density [{density}]"))
     return tuple(texts)

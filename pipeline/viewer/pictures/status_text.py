@@ -40,7 +40,8 @@ class StatusIndicator:
 class SessionStatus:
     """What the status text of one turbine needs; bounded, however long the session."""
 
-    def __init__(self, turbine: str, *, title: str = "") -> None:
+    def __init__(self, turbine: str, *, title: str = "", has_structure: bool = True) -> None:
+        self._has_structure = has_structure
         self.turbine = turbine
         self._heading = f"{title} ({turbine})" if title and title != turbine else turbine
         self._n_identified = 0
@@ -144,6 +145,8 @@ class SessionStatus:
         return StatusIndicator("good", f"{found} in the last window")
 
     def _foundation_indicator(self) -> StatusIndicator:
+        if not self._has_structure:
+            return StatusIndicator("unknown", "foundation: no structural model")
         if self._posterior is None:
             return StatusIndicator("unknown", "foundation: no posterior yet")
         if not self._posterior.trusted:
@@ -154,8 +157,13 @@ class SessionStatus:
 
     def _summary(self) -> str:
         posterior = self._posterior
+        if not self._has_structure:
+            if self._estimate is None:
+                return "Modes only: no window is identified yet."
+            found = frequencies_text([mode.frequency for mode in self._estimate.modes])
+            return f"Modes only: {found} in the last window."
         if posterior is None:
-            return "No posterior yet: the first needs one identified window."
+            return "No posterior yet: it comes with the first window whose modes are paired."
         if not posterior.trusted:
             return "NOT TRUSTED: the data contradict the model; do not use these stiffnesses."
         k22 = posterior.parameter("k22")

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.files.named_arrays import NamedArray, channels_of_arrays
+from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError, existing, needed
+from sensors.files.table import FileError, require_file, require_module
 
 SCALE = ("scale_factor", "scale")
 SHIFT = ("add_offset", "offset")
@@ -33,16 +33,16 @@ def read_hdf5(path: Path) -> list[Channel]:
     FileError
         If it is missing, damaged or holds none, or h5py is not installed.
     """
-    h5py = needed("h5py", "hdf5", path)
+    h5py = require_module("h5py", "hdf5", path)
     try:
-        with h5py.File(existing(path), "r") as file:
+        with h5py.File(require_file(path), "r") as file:
             arrays = _arrays(file, "", {}, h5py, path)
     except FileError:
         raise
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise FileError(f"{path}: no readable HDF5 file: {reason}") from error
-    return channels_of_arrays(arrays, path)
+    return find_channels(arrays, path)
 
 
 def _arrays(
@@ -70,7 +70,7 @@ def _arrays(
 
 
 def _note(dataset: Any) -> Any:
-    """What a dataset of one value or of text says; None of any other."""
+    """The content of a dataset of one value or of text; None of any other."""
     if dataset.shape is None or dataset.dtype.names is not None:
         return None
     if dataset.dtype.kind in "OS":
@@ -82,7 +82,7 @@ def _note(dataset: Any) -> Any:
 
 
 def _in_units(values: NDArray[Any], notes: dict[str, Any], place: str) -> NDArray[Any]:
-    """Counts as what they stand for; NaN where the file says that nothing was measured."""
+    """Counts as what they stand for; NaN where the file marks a missing value."""
     if values.dtype.kind not in "iuf":
         return values
     scale, shift, fill = (_factor(notes, names, place) for names in (SCALE, SHIFT, FILL))
@@ -99,7 +99,7 @@ def _factor(notes: dict[str, Any], names: tuple[str, ...], place: str) -> Any:
     name = next((name for name in names if name in notes), None)
     if name is None:
         return None
-    said = np.asarray(notes[name])
-    if said.size != 1 or said.dtype.kind not in "iuf":
+    stated = np.asarray(notes[name])
+    if stated.size != 1 or stated.dtype.kind not in "iuf":
         raise FileError(f"{place}: its attribute {name} is {notes[name]!r}; one number is needed")
-    return said.reshape(-1)[0]
+    return stated.reshape(-1)[0]

@@ -17,10 +17,10 @@ import numpy as np
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError, MatReadWarning
 
-from sensors.files.named_arrays import NamedArray, channels_of_arrays
+from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.readers.hdf5 import read_hdf5
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError, existing
+from sensors.files.table import FileError, require_file
 
 HDF5_OFFSET = 512  # MATLAB puts a text before the HDF5 of version 7.3 [bytes]
 HDF5_MAGIC = b"\x89HDF"
@@ -49,7 +49,7 @@ def read_mat(path: Path) -> list[Channel]:
         If the file is missing, damaged or holds no channel, or is of version 7.3 and h5py is not
         installed.
     """
-    with existing(path).open("rb") as file:
+    with require_file(path).open("rb") as file:
         beginning = file.read(HDF5_OFFSET + len(HDF5_MAGIC))
     if beginning.startswith(HDF5_MAGIC) or beginning.endswith(HDF5_MAGIC):
         return read_hdf5(path)
@@ -61,7 +61,7 @@ def read_mat(path: Path) -> list[Channel]:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise FileError(f"{path}: no readable MATLAB file: {reason}") from error
     variables = {name: each for name, each in content.items() if not name.startswith("__")}
-    return channels_of_arrays(list(_arrays(variables, "", {})), path)
+    return find_channels(list(_arrays(variables, "", {})), path)
 
 
 def _arrays(group: dict[str, Any], place: str, around: dict[str, Any]) -> Iterator[NamedArray]:

@@ -4,7 +4,7 @@ Every NET.STA.LOC.CHA is a channel; parts of it that follow each other are joine
 between them is a gap. The samples are a digitiser's counts: a layout file's `sensitivity` makes
 accelerations of them. Needs obspy (extra `miniseed`).
 
-The second letter of a channel code says the instrument: N an accelerometer, H, L and P one of
+The second letter of a channel code names the instrument: N an accelerometer, H, L and P one of
 velocity. Source: SEED manual 2.4, appendix A.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError, existing, needed
+from sensors.files.table import FileError, require_file, require_module
 
 INSTRUMENTS = {"N": "a", "H": "v", "L": "v", "P": "v"}
 
@@ -35,8 +35,8 @@ def read_miniseed(path: Path) -> list[Channel]:
         If it is missing, damaged or holds none, parts of a channel contradict each other, or
         obspy is not installed.
     """
-    obspy = needed("obspy", "miniseed", path)
-    stream = _read(obspy, existing(path))
+    obspy = require_module("obspy", "miniseed", path)
+    stream = _read(obspy, require_file(path))
     for trace in [each for each in stream if each.data.dtype.kind not in "iuf"]:
         stream.remove(trace)  # a log
     try:

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.files.named_arrays import NamedArray, channels_of_arrays
+from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError, existing
+from sensors.files.table import FileError, require_file
 
 # What numpy raises of files that are no such archive: a broken header is read as Python's grammar.
 DAMAGE = (
@@ -37,7 +37,7 @@ def read_npz(path: Path) -> list[Channel]:
     FileError
         If it is missing, damaged or holds none.
     """
-    if not zipfile.is_zipfile(existing(path)):
+    if not zipfile.is_zipfile(require_file(path)):
         raise FileError(f"{path}: no archive of arrays as np.savez writes it, or cut off")
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -49,7 +49,7 @@ def read_npz(path: Path) -> list[Channel]:
         name: each for name, each in arrays.items() if each.size == 1 or each.dtype.kind in "US"
     }
     series = [NamedArray(name, each, notes) for name, each in arrays.items() if name not in notes]
-    return channels_of_arrays(series, path)
+    return find_channels(series, path)
 
 
 def read_npy(path: Path) -> list[Channel]:
@@ -64,7 +64,7 @@ def read_npy(path: Path) -> list[Channel]:
     FileError
         If it is missing, damaged or holds none.
     """
-    existing(path)
+    require_file(path)
     try:
         values = np.load(path, allow_pickle=False)
     except DAMAGE as error:
@@ -72,4 +72,4 @@ def read_npy(path: Path) -> list[Channel]:
         raise FileError(f"{path}: no readable NPY file: {reason}") from error
     if not isinstance(values, np.ndarray):
         raise FileError(f"{path}: an archive of arrays; name it .npz")
-    return channels_of_arrays([NamedArray("ch", values)], path)
+    return find_channels([NamedArray("ch", values)], path)

@@ -15,7 +15,7 @@ import numpy as np
 
 from sensors.arrays import FloatArray
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError, existing
+from sensors.files.table import FileError, require_file
 
 WITH_TIME, WITHOUT_TIME, UNCOMPRESSED, LONG_NAMES = 1, 2, 3, 4  # values of the format
 NAME_LENGTH = 10  # of a name or a unit, where the file does not state it [characters]
@@ -80,7 +80,7 @@ def read_outb(path: Path) -> list[Channel]:
     -----
     Compressed samples are 16-bit integers n: x = (n - offset) / scale.
     """
-    source = _Bytes(existing(path).read_bytes())
+    source = _Bytes(require_file(path).read_bytes())
     try:
         return _channels(source)
     except (EOFError, ValueError, struct.error, OverflowError) as error:

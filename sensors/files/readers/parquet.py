@@ -14,15 +14,15 @@ from pyarrow import parquet
 
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
 from sensors.files.text.column_titles import distinct, split_unit
-from sensors.files.text.columns import Column, ColumnKind, sorted_columns, tables_of_columns
+from sensors.files.text.columns import Column, ColumnKind, convert_batches, sort_columns
 from sensors.files.text.dates import kind_of_text
 
 ROWS = 2**16  # that are read at a time
-LOOKED_AT = 60  # of the first rows, to tell what a column is
+LOOKED_AT = 60  # of the first rows, to find the kind of a column
 
 
-def parquet_pieces(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
-    """Yield the channels of a Parquet file in pieces.
+def read_parquet_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
+    """Yield the channels of a Parquet file in chunks.
 
     Yields
     ------
@@ -39,9 +39,9 @@ def parquet_pieces(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelT
             first = next(batches, None)
             if first is None:
                 raise FileError(f"{path}: 0 sample(s); at least two are needed")
-            columns = sorted_columns(_columns(file.schema_arrow, first), path, wanted)
+            columns = sort_columns(_columns(file.schema_arrow, first), path, wanted)
             used = (batch.select(list(columns.used)) for batch in chain((first,), batches))
-            yield from tables_of_columns(used, columns, path)
+            yield from convert_batches(used, columns, path)
     except (OSError, UnicodeError, pa.ArrowException) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise FileError(f"{path}: no readable Parquet file: {reason}") from error

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from sensors.files.named_arrays import NamedArray, channels_of_arrays
+from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError, existing, needed
+from sensors.files.table import FileError, require_file, require_module
 
 DAMAGE = (
     *(OSError, ValueError, LookupError, EOFError, struct.error, NotImplementedError),
@@ -35,10 +35,10 @@ def read_tdms(path: Path) -> list[Channel]:
     FileError
         If it is missing, damaged or holds none, or npTDMS is not installed.
     """
-    nptdms = needed("nptdms", "tdms", path)
-    logging.getLogger("nptdms").setLevel(logging.ERROR)  # a cut file is told below, once
+    nptdms = require_module("nptdms", "tdms", path)
+    logging.getLogger("nptdms").setLevel(logging.ERROR)  # a cut file is reported below, once
     try:
-        with nptdms.TdmsFile.open(existing(path)) as file:
+        with nptdms.TdmsFile.open(require_file(path)) as file:
             arrays = list(_arrays(file))
             cut = file.file_status.incomplete_final_segment
     except FileError:
@@ -48,7 +48,7 @@ def read_tdms(path: Path) -> list[Channel]:
         raise FileError(f"{path}: no readable TDMS file: {reason}") from error
     if cut:
         raise FileError(f"{path}: the TDMS file was cut off before its end")
-    return channels_of_arrays(arrays, path)
+    return find_channels(arrays, path)
 
 
 def _arrays(file: Any) -> Iterator[NamedArray]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sensors.files.sep005 import Channel
-from sensors.files.table import FileError, existing, needed
+from sensors.files.table import FileError, require_file, require_module
 
 DELIMITER = b"    -1"  # before and behind every dataset
 TIME_RESPONSE = 1  # `func_type`
@@ -43,9 +43,9 @@ def read_uff(path: Path) -> list[Channel]:
     FileError
         If the file is missing, damaged or holds no time response, or pyuff is not installed.
     """
-    pyuff = needed("pyuff", "uff", path)
+    pyuff = require_module("pyuff", "uff", path)
     if (
-        not existing(path).read_bytes().rstrip().endswith(DELIMITER)
+        not require_file(path).read_bytes().rstrip().endswith(DELIMITER)
     ):  # pyuff drops a part in silence
         raise FileError(f"{path}: no universal file, or cut off: its last line must be -1")
     try:

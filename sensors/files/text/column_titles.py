@@ -1,4 +1,4 @@
-"""What the title of a column says: its name, its unit, whether it is the time."""
+"""What the title of a column states: its name, its unit, whether it is the time."""
 
 import re
 
@@ -52,9 +52,9 @@ def is_unit(text: str) -> bool:
     """Return whether a text is a unit that is known, if only by name."""
     plain = plain_unit(text)
     known = (ACCELERATION_UNITS, VELOCITY_UNITS, DISPLACEMENT_UNITS, LIKE_DISPLACEMENT)
-    said = bool(text.strip()) and known_unit(text) is not None
+    is_time = bool(text.strip()) and known_unit(text) is not None
     named = plain in _OTHER_UNITS or text.strip() in _CAPITALS
-    return said or named or any(plain in units for units in known)
+    return is_time or named or any(plain in units for units in known)
 
 
 def distinct(names: list[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Columns of a table (of a text file, of a Parquet file) → ChannelTables, piece by piece.
+"""Columns of a table (of a text file, of a Parquet file) → ChannelTables, chunk by chunk.
 
 A column's title holds its unit in brackets. One of the columns may hold the time, or two of them
 date and time of day; columns that only number the samples, and columns of text, are left out; the
@@ -34,7 +34,7 @@ ColumnKind = Literal["number", "moment", "date", "time of day", "text", "empty"]
 
 EVEN = 1e-3  # a column that rises by steps so much alike is a clock, relative
 RECORD_NUMBER = "rn"  # "unit" of a record counter, whatever its steps: Campbell's TOA5
-FEWEST = 10  # rows from which that can be said
+FEWEST = 10  # rows that are needed to see that
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +54,7 @@ class Column:
 
     @property
     def title(self) -> str:
+        """Name and unit in brackets."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
@@ -67,7 +68,7 @@ class Columns:
     """Places of the time: one column, date and time of day, or none."""
 
     rate: float | None = None
-    """Rate [Hz], where the file says it beside the columns."""
+    """Sampling rate [Hz], where the file states it beside the columns."""
 
     start_ns: int = 0
     """Time of the first sample [ns since 1970-01-01 UTC]; 0: not stated."""
@@ -78,8 +79,8 @@ class Columns:
         return tuple(sorted((*self.clock, *self.channels)))
 
 
-def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING) -> Columns:
-    """Time, channels, and what is left out: said once a file.
+def sort_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING) -> Columns:
+    """Find time, channels, and what is left out, which is logged once a file.
 
     Returns
     -------
@@ -94,7 +95,7 @@ def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERY
         columns, clock = _stated_clock(columns, wanted.time, path)
     else:
         clock = _clock_columns(columns, path)
-    times = [i for i, each in enumerate(columns) if i not in clock and _tells_time(each)]
+    times = [i for i, each in enumerate(columns) if i not in clock and _holds_time(each)]
     numbers = [i for i, each in enumerate(columns) if i not in clock and _counts(each)]
     texts = [i for i, each in enumerate(columns) if i not in clock and each.kind == "text"]
     blank = [i for i, each in enumerate(columns) if each.kind == "empty" and not each.titled]
@@ -105,12 +106,12 @@ def sorted_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERY
         raise FileError(f"{path}: no channel beside the {time}{_listed(columns, sorted(left_out))}")
     channels = tuple(channels[i] for i in wanted.among([columns[i].name for i in channels]))
     for number in texts if not wanted.names else ():
-        told_once(
+        log_once(
             f"{path}: column {columns[number].name!r} holds text "
             f"({str(next(iter(columns[number].first), ''))!r}) and is left out"
         )
     if times:
-        told_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
+        log_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
     return Columns(tuple(columns), channels, clock if wanted.stamps else ())
 
 
@@ -136,7 +137,7 @@ def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
     clocks = [i for i, each in enumerate(columns) if each.kind == "time of day"]
     if dates and clocks:
         return dates[0], clocks[0]
-    named = [i for i, each in enumerate(columns) if _tells_time(each)]
+    named = [i for i, each in enumerate(columns) if _holds_time(each)]
     if named:
         return (named[0],)
     _require_readable_time(columns, path)
@@ -149,7 +150,7 @@ def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
             f"{first.first[1] - first.first[0]:.6g}: call it 'time [s]' where it is the time, "
             "'sample' where it counts the samples"
         )
-    told_once(f"{path}: no header; the first column rises evenly and is taken for seconds")
+    log_once(f"{path}: no header; the first column rises evenly and is taken for seconds")
     return (0,)
 
 
@@ -162,7 +163,7 @@ def _require_readable_time(columns: Sequence[Column], path: Path) -> None:
             )
 
 
-def _tells_time(column: Column) -> bool:
+def _holds_time(column: Column) -> bool:
     if column.kind in ("moment", "date", "time of day"):
         return True
     return column.kind == "number" and is_time_title(column.name)
@@ -192,15 +193,15 @@ def _listed(columns: Sequence[Column], numbers: Sequence[int]) -> str:
 
 
 @lru_cache(maxsize=256)
-def told_once(text: str) -> None:
-    """A file is opened more often than once; what is said of it is not."""
+def log_once(text: str) -> None:
+    """Log a text once, though its file is opened more often."""
     logger.warning(text)
 
 
-def tables_of_columns(
+def convert_batches(
     batches: Iterable[pa.RecordBatch], columns: Columns, path: Path
 ) -> Iterator[ChannelTable]:
-    """Yield the batches of a file as pieces; `times` of all count from the file's first sample.
+    """Yield the batches of a file as chunks; `times` of all count from the file's first sample.
 
     Parameters
     ----------
@@ -228,14 +229,14 @@ def tables_of_columns(
         numbers = [
             _numbers(batch.column(place[i]), columns.all[i].name, path) for i in columns.channels
         ]
-        piece = ChannelTable(
+        chunk = ChannelTable(
             names=names,
             units=units,
             samples=np.column_stack(numbers) * np.array(factors),
             times=None,
             stated_rate=columns.rate,
         )
-        yield seconds(piece, batch)
+        yield seconds(chunk, batch)
 
 
 def _seconds_of(
@@ -243,25 +244,25 @@ def _seconds_of(
 ) -> Callable[[ChannelTable, pa.RecordBatch], ChannelTable]:
     """What puts the times beside the samples of a batch."""
     if not columns.clock:
-        return lambda piece, _: replace(piece, start_ns=columns.start_ns)
+        return lambda chunk, _: replace(chunk, start_ns=columns.start_ns)
     titles = [columns.all[i] for i in columns.clock]
     unit = titles[0].unit or time_unit(titles[0].name)
     clock = Clock(" and ".join(each.name for each in titles), unit)
 
-    def timed(piece: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
+    def timed(chunk: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
         stamps = [batch.column(place[i]) for i in columns.clock]
-        joined = stamps[0] if len(stamps) == 1 else _joined(stamps)
+        joined = stamps[0] if len(stamps) == 1 else _join(stamps)
         try:
             times = clock.seconds(joined)
         except ClockError as error:
             raise FileError(f"{path}: the time column {clock.title!r} {error}") from error
-        return replace(piece, times=times, start_ns=clock.start_ns or columns.start_ns,
+        return replace(chunk, times=times, start_ns=clock.start_ns or columns.start_ns,
                        stated_rate=None)  # fmt: skip
 
     return timed
 
 
-def _joined(stamps: list[pa.Array]) -> pa.Array:
+def _join(stamps: list[pa.Array]) -> pa.Array:
     texts = [stamp.cast(pa.string()) for stamp in stamps]
     return pc.binary_join_element_wise(*texts, " ")
 

@@ -1,4 +1,4 @@
-"""Text of numbers in columns → ChannelTables, piece by piece.
+"""Text of numbers in columns → ChannelTables, chunk by chunk.
 
 One row a sample and one column a channel, kept apart by commas, semicolons, tabs or blanks, with a
 decimal point or comma, in UTF-8, UTF-16 or Latin-1, perhaps zipped by gzip. A column called `t`,
@@ -16,35 +16,19 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import csv as arrow_csv
 
-from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, whole
-from sensors.files.text.columns import tables_of_columns
-from sensors.files.text.decoding import UNREADABLE, arrow_stream
-from sensors.files.text.dialect import COMMENT, MISSING, TextHead, head_of
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
+from sensors.files.text.columns import convert_batches
+from sensors.files.text.decoding import UNREADABLE, open_arrow_stream
+from sensors.files.text.dialect import COMMENT, MISSING, TextHead, read_head
 
-PIECE_BYTES = 2**22  # of text that is read at a time
+CHUNK_BYTES = 2**22  # of text that is read at a time
 
 _CONVERSION = re.compile(r"column #(\d+): Row #(\d+): .* invalid value '(.*)'")
 _COUNT = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
-def read_csv(path: Path) -> ChannelTable:
-    """Return the channels of a text file.
-
-    Returns
-    -------
-    ChannelTable
-
-    Raises
-    ------
-    FileError
-        Missing or empty file, fewer than two samples, text where a number should be, only NaN,
-        a time column that ends before it starts, no channel beside the time.
-    """
-    return whole(csv_pieces(path), path)
-
-
-def csv_pieces(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
-    """Yield the channels of a text file in pieces of some megabytes.
+def read_csv_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
+    """Yield the channels of a text file in chunks of some megabytes.
 
     Yields
     ------
@@ -55,22 +39,22 @@ def csv_pieces(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable
     FileError
         As it reads.
     """
-    head = head_of(path, wanted)
-    yield from tables_of_columns(_batches(path, head), head.columns, path)
+    head = read_head(path, wanted)
+    yield from convert_batches(_batches(path, head), head.columns, path)
 
 
 def _batches(path: Path, head: TextHead) -> Iterator[pa.RecordBatch]:
     try:
         with (
-            arrow_stream(path, head.encoding, blanks=head.delimiter == " ") as stream,
+            open_arrow_stream(path, head.encoding, blanks=head.delimiter == " ") as stream,
             arrow_csv.open_csv(
                 stream,
-                # one thread: only then do errors say the row
+                # one thread: only then do errors name the row
                 read_options=arrow_csv.ReadOptions(
                     skip_rows=head.skipped,
-                    column_names=_unmistakable(head),
+                    column_names=_column_names(head),
                     use_threads=False,
-                    block_size=PIECE_BYTES,
+                    block_size=CHUNK_BYTES,
                 ),
                 parse_options=arrow_csv.ParseOptions(
                     delimiter=head.delimiter, invalid_row_handler=_comments_are_skipped
@@ -81,13 +65,13 @@ def _batches(path: Path, head: TextHead) -> Iterator[pa.RecordBatch]:
             yield from reader
     except pa.ArrowInvalid as error:
         if "Empty CSV" not in str(error):
-            raise FileError(f"{path}: {_in_words(str(error), head)}") from error
+            raise FileError(f"{path}: {_explain(str(error), head)}") from error
     except UNREADABLE as error:
         reason = getattr(error, "strerror", None) or error
         raise FileError(f"{path}: it cannot be read to its end: {reason}") from error
 
 
-def _unmistakable(head: TextHead) -> list[str]:
+def _column_names(head: TextHead) -> list[str]:
     """Names for Arrow's columns, no two alike."""
     return [str(number) for number in range(len(head.columns.all))]
 
@@ -114,8 +98,8 @@ def _conversion(head: TextHead) -> arrow_csv.ConvertOptions:
     )
 
 
-def _in_words(error: str, head: TextHead) -> str:
-    """Arrow's complaint as one line that names column, line and value."""
+def _explain(error: str, head: TextHead) -> str:
+    """Arrow's error as one line that names column, line and value."""
     uneven = _COUNT.search(error)
     if uneven is not None:
         return f"line {uneven[1]} has {uneven[3]} columns where {uneven[2]} are expected"

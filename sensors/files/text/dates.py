@@ -3,7 +3,7 @@
     2024-03-13T12:00:00.250Z     13.03.2024 12:00:00,250     3/13/2024 12:00:00.250 PM
     2024/03/13 12:00:00          13-Mar-2024 12:00:00.250    12:00:00.250, 00:00.25 (of no date)
 
-A time without a zone is UTC. Whether 3/4/2024 is in March or in April, only a later day can tell.
+A time without a zone is UTC. Whether 3/4/2024 is in March or in April, only a later day shows.
 """
 
 import re
@@ -37,7 +37,7 @@ _PARTS = re.compile(r"(\d{1,2})[-/. ](\d{1,2})[-/. ](?:\d{4}|\d{2})")
 
 
 class DateError(ValueError):
-    """A text that is no time, or an order of day and month that nothing tells."""
+    """A text that is no time, or an order of day and month that nothing shows."""
 
 
 def kind_of_text(text: str) -> Kind | None:
@@ -66,7 +66,7 @@ class DateStyle:
         Raises
         ------
         DateError
-            Day and month cannot be told.
+            If the order of day and month cannot be found.
         """
         first = examples[0].strip()
         zoned = re.search(r":\d.*(UTC|GMT|Z|[+-]\d{2}:?\d{2})$", first) is not None

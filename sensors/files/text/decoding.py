@@ -29,14 +29,14 @@ NO_TEXT = {
 _BLANKS = re.compile(r"[ \t]+")
 
 
-def unpacked(path: Path) -> IO[bytes]:
+def open_unpacked(path: Path) -> IO[bytes]:
     """Return the file's bytes, unzipped where it is a gzip file."""
     with path.open("rb") as file:
         packed = file.read(2) == GZIP
     return cast("IO[bytes]", gzip.open(path, "rb")) if packed else path.open("rb")
 
 
-def encoding_of(beginning: bytes, path: Path) -> str:
+def detect_encoding(beginning: bytes, path: Path) -> str:
     """Return how a text is written.
 
     Returns
@@ -78,13 +78,15 @@ class RewrittenText(io.RawIOBase):
         self._file = file
         self._decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
         self._blanks = blanks
-        self._line = ""  # begun
+        self._line = ""  # a line that is not complete yet
         self._ready = b""
 
     def readable(self) -> bool:
+        """Return True: the file is open for reading."""
         return True
 
     def readinto(self, buffer: Any) -> int:
+        """Fill the buffer; return the number of bytes, 0 at the end."""
         while not self._ready:
             raw = self._file.read(2**20)
             self._ready = self._rewritten(self._decoder.decode(raw, final=not raw), last=not raw)
@@ -95,6 +97,7 @@ class RewrittenText(io.RawIOBase):
         return count
 
     def close(self) -> None:
+        """Close the file below, too."""
         self._file.close()
         super().close()
 
@@ -103,14 +106,14 @@ class RewrittenText(io.RawIOBase):
             return text.encode()
         text = self._line + text
         end = len(text) if last else max(text.rfind("\n"), text.rfind("\r")) + 1
-        whole, self._line = text[:end], text[end:]
-        lines = _BLANKS.sub(" ", whole)
+        complete, self._line = text[:end], text[end:]
+        lines = _BLANKS.sub(" ", complete)
         return re.sub(r"(?m)^ | $| (?=\r)", "", lines).encode()
 
 
-def arrow_stream(path: Path, encoding: str, *, blanks: bool) -> Any:
+def open_arrow_stream(path: Path, encoding: str, *, blanks: bool) -> Any:
     """Return what Arrow reads: the file itself where it is UTF-8."""
-    file = unpacked(path)
+    file = open_unpacked(path)
     if encoding == "utf-8" and not blanks and not isinstance(file, gzip.GzipFile):
         file.close()
         return pa.OSFile(str(path))

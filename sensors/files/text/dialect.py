@@ -1,6 +1,6 @@
-"""What the beginning of a text file tells: how its columns are kept apart, and what they are.
+"""What the beginning of a text file shows: how its columns are kept apart, and what they are.
 
-Logger 7; serial 1234                  lines that say something of the measurement
+Logger 7; serial 1234                  lines that describe the measurement
 # Sampling rate: 100 Hz                … or begin with # or %
 Zeit;oben;unten                        titles
 s;m/s²;m/s²                            units, unless they are in the titles
@@ -18,9 +18,9 @@ from typing import TypeVar
 
 from sensors.files.table import EVERYTHING, FileError, Wanted
 from sensors.files.text.column_titles import distinct, is_time_title, is_unit, split_unit
-from sensors.files.text.columns import Column, ColumnKind, Columns, sorted_columns
+from sensors.files.text.columns import Column, ColumnKind, Columns, sort_columns
 from sensors.files.text.dates import kind_of_text
-from sensors.files.text.decoding import UNREADABLE, encoding_of, unpacked
+from sensors.files.text.decoding import UNREADABLE, detect_encoding, open_unpacked
 from sensors.files.text.preamble import stated_rate, stated_start_ns
 from sensors.files.text.time_column import ABSOLUTE
 
@@ -68,8 +68,8 @@ class TextHead:
     """The time has digits that a double does not hold."""
 
 
-def head_of(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
-    """Return what a file's beginning tells.
+def read_head(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
+    """Return how a text file is read, from its beginning.
 
     Returns
     -------
@@ -81,30 +81,30 @@ def head_of(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
         Missing, empty or no text; no samples; titles that do not fit the columns.
     """
     try:
-        with unpacked(path) as file:
+        with open_unpacked(path) as file:
             beginning = file.read(BEGINNING)
     except UNREADABLE as error:
         raise FileError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
-    encoding = encoding_of(beginning, path)
+    encoding = detect_encoding(beginning, path)
     text = beginning.decode(encoding, errors="replace")
     lines = list(io.StringIO(text, newline=None))
     if len(beginning) == BEGINNING and len(lines) > 1:
-        lines = lines[:-1]  # begun
+        lines = lines[:-1]  # incomplete
     lines = [line.rstrip("\n") for line in lines]
-    if not any(_is_told(line) for line in lines):
+    if not any(_holds_cells(line) for line in lines):
         raise FileError(f"{path}: the file is empty; a header row is needed")
     return _Beginning(lines, _form_of(lines), path).head(encoding, wanted)
 
 
 def _form_of(lines: Sequence[str]) -> "Form":
     """The form in which the last lines make the most sense, then the most columns."""
-    judged = _last([each for each in lines if _is_told(each)])
+    judged = _last([each for each in lines if _holds_cells(each)])
     quoted = any('"' in line for line in judged)
     forms = [Form(d, p) for d in DELIMITERS for p in ".," if quoted or (d, p) != (",", ",")]
     return max(forms, key=lambda form: _sense(form, judged, lines[:JUDGED]))
 
 
-def _is_told(line: str) -> bool:
+def _holds_cells(line: str) -> bool:
     return bool(line.strip()) and not line.lstrip().startswith(COMMENT)
 
 
@@ -119,8 +119,8 @@ def _sense(form: "Form", judged: Sequence[str], first: Sequence[str]) -> tuple[f
     count = _count_of(rows)
     regular = [row for row in rows if len(row) == count]
     kinds = Counter(form.kind(cell) for row in regular for cell in row)
-    told = kinds.total() - kinds["empty"]
-    share = (1 - kinds["text"] / told if told else 1.0) * len(regular) / max(1, len(rows))
+    filled = kinds.total() - kinds["empty"]
+    share = (1 - kinds["text"] / filled if filled else 1.0) * len(regular) / max(1, len(rows))
     titles = (form.titles(line, count) for line in first)
     titled = any(cells and all(cells[1:]) and "text" in map(form.kind, cells) for cells in titles)
     return round(share, 2), titled, count if share else 0
@@ -141,6 +141,7 @@ class Form:
     decimal_point: str
 
     def cells(self, line: str) -> list[str]:
+        """Return the cells of a line."""
         if self.delimiter == " ":
             return line.split()
         if '"' in line:
@@ -164,15 +165,18 @@ class Form:
         return cells if len(cells) == count else None
 
     def is_number(self, cell: str) -> bool:
+        """Return whether a cell is a number."""
         text = cell.strip()
         return bool(_NUMBER[self.decimal_point].fullmatch(text) or _INFINITE.fullmatch(text))
 
     def kind(self, cell: str) -> ColumnKind:
+        """Return what a cell holds."""
         if cell.strip().lower() in MISSING:
             return "empty"
         return "number" if self.is_number(cell) else kind_of_text(cell) or "text"
 
     def value(self, cell: str) -> float:
+        """Return the number in a cell."""
         return float(cell.strip().replace(self.decimal_point, "."))
 
 
@@ -197,8 +201,8 @@ class _Row:
     @property
     def missing(self) -> list[str]:
         """The cells without a value, as they are written."""
-        told = zip(self.cells, self.kinds, strict=True)
-        return [cell for cell, kind in told if kind == "empty"]
+        pairs = zip(self.cells, self.kinds, strict=True)
+        return [cell for cell, kind in pairs if kind == "empty"]
 
     def has_numbers(self, kinds: Sequence[ColumnKind]) -> bool:
         return len(self.cells) == len(kinds) and any(
@@ -226,7 +230,7 @@ class _Beginning:
     path: Path
 
     def head(self, encoding: str, wanted: Wanted) -> TextHead:
-        rows = [self._row(number) for number, line in enumerate(self.lines) if _is_told(line)]
+        rows = [self._row(number) for number, line in enumerate(self.lines) if _holds_cells(line)]
         kinds = _kinds(rows)
         if not {"number", "empty"} & set(kinds):
             missing = "0 sample(s) below the header" if len(rows) < 3 else "no column of numbers"
@@ -235,15 +239,17 @@ class _Beginning:
         samples = rows[above.begin :]
         if not samples:
             raise FileError(f"{self.path}: 0 sample(s) below the header; at least two are needed")
-        told = self.lines[: samples[0].number]
+        preamble = self.lines[: samples[0].number]
         some = [row for row in samples[:JUDGED] if len(row.cells) == len(kinds)]
-        columns = sorted_columns(self._columns(above, kinds, some), self.path, wanted)
+        columns = sort_columns(self._columns(above, kinds, some), self.path, wanted)
         return TextHead(
             encoding,
             self.form.delimiter,
             self.form.decimal_point,
             skipped=samples[0].number,
-            columns=replace(columns, rate=stated_rate(told), start_ns=stated_start_ns(told)),
+            columns=replace(
+                columns, rate=stated_rate(preamble), start_ns=stated_start_ns(preamble)
+            ),
             missing=tuple({cell for row in samples for cell in row.missing}),
             exact_time=self._has_long_times(some, columns.clock),
         )
@@ -269,11 +275,11 @@ class _Beginning:
                 break
         begin = max(at, units_at)
         if not titles:
-            told = self.lines[: rows[fit].number if fit < len(rows) else len(self.lines)]
-            titles = self._commented(told, len(kinds))
+            lines = self.lines[: rows[fit].number if fit < len(rows) else len(self.lines)]
+            titles = self._find_commented_titles(lines, len(kinds))
             begin = fit
             if not titles and fit:
-                begin = self._untitled(rows[fit - 1], fit, kinds)
+                begin = self._begin_untitled(rows[fit - 1], fit, kinds)
         broken = (i for i in range(begin, fit) if rows[i].has_numbers(kinds))
         return _Above(next(broken, fit), titles, units)
 
@@ -283,18 +289,18 @@ class _Beginning:
         if cells is None or not any(cells):
             return None
         names_time = is_time_title(split_unit(cells[0])[0])
-        told = [self.form.kind(cell) for cell in cells]
+        cell_kinds = [self.form.kind(cell) for cell in cells]
         numbered = any(have == kind != "text" and have != "empty"
-                       for have, kind in zip(told, kinds, strict=True))  # fmt: skip
+                       for have, kind in zip(cell_kinds, kinds, strict=True))  # fmt: skip
         return None if numbered and not names_time else cells
 
-    def _commented(self, lines: Sequence[str], count: int) -> list[str]:
+    def _find_commented_titles(self, lines: Sequence[str], count: int) -> list[str]:
         """Titles in the last comment above the samples, as `numpy.savetxt` writes them."""
         comments = [line for line in lines if line.lstrip().startswith(COMMENT)]
         cells = self.form.titles(comments[-1].strip().lstrip("#%/ "), count) if comments else None
         return cells if cells and any(self.form.kind(cell) == "text" for cell in cells) else []
 
-    def _untitled(self, nearest: _Row, fit: int, kinds: Sequence[ColumnKind]) -> int:
+    def _begin_untitled(self, nearest: _Row, fit: int, kinds: Sequence[ColumnKind]) -> int:
         """Return where the samples begin below a row that is neither sample nor titles.
 
         Raises
@@ -303,7 +309,7 @@ class _Beginning:
             For titles, right above the samples, of which there are too few or many.
         """
         apart = len(self.lines) > nearest.number + 1 and not self.lines[nearest.number + 1].strip()
-        if apart or len(nearest.cells) < 2 or _tells_something(nearest):
+        if apart or len(nearest.cells) < 2 or _states_measurement(nearest):
             return fit
         if nearest.has_numbers(kinds):
             return fit - 1
@@ -351,24 +357,26 @@ def _kinds(rows: Sequence[_Row]) -> list[ColumnKind]:
 def _most(kinds: Sequence[ColumnKind]) -> ColumnKind:
     seen = Counter[ColumnKind](kind for kind in kinds if kind != "empty")
     most = max(seen.values(), default=0)
-    liked: tuple[ColumnKind, ...] = ("number", "moment", "date", "time of day", "text")
-    return next((kind for kind in liked if most and seen[kind] == most), "empty")
+    preferred: tuple[ColumnKind, ...] = ("number", "moment", "date", "time of day", "text")
+    return next((kind for kind in preferred if most and seen[kind] == most), "empty")
 
 
 def _are_units(cells: Sequence[str]) -> bool:
     if cells[:2] == ["TS", "RN"]:  # Campbell's TOA5: units of the time stamp and the record counter
         return True
-    said = [cell for cell in cells if cell]
-    known = sum(is_unit(cell.strip("[]() ")) or cell[0] + cell[-1] in ("[]", "()") for cell in said)
-    return 2 * known >= len(said)
+    filled = [cell for cell in cells if cell]
+    known = sum(
+        is_unit(cell.strip("[]() ")) or cell[0] + cell[-1] in ("[]", "()") for cell in filled
+    )
+    return 2 * known >= len(filled)
 
 
 def _is_statistics_row(cells: Sequence[str]) -> bool:
-    """Whether a row says how each value was formed: sampled, averaged (Campbell's TOA5)."""
+    """Whether a row states how each value was formed: sampled, averaged (Campbell's TOA5)."""
     stated = [cell.strip().lower() for cell in cells if cell.strip()]
     return bool(stated) and STATISTICS.issuperset(stated)
 
 
-def _tells_something(row: _Row) -> bool:
-    """Whether a line says something of the measurement: "Serial;1234"."""
+def _states_measurement(row: _Row) -> bool:
+    """Whether a line describes the measurement: "Serial;1234"."""
     return stated_rate([row.line]) is not None or stated_start_ns([row.line]) != 0

@@ -1,4 +1,4 @@
-"""What the lines above a table of samples say of the measurement: its rate, when it began."""
+"""What the lines above a table of samples state: the sampling rate, when it began."""
 
 import re
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ _START = re.compile(
 
 
 def stated_rate(lines: Sequence[str]) -> float | None:
-    """Return the sampling rate that they say, perhaps as its interval [Hz].
+    """Return the sampling rate that the lines state, perhaps as its interval [Hz].
 
     None: none, or several.
     """
@@ -56,7 +56,7 @@ def _number(text: str) -> float:
 
 
 def stated_start_ns(lines: Sequence[str]) -> int:
-    """Return when they say that the measurement began [ns since 1970-01-01 UTC]; 0: not at all."""
+    """Return when the measurement began [ns since 1970-01-01 UTC]; 0: not stated."""
     found = next((match for line in lines if (match := _START.search(line))), None)
     if found is None:
         return 0

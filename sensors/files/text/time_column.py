@@ -1,8 +1,8 @@
 """The time column of a file → seconds since its first stamp, and when that was.
 
-Numbers are read in the unit that the title says. Where it says none, their size tells what counts
-from 1970 (1.7e9 are seconds, 1.7e12 milliseconds, …) and the days of spreadsheets and of MATLAB;
-anything else is in seconds.
+Numbers are read in the unit that the title states. Where it states none, their size shows what
+counts from 1970 (1.7e9 are seconds, 1.7e12 milliseconds, …) and the days of spreadsheets and of
+MATLAB; anything else is in seconds.
 """
 
 import re
@@ -54,7 +54,7 @@ LONGEST_STEP = 2.0  # a number without a unit that steps by so much counts no se
 
 
 class ClockError(ValueError):
-    """A time column that cannot be understood; the message says why, not in which file."""
+    """A time column that cannot be understood; the message states why, not in which file."""
 
 
 def known_unit(unit: str) -> str | None:
@@ -101,9 +101,9 @@ class Scale:
         """
         known = known_unit(unit)
         if known is None:
-            said = ", ".join(key for key in SECONDS_PER_UNIT if key)
-            raise ClockError(f"is in [{unit}]; its unit can be {said}")
-        found = _counted(first, step) if not known else None
+            units = ", ".join(key for key in SECONDS_PER_UNIT if key)
+            raise ClockError(f"is in [{unit}]; its unit can be {units}")
+        found = _convert_numbers(first, step) if not known else None
         scale = found or cls(SECONDS_PER_UNIT[known])
         if (
             not known
@@ -126,8 +126,8 @@ class Scale:
         return cls(scale.seconds, scale.origin, absolute=True)
 
 
-def _counted(first: float, step: float | None) -> Scale | None:
-    """What the size of a number without a unit tells."""
+def _convert_numbers(first: float, step: float | None) -> Scale | None:
+    """The scale that the size of a number without a unit shows."""
     for least, unit in COUNTED_FROM_1970:
         if first > least:
             return Scale(SECONDS_PER_UNIT[unit])
@@ -142,7 +142,7 @@ class Clock:
     """The time column of a file, batch by batch.
 
     title   of the column, for errors
-    unit    of its numbers; "" where it is not said
+    unit    of its numbers; "" where it is not stated
     """
 
     title: str
@@ -179,8 +179,8 @@ class Clock:
         elif pa.types.is_timestamp(kind) or pa.types.is_date(kind):
             seconds = self._of_nanoseconds(_nanoseconds(column, pa.timestamp("ns")), dated=True)
         elif pa.types.is_duration(kind) or pa.types.is_time(kind):
-            whole = pa.duration("ns") if pa.types.is_duration(kind) else pa.time64("ns")
-            seconds = self._of_nanoseconds(_nanoseconds(column, whole), dated=False)
+            join_chunks = pa.duration("ns") if pa.types.is_duration(kind) else pa.time64("ns")
+            seconds = self._of_nanoseconds(_nanoseconds(column, join_chunks), dated=False)
         elif pa.types.is_decimal(kind):
             seconds = self._of_decimals(column)
         elif pa.types.is_integer(kind):
@@ -249,14 +249,14 @@ def _nanoseconds(column: pa.Array, kind: pa.DataType) -> NDArray[np.int64]:
     if pa.types.is_timestamp(column.type):
         kind = pa.timestamp("ns", tz=column.type.tz)
     try:
-        whole = column.cast(kind).cast(pa.int64())
+        join_chunks = column.cast(kind).cast(pa.int64())
     except pa.ArrowInvalid as error:
         raise ClockError("has a date that 64 bits of nanoseconds do not hold") from error
-    return np.asarray(whole.to_numpy(zero_copy_only=False), dtype=np.int64)
+    return np.asarray(join_chunks.to_numpy(zero_copy_only=False), dtype=np.int64)
 
 
-def stated_moment_ns(number: int | float, unit: str = "") -> int:
-    """[ns since 1970] of a number that says when a file begins; 0 where it counts from no date.
+def parse_start_ns(number: int | float, unit: str = "") -> int:
+    """[ns since 1970] of a number that states when a file begins; 0 where it counts from no date.
 
     Returns
     -------

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import logging
 import os
 import socket
 import subprocess
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pipeline.cli import main
+from pipeline.cli import ConsoleHandler, main
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from sensors.structure.description import shipped_text
 
@@ -156,7 +157,7 @@ def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) ->
         (("run", "--speed", "fast", "--source", "live"), "--speed fast"),
         (("run", "--view", "hologram", "--source", "live"), "hologram"),
         (("run", "--processes", "--lock-step"), "exclude each other"),
-        (("run", "--source", "live", "--sampler", "dice"), "'dice' is not one of importance"),
+        (("run", "--source", "live", "--sampler", "dice"), "'dice' is not one of 'importance'"),
         (("modes", "--theta", "1,1"), "three numbers are needed"),
         (("modes", "--theta", "1,0.25,4"), "k11·k22 must exceed k12²"),
         (("modes", "--theta", "0,0,0"), "k11 and k22 must be above 0"),
@@ -168,10 +169,10 @@ def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) ->
         (("describe", "--plot", "."), "cannot write the figure ."),
         (("identify", "a.csv", "--highest-frequency", "nan"), "highest_frequency is nan Hz"),
         (("identify", "a.csv", "--plot", "gone/a.png"), "the folder gone does not exist"),
-        (("modes", "--sign", "up"), "published or embedded-pile"),
+        (("modes", "--sign", "up"), "'up' is not one of 'published', 'embedded-pile'"),
         (("modes", "--turbine", "gone.toml"), "gone.toml"),
         (("identify", "gone.csv"), "gone.csv"),
-        (("node", "cook", "--connect", "tcp/127.0.0.1:1"), "there is no node 'cook'"),
+        (("node", "cook", "--connect", "tcp/127.0.0.1:1"), "'cook' is not one of 'identification'"),
     ],
 )
 def test_a_mistake_gives_one_line(
@@ -346,3 +347,63 @@ def test_figures_in_other_units_are_reported_with_their_place(
     marked = "\ufeff" + pilewatch("describe", "--template").stdout  # as Windows' editors save it
     Path("own.toml").write_text(marked.replace(*change), "utf-8")
     assert complaint in one_line(pilewatch("describe", "own.toml"))
+
+
+def test_the_version_is_printed(pilewatch: Command) -> None:
+    printed = pilewatch("--version")
+    assert printed.returncode == 0
+    assert printed.stdout.startswith("pilewatch ")
+
+
+@pytest.mark.parametrize(
+    ("options", "level"),
+    [((), "WARNING"), (("-v",), "INFO"), (("-vv",), "DEBUG"), (("-q",), "ERROR")],
+)
+def test_options_before_the_command_set_the_level_of_the_log(
+    pilewatch: Command, options: tuple[str, ...], level: str
+) -> None:
+    root = logging.getLogger()
+    before = root.level
+    try:
+        assert pilewatch(*options, "simulate", "--list").returncode == 0
+        assert logging.getLevelName(root.level) == level
+    finally:
+        root.setLevel(before)
+
+
+def test_a_log_line_is_not_folded(capsys: pytest.CaptureFixture[str]) -> None:
+    text = "unit tower [s1]: " + 40 * "word "
+    record = logging.LogRecord("x", logging.WARNING, "", 1, text, (), None)
+    ConsoleHandler().emit(record)
+    assert capsys.readouterr().err == f"warning: {text}\n"
+
+
+def test_info_as_json_has_channels_and_units(pilewatch: Command, short_recording: Path) -> None:
+    listed = json.loads(pilewatch("info", str(short_recording), "--json").stdout)
+    assert {"file", "size_bytes", "duration_s", "channels", "units", "nodes"} <= set(listed)
+    assert [unit["gaps"] for unit in listed["units"]] == [[]]
+    assert listed["units"][0]["sampling_rate_hz"] > 0
+
+
+@pytest.mark.parametrize(
+    ("content", "options"),
+    [
+        ("nan", ()),
+        ("constant", ()),
+        ("short", ()),
+        ("noise", ("--lowest-frequency", "30")),
+    ],
+)
+def test_a_file_without_modes_is_one_line_with_the_reason(
+    pilewatch: Command, tmp_path: Path, content: str, options: tuple[str, ...]
+) -> None:
+    n = 100 if content == "short" else 6000
+    samples = np.random.default_rng(7).standard_normal((n, 2))
+    if content == "nan":
+        samples[:] = np.nan
+    if content == "constant":
+        samples[:] = 1.0
+    table = np.column_stack([np.arange(n) / 50.0, samples])
+    header = "time [s],low [g],high [g]"
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=header, comments="")
+    assert "a.csv" in one_line(pilewatch("identify", "a.csv", *options))

@@ -1,6 +1,7 @@
 """An authority of one's own, a certificate a machine, and what each may say."""
 
 import json
+import ssl
 import stat
 from pathlib import Path
 
@@ -88,3 +89,46 @@ def test_the_configurations_are_ones_that_zenoh_reads(tmp_path: Path) -> None:
     assert ZenohSettings(config_file=written[1]).endpoints == ("tls/localhost:7447",)
     told = json.loads(written[1].read_text().partition("\n")[2])
     assert told["transport"]["link"]["tls"]["enable_mtls"] is True
+
+
+def shake_hands(client: ssl.SSLObject, server: ssl.SSLObject, wires: list[ssl.MemoryBIO]) -> None:
+    """Pass bytes between the two until both have finished."""
+    to_server, from_server, to_client, from_client = wires
+    waiting = [client, server]
+    for _ in range(10):
+        for side in list(waiting):
+            try:
+                side.do_handshake()
+                waiting.remove(side)
+            except ssl.SSLWantReadError:
+                pass
+            to_server.write(from_client.read())
+            to_client.write(from_server.read())
+        if not waiting:
+            return
+    raise AssertionError("the handshake does not end")
+
+
+def test_pythons_strict_checks_accept_both_sides(tmp_path: Path) -> None:
+    """VERIFY_X509_STRICT (RFC 5280: key identifiers, key usage) is the default from 3.13 on."""
+    make_certificates(tmp_path, NAMES, host="station.example")
+    contexts = {}
+    for name, purpose in (
+        ("shore", ssl.PROTOCOL_TLS_SERVER),
+        ("t1.tower", ssl.PROTOCOL_TLS_CLIENT),
+    ):
+        context = contexts[name] = ssl.SSLContext(purpose)
+        context.load_verify_locations(Identity("ca").certificate(tmp_path))
+        identity = Identity(name)
+        context.load_cert_chain(identity.certificate(tmp_path), identity.key(tmp_path))
+        context.verify_mode = ssl.CERT_REQUIRED
+        context.verify_flags |= ssl.VERIFY_X509_STRICT | ssl.VERIFY_X509_PARTIAL_CHAIN
+    wires = [ssl.MemoryBIO() for _ in range(4)]
+    to_server, from_server, to_client, from_client = wires
+    server = contexts["shore"].wrap_bio(to_server, from_server, server_side=True)
+    client = contexts["t1.tower"].wrap_bio(
+        to_client, from_client, server_hostname="station.example"
+    )
+    shake_hands(client, server, wires)
+    assert client.version() == "TLSv1.3"
+    assert server.getpeercert()["subject"] == ((("commonName", "t1.tower"),),)

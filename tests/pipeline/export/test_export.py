@@ -16,8 +16,8 @@ from pipeline.messages import FoundationTruth, ParameterSummary
 from pipeline.offline.identify_file import recorded_channels
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
+from sensors.files.formats import read_file
 from sensors.files.table import ChannelTable
-from sensors.files.text.csv import read_csv
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, rejection
 from tests.pipeline.report.example_session import estimate, event, posterior, recorded
 
@@ -50,7 +50,7 @@ def test_identify_reads_the_same_samples_times_and_units_from_the_csv(
     minute: Path, tmp_path: Path
 ) -> None:
     (samples,) = export(minute, tmp_path / "out", "csv")
-    ours, theirs = recorded_channels(minute), read_csv(samples.path)
+    ours, theirs = recorded_channels(minute), read_file(samples.path)
     assert same_channels(ours, theirs)
     assert theirs.start_ns == ours.start_ns
     assert ours.times is not None
@@ -65,7 +65,7 @@ def test_a_simulated_recording_survives_the_way_out_and_back(
 ) -> None:
     files = export(short_recording, tmp_path / "out", "csv")
     (samples,) = (each.path for each in files if each.path.stem.startswith("samples"))
-    assert same_channels(recorded_channels(short_recording), read_csv(samples))
+    assert same_channels(recorded_channels(short_recording), read_file(samples))
 
 
 def test_a_gap_is_missing_rows_in_parquet_times_are_exact(minute: Path, tmp_path: Path) -> None:
@@ -120,13 +120,13 @@ def test_other_channels_of_a_unit_go_on_in_another_file(tmp_path: Path) -> None:
     path = recorded(tmp_path / "moved.mcap", [LAYOUT, block(0), fewer, later])
     files = export(path, tmp_path / "out", "csv")
     assert [each.path.name for each in files] == [f"{NAME}.csv", f"{NAME}-2.csv"]
-    assert read_csv(files[1].path).names == fewer.channel_names
+    assert read_file(files[1].path).names == fewer.channel_names
 
 
 def test_a_block_without_its_layout_has_numbered_channels(tmp_path: Path) -> None:
     path = recorded(tmp_path / "bare.mcap", [block(0)])
     (samples,) = export(path, tmp_path / "out", "csv")
-    assert read_csv(samples.path).names == tuple(f"ch{i}" for i in range(1, 9))
+    assert read_file(samples.path).names == tuple(f"ch{i}" for i in range(1, 9))
 
 
 def test_a_channels_name_cannot_break_the_table(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_a_channels_name_cannot_break_the_table(tmp_path: Path) -> None:
     layout = replace(LAYOUT, channels=(odd, *LAYOUT.channels[1:]))
     path = recorded(tmp_path / "odd.mcap", [layout, block(0)])
     (samples,) = export(path, tmp_path / "out", "csv")
-    table = read_csv(samples.path)
+    table = read_file(samples.path)
     assert table.names[1:] == LAYOUT.channel_names[1:]
     assert table.units == ("m/s²",) * 8
 

@@ -1,6 +1,8 @@
 """What Prometheus reads is what the messages said, in the form that it asks for."""
 
+import shutil
 import socket
+import subprocess
 import threading
 import urllib.request
 from contextlib import closing
@@ -11,6 +13,8 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from pipeline.messages import StreamGap
+from pipeline.monitoring.alarms.delivery_metrics import delivery_families
+from pipeline.monitoring.alarms.outbox import DeliveryState
 from pipeline.monitoring.metrics import MetricsNode, listened, served
 from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
@@ -37,21 +41,29 @@ class Clock:
 
 
 @pytest.fixture(scope="module")
-def scraped() -> Figures:
-    """Over HTTP, after five blocks, a gap of 4 s, a window, its posterior and a node's status."""
+def node() -> MetricsNode:
+    """After five blocks, a gap of 4 s, a window, its posterior and a node's status."""
     clock = Clock()
-    desk = MetricsNode(clock)
+    node = MetricsNode(clock)
     for sequence in range(5):
         clock.now_ns = START_NS + (sequence + 1) * SECOND
-        desk.handle(block(sequence))
-    desk.handle(StreamGap("t1", "tower", "s", START_NS, START_NS + 4 * SECOND, 3, 4))
-    desk.handle(status("recorder", last_sequence=2, lost=3))
-    desk.handle(rejection(0))
+        node.handle(block(sequence))
+    node.handle(StreamGap("t1", "tower", "s", START_NS, START_NS + 4 * SECOND, 3, 4))
+    node.handle(status("recorder", last_sequence=2, lost=3))
+    node.handle(rejection(0))
     updater = updater_of()
-    desk.handle(estimate_of(0))
-    desk.handle(updater.updated(updater.initial_state(), estimate_of(0))[1])
+    node.handle(estimate_of(0))
+    node.handle(updater.updated(updater.initial_state(), estimate_of(0))[1])
     clock.now_ns += 2 * SECOND
-    return figures(desk)
+    delivery = DeliveryState("webhook-1", 1, 2, 0, 0, 1, 5.0, START_NS, "away")
+    node.parts.append(lambda: delivery_families([delivery]))
+    return node
+
+
+@pytest.fixture(scope="module")
+def scraped(node: MetricsNode) -> Figures:
+    """Its figures over HTTP."""
+    return figures(node)
 
 
 def figures(desk: MetricsNode) -> Figures:
@@ -160,3 +172,23 @@ def test_a_lock_step_session_serves_its_figures(short_recording: Path, tmp_path:
 
     (last,) = seen
     assert last["pilewatch_messages_total", "AccelerationBlock", "iea15mw"] == 30
+
+
+def test_only_summaries_may_have_quantiles_and_only_histograms_bounds(node: MetricsNode) -> None:
+    labels = {name for family in node.collect() for each in family.samples for name in each.labels}
+
+    assert labels & {"quantile", "le"} == set()
+
+
+@pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is not installed")
+def test_promtool_finds_nothing_wrong_with_the_figures(node: MetricsNode) -> None:
+    with served(node, 0) as port:
+        page = urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5).read()
+    checked = subprocess.run(["promtool", "check", "metrics"], input=page, capture_output=True)
+
+    assert (checked.returncode, checked.stdout + checked.stderr) == (0, b"")
+
+
+def test_the_deliveries_of_alarms_are_among_the_figures(scraped: Figures) -> None:
+    assert scraped["pilewatch_alarm_deliveries_total", "webhook-1", "failed"] == 2
+    assert scraped["pilewatch_alarm_age_seconds", "webhook-1"] == 5.0

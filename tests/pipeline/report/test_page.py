@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,10 +12,11 @@ from pipeline.cli import app
 from pipeline.recording.errors import RecordingError
 from pipeline.report.figures_json import session_json
 from pipeline.report.page import page, write_page
-from pipeline.report.recorded_session import read_session
+from pipeline.report.recorded_session import RecordedSession, read_session
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
-from tests.pipeline.example_messages import LAYOUT, block
-from tests.pipeline.report.example_session import recorded, session
+from tests.pipeline.example_messages import LAYOUT, START_NS, block
+from tests.pipeline.report.example_session import estimate, recorded, session
 from tests.pipeline.report.test_html import assert_stands_alone
 
 LARGEST = 3e6  # [bytes]
@@ -62,7 +64,7 @@ def test_every_kind_of_result_has_its_picture_or_table(one_page: str) -> None:
         "0.998",
     ):
         assert words in one_page
-    assert one_page.count("<svg") == 5
+    assert one_page.count("<svg") == 6
 
 
 def test_each_turbine_of_a_farm_has_a_section_and_a_line_that_leads_to_it(tmp_path: Path) -> None:
@@ -120,3 +122,33 @@ def test_the_command_writes_the_page_and_prints_the_figures(
     assert ran.exit_code == 0
     assert out.read_text("utf-8") == one_page
     assert json.loads(ran.stdout)["turbines"][0]["turbine"] == "t1"
+
+
+def modes_only(tmp_path: Path, *, start_ns: int) -> RecordedSession:
+    """One identified window of a session without a structural model."""
+    first = estimate(0)
+    window = replace(first, start_ns=start_ns, end_ns=start_ns + 500 * NANOSECONDS)
+    path = recorded(tmp_path / "modes.mcap", [LAYOUT, window])
+    (record,) = read_session(path).turbines
+    record.has_structure = False
+    return replace(read_session(path), turbines=(record,))
+
+
+def test_without_a_structure_the_report_is_of_modes_and_has_no_sentence_on_stiffness(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("matplotlib")
+    text = page(modes_only(tmp_path, start_ns=START_NS))
+    assert "<h1>Modes of t1</h1>" in text
+    assert "5 modes between 0.16 and 2.57 Hz were identified in 1 window." in text
+    assert "Mode shapes" in text
+    for word in ("tiffness", "posterior", "Foundation", "misfit"):
+        assert word not in text
+
+
+def test_without_a_clock_times_are_counted_from_the_start(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    text = page(modes_only(tmp_path, start_ns=0))
+    assert "0:00:00 after the start to 0:08:20 after the start" in text
+    assert "time since the start [h:min:s]" in text
+    assert not any(year in text for year in ("1968", "1969", "1970", "1971"))

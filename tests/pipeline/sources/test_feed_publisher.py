@@ -62,7 +62,7 @@ def test_a_feed_says_its_layout_then_its_blocks_and_at_the_end_what_was_missing(
     assert isinstance(last, NodeStatus)
     assert (last.turbine, last.node, last.state) == ("t1", "feed-top", "stopped")
     assert (last.lost, last.last_sequence) == (1, 9)
-    assert [doubt.code for doubt in last.warnings] == ["gap"]
+    assert [warning.code for warning in last.warnings] == ["gap"]
 
 
 def test_channels_that_no_layout_lists_are_named(caplog: pytest.LogCaptureFixture) -> None:
@@ -74,7 +74,7 @@ def test_channels_that_no_layout_lists_are_named(caplog: pytest.LogCaptureFixtur
     assert caplog.messages == ["scripted: no layout lists the channel 'temp'"]
 
 
-def test_a_link_that_is_up_and_brings_nothing_is_told_once(
+def test_a_link_that_is_up_and_brings_nothing_is_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     stopping, feed = threading.Event(), ScriptedFeed([])
@@ -91,14 +91,14 @@ def test_a_link_that_is_up_and_brings_nothing_is_told_once(
     *_, last = FeedAccount(live, sensor_layout(LAYOUT), clock).messages(stopping)
     assert isinstance(last, NodeStatus)
     sentence = (
-        "scripted: the link is up and nothing has ever come; is the address right, does somebody "
-        "send, and may this user read it?"
+        "scripted: the link is up and nothing has ever come; is the address right, is data sent, "
+        "and may this user read it?"
     )
     assert caplog.messages == [sentence]
-    assert [(doubt.code, doubt.text) for doubt in last.warnings] == [("quiet", sentence)]
+    assert [(warning.code, warning.text) for warning in last.warnings] == [("quiet", sentence)]
 
 
-def test_an_instrument_that_was_never_reached_is_said_so_at_the_end() -> None:
+def test_an_instrument_that_was_never_reached_is_reported_at_the_end() -> None:
     stopping, feed = threading.Event(), ScriptedFeed([])
     feed.counts.trouble = "Connection refused"
     stopping.set()
@@ -113,14 +113,14 @@ def test_a_feed_of_the_controller_says_no_layout() -> None:
     stopping = threading.Event()
     sample = ScadaSample("t1", START, "parked", 9.0, 0.0, 90.0, 0.0, 0.0, 0.1)
     live = LiveFeed(ScriptedFeed([sample], stopping.set), None)
-    ready, told, last = FeedAccount(live, sensor_layout(LAYOUT)).messages(stopping)
-    assert told == sample
+    ready, published, last = FeedAccount(live, sensor_layout(LAYOUT)).messages(stopping)
+    assert published == sample
     assert isinstance(ready, NodeStatus)
     assert isinstance(last, NodeStatus)
     assert last.node == "feed-scada"
 
 
-def test_what_comes_by_udp_is_heard_over_zenoh() -> None:
+def test_what_comes_by_udp_is_received_over_zenoh() -> None:
     endpoint, stopping, inbox = free_endpoint(), threading.Event(), Inbox()
     live = open_feed("udp://:0", LAYOUT)
 
@@ -180,18 +180,18 @@ def test_the_command_publishes_for_a_while_and_says_what_came(
     ("words", "sentence"),
     [
         (("ftp://x/y",), "is no feed"),
-        (("udp://:0", "--for", "0"), "--for 0 is no time"),
+        (("udp://:0", "--for", "0"), "--for 0: a positive number of seconds is needed"),
         (("udp://:0", "--layout", "none.toml"), "layout none.toml cannot be read"),
-        (("udp://:0", "--layout", "a.toml", "--scenario", "parked"), "both say"),
+        (("udp://:0", "--layout", "a.toml", "--scenario", "parked"), "both define the channels"),
     ],
 )
 def test_a_mistake_of_the_command_is_one_line(
     words: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert exit_of("feed", *words) == 2
-    told = capsys.readouterr().err.strip()
-    assert sentence in told
-    assert "\n" not in told
+    printed = capsys.readouterr().err.strip()
+    assert sentence in printed
+    assert "\n" not in printed
 
 
 def test_an_instrument_and_processes_are_two_commands(capsys: pytest.CaptureFixture[str]) -> None:

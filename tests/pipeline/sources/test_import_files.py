@@ -187,7 +187,7 @@ def test_a_layout_file_says_place_unit_and_sensitivity(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "complaint"),
+    ("change", "message"),
     [
         (("B", "b"), r"no channel 'b'; did you mean 'B'\?"),
         (('unit = "g"\n', ""), r"sensitivity 0.1 is per what\?"),
@@ -200,11 +200,11 @@ def test_a_layout_file_says_place_unit_and_sensitivity(tmp_path: Path) -> None:
     ],
 )
 def test_a_mistake_in_a_layout_file_is_one_line(
-    change: tuple[str, str], complaint: str, tmp_path: Path
+    change: tuple[str, str], message: str, tmp_path: Path
 ) -> None:
     path = written(tmp_path / "a.csv", "t,A [m/s2],B [V]\n0,1,2\n1,1,2\n2,1,3\n")
     layout = written(tmp_path / "layout.toml", LAYOUT.replace(*change, 1))
-    with pytest.raises(InputError, match=complaint) as error:
+    with pytest.raises(InputError, match=message) as error:
         open_measurement([path], layout=load_layout(layout))
     assert "\n" not in str(error.value)
     assert str(layout) in str(error.value)
@@ -215,19 +215,19 @@ def test_what_cannot_be_joined_says_so_in_one_line(tmp_path: Path) -> None:
     overlapping = written(tmp_path / "b.csv", text(SAMPLES[:600], begin=14.0))
     other = written(tmp_path / "c.csv", text(SAMPLES[:600], begin=20.0).replace("z145", "z80"))
     undated = written(tmp_path / "d.csv", "t,z145-fa [g],z145-ss [m/s²]\n0,1,1\n1,2,2\n")
-    for files, complaint in (
+    for files, message in (
         ([first, overlapping], r"b\.csv begins at 2024-03-01 12:00:14\.000, before .*a\.csv ends"),
         ([first, other], r"c\.csv has the channels z80-fa"),
         ([first, undated], r"d\.csv does not say when it begins"),
     ):
-        with pytest.raises(InputError, match=complaint) as error:
+        with pytest.raises(InputError, match=message) as error:
             imported(files, tmp_path / "joined.mcap")
         assert "\n" not in str(error.value)
         assert not list(tmp_path.glob("joined.mcap*"))
 
 
 @pytest.mark.parametrize(
-    ("content", "complaint"),
+    ("content", "message"),
     [
         ("t,a,b\n0,1,2\n1,2,3\n", r"where on the tower are a, b\? .*--template"),
         ("z1-fa,z1-ss\n1,2\n1,3\n", "give --sampling-rate HZ"),
@@ -236,9 +236,9 @@ def test_what_cannot_be_joined_says_so_in_one_line(tmp_path: Path) -> None:
         ("t,z1-fa [g]\n0,1\n1,2\n2,x\n", "'x' in line 4"),
     ],
 )
-def test_what_cannot_be_imported_is_one_line(tmp_path: Path, content: str, complaint: str) -> None:
+def test_what_cannot_be_imported_is_one_line(tmp_path: Path, content: str, message: str) -> None:
     path = written(tmp_path / "a.csv", content)
-    with pytest.raises(InputError, match=complaint) as error:
+    with pytest.raises(InputError, match=message) as error:
         imported([path], tmp_path / "a.mcap")
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)

@@ -51,7 +51,7 @@ def test_rounds_follow_each_other_in_time_as_sessions_of_their_own(short_recordi
 
 
 def parts(folder: Path, recording: Path, overlap: int) -> None:
-    """The recording in parts of a minute, each begun with the last blocks of the one before."""
+    """The recording in parts of a minute, each starting with the last blocks of the one before."""
     now_ns = [START_NS]
     source = replayed(recording)
     recorder = SessionRecorder(

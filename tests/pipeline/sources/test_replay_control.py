@@ -86,7 +86,7 @@ def test_the_speed_is_kept_from_its_change_on(short_recording: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("request_", "complaint"),
+    ("request_", "message"),
     [
         ({"do": "dance"}, "'dance' is none of play, pause"),
         ({"do": "seek", "value": 900.0}, "seek 900 lies outside of 0 to 240 s"),
@@ -96,11 +96,11 @@ def test_the_speed_is_kept_from_its_change_on(short_recording: Path) -> None:
     ],
 )
 def test_what_cannot_be_done_is_answered_with_the_reason(
-    short_recording: Path, request_: object, complaint: str
+    short_recording: Path, request_: object, message: str
 ) -> None:
     control = ReplayControl(replayed(short_recording))
     answer = json.loads(control.answer(json.dumps(request_).encode()))
-    assert complaint in answer["error"]
+    assert message in answer["error"]
     assert len(list(blocks(control))) == 240
 
 

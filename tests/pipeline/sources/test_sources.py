@@ -8,6 +8,8 @@ import pytest
 from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import whole_recording
+from pipeline.run.options import SessionOptions
+from pipeline.run.run import run_session
 from pipeline.scenario import load_scenario, scenario_from_metadata, scenario_metadata
 from pipeline.sources.feed_publisher import feed_source
 from pipeline.sources.sources import (
@@ -54,6 +56,13 @@ def test_a_recording_of_an_own_turbine_brings_its_description(own_recording: Pat
     assert again.structure == described
     stored = json.loads(recording_info(own_recording).metadata["scenario"]["files"])
     assert set(stored) == {"own-tower.toml", "other-mesh.toml"}
+
+
+def test_a_recording_of_an_own_turbine_runs_in_an_empty_folder(own_recording: Path) -> None:
+    out = Path("out")
+    run_session(replayed(own_recording), SessionOptions(out=out, way="lock-step", rrd=False))
+    again = replayed(out / "session.mcap").scenario.structure
+    assert again == replayed(own_recording).scenario.structure
 
 
 def test_a_recording_of_a_shipped_turbine_stores_no_files() -> None:

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.messages import FoundationTruth, ModalEstimate
+from pipeline.messages import FoundationPosterior, FoundationTruth, ModalEstimate
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
+from pipeline.viewer.pictures.scene import DRAWN_HEIGHT, outline
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
+from sensors.structure.bare_mast import bare_mast
 from tests.pipeline.viewer.conftest import record
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import (
@@ -157,8 +159,8 @@ def test_tracks_are_whole_when_the_identification_runs_ahead_of_the_updating(tmp
 
 
 def test_damping_is_drawn_in_percent(recorded: Recorded):
-    band = recorded.scalars(f"{ROOT}/modes/5/damping")
-    assert band[:, 1] == pytest.approx(0.8, abs=0.4)
+    damping = recorded.scalars(f"{ROOT}/modes/5/damping")
+    assert damping[:, 0] == pytest.approx(0.8, abs=0.4)
     assert all(name.endswith("[%]") for name in recorded.series_names(f"{ROOT}/modes/5/damping"))
 
 
@@ -413,3 +415,50 @@ def test_a_unit_that_was_rewired_may_be_spoken_of_by_any_layout(tmp_path: Path):
         lines_of_text = isinstance(message, ModalEstimate)
         viewer.handle(replace(message, layout_id="unheard of") if lines_of_text else message)
     viewer.close()
+
+
+@pytest.fixture(scope="module")
+def modes_only(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """The session's blocks and estimates, drawn without a structural model."""
+    path = tmp_path_factory.mktemp("modes") / "s.rrd"
+    structure = bare_mast(LAYOUT)
+    viewer = Viewer([RrdFile(path)], structure, session="s", has_structure=False, strict=True)
+    for message in session(Episode(n_windows=2)):
+        if not isinstance(message, FoundationPosterior | FoundationTruth):
+            viewer.handle(message)
+    viewer.close()
+    return Recorded(path)
+
+
+def test_without_a_structure_identified_shapes_are_drawn_from_the_layout(
+    modes_only: Recorded,
+) -> None:
+    for label in ("m2", "m5"):
+        assert modes_only.column(f"{ROOT}/shapes/{label}/motion/model", "LineStrips3D:strips")
+        assert modes_only.column(f"{ROOT}/shapes/{label}/motion", "Transform3D:scale")
+    captions = modes_only.column(f"{ROOT}/shapes/m2/caption", "Points3D:labels")
+    assert captions[-1][0] == "FA"
+
+
+def test_without_a_structure_the_status_is_of_modes(modes_only: Recorded) -> None:
+    *_, (text,) = modes_only.column(f"{ROOT}/status", "TextDocument:text")
+    assert "Modes only: 10 modes" in text
+    assert "posterior" not in text
+    *_, labels = modes_only.column(f"{ROOT}/indicators/text", "Points2D:labels")
+    assert labels[-1] == "foundation: no structural model"
+
+
+def test_a_small_structure_is_drawn_as_tall_as_a_tower() -> None:
+    low = replace(
+        LAYOUT,
+        channels=tuple(replace(each, elevation=each.elevation / 50) for each in LAYOUT.channels),
+    )
+    drawn = outline(bare_mast(low))
+    assert drawn.tower_top - drawn.mudline == pytest.approx(DRAWN_HEIGHT)
+    assert drawn.scale * low.elevations.max() == pytest.approx(drawn.tower_top)
+
+
+def test_changes_of_frequencies_are_relative_to_their_first_window(recorded: Recorded) -> None:
+    changes = recorded.scalars(f"{ROOT}/frequencies/change/m5")[:, 0]
+    absolute = recorded.scalars(f"{ROOT}/frequencies/identified/m5")[:, 0]
+    assert changes == pytest.approx(100 * (absolute / absolute[0] - 1))

@@ -1,4 +1,4 @@
-"""How frequencies follow the water: perturbation of the modes against the structure built anew."""
+"""How frequencies follow the water: perturbation of the modes against the structure built again."""
 
 from dataclasses import replace
 

@@ -1,8 +1,11 @@
-"""A small server of the SeedLink protocol, version 3.1: enough for what a client may ask of it."""
+"""A small server of the SeedLink protocol, 3.1 and 4.0: enough for what a client may ask of it."""
 
 import io
 import itertools
+import socket
 import socketserver
+import ssl
+import struct
 import sys
 import threading
 import time
@@ -11,15 +14,22 @@ from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 
 import numpy as np
-from obspy import Stream, Trace, UTCDateTime, read
+from obspy import Stream, Trace, UTCDateTime
+from pymseed import MS3Record, sourceid2nslc
 
 RECORD = 512  # [bytes]
 
 
 def records(
-    channel: str, counts: np.ndarray, *, start_ns: int, sampling_rate: float
+    channel: str,
+    counts: np.ndarray,
+    *,
+    start_ns: int,
+    sampling_rate: float,
+    length: int = RECORD,
+    miniseed: int = 2,
 ) -> list[bytes]:
-    """Samples of NET.STA.LOC.CHA as miniSEED records of 512 bytes (Steim 2)."""
+    """Samples of NET.STA.LOC.CHA as miniSEED records (Steim 2)."""
     network, station, location, code = channel.split(".")
     header = {
         "network": network,
@@ -31,10 +41,18 @@ def records(
     }
     file = io.BytesIO()
     Stream([Trace(counts.astype(np.int32), header)]).write(
-        file, format="MSEED", reclen=RECORD, encoding="STEIM2"
+        file, format="MSEED", reclen=length, encoding="STEIM2"
     )
     whole = file.getvalue()
-    return [whole[i : i + RECORD] for i in range(0, len(whole), RECORD)]
+    cut = [whole[i : i + length] for i in range(0, len(whole), length)]
+    return cut if miniseed == 2 else [_as_version_3(record) for record in cut]
+
+
+def _as_version_3(record: bytes) -> bytes:
+    read = MS3Record.parse(record, unpack_data=True)
+    read.formatversion = 3
+    (written,) = (bytes(each) for each in read.generate())
+    return written
 
 
 class SeedLinkServer:
@@ -43,8 +61,10 @@ class SeedLinkServer:
     first   sequence of the first packet
     """
 
-    def __init__(self, first: int = 1) -> None:
-        self.first = first
+    def __init__(
+        self, first: int = 1, *, version: int = 3, tls: ssl.SSLContext | None = None
+    ) -> None:
+        self.first, self.version, self._tls = first, version, tls
         self.packets: list[tuple[str, bytes]] = []  # channel, record
         self.asked: list[str] = []  # commands of all clients
         self.changed = threading.Condition()
@@ -55,7 +75,7 @@ class SeedLinkServer:
     def add(self, packets: list[bytes]) -> None:
         """More records, in this order."""
         for record in packets:
-            channel = read(io.BytesIO(record), headonly=True)[0].id
+            channel = ".".join(sourceid2nslc(MS3Record.parse(record).sourceid))
             with self.changed:
                 self.packets.append((channel, record))
                 self.changed.notify_all()
@@ -83,6 +103,12 @@ class SeedLinkServer:
             allow_reuse_address = True
             daemon_threads = True
 
+            def get_request(self) -> tuple[socket.socket, object]:
+                link, place = super().get_request()
+                if owner._tls is not None:
+                    link = owner._tls.wrap_socket(link, server_side=True)
+                return link, place
+
         self._server = Server(("127.0.0.1", self.port), Handler)
         self.port = self._server.server_address[1]
         threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
@@ -99,9 +125,11 @@ class SeedLinkServer:
 
 
 @contextmanager
-def seedlink_server(first: int = 1) -> Iterator[SeedLinkServer]:
+def seedlink_server(
+    first: int = 1, *, version: int = 3, tls: ssl.SSLContext | None = None
+) -> Iterator[SeedLinkServer]:
     """A server that runs."""
-    server = SeedLinkServer(first)
+    server = SeedLinkServer(first, version=version, tls=tls)
     server.start()
     try:
         yield server
@@ -119,7 +147,7 @@ class _Asked:
         for station, selectors, begin in self.stations:
             parts = channel.split(".")
             net_sta, loc_cha = ".".join(parts[:2]), "".join(parts[2:])
-            if net_sta == station and (begin is None or sequence >= begin):
+            if fnmatchcase(net_sta, station) and (begin is None or sequence >= begin):
                 return not selectors or any(_selects(each, loc_cha) for each in selectors)
         return False
 
@@ -146,16 +174,20 @@ def _serve(server: SeedLinkServer, link: socketserver.StreamRequestHandler) -> N
         server.asked.append(line)
         word, *rest = line.split()
         if word == "HELLO":
-            link.wfile.write(b"SeedLink v3.1 (test) :: SLPROTO:3.1\r\na server of the tests\r\n")
+            speaks = b"SLPROTO:4.0 SLPROTO:3.1" if server.version == 4 else b"SLPROTO:3.1"
+            link.wfile.write(b"SeedLink v3.1 (test) :: " + speaks + b"\r\nof the tests\r\n")
+        elif line == "SLPROTO 4.0" and server.version == 4:
+            link.wfile.write(b"OK\r\n")
         elif word == "STATION" and rest[0] != "NONE":
-            asked.stations.append((f"{rest[1]}.{rest[0]}", [], newest))
+            station = rest[0].replace("_", ".", 1) if len(rest) == 1 else f"{rest[1]}.{rest[0]}"
+            asked.stations.append((station, [], newest))
             link.wfile.write(b"OK\r\n")
         elif word == "SELECT":
-            asked.stations[-1][1].append(rest[0])
+            asked.stations[-1][1].append(rest[0].replace("_", ""))
             link.wfile.write(b"OK\r\n")
         elif word == "DATA":
             station, selectors, begin = asked.stations[-1]
-            asked.stations[-1] = (station, selectors, int(rest[0], 16) if rest else begin)
+            asked.stations[-1] = (station, selectors, _sequence(server, rest[0]) if rest else begin)
             link.wfile.write(b"OK\r\n")
         elif word == "END":
             _stream(server, link, asked, generation)
@@ -184,7 +216,20 @@ def _stream(
         sequence = server.first + at
         at += 1
         if record and asked.wants(sequence, channel):
-            link.wfile.write(f"SL{sequence:06X}".encode() + record)
+            link.wfile.write(_packet(server, sequence, channel, record))
+
+
+def _sequence(server: SeedLinkServer, written: str) -> int:
+    return int(written, 10 if server.version == 4 else 16)
+
+
+def _packet(server: SeedLinkServer, sequence: int, channel: str, record: bytes) -> bytes:
+    if server.version == 3:
+        return f"SL{sequence:06X}".encode() + record
+    station = "_".join(channel.split(".")[:2]).encode()
+    kind = b"3" if record.startswith(b"MS\x03") else b"2"
+    head = struct.pack("<2sccIQB", b"SE", kind, b"D", len(record), sequence, len(station))
+    return head + station + record
 
 
 def _answer(server: SeedLinkServer, link: socketserver.StreamRequestHandler) -> None:

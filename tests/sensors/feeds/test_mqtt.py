@@ -6,24 +6,28 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from aiomqtt import MqttError
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.deploy.certificates import make_certificates
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import parsed
-from sensors.feeds.live import Measured
+from sensors.feeds.live import LiveFeed, Measured
 from sensors.feeds.mqtt import MqttFeed, SamplesReader
 from sensors.feeds.open_feed import open_feed
 from sensors.feeds.payloads.frame import Frame, encoded
+from sensors.feeds.position import position_file
 from sensors.feeds.protocol import FeedCounts, FeedError
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.broker import Broker, broker, free_port, mosquitto, publisher
+from tests.sensors.feeds.payloads.shapes import thingsboard
 from tests.sensors.feeds.scripted import measured_until
 
 X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -330,3 +334,75 @@ def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "aiomqtt", None)
     with pytest.raises(FeedError, match=r"pip install 'pilewatch\[mqtt\]'"):
         open_feed("mqtt://h/t", LAYOUT)
+
+
+def test_sniffing_prints_what_comes_and_the_preset_that_reads_it(running: Broker) -> None:
+    listening = threading.Event()
+
+    def publish() -> None:
+        with publisher(running.port) as client:
+            while not listening.wait(0.05):
+                for topic, payload in thingsboard():
+                    client.publish(topic, payload)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    address = f"mqtt://127.0.0.1:{running.port}/v1/#"
+    done = CliRunner().invoke(app, ["feed", address, "--sniff", "--for", "1"])
+    listening.set()
+    thread.join()
+
+    assert done.exit_code == 0, done.output
+    assert "use ?mapping=thingsboard" in done.stdout
+    assert "samples of ax" in done.stdout
+
+
+def test_a_feed_that_remembers_gets_what_came_while_it_was_away_and_counts_what_did_not(
+    running: Broker, tmp_path: Path
+) -> None:
+    address = f"mqtt://127.0.0.1:{running.port}/kept/#"
+
+    def taken(count: int, numbers: Sequence[int]) -> tuple[list[AccelerationBlock], LiveFeed]:
+        live = open_feed(address, LAYOUT, state=tmp_path)
+
+        def publish() -> None:
+            with publisher(running.port) as client:
+                for number in numbers:
+                    client.publish("kept/a", frame(number))
+                client.settled()
+
+        return blocks_of(measured_until(live, lambda: live.counts.received >= count, publish)), live
+
+    first, _ = taken(10, range(10))
+    with publisher(running.port) as client:
+        for number in range(10, 20):  # while no feed runs
+            client.publish("kept/a", frame(number))
+        client.settled()
+    second, live = taken(15, range(20, 25))
+    third, later = taken(5, range(25, 30))
+
+    numbers = [int(block.samples[0, 0]) for block in (*first, *second, *third)]
+    assert numbers == list(range(30))
+    assert (live.absent, later.absent) == (0, 0)
+
+
+def test_what_a_broker_did_not_keep_is_counted_by_the_stamps(
+    running: Broker, tmp_path: Path
+) -> None:
+    address = f"mqtt://127.0.0.1:{running.port}/lost/#?client=none-{free_port()}"
+    live = open_feed(address, LAYOUT, state=tmp_path)
+
+    def publish(numbers: Sequence[int]) -> None:
+        with publisher(running.port) as client:
+            for number in numbers:
+                client.publish("lost/a", frame(number))
+            client.settled()
+
+    measured_until(live, lambda: live.counts.received >= 5, lambda: publish(range(5)))
+    (file,) = tmp_path.iterdir()
+    other = f"{address}-2"  # a session that the broker does not know
+    file.rename(position_file(tmp_path, other))
+    again = open_feed(other, LAYOUT, state=tmp_path)
+    measured_until(again, lambda: again.counts.received >= 5, lambda: publish(range(12, 17)))
+
+    assert again.absent == 7.0

@@ -1,22 +1,26 @@
 """SeedLink over the loopback interface: records in, accelerations out, nothing twice."""
 
 import socket
+import ssl
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
 from obspy.clients.seedlink.client.seedlinkconnection import SeedLinkConnection
 from obspy.clients.seedlink.slpacket import SLPacket
 
+from pipeline.deploy.certificates import make_certificates
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.address import parsed
 from sensors.feeds.assembly.assembler import Assembler
 from sensors.feeds.live import LiveFeed, Measured
 from sensors.feeds.open_feed import open_feed
 from sensors.feeds.protocol import FeedError
-from sensors.feeds.seedlink import SeedLinkFeed, stations_of
+from sensors.feeds.seedlink.seedlink_feed import SeedLinkFeed, stations_of
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.scripted import measured_until
 from tests.sensors.feeds.seedlink_server import SeedLinkServer, records, seedlink_server
@@ -44,11 +48,18 @@ def counts_of(first: int, end: int) -> np.ndarray:
     return (200_000 * np.sin(2 * np.pi * 0.16 * time / RATE)).astype(np.int32) + noise[first:end]
 
 
-def measured(first: int, end: int) -> list[bytes]:
+def measured(first: int, end: int, *, length: int = 512, miniseed: int = 2) -> list[bytes]:
     """Records of both channels, in the order in which a logger would have filled them."""
     start_ns = START + round(first / RATE * NANOSECONDS)
     of_both = [
-        records(name, counts_of(first, end), start_ns=start_ns, sampling_rate=RATE)
+        records(
+            name,
+            counts_of(first, end),
+            start_ns=start_ns,
+            sampling_rate=RATE,
+            length=length,
+            miniseed=miniseed,
+        )
         for name in (FA, SS)
     ]
     return [record for pair in zip(*of_both, strict=True) for record in pair]
@@ -225,6 +236,102 @@ def test_selectors_of_one_station_are_kept_together() -> None:
 
 
 def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "obspy", None)
+    monkeypatch.setitem(sys.modules, "pymseed", None)
     with pytest.raises(FeedError, match=r"pip install 'pilewatch\[miniseed\]'"):
         open_feed("seedlink://h/XX.A", LAYOUT)
+
+
+@pytest.mark.parametrize("version", [3, 4])
+@pytest.mark.parametrize(("length", "miniseed"), [(512, 2), (4096, 2), (256, 2), (512, 3)])
+def test_records_of_any_length_and_version_come_over_both_protocols(
+    version: int, length: int, miniseed: int
+) -> None:
+    packets = measured(0, 4000, length=length, miniseed=miniseed)
+    with seedlink_server(version=version) as server:
+        live = live_of(server, "XX.TWR.00.HN*")
+        given = measured_until(
+            live, lambda: live.counts.received == len(packets), lambda: server.add(packets)
+        )
+    samples = joined(given)
+    assert sorted(samples) == list(range(4000))
+    found = np.array([samples[i][0] for i in range(4000)])
+    np.testing.assert_allclose(found, counts_of(0, 4000) / COUNTS_PER_MS2, rtol=1e-6)
+    assert ("SLPROTO 4.0" in server.asked) == (version == 4)
+    wanted = {3: ["STATION TWR XX", "SELECT 00HN?"], 4: ["STATION XX_TWR", "SELECT 00_H_N_?"]}
+    assert [each for each in server.asked if each[:2] in ("ST", "SE")] == wanted[version]
+
+
+def test_a_station_may_have_wildcards() -> None:
+    packets = measured(0, 1000)
+    with seedlink_server() as server:
+        live = live_of(server, "XX.TW*")
+        given = measured_until(
+            live, lambda: live.counts.received == len(packets), lambda: server.add(packets)
+        )
+    assert sorted(joined(given)) == list(range(1000))
+    assert "STATION TW* XX" in server.asked
+
+
+def test_seedlink_over_tls_knows_the_server_by_its_certificate(tmp_path: Path) -> None:
+    make_certificates(tmp_path, ["logger"], host="127.0.0.1")
+    tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    tls.load_cert_chain(tmp_path / "logger.pem", tmp_path / "logger-key.pem")
+    packets = measured(0, 1000)
+    with seedlink_server(tls=tls) as server:
+        place = f"seedlinks://127.0.0.1:{server.port}/XX.TWR"
+        live = open_feed(f"{place}?ca={tmp_path / 'ca.pem'}", LAYOUT)
+        given = measured_until(
+            live, lambda: live.counts.received == len(packets), lambda: server.add(packets)
+        )
+        with pytest.raises(FeedError, match="certificate"):
+            list(open_feed(place, LAYOUT, once=True).measured(threading.Event()))
+
+    assert sorted(joined(given)) == list(range(1000))
+    assert parsed("seedlinks://h/XX.A").port == 18500
+
+
+def killed(live: LiveFeed, blocks: int, act: Callable[[], None]) -> list[Measured]:
+    """What a feed publishes before it is killed: nothing is written or finished at its end."""
+    given: list[Measured] = []
+    for each in live.measured(threading.Event()):
+        if live.counts.connected and act is not None:
+            act()
+            act = lambda: None  # noqa: E731
+        if each is not None:
+            given.append(each)
+            if len(given) > blocks:
+                return given[:-1]  # the last one was not handed on
+    return given
+
+
+@pytest.mark.parametrize("version", [3, 4])
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_killed_feed_goes_on_where_it_was_published(
+    version: int, kept: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sensors.feeds.position.SAVED_EVERY", 0.0)
+    first, second, third = measured(0, 3000), measured(3000, 6000), measured(6000, 9000)
+    with seedlink_server(version=version) as server:
+        address = f"seedlink://127.0.0.1:{server.port}/XX.TWR"
+        live = open_feed(address, LAYOUT, state=tmp_path)
+        before = killed(live, 12, lambda: server.add(first))
+        server.add(second)  # while no feed runs
+        if not kept:
+            server.forget(len(first + second))
+        again = open_feed(address, LAYOUT, state=tmp_path)
+        fewest = len(third) + kept * len(second)
+
+        after = measured_until(
+            again, lambda: again.counts.received >= fewest + kept, lambda: server.add(third)
+        )
+
+    published, resumed = joined(before), joined(after)
+    assert set(published) & set(resumed) == set()
+    end = max(published) + 1
+    assert sorted(published) == list(range(end))
+    if kept:
+        assert sorted(resumed)[:3000] == list(range(end, end + 3000))
+        assert again.absent == 0
+    else:
+        assert min(resumed) == 6000
+        assert again.absent == pytest.approx((6000 - end) / RATE)

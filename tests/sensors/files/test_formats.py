@@ -8,7 +8,7 @@ import pytest
 
 from sensors.files import formats
 from sensors.files import table as optional
-from sensors.files.formats import file_pieces, read_file
+from sensors.files.formats import read_chunks, read_file
 from sensors.files.table import FileError
 from tests.sensors.files.conftest import NAMES, RATE, SAMPLES, SECONDS, START_NS, WRITERS
 
@@ -53,18 +53,18 @@ def test_an_empty_file_gives_one_line(measurement: Path) -> None:
 
 
 def test_a_file_that_is_damaged_anywhere_is_read_or_gives_one_line(measurement: Path) -> None:
-    whole, rng = measurement.read_bytes(), np.random.default_rng(61)
+    intact, rng = measurement.read_bytes(), np.random.default_rng(61)
     for _ in range(25):
-        content = bytearray(whole)
-        for place in rng.integers(0, min(len(whole), rng.choice([300, len(whole)])), size=3):
+        content = bytearray(intact)
+        for place in rng.integers(0, min(len(intact), rng.choice([300, len(intact)])), size=3):
             content[place : place + rng.integers(0, 4)] = rng.bytes(rng.integers(0, 3))
         measurement.write_bytes(content)
-        complaint = _complaint(measurement)
-        assert complaint is None or (str(measurement) in complaint and "\n" not in complaint)
+        message = _error_of(measurement)
+        assert message is None or (str(measurement) in message and "\n" not in message)
 
 
-def _complaint(path: Path) -> str | None:
-    """What is said of a file that cannot be read; None of one that can."""
+def _error_of(path: Path) -> str | None:
+    """The error of a file that cannot be read; None of one that can."""
     try:
         read_file(path)
     except FileError as error:
@@ -101,10 +101,10 @@ def test_a_package_that_is_missing_is_named_with_its_extra(
         FileError, match=rf"{module} is needed .* pip install 'pilewatch\[{extra}\]'"
     ):
         read_file(tmp_path / f"measured.{suffix}")
-    assert optional.needed("json", "x", tmp_path).dumps([]) == "[]"
+    assert optional.require_module("json", "x", tmp_path).dumps([]) == "[]"
 
 
-def test_a_reader_of_somebody_else_plugs_in(
+def test_a_reader_of_another_package_plugs_in(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "sep005_io_mine.py").write_text(
@@ -133,17 +133,17 @@ def test_a_reader_of_somebody_else_plugs_in(
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_a_long_file_comes_in_pieces_that_join_without_a_seam(
+def test_a_long_file_comes_in_chunks_that_join_without_a_seam(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / f"measured.{suffix}"
     WRITERS[suffix](path)
-    monkeypatch.setattr("sensors.files.text.csv.PIECE_BYTES", 4096)
+    monkeypatch.setattr("sensors.files.text.csv.CHUNK_BYTES", 4096)
     monkeypatch.setattr("sensors.files.readers.parquet.ROWS", 64)
-    pieces = list(file_pieces(path))
-    assert len(pieces) > 3
-    assert {piece.start_ns for piece in pieces} == {START_NS}
-    assert all(piece.times is not None for piece in pieces)
-    times = np.concatenate([piece.times for piece in pieces if piece.times is not None])
+    chunks = list(read_chunks(path))
+    assert len(chunks) > 3
+    assert {chunk.start_ns for chunk in chunks} == {START_NS}
+    assert all(chunk.times is not None for chunk in chunks)
+    times = np.concatenate([chunk.times for chunk in chunks if chunk.times is not None])
     np.testing.assert_allclose(times, SECONDS, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(np.concatenate([piece.samples for piece in pieces]), SAMPLES)
+    np.testing.assert_array_equal(np.concatenate([chunk.samples for chunk in chunks]), SAMPLES)

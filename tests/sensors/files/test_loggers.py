@@ -11,7 +11,6 @@ import pytest
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.formats import read_file
 from sensors.files.table import STANDARD_GRAVITY, FileError
-from sensors.files.text.csv import read_csv
 
 RATE = 50.0  # [Hz]
 START = np.datetime64("2024-03-13T12:00:00.250", "ns")
@@ -99,7 +98,7 @@ ABSOLUTE = {
 
 @pytest.mark.parametrize("text", RELATIVE.values(), ids=RELATIVE)
 def test_seconds_from_a_start_are_read_however_they_are_written(tmp_path: Path, text: str) -> None:
-    table = read_csv(written(tmp_path / "a.csv", text))
+    table = read_file(written(tmp_path / "a.csv", text))
     np.testing.assert_array_equal(table.samples, SAMPLES)
     assert table.units == ("m/s²", "m/s²")
     assert table.sampling_rate == pytest.approx(RATE, rel=1e-9)
@@ -108,7 +107,7 @@ def test_seconds_from_a_start_are_read_however_they_are_written(tmp_path: Path, 
 
 @pytest.mark.parametrize("text", ABSOLUTE.values(), ids=ABSOLUTE)
 def test_dates_are_read_however_they_are_written(tmp_path: Path, text: str) -> None:
-    table = read_csv(written(tmp_path / "a.csv", text))
+    table = read_file(written(tmp_path / "a.csv", text))
     np.testing.assert_array_equal(table.samples, SAMPLES)
     assert table.units == ("m/s²", "m/s²")
     assert table.start_ns == START_NS
@@ -122,7 +121,7 @@ def test_days_of_spreadsheets_and_of_matlab_are_no_seconds(
 ) -> None:
     days = origin + STAMPS.astype(np.int64) / (86400 * NANOSECONDS)
     text = "Time," + SI.format(",") + rows(lambda i: repr(float(days[i])))
-    table = read_csv(written(tmp_path / "a.csv", text))
+    table = read_file(written(tmp_path / "a.csv", text))
     assert abs(table.start_ns - START_NS) < exact * NANOSECONDS
     assert table.sampling_rate == pytest.approx(RATE, rel=1e-3)
 
@@ -130,13 +129,13 @@ def test_days_of_spreadsheets_and_of_matlab_are_no_seconds(
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be", "latin-1"])
 def test_every_encoding_has_its_square(tmp_path: Path, encoding: str) -> None:
     text = "t," + SI.format(",") + rows(seconds)
-    table = read_csv(written(tmp_path / "a.csv", text, encoding))
+    table = read_file(written(tmp_path / "a.csv", text, encoding))
     assert table.names == ("a", "b")
     assert table.units == ("m/s²", "m/s²")
     np.testing.assert_array_equal(table.samples, SAMPLES)
 
 
-def test_a_zipped_file_is_read_and_a_cut_one_is_told(tmp_path: Path) -> None:
+def test_a_zipped_file_is_read_and_a_cut_one_is_one_line(tmp_path: Path) -> None:
     packed = gzip.compress(("t," + SI.format(",") + rows(seconds)).encode())
     (tmp_path / "a.csv.gz").write_bytes(packed)
     np.testing.assert_array_equal(read_file(tmp_path / "a.csv.gz").samples, SAMPLES)
@@ -150,13 +149,13 @@ def test_a_cell_without_a_value_is_no_number(tmp_path: Path, missing: str) -> No
     lines = ("t,a,b\n" + rows(seconds)).splitlines()
     cells = lines[7].split(",")
     lines[7] = ",".join([*cells[:2], missing])
-    table = read_csv(written(tmp_path / "a.csv", "\n".join(lines)))
+    table = read_file(written(tmp_path / "a.csv", "\n".join(lines)))
     assert np.argwhere(np.isnan(table.samples)).tolist() == [[6, 1]]
 
 
 def test_the_lines_above_say_rate_and_start(tmp_path: Path) -> None:
     text = "Start: 2024-03-13 12:00:00.25\nSampling rate [Hz];50\n\na;b\n" + rows(None, ";", ",")
-    table = read_csv(written(tmp_path / "a.csv", text))
+    table = read_file(written(tmp_path / "a.csv", text))
     assert table.sampling_rate == RATE
     assert table.start_ns == START_NS
     assert table.names == ("a", "b")
@@ -166,20 +165,20 @@ def test_what_numbers_the_samples_or_is_text_is_no_channel(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     text = "Sample,a [g],b [g],state\n" + rows(str, end=",OK\n")
-    table = read_csv(written(tmp_path / "a.csv", text))
+    table = read_file(written(tmp_path / "a.csv", text))
     np.testing.assert_allclose(table.samples, SAMPLES * STANDARD_GRAVITY)
     assert table.sampling_rate is None
     assert "column 'state' holds text ('OK') and is left out" in caplog.text
 
 
 def test_axes_in_brackets_are_no_units(tmp_path: Path) -> None:
-    table = read_csv(written(tmp_path / "a.csv", "t,Acc (X),Acc (Y)\n" + rows(seconds)))
+    table = read_file(written(tmp_path / "a.csv", "t,Acc (X),Acc (Y)\n" + rows(seconds)))
     assert table.names == ("Acc (X)", "Acc (Y)")
     assert table.units == ("", "")
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("when," + SI.format(",") + rows(seconds), "column 'when' rises evenly from 0 by 0.02"),
         ("Time,a,b\n" + rows(as_date("03/04/2024 %H:%M:%S.%f")), r"day or month first\?"),
@@ -193,9 +192,9 @@ def test_axes_in_brackets_are_no_units(tmp_path: Path) -> None:
         ("t,a,b\n" + rows(lambda i: f"12 o'clock {i}"), "a time is needed"),
     ],
 )
-def test_what_may_be_meant_otherwise_is_one_line(tmp_path: Path, text: str, complaint: str) -> None:
-    with pytest.raises(FileError, match=complaint) as error:
-        read_csv(written(tmp_path / "a.csv", text))
+def test_what_may_be_meant_otherwise_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(FileError, match=message) as error:
+        read_file(written(tmp_path / "a.csv", text))
     assert str(tmp_path / "a.csv") in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -215,7 +214,7 @@ def test_a_campbell_table_has_units_and_no_channel_of_its_record_counter(
         f'"","","{statistics}","{statistics}"\n'
     )
     text = head + rows(lambda i: f'"{campbell(i)}",{i + (i > 3)}')  # a record is missing in between
-    table = read_csv(written(tmp_path / "a.dat", text))
+    table = read_file(written(tmp_path / "a.dat", text))
     assert table.names == ("a", "b")
     assert table.units == ("m/s²", "m/s²")
     factors = np.array([1.0, 1e-3 * STANDARD_GRAVITY])
@@ -230,6 +229,6 @@ def test_a_campbell_table_of_unknown_units_has_titles(tmp_path: Path) -> None:
         '"TIMESTAMP","RECORD","a","b","c"\n"TS","RN","volts","bits","ticks"\n"","","Smp","Smp","Smp"\n'
     )
     text = head + rows(lambda i: f'"{campbell(i)}",{i},1.5')
-    table = read_csv(written(tmp_path / "a.dat", text))
+    table = read_file(written(tmp_path / "a.dat", text))
     assert table.names == ("a", "b", "c")
     assert table.units == ("volts", "bits", "ticks")

@@ -86,7 +86,7 @@ def test_the_times_say_which_side_of_a_matrix_is_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arrays", "complaint"),
+    ("arrays", "message"),
     [
         ({"fs": "fast"}, "sampling rate is 'fast'; one number"),
         ({"dt": 0.0}, "sampling interval is 0 s"),
@@ -95,10 +95,8 @@ def test_the_times_say_which_side_of_a_matrix_is_time(tmp_path: Path) -> None:
         ({"time": np.where(np.arange(60) == 3, np.datetime64("NaT"), STAMPS)}, "in sample 4"),
     ],
 )
-def test_notes_that_make_no_sense_are_one_line(
-    tmp_path: Path, arrays: Notes, complaint: str
-) -> None:
-    with pytest.raises(FileError, match=complaint) as error:
+def test_notes_that_make_no_sense_are_one_line(tmp_path: Path, arrays: Notes, message: str) -> None:
+    with pytest.raises(FileError, match=message) as error:
         read_file(npz(tmp_path, acc=SAMPLES, **arrays))
     assert "\n" not in str(error.value)
 
@@ -148,18 +146,16 @@ def test_the_unit_of_a_time_says_since_when(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("attribute", "complaint"), [("ticks", r"is in \[ticks\]"), ("pandas", "a table of pandas")]
+    ("attribute", "message"), [("ticks", r"is in \[ticks\]"), ("pandas", "a table of pandas")]
 )
-def test_what_a_file_leaves_open_is_one_line(
-    tmp_path: Path, attribute: str, complaint: str
-) -> None:
+def test_what_a_file_leaves_open_is_one_line(tmp_path: Path, attribute: str, message: str) -> None:
     def fill(file: h5py.File) -> None:
         file["g/acc"], file["g/time"] = SAMPLES, SECONDS
         file["g/time"].attrs["units"] = attribute
         if attribute == "pandas":
             file["g"].attrs["pandas_type"] = "frame"
 
-    with pytest.raises(FileError, match=complaint):
+    with pytest.raises(FileError, match=message):
         read_file(hdf5(tmp_path, fill))
 
 
@@ -178,9 +174,9 @@ def test_a_log_among_miniseed_records_is_no_channel(tmp_path: Path) -> None:
         header = {"channel": code, "sampling_rate": RATE if code != "LOG" else 0.0}
         return obspy.Trace(data, header)
 
-    told = trace("LOG", np.frombuffer(b"said" * 20, dtype="S1"))
+    log = trace("LOG", np.frombuffer(b"text" * 20, dtype="S1"))
     with pytest.warns(UserWarning, match="different encodings"):
-        obspy.Stream([trace("HNX", SAMPLES[:, 0].copy()), told]).write(
+        obspy.Stream([trace("HNX", SAMPLES[:, 0].copy()), log]).write(
             str(tmp_path / "a.mseed"), format="MSEED"
         )
     assert read_file(tmp_path / "a.mseed").names == ("...HNX",)

@@ -132,8 +132,8 @@ def test_a_series_does_not_depend_on_the_chunks_it_is_drawn_in(cuts: list[int]) 
     whole = FilteredNoise(kernel, 3, np.random.default_rng(9)).advance(500)
     noise = FilteredNoise(kernel, 3, np.random.default_rng(9))
     edges = [0, *sorted(cuts), 500]
-    pieces = [noise.advance(end - start) for start, end in pairwise(edges)]
-    np.testing.assert_allclose(np.concatenate(pieces), whole, atol=1e-12)
+    segments = [noise.advance(end - start) for start, end in pairwise(edges)]
+    np.testing.assert_allclose(np.concatenate(segments), whole, atol=1e-12)
 
 
 def test_filtered_noise_is_the_convolution_of_what_was_drawn() -> None:
@@ -193,10 +193,6 @@ def test_a_load_of_zero_is_left_out(tower: StructuralModel) -> None:
     ("settings_type", "wrong", "message"),
     [
         (BroadbandLoad, {"tower_rms": -1.0}, "tower_rms is -1 N"),
-        (BroadbandLoad, {"highest_frequency": 0.0}, "highest_frequency is 0 Hz"),
-        (WaveBandLoad, {"peak_period": 0.0}, "peak_period is 0 s"),
-        (WaveBandLoad, {"peak_enhancement": 33.0}, "peak_enhancement is 33"),
-        (WaveBandLoad, {"highest_frequency": 0.1}, "highest_frequency is 0.1 Hz"),
     ],
 )
 def test_a_load_that_cannot_be_is_refused_with_its_value(

@@ -113,8 +113,8 @@ def test_a_rotors_force_does_not_depend_on_the_chunks(tower: StructuralModel, ch
     load = turning(tower, Rotor(), turbulence=0.1)
     whole = next(load.series(3, 17_000))
     series = load.series(3, chunk)
-    pieces = np.concatenate([next(series) for _ in range(-(-17_000 // chunk))])
-    np.testing.assert_array_equal(pieces[:17_000], whole)
+    segments = np.concatenate([next(series) for _ in range(-(-17_000 // chunk))])
+    np.testing.assert_array_equal(segments[:17_000], whole)
 
 
 def test_a_rotor_with_a_negative_share_is_refused() -> None:

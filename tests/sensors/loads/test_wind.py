@@ -31,8 +31,8 @@ def blowing(tower: StructuralModel) -> WindLoad:
 @pytest.fixture(scope="module")
 def turbulence(blowing: WindLoad) -> tuple[np.ndarray, np.ndarray]:
     """Twenty hours, seed 4: u and v, (n_points, n)."""
-    pieces = blowing.turbulence(seed=4)
-    drawn = [next(pieces) for _ in range(120)]
+    segments = blowing.turbulence(seed=4)
+    drawn = [next(segments) for _ in range(120)]
     return tuple(np.concatenate(part, axis=1) for part in zip(*drawn, strict=True))
 
 
@@ -120,6 +120,14 @@ def test_damping_by_air_is_symmetric_never_negative_and_grows_with_the_wind(
     np.testing.assert_allclose(fast, fast.T, atol=1e-6)
     assert np.linalg.eigvalsh(fast).min() > -1e-6 * np.linalg.eigvalsh(fast).max()
     np.testing.assert_allclose(fast, 6 * slow, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("larger", [Wind(nacelle_area=300.0), Wind(blade_chords=(12.0, 10.0))])
+def test_a_larger_nacelle_or_blade_is_damped_more_by_air(
+    tower: StructuralModel, larger: Wind
+) -> None:
+    more, shipped = (aerodynamic_damping(tower, wind, 12.0) for wind in (larger, Wind()))
+    assert np.trace(more) > 1.01 * np.trace(shipped)
 
 
 def test_damping_is_the_slope_of_the_force_with_the_relative_wind(blowing: WindLoad) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.simulation.chunks import made_ahead
+from sensors.simulation.chunks import prefetch
 
 
 def counted(made: list[int], last: int | None = None) -> Iterator[NDArray[np.float64]]:
@@ -20,25 +20,25 @@ def counted(made: list[int], last: int | None = None) -> Iterator[NDArray[np.flo
 
 
 @pytest.mark.parametrize("depth", [1, 3, 20])
-def test_pieces_made_ahead_come_in_order_and_end_where_the_stream_ends(depth: int) -> None:
-    pieces = made_ahead(counted([], last=10), depth)
-    assert [piece.item() for piece in pieces] == list(range(11))
+def test_prefetched_chunks_come_in_order_and_end_where_the_stream_ends(depth: int) -> None:
+    chunks = prefetch(counted([], last=10), depth)
+    assert [chunk.item() for chunk in chunks] == list(range(11))
 
 
 def test_a_stream_closed_early_is_not_made_to_its_end() -> None:
     made: list[int] = []
-    with closing(made_ahead(counted(made), 4)) as pieces:
-        taken = [next(pieces).item() for _ in range(3)]
+    with closing(prefetch(counted(made), 4)) as chunks:
+        taken = [next(chunks).item() for _ in range(3)]
     assert taken == [0, 1, 2]
     assert len(made) <= 3 + 4
 
 
-def test_what_goes_wrong_in_the_thread_is_raised_where_the_piece_is_wanted() -> None:
+def test_what_goes_wrong_in_the_thread_is_raised_where_the_chunk_is_wanted() -> None:
     def failing() -> Iterator[NDArray[np.float64]]:
         yield np.zeros((1, 1))
         raise ValueError("a load that cannot be")
 
-    pieces = made_ahead(failing(), 2)
-    next(pieces)
+    chunks = prefetch(failing(), 2)
+    next(chunks)
     with pytest.raises(ValueError, match="a load that cannot be"):
-        next(pieces)
+        next(chunks)

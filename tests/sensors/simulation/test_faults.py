@@ -91,8 +91,8 @@ def test_what_a_unit_knows_of_itself_it_reports() -> None:
         ("faulty", BlockStatus.SENSOR_FAULT),
         ("unsynchronised", BlockStatus.CLOCK_UNSYNCHRONISED),
     ):
-        told = [block.status for block in arrived(faulty(kind))]
-        assert told == [BlockStatus.OK] * 3 + [status] * 3 + [BlockStatus.OK] * 4
+        statuses = [block.status for block in arrived(faulty(kind))]
+        assert statuses == [BlockStatus.OK] * 3 + [status] * 3 + [BlockStatus.OK] * 4
 
 
 @pytest.mark.parametrize(

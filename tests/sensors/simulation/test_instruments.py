@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from sensors.simulation.instruments import Decimator, quantised
+from sensors.simulation.instruments import Decimator, quantise
 
 
 def sine(frequency: float, rate: float, n: int) -> NDArray[np.float64]:
@@ -32,8 +32,8 @@ def test_decimation_does_not_depend_on_the_chunks(cuts: list[int]) -> None:
     samples = np.random.default_rng(5).standard_normal((1000, 2))
     whole = Decimator(3, 2).advance(samples)
     decimator = Decimator(3, 2)
-    pieces = [decimator.advance(piece) for piece in np.split(samples, sorted(cuts))]
-    np.testing.assert_allclose(np.concatenate(pieces), whole, atol=1e-12)
+    chunks = [decimator.advance(chunk) for chunk in np.split(samples, sorted(cuts))]
+    np.testing.assert_allclose(np.concatenate(chunks), whole, atol=1e-12)
 
 
 def test_gain_is_what_the_filter_does_to_a_sine() -> None:
@@ -54,7 +54,7 @@ def test_a_factor_of_one_changes_nothing() -> None:
 def test_counts_are_exact_multiples_of_the_step_within_half_of_it() -> None:
     step = 2.0**-13
     samples = np.random.default_rng(7).standard_normal((500, 2))
-    counts = quantised(samples, step).astype(np.float64) / step
+    counts = quantise(samples, step).astype(np.float64) / step
     np.testing.assert_array_equal(counts, np.round(counts))
     assert np.abs(counts * step - samples).max() <= step / 2
 
@@ -62,5 +62,5 @@ def test_counts_are_exact_multiples_of_the_step_within_half_of_it() -> None:
 def test_quantisation_noise_is_a_twelfth_of_the_step_squared() -> None:
     step = 2.0**-10
     samples = np.random.default_rng(8).standard_normal((100_000, 1))
-    error = quantised(samples, step) - samples
+    error = quantise(samples, step) - samples
     assert np.var(error) == pytest.approx(step**2 / 12, rel=0.02)

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from sensors.loads import Wind
 from sensors.loads.operating_states import RATED_SPEED, steady_state
+from sensors.simulation.loads_over_time import build_schedule
 from sensors.simulation.scada_samples import scada_samples
 from sensors.simulation.schedule import (
     FoundationSchedule,
@@ -13,6 +15,8 @@ from sensors.simulation.schedule import (
     StiffnessEvent,
     Tide,
 )
+from sensors.simulation.settings import SimulationSettings
+from sensors.structure.description import load_turbine
 
 STAGES = (
     ScheduleStep(at=0.0, state="parked", wind_speed=6.0),
@@ -23,24 +27,24 @@ STAGES = (
 )
 
 
-def test_weather_runs_straight_from_stage_to_stage_that_gives_it() -> None:
-    course = Schedule(stages=STAGES)
-    winds = [course.figure("wind_speed", time) for time in (-50.0, 50.0, 100.0, 215.0, 900.0)]
+def test_weather_runs_straight_from_step_to_step_that_gives_it() -> None:
+    schedule = Schedule(stages=STAGES)
+    winds = [schedule.figure("wind_speed", time) for time in (-50.0, 50.0, 100.0, 215.0, 900.0)]
     assert winds == pytest.approx([6.0, 8.0, 10.0, 9.0, 8.0])
 
 
 def test_the_state_holds_until_the_next_one() -> None:
-    course = Schedule(stages=STAGES)
-    states = [course.state(time) for time in (-1.0, 99.0, 100.0, 200.0, 310.0, 400.0)]
+    schedule = Schedule(stages=STAGES)
+    states = [schedule.state(time) for time in (-1.0, 99.0, 100.0, 200.0, 310.0, 400.0)]
     assert states == ["parked", "parked", "start", "operating", "stop", "idling"]
 
 
 def test_a_rotor_gathers_speed_in_a_start_and_loses_it_in_a_stop() -> None:
-    course = Schedule(stages=STAGES)
-    shares = [course.running_share(time) for time in (0.0, 130.0, 200.0, 315.0, 400.0)]
+    schedule = Schedule(stages=STAGES)
+    shares = [schedule.running_share(time) for time in (0.0, 130.0, 200.0, 315.0, 400.0)]
     assert shares == pytest.approx([0.0, 0.5, 1.0, 0.5, 0.0])
-    assert course.rotor(50.0).rotor_speed == 0.0
-    assert 0 < course.rotor(400.0).rotor_speed < 1.0
+    assert schedule.rotor(50.0).rotor_speed == 0.0
+    assert 0 < schedule.rotor(400.0).rotor_speed < 1.0
 
 
 def test_a_turbine_at_rated_wind_turns_at_rated_speed_and_gives_its_power() -> None:
@@ -68,16 +72,18 @@ def test_soil_that_moves_more_is_softer() -> None:
 
 
 def test_the_foundation_rides_with_the_tide() -> None:
-    course = Schedule(tide=Tide(amplitude=1.5, period=400.0, stiffness_share=0.02))
-    assert course.level(100.0) == pytest.approx(1.5)
-    assert course.stiffness_factors(100.0) == pytest.approx([1.02] * 3)
-    assert course.level(300.0) == pytest.approx(-1.5)
-    assert course.highest_level == 1.5
+    schedule = Schedule(tide=Tide(amplitude=1.5, period=400.0, stiffness_share=0.02))
+    assert schedule.level(100.0) == pytest.approx(1.5)
+    assert schedule.stiffness_factors(100.0) == pytest.approx([1.02] * 3)
+    assert schedule.level(300.0) == pytest.approx(-1.5)
+    assert schedule.highest_level == 1.5
 
 
-def test_scada_reports_what_the_course_does() -> None:
-    course = Schedule(stages=STAGES, tide=Tide(amplitude=1.0, period=400.0))
-    samples = list(scada_samples(course, turbine="t", start_ns=10**18, period=10.0, duration=400.0))
+def test_scada_reports_what_the_schedule_does() -> None:
+    schedule = Schedule(stages=STAGES, tide=Tide(amplitude=1.0, period=400.0))
+    samples = list(
+        scada_samples(schedule, turbine="t", start_ns=10**18, period=10.0, duration=400.0)
+    )
     assert len(samples) == 40
     assert [sample.time_ns - 10**18 for sample in samples[:2]] == [0, 10**10]
     assert samples[20].state == "operating"
@@ -86,12 +92,12 @@ def test_scada_reports_what_the_course_does() -> None:
     assert samples[-1].yaw == 20.0
 
 
-def test_stages_come_in_order_of_time() -> None:
+def test_steps_come_in_order_of_time() -> None:
     with pytest.raises(ScheduleError, match="stage at 5 s comes after the one at 9 s"):
         Schedule(stages=(ScheduleStep(at=9.0), ScheduleStep(at=5.0)))
 
 
-def test_a_stage_without_wind_is_refused() -> None:
+def test_a_step_without_wind_is_refused() -> None:
     with pytest.raises(ScheduleError, match="wind_speed is 0"):
         ScheduleStep(wind_speed=0.0)
 
@@ -105,3 +111,9 @@ def test_factors_do_not_depend_on_the_order_of_events_after_both() -> None:
     events = (StiffnessEvent(1.0, (0.9, 1, 1)), StiffnessEvent(2.0, (0.8, 1, 1)))
     forward = FoundationSchedule(events=events).factors(3.0)
     np.testing.assert_allclose(forward, FoundationSchedule(events=events[::-1]).factors(3.0))
+
+
+def test_the_wind_of_the_settings_blows_where_no_step_gives_one() -> None:
+    settings = SimulationSettings(wind=Wind(speed=9.0))
+    description = load_turbine("iea15mw_monopile")
+    assert build_schedule(settings, description).figure("wind_speed", 60.0) == 9.0

@@ -11,10 +11,10 @@ from pipeline.modal_assurance import modal_assurance_criterion
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.dynamics.modal_model import ModalModel, full_modes
-from sensors.dynamics.modal_response import AccelerationResponse
+from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.structure_modes import ModalDamping, observed_modes, structure_modes
 from sensors.loads import BroadbandLoad, WaveBandLoad, tower_pattern
-from sensors.simulation.chunks import in_blocks, trimmed
+from sensors.simulation.chunks import split_into_blocks, trim
 from sensors.simulation.instruments import Instruments
 from sensors.simulation.tower import (
     SimulatedTower,
@@ -25,6 +25,7 @@ from sensors.simulation.tower import (
 from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
 from sensors.structure.foundation import TurbineError
+from tests.sensors.simulation.sensed_modes import sensed_modes
 
 TURBINE = load_turbine("iea15mw_monopile")
 SHORT = SimulationSettings(duration=20.0, transient=5.0)
@@ -153,10 +154,11 @@ def test_at_resonance_the_simulator_reads_the_shapes_that_the_modal_model_gives(
     """One measurement model, two routes: recursion and eigenvectors, of modes alone at 0.158,
     1.07 and 5.93 Hz. The slow first mode's damping turns the tilt's phase by 2ζ: hence 1e-3."""
     modal = full_modes(TURBINE, layout(**coupling), tube_refinement=2)
-    simulated = SimulatedTower(TURBINE, layout(**coupling), SHORT)
+    response = SimulatedTower(TURBINE, layout(**coupling), SHORT).response()
+    assert isinstance(response, AccelerationResponse)
     for frequency in (0.158614, 1.07, 5.93):
         mode = int(np.argmin(np.abs(modal.frequencies - frequency)))
-        read = simulated.readings_per_mode(modal.frequencies[mode : mode + 1])[0, :, mode]
+        read = response.frequency_response(modal.frequencies[mode : mode + 1])[0, :, mode]
         shape = np.real(read / read[np.argmax(np.abs(read))])
         np.testing.assert_allclose(shape, modal.shapes[mode], atol=1e-3)
 
@@ -277,16 +279,16 @@ def test_an_accelerometer_above_the_tower_is_refused() -> None:
         SimulatedTower(TURBINE, high, SHORT)
 
 
-def test_pieces_of_any_length_become_blocks_of_one_length() -> None:
+def test_chunks_of_any_length_become_blocks_of_one_length() -> None:
     stream = np.arange(23, dtype=np.float32)[:, None]
-    blocks = list(in_blocks(iter(np.split(stream, [1, 2, 9, 9, 20])), 5))
+    blocks = list(split_into_blocks(iter(np.split(stream, [1, 2, 9, 9, 20])), 5))
     assert [len(block) for block in blocks] == [5, 5, 5, 5, 3]
     np.testing.assert_array_equal(np.concatenate(blocks), stream)
 
 
 def test_trimming_takes_exactly_the_asked_samples() -> None:
     stream = np.arange(30.0)[:, None]
-    kept = list(trimmed(iter(np.split(stream, [4, 9, 15])), first=6, count=11))
+    kept = list(trim(iter(np.split(stream, [4, 9, 15])), first=6, count=11))
     np.testing.assert_array_equal(np.concatenate(kept).ravel(), np.arange(6.0, 17.0))
 
 
@@ -296,7 +298,7 @@ def test_the_modes_that_are_sensed_are_those_of_the_updaters_model(
 ) -> None:
     """Another assembly, another eigensolver, real modes: all that the sensors see below 12.5 Hz."""
     axes = layout(**coupling)
-    sensed = SimulatedTower(TURBINE, axes, SHORT).sensed_modes
+    sensed = sensed_modes(SimulatedTower(TURBINE, axes, SHORT))
     known = ModalModel(TURBINE, axes).modal(TURBINE.nominal)
     apart = np.abs(sensed.frequencies[:, None] / known.frequencies[0] - 1.0)
     nearest = apart.argmin(axis=0)
@@ -307,7 +309,7 @@ def test_the_modes_that_are_sensed_are_those_of_the_updaters_model(
 
 def test_axes_off_by_ninety_degrees_sense_the_other_direction() -> None:
     straight, turned = (
-        tower(replace(SHORT, instruments=Instruments(misalignment=(angle,) * 8))).sensed_modes
+        sensed_modes(tower(replace(SHORT, instruments=Instruments(misalignment=(angle,) * 8))))
         for angle in (0.1, 90.1)
     )
     fore_aft, side_side = straight.shapes[:, :4], straight.shapes[:, 4:]

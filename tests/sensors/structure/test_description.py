@@ -151,12 +151,12 @@ def test_a_mistake_in_the_rotor_is_named_too(right: str, wrong: str, message: st
         parse_turbine(text.replace(right, wrong, 1), source="mine.toml")
 
 
-def test_a_turbine_that_does_not_exist_is_told_from_one_that_does() -> None:
+def test_a_turbine_that_does_not_exist_is_one_line() -> None:
     with pytest.raises(TurbineError, match="nrel5mw: no such file; a turbine is one of iea15mw"):
         load_turbine("nrel5mw")
 
 
-def test_a_file_that_is_no_text_is_told(tmp_path: Path) -> None:
+def test_a_file_that_is_no_text_is_one_line(tmp_path: Path) -> None:
     path = tmp_path / "picture.toml"
     path.write_bytes(b"\xff\xd8\xff\xe0")
     with pytest.raises(TurbineError, match="cannot be read as text"):

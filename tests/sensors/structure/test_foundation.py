@@ -48,7 +48,7 @@ def test_springs_that_hold_nothing_are_not_positive_definite(bad: list[float]) -
     assert not positive_definite(bad)
 
 
-def test_an_impossible_foundation_is_told_what_would_be_possible() -> None:
+def test_an_impossible_foundation_is_one_line_with_what_is_possible() -> None:
     with pytest.raises(TurbineError, match=r"k12 < sqrt\(k11·k22\) = 8.98512e\+10 N/rad"):
         FoundationSprings(k11=0.098e11, k22=8.238e11, k12=0.95e11)
 

@@ -87,7 +87,7 @@ def test_six_averaged_elements_make_a_clamped_blade_three_to_five_percent_softer
     assert 0.95 < ratio < 0.97
 
 
-def test_a_blade_that_nobody_holds_bends_in_no_rigid_motion() -> None:
+def test_a_free_blade_bends_in_no_rigid_motion() -> None:
     blades = parked_turbine().blades
     assert blades is not None
     bending = blade_bending(blades, "flap")

@@ -31,7 +31,11 @@ class WebServer:
 
 
 @contextmanager
-def web_server(*answers: int, port: int = 0) -> Iterator[WebServer]:
+def web_server(
+    *answers: int, port: int = 0, location: int = 0, tls: ssl.SSLContext | None = None
+) -> Iterator[WebServer]:
+    """On the loopback interface; `location` is the port that its redirects name."""
+
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
@@ -40,6 +44,8 @@ def web_server(*answers: int, port: int = 0) -> Iterator[WebServer]:
             if code == 200:
                 told.received.append(body)
             self.send_response(code)
+            if location:
+                self.send_header("Location", f"http://127.0.0.1:{location}/elsewhere")
             self.end_headers()
             told.taken.set()
 
@@ -47,6 +53,8 @@ def web_server(*answers: int, port: int = 0) -> Iterator[WebServer]:
             pass
 
     server = HTTPServer(("127.0.0.1", port), Handler)
+    if tls is not None:
+        server.socket = tls.wrap_socket(server.socket, server_side=True)
     told = WebServer(server.server_port, list(answers))
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
     thread.start()
@@ -67,6 +75,15 @@ class MailServer:
     recipients: list[str] = field(default_factory=list)
     encrypted: list[bool] = field(default_factory=list)
     users: list[str] = field(default_factory=list)
+    refused: str = ""
+
+    async def handle_RCPT(  # noqa: N802
+        self, _: Any, __: Session, envelope: Envelope, address: str, ___: Any
+    ) -> str:
+        if address == self.refused:
+            return "550 no such user"
+        envelope.rcpt_tos.append(address)
+        return "250 OK"
 
     async def handle_DATA(self, _: Any, session: Session, envelope: Envelope) -> str:  # noqa: N802
         assert isinstance(envelope.content, bytes)
@@ -81,16 +98,20 @@ class MailServer:
 
 
 @contextmanager
-def mail_server(port: int, tls: ssl.SSLContext | None = None) -> Iterator[MailServer]:
-    server = MailServer(port)
+def mail_server(
+    port: int, tls: ssl.SSLContext | None = None, *, refused: str = "", at_once: bool = False
+) -> Iterator[MailServer]:
+    """`at_once`: TLS from the first byte, not by STARTTLS."""
+    server = MailServer(port, refused=refused)
     controller = Controller(
         server,
         hostname="127.0.0.1",
         port=port,
-        tls_context=tls,
-        require_starttls=tls is not None,
+        ssl_context=tls if at_once else None,
+        tls_context=None if at_once else tls,
+        require_starttls=tls is not None and not at_once,
         authenticator=server.login,
-        auth_require_tls=tls is not None,
+        auth_require_tls=tls is not None and not at_once,
     )
     controller.start()
     try:

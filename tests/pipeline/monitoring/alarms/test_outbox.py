@@ -1,13 +1,21 @@
-"""What is to go out waits on disk until it was taken, in order, whatever happens meanwhile."""
+"""An alarm message waits on disk until it is delivered, in order, whatever happens meanwhile."""
 
-import json
+import http.client
 import threading
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pipeline.monitoring.alarms.channels import DeliveryFailed
-from pipeline.monitoring.alarms.outbox import Delivery, Outbox
+from pipeline.monitoring.alarms.outbox import (
+    MOST_REFUSALS,
+    REFUSED,
+    Delivery,
+    Outbox,
+    WaitingMessage,
+    decoded_waiting,
+)
 
 PAUSE = 0.001  # between attempts [s]
 
@@ -24,11 +32,11 @@ class Flaky:
         self.all_taken = threading.Event()
         self._until = until
 
-    def send(self, telling: Mapping[str, Any]) -> None:
+    def send(self, message: Mapping[str, Any], recipients: tuple[str, ...] = ()) -> None:
         self.attempts += 1
         if self.attempts <= self.failures:
             raise DeliveryFailed("away")
-        self.taken.append(telling["number"])
+        self.taken.append(message["number"])
         if len(self.taken) == self._until:
             self.all_taken.set()
 
@@ -74,12 +82,12 @@ def test_the_oldest_go_where_too_many_wait(tmp_path: Path) -> None:
     for number in range(5):
         outbox.put({"number": number})
 
-    left = [json.loads(path.read_bytes())["number"] for path in outbox.waiting()]
+    left = [decoded_waiting(path.read_bytes()).message["number"] for path in outbox.waiting()]
     assert left == [3, 4]
     assert outbox.dropped == 3
 
 
-def test_a_file_that_is_no_telling_stops_nothing(tmp_path: Path) -> None:
+def test_a_file_that_is_no_message_stops_nothing(tmp_path: Path) -> None:
     outbox, channel = Outbox(tmp_path), Flaky(failures=0, until=1)
     (tmp_path / "000000000000.json").write_text("{")
     outbox.put({"number": 1})
@@ -89,3 +97,91 @@ def test_a_file_that_is_no_telling_stops_nothing(tmp_path: Path) -> None:
 
     assert channel.taken == [1]
     assert outbox.waiting() == []
+
+
+class Scripted:
+    """A channel that raises what it is given, then delivers."""
+
+    name = "scripted"
+
+    def __init__(self, *failures: Exception) -> None:
+        self.failures = list(failures)
+        self.sent: list[tuple[int, tuple[str, ...]]] = []
+
+    def send(self, message: Mapping[str, Any], recipients: tuple[str, ...] = ()) -> None:
+        if self.failures:
+            raise self.failures.pop(0)
+        self.sent.append((message["number"], recipients))
+
+
+def test_no_error_of_a_channel_ends_its_thread(tmp_path: Path) -> None:
+    outbox = Outbox(tmp_path)
+    channel = Scripted(http.client.BadStatusLine("x"), KeyError("turbine"), RecursionError())
+    outbox.put({"number": 1})
+    delivery = Delivery(channel, outbox, PAUSE)
+    delivery.start()
+    deadline = time.monotonic() + 20
+    while outbox.waiting() and time.monotonic() < deadline:
+        delivery.wake()
+    alive = delivery.is_alive()
+    delivery.stop(20)
+
+    assert alive
+    assert channel.sent == [(1, ())]
+    assert delivery.state().failed == 3
+
+
+def test_a_message_that_is_refused_for_itself_holds_up_no_other(tmp_path: Path) -> None:
+    outbox = Outbox(tmp_path)
+    channel = Scripted(DeliveryFailed("400", message_only=True))
+    outbox.put({"number": 1})
+    outbox.put({"number": 2})
+    delivery = Delivery(channel, outbox, PAUSE)
+    delivery.start()
+    delivery.stop(20)
+
+    assert channel.sent == [(2, ())]
+    assert delivery.problem == "400"
+
+
+def test_only_the_recipients_that_were_refused_are_tried_again(tmp_path: Path) -> None:
+    outbox = Outbox(tmp_path)
+    outbox.put({"number": 1})
+    partly = DeliveryFailed("550", message_only=True, remaining=("b@example.org",))
+    first = Delivery(Scripted(partly), outbox, PAUSE)
+    first.start()
+    first.stop(20)
+    channel = Scripted()
+    again = Delivery(channel, Outbox(tmp_path), PAUSE)
+    again.start()
+    again.stop(20)
+
+    assert channel.sent == [(1, ("b@example.org",))]
+
+
+def test_a_message_that_is_refused_many_times_is_set_aside_and_reported(tmp_path: Path) -> None:
+    outbox = Outbox(tmp_path)
+    outbox.put({"number": 1})
+    refusals = [DeliveryFailed("550", message_only=True) for _ in range(MOST_REFUSALS)]
+    for refusal in refusals:
+        delivery = Delivery(Scripted(refusal), outbox, PAUSE)
+        delivery.start()
+        delivery.stop(20)
+
+    assert outbox.waiting() == []
+    assert [path.name for path in (tmp_path / REFUSED).iterdir()] == ["000000000001.json"]
+    assert delivery.state().refused == 1
+    assert Outbox(tmp_path)._next == 2  # its number is not given again
+
+
+def test_the_age_of_what_waits_is_known(tmp_path: Path) -> None:
+    outbox = Outbox(tmp_path, clock=lambda: 5 * 10**9)
+    outbox.put({"number": 1})
+
+    assert Outbox(tmp_path, clock=lambda: 65 * 10**9).age() == 60.0
+
+
+def test_a_message_of_an_earlier_version_is_read(tmp_path: Path) -> None:
+    waiting = decoded_waiting(b'{"text": "t", "last_ns": 7}')
+
+    assert waiting == WaitingMessage({"text": "t", "last_ns": 7}, 7)

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sensors.files.formats import read_file
 from sensors.files.table import FileError
-from sensors.files.text.csv import read_csv
 
 
 def written(folder: Path, text: str) -> Path:
@@ -16,7 +16,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_units_in_brackets_become_metres_per_second_squared(tmp_path: Path) -> None:
-    table = read_csv(written(tmp_path, "time [ms],a [g],b [mm/s²],c\n0,1,500,7\n10,2,1000,8\n"))
+    table = read_file(written(tmp_path, "time [ms],a [g],b [mm/s²],c\n0,1,500,7\n10,2,1000,8\n"))
     assert table.names == ("a", "b", "c")
     assert table.units == ("m/s²", "m/s²", "")
     np.testing.assert_allclose(table.samples, [[9.80665, 0.5, 7], [19.6133, 1.0, 8]])
@@ -24,40 +24,42 @@ def test_units_in_brackets_become_metres_per_second_squared(tmp_path: Path) -> N
 
 
 def test_a_decimal_comma_and_a_missing_sample_are_read(tmp_path: Path) -> None:
-    table = read_csv(written(tmp_path, "t;a;b\n0;1,5;2\n0,5;;3\n"))
+    table = read_file(written(tmp_path, "t;a;b\n0;1,5;2\n0,5;;3\n"))
     np.testing.assert_array_equal(table.samples, [[1.5, 2.0], [np.nan, 3.0]])
     assert table.sampling_rate == pytest.approx(2.0)
 
 
 def test_dates_give_the_start_and_the_rate(tmp_path: Path) -> None:
     text = "timestamp,a\n2024-01-01T00:00:00.000,1\n2024-01-01T00:00:00.010,2\n"
-    table = read_csv(written(tmp_path, text))
+    table = read_file(written(tmp_path, text))
     assert table.start_ns == 1_704_067_200 * 1_000_000_000
     assert table.sampling_rate == pytest.approx(100.0)
 
 
 def test_stamps_rounded_to_the_millisecond_still_give_the_rate(tmp_path: Path) -> None:
     rows = "".join(f"{i / 425:.3f},{i}\n" for i in range(4250))
-    assert read_csv(written(tmp_path, "t,a\n" + rows)).sampling_rate == pytest.approx(425, rel=1e-3)
+    assert read_file(written(tmp_path, "t,a\n" + rows)).sampling_rate == pytest.approx(
+        425, rel=1e-3
+    )
 
 
 def test_a_gap_in_the_stamps_does_not_change_the_rate(tmp_path: Path) -> None:
     rows = "".join(f"{i / 50 + (30 if i > 100 else 0):.4f},{i}\n" for i in range(200))
-    assert read_csv(written(tmp_path, "t,a\n" + rows)).sampling_rate == pytest.approx(50, rel=1e-3)
+    assert read_file(written(tmp_path, "t,a\n" + rows)).sampling_rate == pytest.approx(50, rel=1e-3)
 
 
 def test_a_file_without_header_gets_numbered_channels(tmp_path: Path) -> None:
-    table = read_csv(written(tmp_path, "1,2\n3,4\n5,6\n"))
+    table = read_file(written(tmp_path, "1,2\n3,4\n5,6\n"))
     assert table.names == ("ch1", "ch2")
     assert len(table.samples) == 3
 
 
 def test_two_columns_of_one_name_stay_two_channels(tmp_path: Path) -> None:
-    assert read_csv(written(tmp_path, "a,a\n1,2\n3,4\n")).names == ("a", "a.2")
+    assert read_file(written(tmp_path, "a,a\n1,2\n3,4\n")).names == ("a", "a.2")
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    ("text", "message"),
     [
         ("", "the file is empty; a header row is needed"),
         ("a,b\n", "0 sample(s)"),
@@ -70,26 +72,26 @@ def test_two_columns_of_one_name_stay_two_channels(tmp_path: Path) -> None:
         ("a,b\n1,2\n3,4,5\n", "line 3 has 3 columns where 2 are expected"),
     ],
 )
-def test_a_broken_file_gives_one_line(tmp_path: Path, text: str, complaint: str) -> None:
+def test_a_broken_file_gives_one_line(tmp_path: Path, text: str, message: str) -> None:
     path = written(tmp_path, text)
     with pytest.raises(FileError) as error:
-        read_csv(path)
-    assert complaint in str(error.value)
+        read_file(path)
+    assert message in str(error.value)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"nothing\.csv: No such file"):
-        read_csv(tmp_path / "nothing.csv")
+        read_file(tmp_path / "nothing.csv")
 
 
 def test_units_or_names_say_what_a_channel_measures(tmp_path: Path) -> None:
-    table = read_csv(
+    table = read_file(
         written(tmp_path, "t,top [mm/s],vel_2,disp-x [mm],z [g]\n0,1,2,3,4\n1,1,2,3,4\n")
     )
     assert table.quantities == ("velocity", "velocity", "displacement", "acceleration")
     assert table.units == ("m/s", "", "m", "m/s²")
     assert table.samples[0, 2] == pytest.approx(3e-3)
-    unknown = read_csv(written(tmp_path, "t,vel,ch2\n0,1,2\n1,1,2\n"))
+    unknown = read_file(written(tmp_path, "t,vel,ch2\n0,1,2\n1,1,2\n"))
     assert unknown.quantities is None

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from sensors.files.text.dialect import BEGINNING, head_of
+from sensors.files.text.dialect import BEGINNING, read_head
 
 
 def cut_within(folder: Path, cell: str, *, kept: int) -> Path:
@@ -31,10 +31,10 @@ def test_a_line_that_was_begun_says_nothing_of_missing_values(
     tmp_path: Path, cell: str, kept: int
 ) -> None:
     """Of "-0.125" only "-" may be among what is looked at, which elsewhere stands for no value."""
-    assert head_of(cut_within(tmp_path, cell, kept=kept)).missing == ()
+    assert read_head(cut_within(tmp_path, cell, kept=kept)).missing == ()
 
 
 def test_a_cell_without_a_value_is_known_as_it_is_written(tmp_path: Path) -> None:
     path = tmp_path / "short.csv"
     path.write_text("t;a\n0;1\n1;-\n2;3\n3;4\n", encoding="ascii")
-    assert head_of(path).missing == ("-",)
+    assert read_head(path).missing == ("-",)

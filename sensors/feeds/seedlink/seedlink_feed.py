@@ -1,39 +1,39 @@
-"""SeedLink 3: miniSEED records from a seismological data logger or server (needs obspy, extra
+"""SeedLink 3 and 4: miniSEED 2 and 3 records from a seismological data logger or server (extra
 `miniseed`).
 
-    seedlink://HOST[:18000]/NET.STA[.LOC.CHA][,NET.STA…]      * stands for any one letter in LOC.CHA
+    seedlink://HOST[:18000]/NET.STA[.LOC.CHA][,…]      * in STA: any letters, in LOC.CHA: one
+    seedlinks://HOST[:18500]/…[?ca=FILE]               over TLS
 
     client                                server
-    HELLO                                 two lines of text
-    STATION STA NET                       OK
-    SELECT LOCCHA                         OK
+    HELLO                                 two lines of text; what it speaks
+    SLPROTO 4.0                           OK                     (version 4 alone)
+    STATION STA NET  |  STATION NET_STA   OK
+    SELECT LOCCHA    |  SELECT LOC_B_S_S  OK
     DATA [the sequence to go on with]     OK
-    END                                   packets, without end: "SL", 6 hexadecimal digits of the
-                                          sequence, 512 bytes of miniSEED
+    END                                   packets, without end: `seedlink_packets.py`
     INFO ID, when nothing comes           a packet of text: the link is alive
 
 Every NET.STA.LOC.CHA is a channel (NET.STA..CHA without a location); samples are a digitiser's
 counts, of which the layout's `sensitivity` and `unit` make accelerations. A link that was cut goes
-on with the sequence behind the last packet: the server gives again what it still has. Sequences
-count everything of a station (or of a server), asked for or not: what is lost is told by the gaps
-in time, not by them.
+on with the sequence behind the last packet, a feed that was killed with the one behind the last
+published packet (`position.py`): the server gives again what it still has. Sequences count
+everything of a station (or of a server), asked for or not: losses are known by the gaps in time.
 
 Why not obspy's own client: it sleeps half a second whenever nothing is there, in a loop that
-nothing else can run beside. Its reading of records is used.
+nothing else can run beside.
 
-Source: SeedLink protocol 3.1 (International Federation of Digital Seismograph Networks); SEED
-manual 2.4.
+Source: SeedLink protocol 3.1 and 4.0 (International Federation of Digital Seismograph Networks).
 """
 
 import asyncio
-import io
 import logging
 import os
 import re
-import warnings
+import ssl
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from importlib import import_module
 from typing import Any
 
@@ -42,22 +42,24 @@ import numpy as np
 from sensors.feeds.address import FeedAddress
 from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.timestamps import LATEST_NS
+from sensors.feeds.position import FeedPosition
 from sensors.feeds.protocol import ChannelSamples, FeedCounts, FeedError, Inbox
 from sensors.feeds.reconnect import LinkError, kept_connected
+from sensors.feeds.seedlink.packets import packet_3, packet_4
 
 logger = logging.getLogger(__name__)
 
-PACKET_BYTES = 8 + 512
 QUIET = 30.0  # after so long without a packet the server is asked whether it lives [s]
 ANSWER = 10.0  # for the server's answers [s]
 LONGEST_LINE = 1024  # [bytes]
 
-# Sequence number, quality, and the names of station, location, channel and network, in ASCII: what
-# is none of this, libmseed complains of on the terminal.
-_HEADER = re.compile(rb"[0-9 ]{6}[DRQM][ \0][A-Z0-9 ]{12}", re.IGNORECASE)
+# What is neither of the two is not given to libmseed: version 2 begins with a sequence number, the
+# quality, and the names of station, location, channel and network in ASCII.
+_HEADER = re.compile(rb"MS\x03|[0-9 ]{6}[DRQM][ \0][A-Z0-9 ]{12}", re.IGNORECASE)
+_PROTOCOL_4 = re.compile(rb"SLPROTO:4\.\d")
 
 _STATION = re.compile(
-    r"(?P<net>\w{1,2})\.(?P<sta>\w{1,5})(\.(?P<loc>[\w*]{0,2})\.(?P<cha>[\w*]{3}))?"
+    r"(?P<net>\w{1,2})\.(?P<sta>[\w*?]{1,8})(\.(?P<loc>[\w*]{0,2})\.(?P<cha>[\w*]{3}))?"
 )
 
 
@@ -66,9 +68,34 @@ class Station:
     """One station, and how far it has been read."""
 
     network: str
+    """Code of the network."""
     station: str
-    selectors: list[str]  # LOCCHA with ? for any letter; none: everything
-    sequence: int | None = None  # of the last packet; None before the first
+    """Code of the station, with * for any letters."""
+    selectors: list[str]
+    """LOCCHA with ? for any letter; none: everything."""
+    sequence: int | None = None
+    """Of the last packet; None before the first."""
+
+    @property
+    def key(self) -> str:
+        """As in the address."""
+        return f"{self.network}.{self.station}"
+
+    def matches(self, network: str, station: str) -> bool:
+        """Whether a record is of it."""
+        return network == self.network and fnmatchcase(station, self.station)
+
+    def commands(self, version: int) -> list[str]:
+        """What asks for it, before DATA."""
+        if version == 3:
+            return [
+                f"STATION {self.station} {self.network}",
+                *(f"SELECT {each}" for each in self.selectors),
+            ]
+        return [
+            f"STATION {self.network}_{self.station}",
+            *(f"SELECT {each[:-3]}_{'_'.join(each[-3:])}" for each in self.selectors),
+        ]
 
 
 def stations_of(address: FeedAddress) -> list[Station]:
@@ -93,16 +120,29 @@ class SeedLinkFeed:
 
     once   give up where the server cannot be reached at the start
     quiet  after so long without a packet the server is asked whether it lives [s]
+    position  how far it was published before
 
-    Raises FeedError where obspy is missing, and for stations that are none.
+    Raises FeedError where pymseed is missing, and for stations that are none.
     """
 
-    def __init__(self, address: FeedAddress, *, once: bool, quiet: float = QUIET) -> None:
+    def __init__(
+        self,
+        address: FeedAddress,
+        *,
+        once: bool,
+        quiet: float = QUIET,
+        position: FeedPosition | None = None,
+    ) -> None:
         self.name = address.text
         self.counts = FeedCounts()
         self._host, self._port = address.host, address.port
+        self._tls = _tls_context(address)
+        self._position = position or FeedPosition(None)
         self._stations = stations_of(address)
-        self._obspy = _obspy()
+        for station in self._stations:
+            station.sequence = self._position.sequences.get(station.key)
+        self._pymseed = _pymseed()
+        self._version = 3
         self._once, self._quiet = once, quiet
 
     async def run(self, inbox: Inbox) -> None:
@@ -114,7 +154,7 @@ class SeedLinkFeed:
         await kept_connected(session, self.name, self.counts, once=self._once)
 
     async def _session(self, inbox: Inbox) -> None:
-        async with _connection(self._host, self._port) as (reader, writer):
+        async with _connection(self._host, self._port, self._tls) as (reader, writer):
             await self._negotiate(reader, writer)
             if self.counts.connect():
                 logger.warning("%s: connected again", self.name)
@@ -128,13 +168,22 @@ class SeedLinkFeed:
         await _line(reader)
         if not greeting.upper().startswith(b"SEEDLINK"):
             raise LinkError(f"this is no SeedLink server: it says {greeting[:40]!r}")
+        self._version = 4 if _PROTOCOL_4.search(greeting.upper()) else 3
+        if self._version == 4:
+            await self._ask(reader, writer, "SLPROTO 4.0")
         for station in self._stations:
-            await self._ask(reader, writer, f"STATION {station.station} {station.network}")
-            for selector in station.selectors:
-                await self._ask(reader, writer, f"SELECT {selector}")
-            following = "" if station.sequence is None else f" {_next(station.sequence):06X}"
-            await self._ask(reader, writer, f"DATA{following}")
+            for command in station.commands(self._version):
+                await self._ask(reader, writer, command)
+            await self._ask(reader, writer, f"DATA{self._from(station)}")
         writer.write(b"END\r\n")
+
+    def _from(self, station: Station) -> str:
+        """The sequence behind the last packet, as the protocol writes it."""
+        if station.sequence is None:
+            return ""
+        if self._version == 4:
+            return f" {station.sequence + 1}"
+        return f" {_next(station.sequence):06X}"
 
     async def _ask(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, command: str
@@ -152,29 +201,24 @@ class SeedLinkFeed:
     ) -> AsyncIterator[tuple[int, bytes]]:
         """Sequence and record of each packet."""
         asked = False
+        read = packet_4 if self._version == 4 else packet_3
         while True:
+            packet = asyncio.ensure_future(read(reader))
             try:
-                packet = await asyncio.wait_for(reader.readexactly(PACKET_BYTES), self._quiet)
-            except TimeoutError:
-                if asked:
-                    raise LinkError(f"nothing for {2 * self._quiet:g} s") from None
-                writer.write(b"INFO ID\r\n")
-                asked = True
-                continue
+                while not (await asyncio.wait({packet}, timeout=self._quiet))[0]:
+                    if asked:
+                        raise LinkError(f"nothing for {2 * self._quiet:g} s")
+                    writer.write(b"INFO ID\r\n")
+                    asked = True
+                found = packet.result()
             except asyncio.IncompleteReadError as error:
-                said = f" with {error.partial[:20]!r}" if error.partial else ""
-                raise LinkError(f"the server ended it{said}") from error
+                rest = f" with {error.partial[:20]!r}" if error.partial else ""
+                raise LinkError(f"the server ended it{rest}") from error
+            finally:
+                packet.cancel()
             asked = False
-            head = packet[:8]
-            if head.startswith(b"SLINFO"):
-                continue
-            try:
-                sequence = int(head[2:], 16)
-            except ValueError:
-                sequence = -1
-            if not head.startswith(b"SL") or sequence < 0:
-                raise LinkError(f"a packet that begins with {head!r}")
-            yield sequence, packet[8:]
+            if found.record:
+                yield found.sequence, found.record
 
     def pieces_of(self, sequence: int, record: bytes) -> Iterator[ChannelSamples]:
         """The samples in a packet; one that has none is counted."""
@@ -183,39 +227,35 @@ class SeedLinkFeed:
             self.counts.refuse(f"packet {sequence:06X} is no miniSEED: {record[:20]!r}")
             return
         try:
-            traces = self._traces(record)
-        except Exception as error:  # noqa: BLE001  # obspy raises bare Exceptions
+            read = self._pymseed.MS3Record.parse(record, unpack_data=True)
+            network, station, location, channel = self._pymseed.sourceid2nslc(read.sourceid)
+        except (self._pymseed.PymseedError, ValueError) as error:
             reason = " ".join(str(error).split())
             self.counts.refuse(f"packet {sequence:06X} is no readable miniSEED: {reason}")
             return
-        for trace in traces:
-            stats = trace.stats
-            self._note(stats.network, stats.station, sequence)
-            timed = 0 <= stats.starttime.ns < LATEST_NS
-            numbers = trace.data.dtype.kind in "if"  # not the text of a log record
-            if numbers and timed and LOWEST_RATE <= stats.sampling_rate <= HIGHEST_RATE:
-                yield ChannelSamples(
-                    trace.id,
-                    (trace.id,),
-                    np.asarray(trace.data, dtype=np.float64).reshape(-1, 1),
-                    int(stats.starttime.ns),
-                    float(stats.sampling_rate),
-                )
+        rate, start_ns = float(read.samprate), int(read.starttime)
+        self._note(network, station, sequence, int(read.endtime))
+        numbers = read.sampletype in ("i", "f", "d")  # not the text of a log record
+        timed = 0 <= start_ns < LATEST_NS
+        if read.numsamples and numbers and timed and LOWEST_RATE <= rate <= HIGHEST_RATE:
+            name = f"{network}.{station}.{location}.{channel}"
+            samples = np.array(read.np_datasamples, dtype=np.float64).reshape(-1, 1)
+            yield ChannelSamples(name, (name,), samples, start_ns, rate)
 
-    def _traces(self, record: bytes) -> Any:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of records that say nothing of themselves
-            return self._obspy.read(io.BytesIO(record), format="MSEED")
-
-    def _note(self, network: str, name: str, sequence: int) -> None:
-        """From here the station goes on when the link is cut."""
+    def _note(self, network: str, name: str, sequence: int, end_ns: int) -> None:
+        """From here the station goes on when the link is cut, or later when the feed is killed."""
         for station in self._stations:
-            if (station.network, station.station) == (network, name):
+            if station.matches(network, name):
                 station.sequence = sequence
+                self._position.received(station.key, sequence, end_ns)
 
 
 def _reason(error: OSError) -> str:
     """In few words: asyncio puts the address where the system's words belong."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"the certificate is refused: {error.verify_message}"
+    if isinstance(error, ssl.SSLError):
+        return f"TLS: {error.reason}"
     return os.strerror(error.errno) if error.errno and error.errno > 0 else str(error)
 
 
@@ -225,11 +265,13 @@ def _next(sequence: int) -> int:
 
 @asynccontextmanager
 async def _connection(
-    host: str, port: int
+    host: str, port: int, tls: ssl.SSLContext | None
 ) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
     """A TCP link. Raises LinkError where it cannot be made, or is cut."""
     try:
-        reader, writer = await asyncio.wait_for(asyncio.open_connection(host, port), ANSWER)
+        reader, writer = await asyncio.wait_for(
+            asyncio.open_connection(host, port, ssl=tls), ANSWER
+        )
     except TimeoutError as error:
         raise LinkError(f"nobody answers within {ANSWER:g} s") from error
     except OSError as error:
@@ -253,9 +295,19 @@ async def _line(reader: asyncio.StreamReader) -> bytes:
     return line.strip()[:LONGEST_LINE]
 
 
-def _obspy() -> Any:
+def _tls_context(address: FeedAddress) -> ssl.SSLContext | None:
+    """None without TLS. Raises FeedError if the authority's file cannot be read."""
+    if not address.tls:
+        return None
     try:
-        return import_module("obspy")
+        return ssl.create_default_context(cafile=address.options.get("ca"))
+    except OSError as error:
+        raise FeedError(f"{address.text}: ca={address.options.get('ca')}: {error}") from error
+
+
+def _pymseed() -> Any:
+    try:
+        return import_module("pymseed")
     except ImportError as error:
         raise FeedError(
             "SeedLink needs the extra `miniseed`: pip install 'pilewatch[miniseed]'"

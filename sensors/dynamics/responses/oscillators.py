@@ -1,5 +1,6 @@
-"""Damped oscillators under forces that run straight from sample to sample, without integration
-error: the matrix exponential as a recursion.
+"""Damped oscillators under forces that run straight from sample to sample.
+
+There is no integration error: the matrix exponential is written as a recursion.
 """
 
 import numpy as np

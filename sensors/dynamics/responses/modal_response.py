@@ -1,5 +1,4 @@
-"""Response of the structure to nodal forces, integrated exactly in modal state space, and what
-accelerometers on it read.
+"""Response to nodal forces, integrated exactly in modal state space, as accelerometers read it.
 
 Every retained mode obeys, with q in mass-normalised coordinates [kg^½·m],
 
@@ -15,7 +14,7 @@ tide), `damped_response` does the same with the complex modes of the damped syst
 """
 
 from sensors.arrays import ComplexArray, FloatArray
-from sensors.dynamics.oscillators import ModalOscillators
+from sensors.dynamics.responses.oscillators import ModalOscillators
 from sensors.dynamics.structure_modes import ObservedModes
 from sensors.structure.ac_coupling import ChannelCoupling
 
@@ -38,6 +37,7 @@ class AccelerationResponse:
 
     @property
     def n_channels(self) -> int:
+        """Number of channels."""
         return len(self._modes.corner_frequencies)
 
     def advance(self, forces: FloatArray) -> FloatArray:

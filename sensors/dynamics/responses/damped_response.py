@@ -21,12 +21,13 @@ class DampedResponse:
         self._rate = sampling_rate
         self._state = np.zeros(len(system.poles), dtype=np.complex128)  # z at the last step
         self._force = np.zeros(system.modes.participation.shape[1])  # at the last step [N]
-        self._course = np.zeros((len(system.poles), 0), dtype=np.complex128)  # z of `advance`
+        self._states = np.zeros((len(system.poles), 0), dtype=np.complex128)  # z of `advance`
         self._adopt(system)
         self._coupling = ChannelCoupling(system.modes.corner_frequencies, sampling_rate)
 
     @property
     def n_channels(self) -> int:
+        """Number of channels."""
         return len(self._system.modes.corner_frequencies)
 
     @property
@@ -88,7 +89,7 @@ class DampedResponse:
             taps = np.array([self._gamma_1[mode], self._gamma_0[mode]])
             poles = np.array([1.0, -self._propagator[mode]])
             driven[mode], _ = lfilter(taps, poles, force, zi=memory[mode : mode + 1])
-        self._course = driven
+        self._states = driven
         self._state = driven[:, -1].copy()
         self._force = forces[-1].copy()
         readings = np.ascontiguousarray((self._output @ driven).real)
@@ -110,7 +111,7 @@ class DampedResponse:
             In [m].
         """
         seen = 2.0 * (rows @ self._system.shapes) @ self._system.vectors
-        motion: FloatArray = (seen @ self._course).real
+        motion: FloatArray = (seen @ self._states).real
         return motion
 
     def gains(self, frequencies: FloatArray) -> ComplexArray:

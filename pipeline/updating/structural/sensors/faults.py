@@ -1,0 +1,141 @@
+"""A sensor that is turned, swapped, flipped, scaled or displaced: found by fitting each in turn.
+
+Each fault is one more model of the same data. A turned, scaled or displaced sensor is the fit with
+a prior of that one figure that allows it; a flipped or swapped one the fit to shapes whose channels
+are put right. The cheapest is taken where it lowers the cost by more than chance and the number of
+faults that were tried allow.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.structural.joint_fit import JointFit, JointPeak
+from pipeline.updating.structural.prior import JointCoordinates
+from sensors.acquisition.layout import SensorLayout
+
+WIDE = {"gain": 40.0, "heading": 30.0, "height": 30.0}  # factor on the prior's std of a fault
+LEAST_DROP = 25.0  # of the cost: 12 nats against some thirty faults tried
+SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked for
+SUSPICIOUS_COST = 1.5  # per degree of freedom, likewise
+SUSPICIOUS_PAIRS = 0.85  # share of modes with a partner, below which likewise [-]
+SUSPICIOUS_FIGURE = 3.0  # of a sensor's figure from its prior, likewise [std]
+LEAST_SIZE = {"gain": 0.03, "heading": 5.0, "height": 0.7}  # that is named [-], [deg], [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorFault:
+    """What is wrong with one sensor, or with two."""
+
+    name: str
+    """ "heading 80 m", "flipped z80-fa", "swapped 80 106" """
+    text: str
+    """ "the sensor at 80 m is turned by 14°" """
+    fit: JointFit
+    """With a prior that allows it."""
+    order: tuple[int, ...]
+    """Which channel's values each channel of the layout really has."""
+    signs: tuple[float, ...]
+
+    def corrected(self, evidence: ModalEvidence) -> ModalEvidence:
+        """The evidence with the channels put right."""
+        return evidence.with_channels(self.order, self.signs)
+
+
+def suspicious(fit: JointFit, peak: JointPeak) -> bool:
+    """Whether shapes or sensors' figures call for a search."""
+    found = peak.comparison
+    shapes = ~found.is_frequency
+    if peak.relative_cost > SUSPICIOUS_COST or found.pairing.paired_share < SUSPICIOUS_PAIRS:
+        return True
+    if not shapes.any():
+        return False
+    D = fit.variances(found, 0.0)
+    z = fit.coordinates.sensors(peak.u)
+    misfit = float(np.mean(np.minimum(found.errors[shapes] ** 2 / D[shapes], 25.0)))
+    return misfit > SUSPICIOUS_SHAPES or float(np.abs(z).max(initial=0.0)) > SUSPICIOUS_FIGURE
+
+
+def sensor_fault(
+    fit: JointFit, evidence: ModalEvidence, peak: JointPeak, *, last: str = ""
+) -> tuple[SensorFault, JointPeak] | None:
+    """The likeliest fault and the peak with it; None where none explains enough.
+
+    last   name of the fault that the last refresh found: while it explains the data, no other is
+           looked for
+    """
+    faults = list(_faults(fit))
+    known = [fault for fault in faults if fault.name == last]
+    return _best_of(known, evidence, peak) or _best_of(faults, evidence, peak)
+
+
+def _best_of(
+    faults: Sequence[SensorFault], evidence: ModalEvidence, peak: JointPeak
+) -> tuple[SensorFault, JointPeak] | None:
+    best: tuple[SensorFault, JointPeak] | None = None
+    for fault in faults:
+        fitted = _fitted(fault, evidence, peak)
+        if fitted is not None and (best is None or fitted.cost < best[1].cost):
+            best = (fault, fitted)
+    if best is None or best[1].cost > peak.cost - LEAST_DROP:
+        return None
+    fault, end = best
+    text = _sized(fault, end)
+    return (replace(fault, text=text), end) if text else None
+
+
+def _fitted(fault: SensorFault, evidence: ModalEvidence, peak: JointPeak) -> JointPeak | None:
+    """The peak with a fault: near the one without it, unless channels change their meaning."""
+    corrected = fault.corrected(evidence)
+    if corrected is evidence:
+        return fault.fit.settled(corrected, peak.u)
+    return fault.fit.best(corrected, [peak.u], most_starts=2)
+
+
+def _faults(fit: JointFit) -> Iterator[SensorFault]:
+    layout: SensorLayout = fit.model.layout
+    n = len(layout.channels)
+    order, signs = tuple(range(n)), (1.0,) * n
+    for number, figure in enumerate(fit.sensors.figures):
+        yield SensorFault(figure.name, figure.name, _loosened(fit, number), order, signs)
+    for channel in range(n):
+        flipped = tuple(-1.0 if c == channel else 1.0 for c in range(n))
+        name = layout.channels[channel].name
+        yield SensorFault(f"flipped {name}", f"channel {name} is flipped", fit, order, flipped)
+    elevations = sorted({channel.elevation for channel in layout.channels})
+    for low, high in combinations(elevations, 2):
+        here = [c for c in range(n) if layout.channels[c].elevation == low]
+        there = [c for c in range(n) if layout.channels[c].elevation == high]
+        if len(here) == len(there):
+            swapped = list(order)
+            for a, b in zip(here, there, strict=True):
+                swapped[a], swapped[b] = b, a
+            text = f"the sensors at {low:g} m and {high:g} m are swapped"
+            yield SensorFault(f"swapped {low:g} {high:g}", text, fit, tuple(swapped), signs)
+
+
+def _loosened(fit: JointFit, number: int) -> JointFit:
+    """The fit with a wide prior of one sensor's figure."""
+    old: JointCoordinates = fit.coordinates
+    kind = fit.sensors.figures[number].kind
+    place = old.n_dim - len(fit.sensors.figures) + number
+    return fit.with_prior_std(place, WIDE[kind])
+
+
+def _sized(fault: SensorFault, peak: JointPeak) -> str:
+    """The fault in words with its size; "" for one that is too small to be one."""
+    figures = {figure.name: i for i, figure in enumerate(fault.fit.sensors.figures)}
+    if fault.text not in figures:
+        return fault.text
+    figure = fault.fit.sensors.figures[figures[fault.text]]
+    size = float(fault.fit.coordinates.sensors(peak.u)[figures[fault.text]] * figure.std)
+    if abs(size) < LEAST_SIZE[figure.kind]:
+        return ""
+    if figure.kind == "gain":
+        return f"channel {figure.target} reads {1 + size:.3g} of what it should"
+    if figure.kind == "heading":
+        return f"the sensor at {figure.target} is turned by {size:.0f}°"
+    return f"the sensor at {figure.target} sits {size:+.1f} m off"

@@ -1,0 +1,323 @@
+"""Messages of a declared mapping → samples."""
+
+import math
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sensors.feeds.lru import LruCache
+from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
+from sensors.feeds.payloads.json_samples import MessageError, json_of
+from sensors.feeds.payloads.mapping import TIME_UNITS, Paths, PayloadMapping, looked_up
+from sensors.feeds.payloads.sequence_numbers import SenderNumbers
+from sensors.feeds.payloads.sparkplug import SparkplugDecoder
+from sensors.feeds.payloads.timestamps import LATEST_NS, moment_ns
+from sensors.feeds.protocol import ChannelSamples, FeedCounts
+
+MOST_SAMPLE_ROWS = 100_000  # of one message
+DEEPEST_PAYLOAD = 6  # levels of values in values
+_CONSTANTS: dict[str, Any] = {"$zero": 0, "$empty": ""}
+_LEVEL = re.compile(r"\$topic\[(-?\d+)\]")
+
+
+@dataclass(frozen=True, slots=True)
+class PayloadPlace:
+    """Where paths are looked up."""
+
+    message: Any
+    """The whole message."""
+    row: Any
+    """One row of it."""
+    key: str
+    """Of the row, if the rows are an object."""
+    topic: str
+    """Of the message."""
+
+    def first(self, paths: Paths) -> Any:
+        """What the first path that leads somewhere leads to; None if none does."""
+        for path in paths:
+            found = self._of(path)
+            if found is not None:
+                return found
+        return None
+
+    def _of(self, path: str) -> Any:
+        if path == "$key":
+            return self.key
+        if path in _CONSTANTS:
+            return _CONSTANTS[path]
+        if level := _LEVEL.fullmatch(path):
+            return looked_up(self.topic.split("/"), f"[{level[1]}]")
+        if path.startswith("^"):
+            return looked_up(self.message, path[1:])
+        return looked_up(self.row, path)
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """One channel's numbers in a row."""
+
+    name: str
+    """As the sender has it."""
+    numbers: tuple[float, ...]
+    """Samples, in order."""
+    unit: str
+    """As the message has it; "" if it does not."""
+
+
+class _Moment(NamedTuple):
+    """What the values of one piece have in common."""
+
+    start_ns: int
+    unit: str
+    rate: float | None
+    number: str  # of the message or row; "" if there is none
+
+
+class MappedReader:
+    """Reads the messages of one feed by a mapping.
+
+    Parameters
+    ----------
+    mapping : PayloadMapping
+        Where the messages have what.
+    listed : collection of str
+        Names of the layout's channels; values of other names are given too, and counted there.
+    counts : FeedCounts
+        Takes what is lost, late or duplicate.
+    sampling_rate : float or None
+        Of lists, if no message has it [Hz].
+    """
+
+    def __init__(
+        self,
+        mapping: PayloadMapping,
+        listed: Collection[str],
+        counts: FeedCounts,
+        sampling_rate: float | None = None,
+    ) -> None:
+        self._mapping = mapping
+        self._listed = frozenset(listed)
+        self._rate = sampling_rate or mapping.sampling_rate
+        self._only = re.compile(mapping.only)
+        self._rename = dict(each.split("=", 1) for each in mapping.rename if "=" in each)
+        self._numbers = SenderNumbers(counts)
+        self._sparkplug = SparkplugDecoder()
+        self._unwrapped: LruCache[int] = LruCache()
+
+    def read(self, payload: bytes, topic: str) -> Iterator[ChannelSamples]:
+        """The samples of a message, one piece a time and unit.
+
+        Raises
+        ------
+        MessageError
+            If it has none where the mapping expects them.
+        """
+        mapping = self._mapping
+        if mapping.decode == "json":
+            message = json_of(payload)
+        else:
+            message = self._sparkplug.decoded(topic, payload)
+        groups: dict[_Moment, list[Value]] = {}
+        follows: dict[str, bool | None] = {"": None}
+        for place in self._rows(message, topic):
+            values = list(self._values(place))
+            if not values:
+                continue
+            start_ns, rate = self._timing(place, len(values[0].numbers))
+            number = self._number_of(place)
+            if number not in follows:
+                follows[number] = self._follows(number, topic, start_ns)
+                if follows[number] is None:
+                    continue
+            elif number and follows[number] is None:
+                continue  # a row of a message that is late or came twice
+            for value in values:
+                groups.setdefault(_Moment(start_ns, value.unit, rate, number), []).append(value)
+        yield from self._pieces(groups, follows, topic)
+
+    def _rows(self, message: Any, topic: str) -> Iterator[PayloadPlace]:
+        found = PayloadPlace(message, message, "", topic).first(self._mapping.rows)
+        if found is None:
+            raise MessageError(f"nothing at {' or '.join(self._mapping.rows)}")
+        keyed = self._mapping.time == ("$key",) and isinstance(found, dict)
+        if keyed:
+            rows = list(found.items())
+        else:
+            rows = [("", each) for each in (found if isinstance(found, list) else [found])]
+        if len(rows) > MOST_SAMPLE_ROWS:
+            raise MessageError(f"{len(rows)} rows; at most {MOST_SAMPLE_ROWS}")
+        carried: dict[str, Any] = {}
+        for key, row in rows:
+            if self._mapping.carry and isinstance(row, dict):
+                carried |= {each: row[each] for each in self._mapping.carry if each in row}
+                yield PayloadPlace(message, carried | row, key, topic)
+            else:
+                yield PayloadPlace(message, row, key, topic)
+
+    def _values(self, place: PayloadPlace) -> Iterator[Value]:
+        """Every number of a row that has a name, with its unit."""
+        mapping = self._mapping
+        found = place.first(mapping.values)
+        units = place.first(mapping.unit)
+        base = place.first(mapping.name_base) or ""
+        if isinstance(found, dict):
+            named = list(self._flattened(found, "", 0))
+        else:
+            names = place.first(mapping.names)
+            if isinstance(names, list):
+                numbers = found if isinstance(found, list) else [found]
+                if len(names) != len(numbers):
+                    raise MessageError(f"{len(numbers)} values for {len(names)} names")
+                named = list(zip(map(str, names), numbers, strict=True))
+            elif found is not None and (names is not None or base):
+                named = [(str(names or ""), found)]
+            else:
+                named = []
+        for at, (name, content) in enumerate(named):
+            own = str(content.get("unit", "")) if isinstance(content, dict) else ""
+            given = units[at] if isinstance(units, list) and at < len(units) else units
+            unit = own or (given if isinstance(given, str) else "")
+            samples = _numbers(self._unwrap(content))
+            if samples is None or (mapping.only and not self._only.fullmatch(name)):
+                continue
+            full = f"{base}{name}"
+            yield Value(self._rename.get(full, full), samples, unit)
+
+    def _flattened(
+        self, values: dict[str, Any], prefix: str, depth: int
+    ) -> Iterator[tuple[str, Any]]:
+        """Names and values, those of inner objects as "outer.inner"."""
+        mapping = self._mapping
+        words = {path for paths in (mapping.time, mapping.sequence, mapping.rate) for path in paths}
+        words |= {path.removeprefix("^") for path in words}
+        for key, content in values.items():
+            name = f"{prefix}{key}"
+            if name in words and name not in self._listed:
+                continue
+            if isinstance(content, dict) and self._unwrap(content) is content:
+                if depth < DEEPEST_PAYLOAD:
+                    yield from self._flattened(content, f"{name}.", depth + 1)
+            else:
+                yield name, content
+
+    def _unwrap(self, content: Any) -> Any:
+        """The number in an object that holds one; the object itself if it does not."""
+        if not isinstance(content, dict):
+            return content
+        for path in self._mapping.value:
+            inner = looked_up(content, path)
+            if inner is not None and not isinstance(inner, dict):
+                return inner
+        return content
+
+    def _timing(self, place: PayloadPlace, count: int) -> tuple[int, float | None]:
+        """Time of a row's first sample [ns], and the rate of several [Hz]."""
+        mapping = self._mapping
+        time_ns = _time_ns(place, mapping)
+        rate = place.first(mapping.rate)
+        rate = self._rate if rate is None else rate
+        if rate is not None and not (_is_number(rate) and LOWEST_RATE <= rate <= HIGHEST_RATE):
+            raise MessageError(f"rate is {rate!r:.20}; {LOWEST_RATE:g} to {HIGHEST_RATE:g} Hz")
+        if count > 1 and rate is None:
+            raise MessageError(f"{count} samples and no rate; the mapping's `rate` has its path")
+        if mapping.stamp == "last" and count > 1 and rate is not None:
+            time_ns -= round((count - 1) * 1e9 / rate)
+        return time_ns, None if rate is None else float(rate)
+
+    def _number_of(self, place: PayloadPlace) -> str:
+        """What tells the numbered messages or rows apart; "": there are no numbers."""
+        number = place.first(self._mapping.sequence)
+        if number is None:
+            return ""
+        if not _is_number(number) or number != int(number) or not 0 <= number < 2**63:
+            raise MessageError(f"the sequence is {number!r:.20}, no whole number")
+        return f"{place.first(self._mapping.sequence_of) or ''}#{int(number)}"
+
+    def _follows(self, number: str, topic: str, time_ns: int) -> bool | None:
+        """Whether it is directly behind its sender's last; None: late or twice, and counted."""
+        owner, _, written = number.rpartition("#")
+        sender = _sender(topic, self._mapping) + (f" {owner}" if owner else "")
+        sequence, modulus = int(written), self._mapping.sequence_modulus
+        if modulus:
+            last = self._unwrapped.get(sender) or 0
+            half = modulus // 2  # the nearest number that is written so
+            sequence = max(sequence, last + (sequence - last + half) % modulus - half)
+            self._unwrapped.put(sender, max(sequence, last))
+        return self._numbers.follows(sender, sequence, time_ns=time_ns)
+
+    def _pieces(
+        self, groups: dict[_Moment, list[Value]], follows: dict[str, bool | None], topic: str
+    ) -> Iterator[ChannelSamples]:
+        """The first piece of a numbered message follows the last one of the topic, if it does."""
+        own_numbers = _sender(topic, self._mapping) == topic
+        for moment, values in groups.items():
+            for length in sorted({len(each.numbers) for each in values}):
+                same = {each.name: each.numbers for each in values if len(each.numbers) == length}
+                follow = follows.pop(moment.number, None) if own_numbers else None
+                samples = np.array(list(same.values())).T.reshape(length, len(same))
+                yield ChannelSamples(
+                    topic, tuple(same), samples, moment.start_ns, moment.rate, follow, moment.unit
+                )
+
+
+def _sender(topic: str, mapping: PayloadMapping) -> str:
+    """Whose numbers a message has: with Sparkplug B an edge node counts for all its devices."""
+    levels = topic.split("/")
+    if mapping.decode == "sparkplug-b" and len(levels) > 3:
+        return "/".join((levels[1], levels[3]))
+    return topic
+
+
+def _time_ns(place: PayloadPlace, mapping: PayloadMapping) -> int:
+    written, base = place.first(mapping.time), place.first(mapping.time_base)
+    if written is None and base is None:
+        raise MessageError(f"no time at {' or '.join(mapping.time)}")
+    try:
+        if base is not None:
+            written = _sum(base, written)
+        factor = TIME_UNITS[mapping.time_unit]
+        if factor and _is_number(written):
+            time_ns = written * factor if isinstance(written, int) else round(written * factor)
+            if not 0 <= time_ns < LATEST_NS:
+                raise ValueError(f"{written!r:.30} {mapping.time_unit} is no time since 1970")
+            return int(time_ns)
+        return moment_ns(written)
+    except (ValueError, OverflowError) as error:
+        raise MessageError(f"time: {error}") from error
+
+
+def _sum(base: Any, offset: Any) -> Any:
+    if not _is_number(base) or not (offset is None or _is_number(offset)):
+        raise ValueError(f"{base!r:.20} + {offset!r:.20} is no time")
+    return base + (offset or 0)
+
+
+def _is_number(content: Any) -> bool:
+    return (
+        isinstance(content, int | float)
+        and not isinstance(content, bool)
+        and math.isfinite(content)
+        and abs(content) < 2**63
+    )
+
+
+def _numbers(content: Any) -> tuple[float, ...] | None:
+    """The numbers of a value, NaN for null in a list; None if it is text or a truth value."""
+    items = content if isinstance(content, list) else [content]
+    if not items or not all(each is None or _is_float(each) for each in items):
+        return None
+    if not isinstance(content, list) and content is None:
+        return None
+    return tuple(
+        math.nan if each is None or not math.isfinite(each) else float(each) for each in items
+    )
+
+
+def _is_float(content: Any) -> bool:
+    if isinstance(content, bool):
+        return False
+    return isinstance(content, float) or (isinstance(content, int) and abs(content) < 2**63)

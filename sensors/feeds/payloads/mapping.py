@@ -1,0 +1,171 @@
+"""A declared payload mapping: where a message has its samples, names, times and numbers.
+
+    [mapping]
+    rows = "data"                      # list of samples, or object by $key; "": the message
+    time = "time"                      # in a row; "^a.b" is looked up in the whole message
+    time_unit = "auto"                 # auto (ISO 8601, or by size), s, ms, us, ns
+    values = "vals"                    # object {name: number}, list (with `names`), or one number
+    names = "^head.fields[].name"      # of a list's numbers, or of a row's one number
+    sequence = "no"                    # counts messages (^…) or rows one by one
+
+A path is keys joined by dots: `a.b`, `a[0]`, `a[]` (each element), `$key`, `$topic[-1]` (a level of
+the topic), `""` (the row itself). Where a list of paths is given, the first that is there counts.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from sensors.feeds.protocol import FeedError
+from sensors.settings import settings_from_table
+
+TIME_UNITS = {"auto": 0, "s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # [ns]
+DECODERS = ("json", "sparkplug-b")
+TIMESTAMP_FORMATS = ("first", "last")
+PRESETS = Path(__file__).with_name("presets.toml")
+
+Paths = tuple[str, ...]
+_STEP = re.compile(r"([^.\[\]]+)|\[(-?\d*)\]")
+
+
+@dataclass(frozen=True, slots=True)
+class PayloadMapping:
+    """Where the messages of one sender have what samples need."""
+
+    time: Paths = ("time", "timestamp", "ts", "t")
+    """Paths of a row's time."""
+    values: Paths = ("",)
+    """Paths of a row's values."""
+    decode: str = "json"
+    """What the bytes are: "json" or "sparkplug-b"."""
+    rows: Paths = ("",)
+    """Paths of the rows in a message; a message without them is one row."""
+    time_base: Paths = ()
+    """Paths of a time that is added to the row's [in `time_unit`]."""
+    time_unit: str = "auto"
+    """Of numbers since 1970: "s", "ms", "us", "ns"; "auto": by their size, or ISO 8601."""
+    stamp: str = "first"
+    """Which sample of a list the time is of: "first" or "last"."""
+    names: Paths = ()
+    """Paths of the channels' names, if the values have none."""
+    name_base: Paths = ()
+    """Paths of what stands before each name."""
+    only: str = ""
+    """Regular expression of the names that are channels; "": all that have numbers."""
+    value: Paths = ("value", "Value.Body", "Value", "Body", "v")
+    """Paths of the number in a value that is an object."""
+    unit: Paths = ()
+    """Paths of the unit: a word, or as many as names; in a value that is an object, its own."""
+    rate: Paths = ()
+    """Paths of the sampling rate of lists [Hz]."""
+    sampling_rate: float | None = None
+    """Sampling rate of lists, if no message has it [Hz]."""
+    sequence: Paths = ()
+    """Paths of the number of the message (^…) or of the row."""
+    sequence_of: Paths = ()
+    """Paths of what the numbers belong to, beside the topic."""
+    sequence_modulus: int = 0
+    """The number after which they start again at 0; 0: they do not [-]."""
+    carry: tuple[str, ...] = ()
+    """Keys of a row that hold for the rows behind it too."""
+    rename: tuple[str, ...] = ()
+    """"theirs=ours" for each channel that the layout calls otherwise; a table in TOML."""
+
+    def __post_init__(self) -> None:
+        for key, value, known in (
+            ("decode", self.decode, DECODERS),
+            ("time_unit", self.time_unit, tuple(TIME_UNITS)),
+            ("stamp", self.stamp, TIMESTAMP_FORMATS),
+        ):
+            if value not in known:
+                raise FeedError(f"{key} is {value!r}; it is one of {', '.join(known)}")
+        try:
+            re.compile(self.only)
+        except re.error as error:
+            raise FeedError(f"only is {self.only!r}, no regular expression: {error}") from error
+
+
+def mapping_from_table(table: Mapping[str, Any], where: str) -> PayloadMapping:
+    """The mapping of a TOML table; one path may stand without brackets. Raises FeedError."""
+    table_of = {
+        key: (value,) if key in _PATH_KEYS and isinstance(value, str) else value
+        for key, value in table.items()
+    }
+    rename = table_of.get("rename", {})
+    if not isinstance(rename, dict) or not all(isinstance(v, str) for v in rename.values()):
+        raise FeedError(f"{where}: rename is {rename!r}; it is a table like {{ai1 = 'ax'}}")
+    if rename:
+        table_of["rename"] = tuple(f"{theirs}={ours}" for theirs, ours in rename.items())
+    listed = {
+        key: list(value) if isinstance(value, tuple) else value for key, value in table_of.items()
+    }
+    return settings_from_table(PayloadMapping, listed, where, FeedError)
+
+
+_PATH_KEYS = frozenset(
+    each.name for each in fields(PayloadMapping) if each.type == "Paths" or each.type is Paths
+)
+
+
+@cache
+def presets() -> Mapping[str, PayloadMapping]:
+    """The shipped mappings by name."""
+    tables = tomllib.loads(PRESETS.read_text("utf-8"))
+    return {name: mapping_from_table(table, name) for name, table in tables.items()}
+
+
+def mapping_named(text: str) -> PayloadMapping:
+    """A preset, or the mapping of a TOML file with a section [mapping].
+
+    Raises
+    ------
+    FeedError
+        If it is neither, or the file has an unknown key or a wrong value.
+    """
+    if text in presets():
+        return presets()[text]
+    try:
+        table = tomllib.loads(Path(text).read_text("utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise FeedError(
+            f"mapping={text} is neither a file nor one of {', '.join(presets())}"
+        ) from error
+    except tomllib.TOMLDecodeError as error:
+        raise FeedError(f"{text}: not valid TOML: {error}") from error
+    if not isinstance(table.get("mapping"), dict):
+        raise FeedError(f"{text}: the section [mapping] is missing")
+    return mapping_from_table(table["mapping"], f"{text} [mapping]")
+
+
+@cache
+def _steps(path: str) -> tuple[str | int | None, ...]:
+    """Keys, indices, and None for "each element"."""
+    return tuple(
+        key if key else (int(index) if index else None) for key, index in _STEP.findall(path)
+    )
+
+
+def looked_up(content: Any, path: str) -> Any:
+    """What a path leads to; None if it leads nowhere."""
+    return _followed(content, _steps(path))
+
+
+def _followed(content: Any, steps: tuple[str | int | None, ...]) -> Any:
+    for at, step in enumerate(steps):
+        if step is None:
+            if not isinstance(content, list):
+                return None
+            return [_followed(each, steps[at + 1 :]) for each in content]
+        if isinstance(step, int):
+            if not isinstance(content, list) or not -len(content) <= step < len(content):
+                return None
+            content = content[step]
+        elif isinstance(content, dict) and step in content:
+            content = content[step]
+        else:
+            return None
+    return content

@@ -1,0 +1,181 @@
+"""What a sender's messages are, and which mapping reads them: `pilewatch feed … --sniff`."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.feeds.payloads.json_samples import JsonReader, MessageError, json_of
+from sensors.feeds.payloads.mapped_reader import MappedReader
+from sensors.feeds.payloads.mapping import PayloadMapping, looked_up, presets
+from sensors.feeds.payloads.timestamps import moment_ns
+from sensors.feeds.protocol import ChannelSamples, FeedCounts
+
+EARLIEST_NS = 946_684_800 * NANOSECONDS  # the year 2000: what is before is no time of a sample
+DEEPEST_SNIFFED = 6  # levels of objects
+ORDER = (  # what asks most of a message first
+    *("csijson", "campbell-geojson", "sparkplug-b", "senml", "opcua-pubsub-json", "telegraf"),
+    *("thingsboard", "wise", "teltonika", "json", "nested", "proposed"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Sniffed:
+    """What some messages of a sender are."""
+
+    mapping: str
+    """A preset's name, "json" or "proposed"; "": nothing reads them."""
+    toml: str
+    """Section [mapping] that is proposed; "" if a preset reads them."""
+    channels: dict[str, int]
+    """Samples by channel [-]."""
+    units: tuple[str, ...]
+    """Units that the messages have."""
+    sampling_rate: float
+    """Median rate of a channel's samples [Hz]; NaN if there are too few."""
+    refused: int
+    """Messages that the mapping does not read [-]."""
+
+
+def sniffed(messages: Sequence[tuple[str, bytes]]) -> Sniffed:
+    """Find the mapping that reads most of some messages.
+
+    Parameters
+    ----------
+    messages : sequence of (str, bytes)
+        Topics and payloads, in order.
+    """
+    readers: dict[str, Any] = {"json": JsonReader((), FeedCounts())}
+    readers |= {name: MappedReader(each, (), FeedCounts()) for name, each in presets().items()}
+    proposal = proposed(messages)
+    if proposal is not None:
+        readers["proposed"] = MappedReader(proposal, (), FeedCounts())
+    read = {name: _read(reader, messages) for name, reader in readers.items()}
+    best = min(read, key=lambda name: (read[name][1], ORDER.index(name)))
+    pieces, refused = read[best]
+    if not pieces:
+        return Sniffed("", "", {}, (), float("nan"), len(messages))
+    toml = toml_of(proposal) if best == "proposed" and proposal is not None else ""
+    channels: Counter[str] = Counter()
+    for piece in pieces:
+        channels.update({name: len(piece.samples) for name in piece.names})
+    units = tuple(sorted({piece.unit for piece in pieces if piece.unit}))
+    return Sniffed(best, toml, dict(channels), units, _rate(pieces), refused)
+
+
+def _read(reader: Any, messages: Sequence[tuple[str, bytes]]) -> tuple[list[ChannelSamples], int]:
+    """The plausible pieces, and how many messages have none."""
+    pieces: list[ChannelSamples] = []
+    refused = 0
+    for topic, payload in messages:
+        try:
+            found = [each for each in reader.read(payload, topic) if each.start_ns > EARLIEST_NS]
+        except MessageError:
+            found = []
+        pieces += found
+        refused += not found
+    return pieces, refused
+
+
+def _rate(pieces: Sequence[ChannelSamples]) -> float:
+    said = [piece.sampling_rate for piece in pieces if piece.sampling_rate]
+    if said:
+        return float(np.median(said))
+    name = pieces[0].names[0]
+    times = [piece.start_ns for piece in pieces if name in piece.names]
+    steps = [later - earlier for earlier, later in pairwise(times) if later > earlier]
+    return NANOSECONDS / float(np.median(steps)) if len(steps) > 1 else float("nan")
+
+
+def proposed(messages: Sequence[tuple[str, bytes]]) -> PayloadMapping | None:
+    """A mapping made from the messages' own keys; None if they have no time or no numbers."""
+    for _, payload in messages:
+        try:
+            message = json_of(payload)
+        except MessageError:
+            continue
+        rows = _list_of_rows(message, "", 0)
+        row = message if rows is None else _of_path(message, rows)[0]
+        here = list(_times(row, "", 0))
+        times = here or [f"^{path}" for path in _times(message, "", 0)]
+        values = _values_path(row)
+        if times and values is not None:
+            return PayloadMapping(
+                time=(times[0],), values=(values,), rows=("" if rows is None else rows,)
+            )
+    return None
+
+
+def _of_path(message: Any, path: str) -> Any:
+    for key in filter(None, path.split(".")):
+        message = message[key]
+    return message
+
+
+def _list_of_rows(content: Any, path: str, depth: int) -> str | None:
+    """Path of the first list of objects."""
+    if isinstance(content, list) and content and isinstance(content[0], dict):
+        return path
+    if isinstance(content, dict) and depth < DEEPEST_SNIFFED:
+        for key, inner in content.items():
+            found = _list_of_rows(inner, f"{path}.{key}" if path else key, depth + 1)
+            if found is not None:
+                return found
+    return None
+
+
+def _times(content: Any, path: str, depth: int) -> Iterator[str]:
+    """Paths of what can be the time of a sample."""
+    if isinstance(content, dict) and depth < DEEPEST_SNIFFED:
+        for key, inner in content.items():
+            yield from _times(inner, f"{path}.{key}" if path else key, depth + 1)
+        return
+    try:
+        if path and moment_ns(content) > EARLIEST_NS:
+            yield path
+    except (ValueError, OverflowError):
+        return
+
+
+def _values_path(row: Any) -> str | None:
+    """Path of the object with the most numbers directly in it; of several, the first."""
+    counts = {path: _count_numbers(content) for path, content in _objects(row, "", 0)}
+    best = max(counts, key=lambda path: counts[path], default=None)
+    return best if best is not None and counts[best] else None
+
+
+def _objects(content: Any, path: str, depth: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    if isinstance(content, dict) and depth < DEEPEST_SNIFFED:
+        yield path, content
+        for key, inner in content.items():
+            yield from _objects(inner, f"{path}.{key}" if path else key, depth + 1)
+
+
+def _count_numbers(content: dict[str, Any]) -> int:
+    """Numbers, lists of them and objects around one, that are no time."""
+    found = (_number_in(inner) for inner in content.values())
+    return sum(each is not None and not list(_times(each, "x", 0)) for each in found)
+
+
+def _number_in(content: Any) -> float | int | None:
+    """The first number of a value; None if it has none."""
+    if isinstance(content, dict):
+        inner = (looked_up(content, path) for path in PayloadMapping().value)
+        content = next((each for each in inner if each is not None), None)
+    if isinstance(content, list) and content:
+        content = content[0]
+    numeric = isinstance(content, int | float) and not isinstance(content, bool)
+    return content if numeric else None
+
+
+def toml_of(mapping: PayloadMapping) -> str:
+    """The section of a TOML file."""
+    lines = ["[mapping]"]
+    for key in ("rows", "time", "values"):
+        paths = getattr(mapping, key)
+        lines.append(f"{key} = " + ", ".join(f'"{path}"' for path in paths))
+    return "\n".join(lines)

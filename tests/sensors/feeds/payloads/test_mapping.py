@@ -1,0 +1,210 @@
+"""A declared mapping finds every sample of a message, and a preset those of each vendor."""
+
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sensors.feeds.address import parsed
+from sensors.feeds.mqtt import SamplesReader
+from sensors.feeds.payloads.json_samples import MessageError
+from sensors.feeds.payloads.mapped_reader import MappedReader
+from sensors.feeds.payloads.mapping import looked_up, mapping_from_table, mapping_named, presets
+from sensors.feeds.payloads.sniff import sniffed
+from sensors.feeds.protocol import ChannelSamples, FeedCounts, FeedError
+from tests.sensors.feeds.payloads.shapes import (
+    RATE,
+    SAMPLES,
+    SHAPES,
+    Messages,
+    Shape,
+    encoded,
+    iso,
+    time_ms,
+)
+
+ONE_SHAPE = pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.preset)
+
+
+def pieces_of(messages: Messages, shape: Shape, counts: FeedCounts) -> list[ChannelSamples]:
+    reader = MappedReader(mapping_named(shape.preset), shape.names, counts)
+    return [piece for topic, payload in messages for piece in reader.read(payload, topic)]
+
+
+def samples_of(pieces: list[ChannelSamples]) -> dict[tuple[str, int], float]:
+    """Value by channel and time [ns]."""
+    found: dict[tuple[str, int], float] = {}
+    for piece in pieces:
+        for row, values in enumerate(piece.samples):
+            step = 0 if row == 0 else round(row * 1e9 / (piece.sampling_rate or np.nan))
+            for name, value in zip(piece.names, values, strict=True):
+                assert (name, piece.start_ns + step) not in found
+                found[name, piece.start_ns + step] = float(value)
+    return found
+
+
+@ONE_SHAPE
+def test_a_preset_gives_every_sample_at_its_time(shape: Shape) -> None:
+    counts = FeedCounts()
+    found = samples_of(pieces_of(shape.messages(), shape, counts))
+
+    wanted = {
+        (name, time_ms(i) * 1_000_000): SAMPLES[i, at]
+        for i in range(len(SAMPLES))
+        for at, name in enumerate(shape.names)
+    }
+    near = {  # other numbers of a message (status, counters) are channels that no layout lists
+        (name, round(time_ns, -3)): value
+        for (name, time_ns), value in found.items()
+        if name in shape.names
+    }
+    assert near == wanted
+    assert (counts.lost, counts.duplicate, counts.late) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    "shape", [each for each in SHAPES if each.numbered], ids=lambda shape: shape.preset
+)
+def test_a_message_that_is_missing_or_comes_twice_is_counted(shape: Shape) -> None:
+    counts, messages = FeedCounts(), shape.messages()
+    if len(messages) > 3:
+        pieces_of([*messages[:1], *messages[2:], messages[-1]], shape, counts)
+        assert counts.lost == (10 if shape.preset == "csijson" else 1)  # there by rows
+    else:
+        pieces_of([*messages, messages[-1]], shape, counts)
+    assert counts.duplicate == (10 if shape.preset == "csijson" else 1)
+
+
+@ONE_SHAPE
+def test_units_of_the_message_are_kept(shape: Shape) -> None:
+    units = {piece.unit for piece in pieces_of(shape.messages(), shape, FeedCounts())}
+
+    said = ("csijson", "campbell-geojson", "telegraf", "senml", "nested")
+    assert units == {"m/s^2" if shape.preset in said else ""}
+
+
+@ONE_SHAPE
+def test_sniffing_finds_the_preset_or_proposes_a_mapping_that_reads_the_same(shape: Shape) -> None:
+    found = sniffed(shape.messages())
+
+    assert found.refused == 0
+    assert {each: found.channels.get(each) for each in shape.names} == dict.fromkeys(
+        shape.names, len(SAMPLES)
+    )
+    assert found.sampling_rate == pytest.approx(RATE, rel=1e-4)
+    assert found.mapping == shape.preset
+
+
+def test_sniffing_proposes_a_mapping_for_an_unknown_shape(tmp_path: Path) -> None:
+    messages = [
+        (
+            "x",
+            encoded(
+                {
+                    "dev": {"id": 4, "stamped": iso(i)},
+                    "body": {"acc": {"x": x, "y": y}},
+                }
+            ),
+        )
+        for i, (x, y) in enumerate(SAMPLES.tolist())
+    ]
+    found = sniffed(messages)
+    (tmp_path / "m.toml").write_text(found.toml)
+    reader = MappedReader(mapping_named(str(tmp_path / "m.toml")), (), FeedCounts())
+    pieces = [piece for topic, payload in messages for piece in reader.read(payload, topic)]
+
+    assert found.mapping == "proposed"
+    assert found.toml == '[mapping]\nrows = ""\ntime = "dev.stamped"\nvalues = "body.acc"'
+    np.testing.assert_array_equal(np.vstack([piece.samples for piece in pieces]), SAMPLES)
+
+
+def test_a_feed_takes_a_mapping_by_its_address() -> None:
+    address = parsed("mqtt://h/#?mapping=thingsboard")
+    reader = SamplesReader(address, ("ax", "ay"), FeedCounts())
+    payload = encoded({"ts": time_ms(0), "values": {"ax": 1.0, "ay": 2}})
+    (piece,) = reader.read("v1/devices/me/telemetry", payload, retained=False)
+
+    assert (piece.names, piece.start_ns) == (("ax", "ay"), time_ms(0) * 1_000_000)
+
+
+def test_a_mapping_renames_scales_no_time_and_takes_only_what_it_is_told() -> None:
+    table = {
+        **{"time": "t", "time_unit": "s", "values": "d", "only": "a[0-9]", "rename": {"a1": "ax"}},
+        **{"stamp": "last", "sampling_rate": 10.0},
+    }
+    reader = MappedReader(mapping_from_table(table, "test"), (), FeedCounts())
+    (piece,) = reader.read(encoded({"t": 100, "d": {"a1": [1, None, 3], "b": [4, 5, 6]}}), "x")
+
+    assert piece.names == ("ax",)
+    assert piece.start_ns == 99_800_000_000
+    np.testing.assert_array_equal(piece.samples, [[1], [np.nan], [3]])
+
+
+def test_a_path_leads_to_keys_elements_and_all_elements() -> None:
+    content = {"a": [{"n": 1}, {"n": 2}], "b": {"c": 3}}
+
+    assert looked_up(content, "a[].n") == [1, 2]
+    assert looked_up(content, "a[-1].n") == 2
+    assert looked_up(content, "b.c") == 3
+    assert looked_up(content, "") == content
+    assert looked_up(content, "a.n") is None
+    assert looked_up(content, "a[7]") is None
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ({"tyme": "t"}, "did you mean 'time'"),
+        ({"time_unit": "h"}, "it is one of auto, s, ms, us, ns"),
+        ({"decode": "xml"}, "it is one of json, sparkplug-b"),
+        ({"only": "("}, "no regular expression"),
+        ({"rename": {"a": 1}}, "it is a table like"),
+        ({"time": 4}, "time is 4"),
+    ],
+)
+def test_a_wrong_mapping_is_one_line(table: dict[str, object], says: str) -> None:
+    with pytest.raises(FeedError, match=says.replace("(", r"\(")) as raised:
+        mapping_from_table(table, "m.toml [mapping]")
+    assert "\n" not in str(raised.value)
+
+
+def test_a_mapping_that_is_neither_file_nor_preset_is_one_line() -> None:
+    with pytest.raises(FeedError, match="neither a file nor one of csijson, campbell-geojson"):
+        mapping_named("nothing")
+
+
+@given(st.sampled_from(sorted(presets())), st.binary(max_size=200), st.text(max_size=30))
+def test_no_message_ends_a_reader(name: str, payload: bytes, topic: str) -> None:
+    reader = MappedReader(presets()[name], (), FeedCounts())
+    for sent_to in (topic, "spBv1.0/a/DDATA/b"):
+        with suppress(MessageError):
+            list(reader.read(payload, sent_to))
+
+
+KEYS = (
+    *("time", "ts", "t", "values", "data", "head", "fields", "v", "n", "bt", "metrics", "Messages"),
+    *("Payload", "SequenceNumber", "s", "properties", "observations"),
+)
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(KEYS),
+            inner,
+            max_size=4,
+        )
+    ),
+    max_leaves=12,
+)
+
+
+@given(st.sampled_from(sorted(presets())), JSON)
+def test_no_json_ends_a_reader_or_the_sniffing(name: str, content: object) -> None:
+    reader = MappedReader(presets()[name], (), FeedCounts())
+    with suppress(MessageError):
+        list(reader.read(encoded(content), "a/b"))
+    sniffed([("a/b", encoded(content))])
