@@ -12,6 +12,7 @@ out, until none can be; its seed and what is left of it are printed.
 import argparse
 import json
 import logging
+import sys
 import time
 import zlib
 from collections.abc import Iterator
@@ -381,9 +382,9 @@ def main() -> None:
         found = complaints(seed)
         if found:
             failed[seed] = found
-            print(seed, found, shrunk(seed), flush=True)
+            sys.stdout.write(f"{seed}: {found}; what is needed for it: {shrunk(seed)}\n")
     spent = time.process_time() - started
-    print(f"{chosen.seeds} histories, {len(failed)} fail, {spent:.0f} s")
+    sys.stdout.write(f"{chosen.seeds} histories, {len(failed)} fail, {spent:.0f} s\n")
     if chosen.write:
         result = {
             "command": f"python -m tests.pipeline.histories --seeds {chosen.seeds} "
