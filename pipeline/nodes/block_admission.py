@@ -108,7 +108,7 @@ class BlockAdmission:
         self._last: BlockMark | None = None
         self._ended = False  # the end of the present session was announced
         self._held: dict[str, list[AccelerationBlock]] = {}  # by session, in their order
-        self._held_in_all = 0  # blocks on end of the session that was held last
+        self._on_end: Counter[str] = Counter()  # blocks of a session that follow each other
         self._contents: dict[int, int] = {}  # first sample → hash of samples, of this boot
         self._samples: dict[int, int] = {}  # hash of samples → first sample
 
@@ -149,10 +149,10 @@ class BlockAdmission:
         if held and refusal_of(BlockMark.of(held[-1]), block) is not None:
             self._refuse_all(held)
             held = []
+        self._on_end[block.session] = self._on_end[block.session] + 1 if held else 1
         held.append(block)
         self._held[block.session] = held  # the last is the one held last
-        self._held_in_all = self._held_in_all + 1 if len(held) > 1 else 1
-        if self._held_in_all < self._needed(held):
+        if self._on_end[block.session] < self._needed(held):
             self._make_room(held)
             return Admission()
         blocks = self._let_in(block.session)
@@ -300,7 +300,7 @@ class BlockAdmission:
         for blocks in self._held.values():
             self._refuse_all(blocks)
         self._held.clear()
-        self._held_in_all = 0
+        self._on_end.clear()
 
 
 def refusal_of(last: BlockMark, block: AccelerationBlock) -> Refusal | None:
