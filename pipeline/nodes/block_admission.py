@@ -20,6 +20,7 @@ from pipeline.oma.windows.unit_clock import CLOCK_ERROR, STEP
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 STUBBORN = 5  # blocks on end that follow each other and not the last one taken
+MOST_CANDIDATES = 4  # sessions whose blocks are held
 RETURNING = 1000  # the same, of a session that is over and whose stamps are of the past
 MOST_SAMPLES = 10**8  # that may be missing in between: a day at 1 kHz
 MOST_VALUES = 5e7  # of a window: ten minutes of eight channels at 10 kHz; in memory 200 MB
@@ -106,8 +107,8 @@ class BlockAdmission:
         self._boots: dict[str, int] = {}  # by session's name, the latest last
         self._last: BlockMark | None = None
         self._ended = False  # the end of the present session was announced
-        self._held: list[AccelerationBlock] = []
-        self._held_in_all = 0
+        self._held: dict[str, list[AccelerationBlock]] = {}  # by session, in their order
+        self._on_end: Counter[str] = Counter()  # blocks of a session that follow each other
         self._contents: dict[int, int] = {}  # first sample → hash of samples, of this boot
         self._samples: dict[int, int] = {}  # hash of samples → first sample
 
@@ -133,33 +134,37 @@ class BlockAdmission:
         if self._last is None:
             return self._begin((block,))
         if self._ended and block.session != self.session and not self._is_over(block.session):
-            before = [each for each in self._held if each.session == block.session]
-            self._held, self._held_in_all = [], 0
-            return self._begin((*before, block))
+            return self._begin((*self._let_in(block.session), block))
         against = refusal or self._against(block)
         if against is None:
+            following = self._held.pop(block.session, [])
+            if not following or following[0].first_sample != BlockMark.of(block).next_sample:
+                self._refuse_all(following)
+                following = []
             self._drop_held()
-            return self._taken(block)
+            taken = [self._taken(each).blocks for each in (block, *following)]
+            return Admission(tuple(each for blocks in taken for each in blocks))
         self.complaint = against.text
-        if self._held and refusal_of(BlockMark.of(self._held[-1]), block) is not None:
-            self._drop_held()
-        self._held.append(block)
-        self._held_in_all += 1
-        if self._held_in_all < self._needed(block):
-            if len(self._held) > STUBBORN:
-                self._refuse(self._held.pop(0))
+        held = self._held.pop(block.session, [])
+        if held and refusal_of(BlockMark.of(held[-1]), block) is not None:
+            self._refuse_all(held)
+            held = []
+        self._on_end[block.session] = self._on_end[block.session] + 1 if held else 1
+        held.append(block)
+        self._held[block.session] = held  # the last is the one held last
+        if self._on_end[block.session] < self._needed(held):
+            self._make_room(held)
             return Admission()
-        blocks, self._held, self._held_in_all = tuple(self._held), [], 0
+        blocks = self._let_in(block.session)
         return self._continued(blocks) if self._goes_on(blocks[0]) else self._begin(blocks)
 
     def note_end(self, session: str) -> Admission:
         """Take note that a session's end was announced; its blocks that are held are let in."""
         if session == self.session:
             self._ended = True
-        if not self._held or self._held[-1].session != session or self._is_over(session):
+        if session not in self._held or session == self.session or self._is_over(session):
             return Admission()
-        blocks, self._held, self._held_in_all = tuple(self._held), [], 0
-        return self._begin(blocks)
+        return self._begin(self._let_in(session))
 
     def refuse(self, refusal: Refusal) -> None:
         """Count a block that cannot be used, however many like it come."""
@@ -184,9 +189,10 @@ class BlockAdmission:
     def _against(self, block: AccelerationBlock) -> Refusal | None:
         assert self._last is not None
         against = refusal_of(self._last, block)
-        if against is not None or not self._held:
+        held = self._held.get(block.session)
+        if against is not None or not held:
             return against
-        if _tight(BlockMark.of(self._held[-1]), block) and not _tight(self._last, block):
+        if _tight(BlockMark.of(held[-1]), block) and not _tight(self._last, block):
             return Refusal(UNFIT, "its stamps go on from those of blocks that do not follow")
         return None
 
@@ -229,11 +235,23 @@ class BlockAdmission:
             self._samples.pop(oldest, None)
         return None
 
-    def _needed(self, block: AccelerationBlock) -> int:
+    def _needed(self, held: list[AccelerationBlock]) -> int:
         """Blocks on end that it takes."""
         assert self._last is not None
-        of_the_past = self._is_over(block.session) and block.start_ns < self._last.end_ns
-        return RETURNING if of_the_past and self._held[0].sequence > 0 else STUBBORN
+        of_the_past = self._is_over(held[-1].session) and held[-1].start_ns < self._last.end_ns
+        return RETURNING if of_the_past and held[0].sequence > 0 else STUBBORN
+
+    def _let_in(self, session: str) -> tuple[AccelerationBlock, ...]:
+        """The blocks of a session that are held; those of others are refused."""
+        blocks = tuple(self._held.pop(session, ()))
+        self._drop_held()
+        return blocks
+
+    def _make_room(self, held: list[AccelerationBlock]) -> None:
+        if len(held) > STUBBORN:
+            self._refuse(held.pop(0))
+        if len(self._held) > MOST_CANDIDATES:
+            self._refuse_all(self._held.pop(next(iter(self._held))))
 
     def _is_over(self, session: str) -> bool:
         """Whether another session has followed a session."""
@@ -274,11 +292,15 @@ class BlockAdmission:
         other = self._last is not None and block.session != self._last.session
         self.refused[OTHER_SESSION if other else UNFIT] += 1
 
-    def _drop_held(self) -> None:
-        for block in self._held:
+    def _refuse_all(self, blocks: list[AccelerationBlock]) -> None:
+        for block in blocks:
             self._refuse(block)
+
+    def _drop_held(self) -> None:
+        for blocks in self._held.values():
+            self._refuse_all(blocks)
         self._held.clear()
-        self._held_in_all = 0
+        self._on_end.clear()
 
 
 def refusal_of(last: BlockMark, block: AccelerationBlock) -> Refusal | None:

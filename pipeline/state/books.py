@@ -43,6 +43,12 @@ class Intervals:
     def __len__(self) -> int:
         return sum(end - first for first, end in self._ranges)
 
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        return iter(self._ranges)
+
+    def __contains__(self, number: int) -> bool:
+        return any(first <= number < end for first, end in self._ranges)
+
     def __bool__(self) -> bool:
         return bool(self._ranges)
 
@@ -97,6 +103,8 @@ class BlockBook:
     """Block numbers that arrived."""
     reported: Intervals = field(default_factory=Intervals)
     """Block numbers that were reported missing."""
+    late: Intervals = field(default_factory=Intervals)
+    """Block numbers that arrived after they had been reported missing."""
     repeated: int = 0
     """Blocks that arrived again."""
     published: int | None = None
@@ -120,7 +128,11 @@ class BlockBook:
         inside = Intervals()
         if self.recorded:
             inside.add(self.recorded.first, self.recorded.end)
-        for first, end in self.reported.without(missing):
+        absent = Intervals()
+        for each in (missing, self.late):
+            for first, end in each:
+                absent.add(first, end)
+        for first, end in self.reported.without(absent):
             wrong = Intervals()
             wrong.add(first, end)
             outside = sum(b - a for a, b in wrong.without(inside))
@@ -207,7 +219,10 @@ class Books:
         _limit(self._blocks)
         before = len(book.recorded)
         book.recorded.add(block.sequence)
-        book.repeated += len(book.recorded) == before
+        if len(book.recorded) == before:
+            book.repeated += 1
+        elif block.sequence in book.reported:
+            book.late.add(block.sequence)
 
     def _latest(self, turbine: str, unit: str, session: str) -> BlockBook:
         """The book of the session's present boot."""
@@ -304,6 +319,7 @@ class Books:
                     "published": book.published,
                     "recorded": len(book.recorded),
                     "repeated": book.repeated,
+                    "late": len(book.late),
                     "lost": book.lost,
                 }
                 for (turbine, unit, session, boot), book in self._blocks.items()

@@ -9,8 +9,8 @@ RATE_ERROR = 0.01  # of a converter's rate, at most [-]
 class BootCounter:
     """Counts the boots of one unit under one session's name, of blocks as they arrive.
 
-    A block behind the newest one is late or comes again where its stamp fits its number; else the
-    unit has started again.
+    A block behind the newest one is late or comes again where its stamp fits its number, or its
+    number is nearer to the newest one's than to 0; else the unit has started again.
     """
 
     def __init__(self) -> None:
@@ -25,7 +25,7 @@ class BootCounter:
             return self.boot
         if block.first_sample > newest.first_sample:
             self._newest = block
-        elif block.sequence < newest.sequence and not _fits(newest, block):
+        elif 2 * block.sequence < newest.sequence and not _fits(newest, block):
             self.boot += 1
             self._newest = block
         return self.boot

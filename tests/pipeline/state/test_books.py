@@ -87,6 +87,13 @@ def test_blocks_that_are_reported_missing_and_are_there_are_named() -> None:
     assert violation.endswith("blocks 5 to 14 are reported missing and recorded")
 
 
+def test_a_block_that_comes_after_it_was_reported_missing_is_late() -> None:
+    books = books_of(*(block(k) for k in (*range(10), *range(12, 20))), gap(10, 2), block(11))
+    (unit,) = books.as_json()["units"]
+    assert (unit["recorded"], unit["late"], unit["lost"]) == (19, 1, 1)
+    assert not books.violations()
+
+
 def test_boots_under_one_name_have_books_of_their_own() -> None:
     later = [replace(block(k), start_ns=block(k).start_ns + 300 * NANOSECONDS) for k in range(20)]
     books = books_of(*map(block, range(50)), *later)
