@@ -15,7 +15,7 @@ from scipy import fft, signal, special
 from sensors.arrays import ComplexArray, FloatArray
 
 FALSE_ALARM = 2e-4  # of one octave of one stationary window
-GUSTS = 2.0  # energy that stationary wind and sea add at their loudest, over the median [-]
+GUSTS = 1.8  # energy that stationary wind and sea add at their loudest, over the median [-]
 BLOCKS = 30  # averages over a window
 EDGE = 0.03  # of a window at either end that is tapered and not judged
 FEWEST_PERIODS = 10  # of an octave's lowest frequency in a window
