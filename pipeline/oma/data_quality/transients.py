@@ -84,5 +84,8 @@ def _judged(lines: ComplexArray, low: float, duration: float) -> Transient | Non
     loudest = int(np.argmax(averages))
     ratio = float(averages[loudest] / max(np.median(averages), 1e-300))
     return Transient(
-        low, (loudest + edge) / n_times * duration, float(np.sqrt(ratio)), float(ratio / (GUSTS * chance))
+        low,
+        (loudest + edge) / n_times * duration,
+        float(np.sqrt(ratio)),
+        float(ratio / (GUSTS * chance)),
     )
