@@ -2,11 +2,19 @@
 
 import json
 import time
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from pipeline.cli.console import JsonOption, SamplerOption, ScenarioOption, output, progress, stderr
 from pipeline.cli.results import print_results
@@ -61,12 +69,20 @@ def reproduce(
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.completed} of {task.total}"),
+        TextColumn("{task.percentage:.0f} %"),
         TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
     )
     with Progress(*columns, console=stderr, transient=True) as bar:
         total = seeds * len(SPRING_SIGNS)
         task = bar.add_task("simulate, identify, update (two processes)", total=total)
-        study = run_study(range(first_seed, first_seed + seeds), report=lambda: bar.advance(task))
+        study = run_study(
+            range(first_seed, first_seed + seeds), report=partial(_show_progress, bar, task)
+        )
     files = write_report(study, out)
     output.print("Written: " + ", ".join(str(path) for path in files), soft_wrap=True)
+
+
+def _show_progress(bar: Progress, task: TaskID, done: float) -> None:
+    bar.update(task, completed=done)

@@ -16,13 +16,13 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
-from pipeline.oma.data_quality.missing_samples import MOST_MISSING
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.references import settings_for_channels
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.stabilization import PoleCloud
 from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
+from pipeline.oma.windows.missing_samples import MOST_MISSING
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR, ClockFit, ClockStep, text_of_step
 from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus

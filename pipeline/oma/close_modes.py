@@ -23,12 +23,16 @@ from pipeline.oma.whittle.narrow_band import WindowSpectrum
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
 HIDDEN = 4.0  # second power over flank of a mode that hides another: of 80 single modes none had
 # more than 2.2, of 60 pairs .5 to 2 % apart none less than 10
-MIXED = 0.6  # correlation of two modes' forces beyond which their shapes are doubtful mixtures [-]
+MIXED_SHAPES = (
+    0.6  # correlation of two modes' forces beyond which their shapes are doubtful mixtures [-]
+)
 MOST_UNLIKE = 2.5  # ratio of half bandwidths of two modes of a resolved group [-]
 VAGUEST_SHAPE = 0.6  # std of a component of a shape that overlapping modes leave [-]
-ALIKE = 0.8  # MAC of one mode's shapes by poles and by lines [-]
+ALIKE_SHAPES = 0.8  # MAC of one mode's shapes by poles and by lines [-]
 TINTED = 4.0  # colour of a band whose background moves with its modes: the model does not hold [-]
-WIDEST = 30.0  # ζ f T above which poles have data enough, and a band would hold many modes [-]
+WIDEST_GROUP = (
+    30.0  # ζ f T above which poles have data enough, and a band would hold many modes [-]
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +83,7 @@ def resolved_by_evidence(
         kept: Sequence[Mode] = found.modes
         if group.half_bandwidth * duration >= UNRESOLVED:
             kept = [each for each in kept if _believable(each, group)]
-            if len(kept) <= len(inside) or found.mixed > MIXED or abs(found.colour) > TINTED:
+            if len(kept) <= len(inside) or found.mixed > MIXED_SHAPES or abs(found.colour) > TINTED:
                 continue
             kept = [next((m for m in inside if _same(m, each)), each) for each in kept]
         result = [mode for mode in result if not any(mode is old for old in inside)]
@@ -112,7 +116,7 @@ def _suspects(
         if each.half_bandwidth * spectrum.duration < UNRESOLVED
         or spectrum.second_over_flank(each.frequency, each.half_bandwidth) > HIDDEN
     ]
-    return [each for each in found if each.half_bandwidth * spectrum.duration < WIDEST]
+    return [each for each in found if each.half_bandwidth * spectrum.duration < WIDEST_GROUP]
 
 
 def _believable(mode: Mode, group: Group) -> bool:
@@ -133,7 +137,9 @@ def _same(pole: Mode, mode: Mode) -> bool:
     near = abs(pole.frequency - mode.frequency) < max(
         3 * joint_std, 0.3 * mode.damping_ratio * mode.frequency
     )
-    return near and modal_assurance_criterion(pole.shape[None], mode.shape[None])[0, 0] > ALIKE
+    return (
+        near and modal_assurance_criterion(pole.shape[None], mode.shape[None])[0, 0] > ALIKE_SHAPES
+    )
 
 
 def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list[RefusedMode]:

@@ -19,7 +19,6 @@ from pipeline.oma.data_quality.input_checks import (
     is_harmonic,
     mended,
 )
-from pipeline.oma.data_quality.missing_samples import filled, on_even_grid
 from pipeline.oma.references import references_among
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
@@ -33,6 +32,7 @@ from pipeline.oma.ssi.measured_quantities import integrations_of
 from pipeline.oma.ssi.preprocessing import decimated, without_offset
 from pipeline.oma.ssi.stabilization import PoleCloud
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
+from pipeline.oma.windows.missing_samples import filled, on_even_grid
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 

@@ -1,12 +1,12 @@
 """Run one seed of the publication's example: simulate ten minutes, identify, update in three ways.
 
-paper's sea, wind and 3 % noise ─► SSI-cov ─► the eleven modes by label
+paper's sea, wind and 3 % noise ─► SSI-cov ─► paired blind, as the product does ─► its eleven modes
     ├─► Eq. 6, Nelder and Mead from γ = 0.25, 1 and 4
     ├─► Eqs. 8 to 10, TMCMC as published, 100 000 samples, Gaussian errors
     └─► the same posterior by the corrected sampler, the reference for TMCMC's bias
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,9 +23,9 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import sightings
 from pipeline.updating.likelihood.deterministic import (
     Descent,
+    IdentifiedModes,
     ModalObjective,
     deterministic_update,
-    identified_by_label,
 )
 from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.likelihood.likelihood import (
@@ -33,9 +33,10 @@ from pipeline.updating.likelihood.likelihood import (
     ModalLikelihood,
     observations,
 )
-from pipeline.updating.likelihood.pairing import Pairing
+from pipeline.updating.likelihood.pairing import Pairing, PairingSettings
+from pipeline.updating.model_matching import Matcher
 from pipeline.updating.prior import Prior, UpdatingError
-from pipeline.updating.samplers.interface import PosteriorDraws
+from pipeline.updating.samplers.interface import LogDensity, PosteriorDraws
 from pipeline.updating.samplers.tmcmc import (
     CorrectedTmcmc,
     PublishedSettings,
@@ -51,6 +52,10 @@ SCENARIO = "paper"
 # As the publication has it: no systematic floors, Gaussian errors.
 AS_PUBLISHED = LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0, tails="gaussian")
 KEPT_DRAWS = 20_000  # of each posterior, for figures
+# Density evaluations of a run, from runs of seeds 101 to 104: what its progress is counted against
+PUBLISHED_STAGES, CORRECTED_EVALUATIONS = 13, 28
+PREPARED = 0.06  # share of a run's time until the posteriors begin
+Report = Callable[[float], None]  # called with the share of a run that is done [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,33 +119,59 @@ class Example:
     corrected: ExamplePosterior
 
 
-def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Example:
+def run_example(
+    seed: int, sign: SpringSign, *, samples: int = SAMPLES, report: Report | None = None
+) -> Example:
     """Run the example for one seed.
 
     Parameters
     ----------
-    samples : int, optional
-        Samples of TMCMC as published; the corrected one needs fewer.
+    seed : int
+        Of the simulation and of the samplers.
+    sign : SpringSign
+        Of k12.
+    samples : int
+        Of TMCMC as published; the corrected one needs fewer.
+    report : callable, optional
+        Called with the share that is done [-].
+
+    Returns
+    -------
+    Example
 
     Raises
     ------
     UpdatingError
         If none of the eleven modes was found.
     """
+    report = report or _no_report
     scenario = with_overrides(load_scenario(SCENARIO), seed=seed)
     scenario = replace(scenario, turbine=replace(scenario.turbine, springs_sign=sign))
     model = ModalModel(scenario.structure, scenario.layout)
     estimate = identified_window(scenario)
-    identified = identified_by_label(
-        estimate, model, scenario.layout.channel_names, model.nominal, wanted=LABELS
-    )
-    if not identified.labels:
-        raise UpdatingError(f"seed {seed}: none of the publication's eleven modes was found")
     prior = Prior(model.nominal)
+    labelled, start = paired_blind(estimate, model, prior, np.random.default_rng([seed, 3]))
+    if not labelled:
+        raise UpdatingError(f"seed {seed}: none of the publication's eleven modes was found")
+    identified = IdentifiedModes(
+        labels=tuple(labelled),
+        frequencies=np.array([mode.frequency for mode in labelled.values()]),
+        shapes=np.array([mode.shape for mode in labelled.values()]),
+        channels=np.arange(len(estimate.channels)),
+    )
     objective = ModalObjective(identified, model)
-    known = [_nearest(estimate.modes, f) for f in identified.frequencies]
+    known = list(labelled.values())
+    descents = deterministic_update(objective, prior)
+    report(PREPARED)
     published, corrected = _posteriors(
-        replace(estimate, modes=tuple(known)), identified.labels, model, prior, seed, samples
+        replace(estimate, modes=tuple(known)),
+        identified.labels,
+        model,
+        prior,
+        start,
+        seed,
+        samples,
+        report,
     )
     return Example(
         seed=seed,
@@ -148,7 +179,7 @@ def run_example(seed: int, sign: SpringSign, *, samples: int = SAMPLES) -> Examp
         modes=_modes(model, identified.labels, known),
         others=len(estimate.modes) - len(known),
         objective_at_truth=objective(np.ones(3)),
-        descents=deterministic_update(objective, prior),
+        descents=descents,
         published=published,
         corrected=corrected,
     )
@@ -173,8 +204,41 @@ def identified_window(scenario: Scenario) -> ModalEstimate:
     )
 
 
-def _nearest(modes: Sequence[Mode], frequency: float) -> Mode:
-    return min(modes, key=lambda mode: abs(mode.frequency - frequency))
+def paired_blind(
+    estimate: ModalEstimate, model: ModalModel, prior: Prior, generator: np.random.Generator
+) -> tuple[dict[str, Mode], FloatArray]:
+    """Find the publication's modes among the identified ones as the product does.
+
+    The truth is not known to it: the search goes over the whole prior, against every mode that the
+    sensors can see.
+
+    Returns
+    -------
+    dict
+        Label → identified mode, of the eleven that were found, lowest frequency first.
+    ndarray, shape (3,)
+        Ratios k / nominal at which they were paired: where the samplers begin.
+    """
+    evidence = ModalEvidence(channels=estimate.channels).with_estimate(estimate)
+    matcher = Matcher(
+        model,
+        prior,
+        pairing=PairingSettings(),
+        likelihood=LikelihoodSettings(),
+        generator=generator,
+    )
+    match = matcher.matched(evidence)
+    by_name = {mode.name: mode for mode in estimate.modes}
+    found = {
+        model.labels[partner]: by_name[mode.name]
+        for mode, partner in zip(match.evidence.modes, match.pairing.model_modes, strict=True)
+        if partner >= 0 and model.labels[partner] in LABELS
+    }
+    return found, match.pairing.ratios
+
+
+def _no_report(share: float) -> None:
+    """Nobody watches."""
 
 
 def _modes(
@@ -206,18 +270,23 @@ def _posteriors(
     labels: Sequence[str],
     model: ModalModel,
     prior: Prior,
+    start: FloatArray,
     seed: int,
     samples: int,
+    report: Report,
 ) -> tuple[ExamplePosterior, ExamplePosterior]:
-    """Draw by TMCMC as published and corrected; modes are compared by label."""
+    """By TMCMC as published, and by the corrected one, of the pairs that were found.
+
+    start   (3,) ratios k / nominal at which they were found
+    """
     evidence = ModalEvidence(channels=estimate.channels, joint_covariance=False).with_sightings(
         sightings(estimate, estimate.channels), 1.0, estimate.duration
     )
     forward = model.subset(labels)
     order = {f"m{mode.name[1:]}": place for place, mode in enumerate(estimate.modes)}
     columns = tuple(order[mode.name] for mode in evidence.modes)
-    pairing = Pairing(np.ones(3), columns, total_cost=0.0, cost=0.0, paired_share=1.0)
-    frequencies = forward.modal(prior.nominal[None]).frequencies[0]
+    pairing = Pairing(start, columns, total_cost=0.0, cost=0.0, paired_share=1.0)
+    frequencies = forward.modal(prior.stiffness(start[None])).frequencies[0]
     used = observations(evidence, pairing, frequencies, AS_PUBLISHED)
     likelihood = ModalLikelihood(
         evidence,
@@ -227,13 +296,31 @@ def _posteriors(
         highest_sigma=prior.settings.highest_sigma,
     )
     density = PublishedDensity(likelihood, forward, prior)
-    target = density.target(laplace_peak(likelihood, forward, prior, np.ones(3)))
+    target = density.target(laplace_peak(likelihood, forward, prior, start))
+    n_corrected = min(samples, KEPT_DRAWS)
+    expected = PUBLISHED_STAGES * samples + CORRECTED_EVALUATIONS * n_corrected
+    watched = _Watched(target.log_density, expected, report)
+    target = replace(target, log_density=watched)
     published = PublishedTmcmc(PublishedSettings(samples=samples))
-    corrected = CorrectedTmcmc(TemperingSettings(samples=min(samples, KEPT_DRAWS)))
+    corrected = CorrectedTmcmc(TemperingSettings(samples=n_corrected))
     return (
         _posterior(published(target, np.random.default_rng([seed, 1])), density),
         _posterior(corrected(target, np.random.default_rng([seed, 2])), density),
     )
+
+
+class _Watched:
+    """A density that reports how far the samplers are, by its evaluations."""
+
+    def __init__(self, log_density: LogDensity, expected: int, report: Report) -> None:
+        self._log_density, self._expected, self._report = log_density, expected, report
+        self._done = 0
+
+    def __call__(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        self._done += len(points)
+        share = min(self._done / self._expected, 0.99)
+        self._report(PREPARED + (1 - PREPARED) * share)
+        return self._log_density(points)
 
 
 def _posterior(drawn: PosteriorDraws, density: PublishedDensity) -> ExamplePosterior:

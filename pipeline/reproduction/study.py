@@ -1,7 +1,7 @@
 """Run the example over seeds and sign conventions, in two processes."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, MutableMapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from itertools import product
 from multiprocessing import get_context
@@ -16,6 +16,8 @@ from sensors.arrays import FloatArray
 from sensors.structure.foundation import SPRING_SIGNS, SpringSign
 
 PROCESSES = 2
+STUDY_LOOKS = 1.0  # between two looks at how far they are [s]
+NOTABLE_STEP = 0.005  # of a run's share: smaller ones are not passed on [-]
 PERCENT = 100.0
 PEAK_GRID = 200  # points of a marginal's density
 NOTABLE_PEAK = 0.1  # of the highest peak, below which a local maximum is ignored
@@ -45,14 +47,24 @@ def run_study(
     *,
     signs: Sequence[SpringSign] = SPRING_SIGNS,
     samples: int = SAMPLES,
-    report: Callable[[], None] | None = None,
+    report: Callable[[float], None] | None = None,
 ) -> Study:
     """Run every seed in every sign.
 
     Parameters
     ----------
-    report : Callable[[], None] | None, optional
-        Called when one is done.
+    seeds : sequence of int
+        Of the simulation and of the samplers.
+    signs : sequence of SpringSign
+        Of k12.
+    samples : int
+        Of TMCMC as published.
+    report : callable, optional
+        Called every second or so with how many runs are done, fractions included.
+
+    Returns
+    -------
+    Study
 
     Raises
     ------
@@ -61,18 +73,38 @@ def run_study(
     """
     tasks = list(product(signs, seeds))
     found: dict[tuple[SpringSign, int], Example] = {}
-    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
-        running = {pool.submit(_one, sign, seed, samples): (sign, seed) for sign, seed in tasks}
-        for done in as_completed(running):
-            found[running[done]] = done.result()
+    context = get_context("spawn")
+    with (
+        context.Manager() as manager,
+        ProcessPoolExecutor(PROCESSES, mp_context=context) as pool,
+    ):
+        shares = manager.dict()
+        running = {
+            pool.submit(_one, sign, seed, samples, shares): (sign, seed) for sign, seed in tasks
+        }
+        waiting = set(running)
+        while waiting:
+            done, waiting = wait(waiting, timeout=STUDY_LOOKS, return_when=FIRST_COMPLETED)
+            for each in done:
+                found[running[each]] = each.result()
+                shares[running[each]] = 1.0
             if report:
-                report()
+                report(sum(shares.values()))
     return Study(tuple(found[task] for task in tasks), samples)
 
 
-def _one(sign: SpringSign, seed: int, samples: int) -> Example:
+def _one(
+    sign: SpringSign,
+    seed: int,
+    samples: int,
+    shares: MutableMapping[tuple[SpringSign, int], float],
+) -> Example:
+    def report(share: float) -> None:
+        if share - shares.get((sign, seed), 0.0) > NOTABLE_STEP:
+            shares[sign, seed] = share
+
     with threadpool_limits(limits=1):
-        return run_example(seed, sign, samples=samples)
+        return run_example(seed, sign, samples=samples, report=report)
 
 
 def map_errors(example: Example) -> FloatArray:

@@ -15,9 +15,9 @@ from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
 from pipeline.messages import QualityWarning
-from pipeline.oma.data_quality.missing_samples import MOST_MISSING, filled
 from pipeline.oma.data_quality.transients import loudest_octave
 from pipeline.oma.ssi.preprocessing import without_drift
+from pipeline.oma.windows.missing_samples import MOST_MISSING, filled
 from sensors.arrays import FloatArray
 
 Action = Literal["warn", "mend", "reject"]

@@ -29,7 +29,7 @@ from pipeline.oma.whittle.spectral_model import (
 )
 from sensors.arrays import ComplexArray, FloatArray
 
-MOST_STEPS = 60
+MOST_SCORING_STEPS = 60
 CONVERGED = 0.02  # decrease of J of a step that ends the iteration [nats]
 LARGEST_SHIFT = 2.0  # of a mode's position in a step [lines]
 LARGEST_FACTOR = 1.0  # of a logarithm or a shape's component in a step [-]
@@ -41,7 +41,7 @@ PRIOR_SHARE = 0.05  # of N_0 in the lower quartile of a channel's lines
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class WhittleFit:
     """The most likely modes of a band."""
 
     modes: CloseModes
@@ -74,13 +74,13 @@ def cost_of_background(band: NarrowBand) -> float:
     return float(n * (log_noise + len(prior)))
 
 
-def fitted(start: CloseModes, band: NarrowBand) -> Fit:
+def fitted(start: CloseModes, band: NarrowBand) -> WhittleFit:
     """The nearest minimum of J, by Levenberg and Marquardt's damping of Fisher scoring."""
     prior = prior_noise(band)
     modes = start.normalised()
     damping, reach = 1e-2, 1.0
     state = _State(modes, band, prior)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_SCORING_STEPS):
         before = state.cost
         gradient, information = state.curvature()
         scale = np.maximum(np.diag(information), 1e-9)
@@ -97,7 +97,7 @@ def fitted(start: CloseModes, band: NarrowBand) -> Fit:
         state, reach = _with_next_noise(state, band, prior, reach)
         if before - state.cost < CONVERGED and (damping < 1.0 or damping > 1e6):
             break
-    return Fit(state.modes, state.cost, state.curvature()[1])
+    return WhittleFit(state.modes, state.cost, state.curvature()[1])
 
 
 def _with_next_noise(

@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.messages import Mode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
-from pipeline.oma.whittle.fit import Fit
+from pipeline.oma.whittle.fit import WhittleFit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
 from pipeline.oma.whittle.pairs import Partner, joint_pair
 from pipeline.oma.whittle.selection import fits_in_turn
@@ -26,7 +26,7 @@ TOUCHING_WIDTHS = 2.5  # half bandwidths between neighbours of one group,
 TOUCHING_LINES = 5.0  # and lines 1/T more
 MOST_BINS = 60  # of a band; more lines are taken together
 FEWEST_BINS_A_WIDTH = 2.0  # in which half a resonance must still show
-MOST_MODES = 4  # that a band is fitted with
+MOST_GROUP_MODES = 4  # that a band is fitted with
 CLOSE = 2.0  # std of the difference within which two modes are a pair
 HARMONIC_WIDTH = 0.1  # half bandwidth below which a line is a harmonic [lines]
 
@@ -123,7 +123,7 @@ def modes_of_group(
     if band is None:
         return None
     half_width = max(0.3, group.half_bandwidth * band.duration)
-    fits = fits_in_turn(band, most_modes=MOST_MODES, half_width=half_width)
+    fits = fits_in_turn(band, most_modes=MOST_GROUP_MODES, half_width=half_width)
     if not fits:
         return None
     best = fits[-1]
@@ -157,7 +157,7 @@ def modes_of_group(
     return GroupModes(tuple(found), mixed, best.modes.colour)
 
 
-def _is_pair(fit: Fit, one: int, other: int, covariance: FloatArray) -> bool:
+def _is_pair(fit: WhittleFit, one: int, other: int, covariance: FloatArray) -> bool:
     """Whether the window hardly tells two modes apart: their frequencies lie within a line 1/T, or
     within so many std of their difference."""
     gap = abs(fit.modes.positions[one] - fit.modes.positions[other])
@@ -166,7 +166,7 @@ def _is_pair(fit: Fit, one: int, other: int, covariance: FloatArray) -> bool:
 
 
 def _as_pair(
-    fit: Fit, band: NarrowBand, members: tuple[int, int], modes: dict[int, Mode]
+    fit: WhittleFit, band: NarrowBand, members: tuple[int, int], modes: dict[int, Mode]
 ) -> tuple[Mode, Mode]:
     """Two entries of a pair of which the plane is known and the axes in it hardly: the axes along
     which the two shake most and least, each with the mean frequency of the power along it and half
@@ -219,14 +219,14 @@ def _spread_about(mode: Mode, mean: float, spread: float) -> Mode:
     )
 
 
-def _modes(fit: Fit, band: NarrowBand, covariance: FloatArray) -> list[Mode]:
+def _modes(fit: WhittleFit, band: NarrowBand, covariance: FloatArray) -> list[Mode]:
     """Every mode of a fit with the covariance that the lines leave it, in the fit's order."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     return [_mode(fit, band, place, root) for place in range(fit.modes.n_modes)]
 
 
-def _mode(fit: Fit, band: NarrowBand, j: int, root: FloatArray) -> Mode:
+def _mode(fit: WhittleFit, band: NarrowBand, j: int, root: FloatArray) -> Mode:
     """root: of the covariance of all parameters, (n_parameters, n_parameters)"""
     modes, m = fit.modes, fit.modes.n_modes
     n_channels = len(modes.shapes)

@@ -1,6 +1,6 @@
 """How many modes a narrow band holds: one more at a time, as long as the evidence rises."""
 
-from pipeline.oma.whittle.fit import Fit, cost_of_background, fitted
+from pipeline.oma.whittle.fit import WhittleFit, cost_of_background, fitted
 from pipeline.oma.whittle.narrow_band import NarrowBand
 from pipeline.oma.whittle.starts import (
     left_unexplained,
@@ -14,7 +14,7 @@ NEEDED_EVIDENCE = 3.0  # that a further mode must bring, ln of the Bayes factor 
 WORTH_A_TRY = 10.0  # rise of ln p that whitened lines promise before a mode more is fitted [nats]
 
 
-def fits_in_turn(band: NarrowBand, *, most_modes: int, half_width: float) -> list[Fit]:
+def fits_in_turn(band: NarrowBand, *, most_modes: int, half_width: float) -> list[WhittleFit]:
     """The best fits of one mode, two and so on, until a further one brings no evidence; none
     where a flat background explains the lines as well.
 

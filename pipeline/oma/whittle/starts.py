@@ -27,7 +27,7 @@ def strongest(band: NarrowBand, half_width: float) -> CloseModes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
+class SpectralPlace:
     """Where something is left to explain."""
 
     index: int
@@ -38,14 +38,14 @@ class Place:
     """Rise of ln p if the power in this direction were fitted there [nats]."""
 
 
-def left_unexplained(modes: CloseModes, band: NarrowBand, half_width: float) -> list[Place]:
+def left_unexplained(modes: CloseModes, band: NarrowBand, half_width: float) -> list[SpectralPlace]:
     """Where a fit leaves most unexplained, strongest first."""
     places = _places(whitened(modes, band), _reach(band, half_width))
     return sorted(places, key=lambda place: -place.gain)
 
 
 def with_another(
-    modes: CloseModes, band: NarrowBand, half_width: float, place: Place
+    modes: CloseModes, band: NarrowBand, half_width: float, place: SpectralPlace
 ) -> CloseModes:
     """The modes and one more, where something is left unexplained."""
     numbers = band.numbers[place.index : place.index + 1]
@@ -93,7 +93,7 @@ def _reach(band: NarrowBand, half_width: float) -> int:
     return max(1, round(half_width / band.n_together))
 
 
-def _places(white: ComplexArray, reach: int) -> list[Place]:
+def _places(white: ComplexArray, reach: int) -> list[SpectralPlace]:
     """Where whitened matrices have most power in one real direction, strongest first, apart from
     each other by what a mode fills.
 
@@ -106,10 +106,10 @@ def _places(white: ComplexArray, reach: int) -> list[Place]:
     count = high - low
     power = values[:, -1] / count
     gain = np.where(power > 1, count * (power - 1 - np.log(np.maximum(power, 1))), 0.0)
-    chosen: list[Place] = []
+    chosen: list[SpectralPlace] = []
     for centre in np.argsort(-(power - 1) * count, kind="stable").tolist():
         if all(abs(centre - other.index) > 2 * reach for other in chosen):
-            chosen.append(Place(centre, vectors[centre, :, -1], float(gain[centre])))
+            chosen.append(SpectralPlace(centre, vectors[centre, :, -1], float(gain[centre])))
     return chosen
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from pipeline.messages import StreamGap
+from pipeline.messages import FoundationEvent, StreamGap
 from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.alarms.outbox import DeliveryState
 from pipeline.monitoring.metrics import MetricsNode, listened, served
@@ -172,6 +172,19 @@ def test_a_lock_step_session_serves_its_figures(short_recording: Path, tmp_path:
 
     (last,) = seen
     assert last["pilewatch_messages_total", "AccelerationBlock", "iea15mw"] == 30
+
+
+def test_an_event_has_the_time_at_which_it_was_noticed_not_that_of_the_change() -> None:
+    """A scrape counts how long ago a person could have known."""
+    noticed, since = START_NS + 3600 * SECOND, START_NS
+    event = FoundationEvent(
+        "t1", 6, noticed, "foundation", 0.9, since, since, since, changes=(), shifts=(), text="k22"
+    )
+    desk = MetricsNode(Clock())
+    desk.handle(event)
+    assert (
+        figures(desk)["pilewatch_event_timestamp_seconds", "foundation", "t1"] == noticed / SECOND
+    )
 
 
 def test_only_summaries_may_have_quantiles_and_only_histograms_bounds(node: MetricsNode) -> None:

@@ -314,3 +314,16 @@ def test_the_data_section_states_its_checksum(recording: Path) -> None:
     """Metadata and message indexes lie outside the chunks: only this one covers them."""
     stated, computed = data_end_of(recording)
     assert stated == computed != 0
+
+
+def test_a_message_has_the_publishers_number_or_its_count_on_the_key(tmp_path: Path) -> None:
+    """Other tools find a lost block by a step in MCAP's own sequence numbers."""
+    path = record(tmp_path / "a.mcap", [LAYOUT, block(7), block(9), rejection(0), rejection(1)])
+    with path.open("rb") as file:
+        found: dict[str, list[int]] = {}
+        for _, channel, message in mcap.reader.make_reader(file).iter_messages(
+            log_time_order=False
+        ):
+            found.setdefault(channel.topic, []).append(message.sequence)
+    assert [7, 9] in found.values()
+    assert [0, 1] in found.values()

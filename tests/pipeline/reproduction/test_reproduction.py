@@ -136,3 +136,72 @@ def test_a_report_that_cannot_be_written_is_one_clear_line(study: Study, tmp_pat
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=r"a folder is needed"):
         write_report(study, tmp_path / "file")
+
+
+def with_correlation(example: Example, value: float) -> Example:
+    """The example with a posterior whose springs are correlated by so much."""
+    generator = np.random.default_rng(9)
+    common, own = generator.standard_normal((2, len(example.corrected.draws), 3))
+    mixed = np.sqrt(abs(value)) * common[:, :1] * np.sign([1.0, value, 1.0])
+    draws = example.corrected.draws.copy()
+    draws[:, :3] = 1 + 0.01 * (mixed + np.sqrt(1 - abs(value)) * own)
+    return replace(example, corrected=replace(example.corrected, draws=draws))
+
+
+def said_of(example: Example, *others: Example) -> str:
+    return " ".join(findings(Study((example, *others), SAMPLES)))
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(0.9, "strongly positive"), (0.3, "not all strongly"), (-0.8, "not all are positive")],
+)
+def test_a_correlation_is_called_what_it_is(example: Example, value: float, said: str) -> None:
+    text = said_of(with_correlation(example, value))
+    assert said in text
+    assert (
+        sum(each in text for each in ("strongly positive", "not all strongly", "not all are p"))
+        == 1
+    )
+
+
+def test_samplers_that_agree_are_not_said_to_differ(example: Example) -> None:
+    alike = replace(example, published=example.corrected)
+    assert "here the two agree" in said_of(alike)
+    narrow = replace(example.corrected, draws=1 + 0.5 * (example.corrected.draws - 1))
+    assert "leaves it too wide" not in said_of(replace(example, published=narrow))
+
+
+def test_starts_that_end_at_one_place_are_not_said_to_differ(example: Example) -> None:
+    first = example.descents[0]
+    same = tuple(replace(each, end=first.end) for each in example.descents)
+    assert "all starts end at one place" in said_of(replace(example, descents=same))
+
+
+def test_a_pile_sign_that_knows_as_much_is_not_said_to_know_less(example: Example) -> None:
+    text = said_of(example, replace(example, sign="embedded-pile"))
+    assert "less sharply" not in text
+    assert "taken literally it reproduces" not in text  # both signs fit alike: the same model
+
+
+def test_why_a_mode_is_missing_is_read_off_the_models_frequencies(example: Example) -> None:
+    nothing = [replace(mode, frequency=float("nan")) for mode in example.modes]
+    text = said_of(replace(example, modes=tuple(nothing)))
+    assert "Not mode 1: it lies 0.001" in text
+    assert "less than the 0.0017 Hz that ten minutes resolve" in text
+    apart = [replace(mode, model_frequency=1.5 ** int(mode.label)) for mode in nothing]
+    assert "ten minutes resolve" not in said_of(replace(example, modes=tuple(apart)))
+
+
+def test_modes_are_paired_without_the_truth(example: Example) -> None:
+    """Of a stiffness far from nominal the same search finds the same modes."""
+    labels = {mode.label for mode in example.modes if np.isfinite(mode.frequency)}
+    assert {"2", "5", "6", "9"} <= labels
+
+
+def test_progress_rises_to_one_for_each_run() -> None:
+    shares: list[float] = []
+    run_example(102, "published", samples=600, report=shares.append)
+    assert shares == sorted(shares)
+    assert shares[0] < 0.1
+    assert shares[-1] > 0.7

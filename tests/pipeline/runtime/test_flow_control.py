@@ -3,7 +3,7 @@
 import pytest
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, NodeStatus
-from pipeline.runtime.flow_control import Credit, is_drained
+from pipeline.runtime.flow_control import Credit, Quiet, is_drained
 from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import status
 
@@ -111,3 +111,17 @@ def test_blocks_that_are_known_to_be_lost_are_not_waited_for() -> None:
         lost=10,
     )
     assert is_drained([*finished(), losing], CONSUMERS)
+
+
+def test_nodes_are_quiet_when_they_have_said_the_same_for_three_seconds() -> None:
+    """A status a second: four alike span three; a new count begins the waiting again."""
+    quiet = Quiet()
+    same = status("updating", received={"ModalEstimate": 6})
+    for _ in range(3):
+        quiet.note(same)
+        assert not quiet.of_all(["updating"])
+    quiet.note(same)
+    assert quiet.of_all(["updating"])
+    assert not quiet.of_all(["updating", "recorder"])  # of which nothing was heard
+    quiet.note(status("updating", received={"ModalEstimate": 7}))
+    assert not quiet.of_all(["updating"])

@@ -67,3 +67,12 @@ def test_messages_are_counted_by_key() -> None:
 def test_reported_gaps_are_kept() -> None:
     gap = StreamGap("t1", "tower", "session-1", START_NS, START_NS + 4 * SECOND, 3, 4)
     assert watched(block(0), gap).gaps == (gap,)
+
+
+def test_a_rate_counts_the_intervals_between_messages() -> None:
+    """Eleven blocks, one a second, span ten seconds: one a second, not eleven tenths."""
+    health = Health()
+    for number in range(11):
+        health.observe(block(number), START_NS + number * SECOND)
+    (stream,) = health.streams(START_NS + 10 * SECOND)
+    assert stream.rate == 1.0

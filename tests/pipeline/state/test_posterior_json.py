@@ -85,3 +85,17 @@ def test_figures_of_the_structure_that_are_uncertain_stand_beside_the_springs():
     assert posterior_summary(POSTERIOR)["figures"] == empty_summary()["figures"] == {}
     names = list(posterior_table(summary).columns[0].cells)
     assert names == ["k11", "k22", "k12", "σ", "rna mass"]
+
+
+def test_ratios_are_to_nominal_not_to_the_median():
+    """k11's median lies a tenth above nominal: its interval is 1.0 to 1.2 of nominal."""
+    k11 = posterior_summary(POSTERIOR)["k11"]
+    assert (k11["ratio_p05"], k11["ratio_median"], k11["ratio_p95"]) == pytest.approx(
+        (1.0, 1.1, 1.2)
+    )
+    for name in ("median", "p05", "p95"):
+        assert k11[name] == pytest.approx(k11[f"ratio_{name}"] * 1e10)
+
+
+def test_sigma_has_its_median_below_its_bound():
+    assert posterior_summary(POSTERIOR)["sigma"] == {"median": 0.001, "p95": 0.003}

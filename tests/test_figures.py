@@ -1,0 +1,67 @@
+"""Every figure of README and documentation has its birth certificate."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tests.benchmarks._results import FOLDER, git, kept
+from tests.benchmarks.figures import PAGE, README, page_table, readme_table, rows, with_table
+
+BENCHMARKS = FOLDER.parent
+CERTIFICATE = {"command", "seeds", "commit", "date", "machine", "depends", "figures"}
+
+
+def without_marks(text: str) -> str:
+    """A table without what depends on the state of the repository."""
+    return text.replace(" * |", " |")
+
+
+@pytest.mark.parametrize(("path", "table"), [(README, readme_table), (PAGE, page_table)])
+def test_the_tables_are_what_the_results_give(path: Path, table: object) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert callable(table)
+    assert without_marks(with_table(text, table())) == without_marks(text)
+
+
+def test_results_behind_rows_say_how_they_were_measured() -> None:
+    used = {row.result for row in rows() if row.result}
+    assert used
+    for name in used:
+        result = kept(name)
+        assert result is not None, name
+        assert result.keys() >= CERTIFICATE
+        assert re.fullmatch(r"[0-9a-f]{40}", result["commit"])
+        assert result["command"].startswith("python -m tests.benchmarks ")
+
+
+def test_every_row_names_a_command_that_exists() -> None:
+    names = {file.stem for file in BENCHMARKS.glob("*.py")}
+    for row in rows():
+        first = row.command.split()[0]
+        assert first in names | {"pilewatch"}, row.what
+
+
+@pytest.mark.nightly
+def test_no_row_is_older_than_its_code() -> None:
+    if not git("rev-parse", "HEAD"):
+        pytest.skip("no repository: git is needed to tell how old a result is")
+    assert [row.what for row in rows() if row.is_old] == []
+
+
+def seeds(kind: str) -> dict[str, set[int]]:
+    with (BENCHMARKS / f"seeds_{kind}.toml").open("rb") as file:
+        spans: dict[str, list[str]] = tomllib.load(file)
+    found: dict[str, set[int]] = {}
+    for name, texts in spans.items():
+        ends = [[int(each) for each in text.split("..")] for text in texts]
+        found[name] = {seed for end in ends for seed in range(end[0], end[-1] + 1)}
+    return found
+
+
+def test_no_seed_that_something_was_tuned_on_is_reported() -> None:
+    tuned = set().union(*seeds("tuning").values())
+    for name, reported in seeds("reporting").items():
+        assert not reported & seeds("tuning").get(name, set())
+        assert name == "reproduction" or not reported & tuned
