@@ -21,7 +21,7 @@ from pipeline.oma.whittle.groups import Group, Suspect, grouped, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
-HIDDEN = 4.0  # second power over flank of a mode that hides another: of 80 single modes none had
+HIDDEN = 4.0  # second power over flank of a mode that hides another: of 30 single modes none had
 # more than 2.2, of 60 pairs .5 to 2 % apart none less than 10
 MIXED_SHAPES = (
     0.6  # correlation of two modes' forces beyond which their shapes are doubtful mixtures [-]

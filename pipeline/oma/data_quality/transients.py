@@ -10,13 +10,14 @@ n = T / max(Δt, 1/B) such averages.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, special
+from scipy import fft, signal, special
 
 from sensors.arrays import ComplexArray, FloatArray
 
 FALSE_ALARM = 2e-4  # of one octave of one stationary window
-GUSTS = 2.0  # energy that stationary wind and sea add at their loudest, over the median [-]
+GUSTS = 1.8  # energy that stationary wind and sea add at their loudest, over the median [-]
 BLOCKS = 30  # averages over a window
+EDGE = 0.03  # of a window at either end that is tapered and not judged
 FEWEST_PERIODS = 10  # of an octave's lowest frequency in a window
 LEAST_SHARE = 1e-4  # of a channel's power in an octave; less is the instrument
 
@@ -46,7 +47,9 @@ def loudest_octave(samples: FloatArray, sampling_rate: float) -> Transient | Non
     n = len(samples)
     duration = n / sampling_rate
     rms = np.sqrt(np.mean(samples**2, axis=0))
-    lines = fft.rfft(samples / np.where(rms > 0, rms, 1.0), axis=0)
+    # without a taper the step from the record's end to its start would shake every octave
+    taper = signal.windows.tukey(n, 2 * EDGE)[:, None]
+    lines = fft.rfft(taper * samples / np.where(rms > 0, rms, 1.0), axis=0)
     low = FEWEST_PERIODS / duration
     found: list[Transient] = []
     while 2 * low <= 0.45 * sampling_rate:
@@ -68,7 +71,8 @@ def _judged(lines: ComplexArray, low: float, duration: float) -> Transient | Non
     scaled = band[:, heard] / np.sqrt(power[heard])
     n_times = max(4 * BLOCKS, 2 * len(band))
     envelope = np.abs(fft.ifft(scaled, n_times, axis=0)) ** 2
-    energy = envelope.sum(axis=1)
+    edge = round(EDGE * n_times)
+    energy = envelope.sum(axis=1)[edge : n_times - edge]
     width = n_times // BLOCKS
     sums = np.concatenate([[0.0], np.cumsum(energy)])
     averages = (sums[width:] - sums[:-width]) / width
@@ -80,5 +84,8 @@ def _judged(lines: ComplexArray, low: float, duration: float) -> Transient | Non
     loudest = int(np.argmax(averages))
     ratio = float(averages[loudest] / max(np.median(averages), 1e-300))
     return Transient(
-        low, loudest / n_times * duration, float(np.sqrt(ratio)), float(ratio / (GUSTS * chance))
+        low,
+        (loudest + edge) / n_times * duration,
+        float(np.sqrt(ratio)),
+        float(ratio / (GUSTS * chance)),
     )

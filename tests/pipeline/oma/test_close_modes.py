@@ -1,0 +1,60 @@
+"""Modes that hide each other, ring-downs and lost seconds: the short form of `close_modes`."""
+
+import numpy as np
+
+from pipeline.oma.data_quality.transients import loudest_octave
+from pipeline.oma.identification import identify
+from tests.benchmarks.close_modes import (
+    bending_pair,
+    hidden_figures,
+    lost_figures,
+    pair,
+    ring_down,
+    triplet,
+)
+
+
+def test_two_first_bending_modes_are_two_and_no_phantom_is_left() -> None:
+    found = hidden_figures(bending_pair, range(60_001, 60_009))
+    assert found["phantoms"] <= 1
+    assert found["all_found"] >= 0.75
+    assert found["within_2_std"] >= 0.8
+
+
+def test_overlapping_modes_with_shapes_apart_are_both_found() -> None:
+    found = hidden_figures(lambda seed: pair(seed, 0.015), range(60_001, 60_009))
+    assert found["all_found"] >= 0.75
+
+
+def test_triplets_are_not_lost_without_a_word() -> None:
+    for seed in range(60_001, 60_005):
+        record = triplet(seed)
+        hidden = record.frequencies[:3]
+        modes = identify(record.samples, record.sampling_rate).modes
+        assert any(abs(m.frequency / hidden.mean() - 1) < 0.03 for m in modes)
+
+
+def test_a_ring_down_is_not_stationary_and_ambient_motion_is() -> None:
+    for seed in range(60_001, 60_006):
+        quiet, loud = bending_pair(seed), ring_down(seed, 10.0)
+        for record, expected in ((quiet, False), (loud, True)):
+            steady = record.samples - record.samples.mean(axis=0)
+            octave = loudest_octave(steady, record.sampling_rate)
+            assert octave is not None
+            assert (octave.excess > 1) == expected
+
+
+def test_lost_blocks_cost_no_window() -> None:
+    found = lost_figures(range(60_001, 60_004), "blocks")
+    assert found["windows_lost"] == 0
+    assert found["shift_rms_std"] < 0.6
+
+
+def test_what_was_refused_says_why() -> None:
+    generator = np.random.default_rng(4)
+    found = [
+        each
+        for seed in range(60_001, 60_005)
+        for each in identify(triplet(seed).samples[: generator.integers(2000, 4000)], 10.0).refused
+    ]
+    assert all(each.code and each.text for each in found)

@@ -1,0 +1,70 @@
+"""The spectral matrix of close modes and what the fit needs of it, against independent routes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.oma.whittle.fit import _State, prior_noise
+from pipeline.oma.whittle.narrow_band import NarrowBand
+from pipeline.oma.whittle.spectral_model import CloseModes, expected_matrices, leaked, stepped
+
+
+def two_modes() -> tuple[CloseModes, NarrowBand]:
+    generator = np.random.default_rng(0)
+    root = 0.2 * generator.standard_normal((4, 9))
+    modes = CloseModes(
+        positions=np.array([100.3, 103.1]),
+        half_widths=np.array([1.5, 1.0]),
+        shapes=generator.standard_normal((4, 2)),
+        forces=np.array([[1.0, 0.0], [0.3 + 0.2j, 0.8]]),
+        colour=1.3,
+        noise=root @ root.T,
+    ).normalised()
+    numbers = np.arange(90.0, 115.0)
+    lower = np.linalg.cholesky(expected_matrices(modes, numbers))
+    white = generator.standard_normal((2, 25, 4, 1)) / np.sqrt(2)
+    lines = (lower @ (white[0] + 1j * white[1]))[:, :, 0]
+    matrices = lines[:, :, None] * lines[:, None, :].conj()
+    return modes, NarrowBand(matrices, numbers, 1, np.ones(4), 600.0, np.zeros(4, dtype=np.int64))
+
+
+def test_the_gradient_is_that_of_differences() -> None:
+    modes, band = two_modes()
+    prior = prior_noise(band)
+    gradient, _ = _State(modes, band, prior).curvature()
+    for place, derivative in enumerate(gradient):
+        step = np.zeros(len(gradient))
+        step[place] = 1e-5
+        up, down = (_State(stepped(modes, s), band, prior).cost for s in (step, -step))
+        assert derivative == pytest.approx((up - down) / 2e-5, abs=1e-6)
+
+
+def test_the_information_is_that_of_whole_matrices() -> None:
+    modes, band = two_modes()
+    _, information = _State(modes, band, prior_noise(band)).curvature()
+    n = len(information)
+    inverse = np.linalg.inv(expected_matrices(modes, band.numbers))
+    derivatives = []
+    for step in 1e-5 * np.eye(n):
+        up, down = (expected_matrices(stepped(modes, s), band.numbers) for s in (step, -step))
+        derivatives.append(inverse @ (up - down) / 2e-5)
+    whole = np.array(
+        [[np.einsum("kij,kji->", a, b).real for b in derivatives] for a in derivatives]
+    )
+    whole[8, 8] += 1 / 4  # the prior of the colour
+    np.testing.assert_allclose(information, whole, atol=1e-7)
+
+
+def test_the_background_never_becomes_less_likely() -> None:
+    modes, band = two_modes()
+    prior = prior_noise(band)
+    state = _State(modes, band, prior)
+
+    after = _State(replace(modes, noise=state.noise_given_lines()), band, prior)
+    assert after.cost <= state.cost
+
+
+def test_leakage_vanishes_for_a_mode_that_the_window_resolves() -> None:
+    sigma = 2 * np.pi * np.array([-60.0 + 3j])
+    np.testing.assert_allclose(leaked(sigma)[0], -1 / sigma, rtol=0.01)
