@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,10 @@ def environment(uv: str, folder: Path, wheel: Path, python: str, resolution: str
     """Make an environment with the wheel; return its Python."""
     run(uv, "venv", "--quiet", "--python", python, folder)
     interpreter = folder / "bin" / "python"
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        direct = tomllib.load(file)["project"]["dependencies"]  # named, so that these are lowest
     run(uv, "pip", "install", "--quiet", "--python", interpreter,
-        "--resolution", RESOLUTIONS[resolution], wheel)  # fmt: skip
+        "--resolution", RESOLUTIONS[resolution], wheel, *direct)  # fmt: skip
     return interpreter
 
 
