@@ -23,7 +23,7 @@ from pipeline.archive.store import (
     Frame,
     messages_in,
 )
-from pipeline.archive.survey import FileSurvey, surveyed, without_copies
+from pipeline.archive.survey import FileSurvey, SurveyCache, surveyed, without_copies
 from pipeline.archive.tables import ArchiveTables, ReprocessingRecord
 from pipeline.archive.tracking import ArchiveTracking
 from pipeline.archive.turbines import TurbineArchive, archived_turbines
@@ -39,6 +39,7 @@ from pipeline.recording.atomic_write import written_whole
 from sensors.errors import InputError
 
 FINISHED = ".finished"  # folder of what is kept from run to run, within the results
+SURVEYS = ".surveys"  # the same for what is known of files that have not changed
 SUMMARY = "reprocess.json"
 
 Report = Callable[[str, int, int], None]  # phase, done, of how many
@@ -119,13 +120,16 @@ class _Reprocessing:
 
     def _surveys(self, files: Sequence[Path]) -> list[FileSurvey]:
         self._report.files = len(files)
-        calls = (Call(f"survey-{path}", surveyed, path) for path in files)
-        found = []
-        for done, outcome in enumerate(self._workers.outcomes(calls), start=1):
+        cache = SurveyCache(FinishedResults(self._out / SURVEYS))
+        known = {path: cache.get(path) for path in files}
+        found = [survey for survey in known.values() if survey is not None]
+        calls = (Call(f"survey-{path}", surveyed, path) for path in files if known[path] is None)
+        for done, outcome in enumerate(self._workers.outcomes(calls), start=len(found) + 1):
             if isinstance(outcome.result, Failed):
                 self._fail(str(outcome.call.argument), outcome.result)
             else:
                 found.append(outcome.result)
+                cache.put(outcome.result.path, outcome.result)
             self._say("reading", done, len(files))
         found.sort(key=lambda survey: survey.path)
         originals, copies = without_copies(found)

@@ -2,19 +2,28 @@
 
 file ─► fingerprint of its bytes
      ─► parts: one a session of an acquisition unit, by turbine
+
+A survey is kept by path, size and time of the last change, so that a file's bytes are hashed once.
+Changed content with an unchanged size and an unchanged time (in nanoseconds) is taken for the same:
+recordings are written once.
 """
 
 import glob
 import hashlib
+import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
+from pipeline.archive.store import FinishedResults, Frame, frames_of, key_of_result, messages_in
 from pipeline.messages import StreamGap
 from pipeline.recording.info import RecordingInfo, UnitInfo, recording_info
+from pipeline.transport.errors import CodecError
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 
+SURVEY = "survey"  # kind of a kept survey
 PIECE = 2**20  # that is read of a file at a time for its fingerprint [bytes]
 
 
@@ -134,3 +143,71 @@ def without_copies(surveys: Sequence[FileSurvey]) -> tuple[list[FileSurvey], lis
         else:
             originals[survey.fingerprint] = survey
     return list(originals.values()), copies
+
+
+_KEPT_FIELDS = tuple(field.name for field in fields(Part) if field.name not in ("path", "gaps"))
+
+
+class SurveyCache:
+    """The surveys of earlier runs among an archive's finished results."""
+
+    def __init__(self, finished: FinishedResults) -> None:
+        self._finished = finished
+
+    def get(self, path: Path) -> FileSurvey | None:
+        """The survey of a file as it is now; None if there is none."""
+        key = _key(path)
+        frames = None if key is None else self._finished.get(key)
+        if frames is None:
+            return None
+        try:
+            return decoded_survey(path, frames)
+        except (CodecError, ValueError, KeyError, TypeError):
+            return None  # damaged: the file is read again
+
+    def put(self, path: Path, survey: FileSurvey) -> None:
+        """Keep a survey. Raises OSError if the disk is full."""
+        key = _key(path)
+        if key is not None:
+            self._finished.put(key, encoded_survey(survey))
+
+
+def _key(path: Path) -> str | None:
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return key_of_result(SURVEY, str(path.resolve()), f"{status.st_size} {status.st_mtime_ns}")
+
+
+def encoded_survey(survey: FileSurvey) -> tuple[Frame, ...]:
+    """A survey as it is kept: one table, then the gaps part by part, then the layouts."""
+    table = {
+        "fingerprint": survey.fingerprint,
+        "scenario": survey.scenario,
+        "parts": [_part_table(part) for part in survey.parts],
+    }
+    gaps = [gap for part in survey.parts for gap in part.gaps]
+    return ((SURVEY, json.dumps(table).encode()), *frames_of((*gaps, *survey.layouts)))
+
+
+def _part_table(part: Part) -> dict[str, Any]:
+    content = {name: getattr(part, name) for name in _KEPT_FIELDS}
+    return {**content, "gaps": len(part.gaps)}
+
+
+def decoded_survey(path: Path, frames: tuple[Frame, ...]) -> FileSurvey:
+    """A survey that was kept. Raises CodecError, ValueError, KeyError, TypeError: it is damaged."""
+    kind, content = frames[0]
+    if kind != SURVEY:
+        raise ValueError(f"{kind!r} is no survey")
+    table = json.loads(content)
+    messages = list(messages_in(frames[1:]))
+    gaps = iter([each for each in messages if isinstance(each, StreamGap)])
+    parts = []
+    for each in table["parts"]:
+        own = tuple(next(gaps) for _ in range(each.pop("gaps")))
+        parts.append(Part(path=path, gaps=own, **each))
+    layouts = tuple(each for each in messages if isinstance(each, SensorLayout))
+    scenario = tuple((str(name), str(text)) for name, text in table["scenario"])
+    return FileSurvey(path, table["fingerprint"], tuple(parts), layouts, scenario)

@@ -19,7 +19,7 @@ from pipeline.cli.live import certificates, control, feed, publish
 from pipeline.cli.modes import describe, identify, modes
 from pipeline.cli.new import new
 from pipeline.cli.recordings import export, import_files, info, salvage, simulate
-from pipeline.cli.report import report, show
+from pipeline.cli.report import audit, report, show
 from pipeline.cli.run import node, run
 from pipeline.cli.status import ack, metrics, notices, status
 from pipeline.cli.update import reproduce, update
@@ -34,7 +34,7 @@ app = typer.Typer(
     rich_markup_mode="markdown",
 )
 PANELS: dict[str, tuple[Callable[..., None], ...]] = {
-    "A session": (run, new, status, control, show, report),
+    "A session": (run, new, status, control, show, report, audit),
     "Recordings and files": (simulate, import_files, info, salvage, export),
     "Modes and stiffness": (identify, modes, describe, update, reproduce),
     "Instruments, parts and alarms": (feed, publish, node, certificates, metrics, notices, ack),

@@ -108,7 +108,7 @@ def feed(
 
 def _sniff(address: str, seconds: float) -> None:
     """Print topics, channels and a mapping of what comes in some seconds."""
-    from sensors.feeds.message_capture import captured_messages
+    from sensors.feeds.open_feed import captured_messages
     from sensors.feeds.payloads.sniff import sniffed
 
     with stop_on_signals() as stopping:

@@ -9,6 +9,7 @@ import typer
 from pipeline.cli.console import (
     VIEW_HELP,
     JsonOption,
+    escape_markup,
     open_view,
     output,
     progress,
@@ -95,3 +96,25 @@ def _serve(pictures: Path) -> None:
     require_pictures(pictures)
     with open_view("web", pictures) as shown, stop_on_signals() as stopping:
         shown.wait(stopping)
+
+
+def audit(
+    folder: Annotated[Path, typer.Argument(help="Folder of one or several runs: their --out.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Check that every block, window and estimate of a folder's runs has one fate.
+
+    Exit code 0: the books balance; 1: they do not, each place in a line.
+    """
+    from pipeline.offline.audit import audit as audit_folder
+
+    with stderr.status(f"reading {folder}"):
+        found = audit_folder(folder)
+    if as_json:
+        output.print_json(json.dumps(found.as_json()))
+    else:
+        output.print(escape_markup(found.line), soft_wrap=True)
+        for text in found.violations:
+            output.print(escape_markup(f"  {text}"), soft_wrap=True)
+    if found.violations:
+        raise typer.Exit(1)

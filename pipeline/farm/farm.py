@@ -110,8 +110,25 @@ def pooled_farm(
     generator = np.random.default_rng(settings.seed)
     coordinates = SpringCoordinates(nominal_of(members[0]))
     evidence = [evidence_of(each, coordinates, generator) for each in members]
-    drawn = pooled(StackedEvidence.of(evidence), settings.population, generator, settings.gibbs)
+    drawn = pooled(
+        StackedEvidence.of(evidence),
+        settings.population,
+        generator,
+        settings.gibbs,
+        equal_spreads(coordinates),
+    )
     return _told(members, left_out, drawn, coordinates, settings.population)
+
+
+def equal_spreads(coordinates: SpringCoordinates) -> FloatArray:
+    """Covariance (3, 3) of x where ln k11, ln k22, ln k12 have unit variance and are independent.
+
+    S = G⁻¹ G⁻ᵀ with d ln k = G dx to first order about the nominal foundation; see `log_spreads`.
+    """
+    coupling = coordinates.nominal[2] / np.sqrt(coordinates.nominal[0] * coordinates.nominal[1])
+    gradient = np.array([[1, 0, 0], [0, 1, 0], [0.5, 0.5, (1 - coupling**2) / coupling]])
+    inverse = np.linalg.inv(gradient)
+    return np.asarray(inverse @ inverse.T, dtype=np.float64)
 
 
 def _told(

@@ -1,9 +1,9 @@
 """How a farm is drawn: the full conditionals of the model of `pooling`, in its symbols.
 
 Gibbs sampling, b_i integrated out where that can be done: first each z_i with its component of the
-likelihood, then μ, then Σ by a walk, then b_i, x_i, Σ and a once more, ε. Where turbines are known
-no better than they differ, Σ given b crawls and the walk does not; where they are known well, the
-other way round. Chains run side by side in the leading axis of every array.
+likelihood, then μ, then Σ and τ by a walk, then b_i, x_i, Σ and τ once more, ε. Where turbines are
+known no better than they differ, Σ given b crawls and the walk does not; where they are known well,
+the other way round. Chains run side by side in the leading axis of every array.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,6 +21,7 @@ from sensors.arrays import FloatArray
 
 STEPS = (0.2, 0.4, 0.8)  # of the walk, in ln Σ
 STRETCH = 1.5  # of one standard deviation, in its logarithm
+JOINT_STEPS = 2  # of all standard deviations with τ, and of τ alone
 
 
 @dataclass(slots=True, eq=False)
@@ -29,21 +30,30 @@ class State:
 
     mean: FloatArray  # μ, (n_chains, d)
     covariance: FloatArray  # Σ, (n_chains, d, d)
-    scales: FloatArray  # a, (n_chains, d)
+    spread: FloatArray  # τ, (n_chains,)
     outlier_share: FloatArray  # ε, (n_chains,)
 
 
 class Gibbs:
-    """The full conditionals, for all chains at once."""
+    """The full conditionals, for all chains at once.
+
+    shape   S of `pooling`, (d, d); None: the unit matrix
+    """
 
     def __init__(
-        self, evidence: StackedEvidence, prior: PopulationPrior, generator: np.random.Generator
+        self,
+        evidence: StackedEvidence,
+        prior: PopulationPrior,
+        generator: np.random.Generator,
+        shape: FloatArray | None = None,
     ) -> None:
         self._evidence = evidence
         self._prior = prior
         self._generator = generator
         self._d = evidence.means.shape[2]
         self._outlier = prior.outlier_std**2 * np.eye(self._d)  # W
+        self._degrees = self._d + 1 + prior.alike  # κ
+        self._shape = prior.alike * (np.eye(self._d) if shape is None else shape)  # (κ − d − 1) S
 
     def start(self, n_chains: int) -> State:
         """Chains apart from each other: about one turbine each, with spreads from narrow to
@@ -52,8 +62,8 @@ class Gibbs:
         spreads = self._prior.spread_scale * np.geomspace(0.1, 2.0, n_chains)
         return State(
             mean=self._evidence.means[turbines, 0],
-            covariance=spreads[:, None, None] ** 2 * np.eye(self._d),
-            scales=np.full((n_chains, self._d), self._prior.spread_scale**2),
+            covariance=spreads[:, None, None] ** 2 * self._shape / self._prior.alike,
+            spread=spreads,
             outlier_share=self._generator.beta(
                 self._prior.outliers, self._prior.regular, size=n_chains
             ),
@@ -73,16 +83,16 @@ class Gibbs:
         )
         noise = seen_covariance + outlying[..., None, None] * self._outlier
         state.mean = self._mean(seen, noise + state.covariance[:, None])
-        state.covariance = self._walked(state, seen, noise)
-        state.scales = self._scales(state.covariance)
+        self._walk(state, seen, noise)
+        self._walk_spread(state)
         regular = self._between(
             state.mean[:, None], _inverse(state.covariance)[:, None], seen, noise
         )
         outlier_precision = _inverse(self._outlier)
         different = self._between(regular, outlier_precision, seen, seen_covariance)
         points = np.where(outlying[..., None], different, regular)
-        state.covariance = self._covariance(regular - state.mean[:, None], state.scales)
-        state.scales = self._scales(state.covariance)
+        state.covariance = self._covariance(regular - state.mean[:, None], state.spread)
+        self._walk_spread(state)
         count, n_turbines = outlying.sum(axis=1), outlying.shape[1]
         state.outlier_share = self._generator.beta(
             self._prior.outliers + count, self._prior.regular + n_turbines - count
@@ -128,29 +138,50 @@ class Gibbs:
         weighted = (precision @ centre[..., None] + seen_precision @ seen[..., None])[..., 0]
         return self._gaussian(weighted, precision + seen_precision)
 
-    def _walked(self, state: State, seen: FloatArray, noise: FloatArray) -> FloatArray:
-        """Σ, (n_chains, d, d), by Metropolis steps with b and a integrated out.
+    def _walk(self, state: State, seen: FloatArray, noise: FloatArray) -> None:
+        """Σ and τ by Metropolis steps with b integrated out, the state's in place.
 
         Steps A of the linear group, Σ → A Σ Aᵀ, as often A as A⁻¹: a walk that looks the same from
         everywhere on the cone of positive definite matrices, reversible with respect to
-        |Σ|^−(d+1)/2 dΣ. Small ones in every direction; and long ones of one standard deviation
-        alone, which may be near zero while the others are well known.
+        |Σ|^−(d+1)/2 dΣ. Small ones in every direction; long ones of one standard deviation alone,
+        which may be near zero while the others are well known; and long ones of all of them and τ.
         """
         offsets = seen - state.mean[:, None]
 
-        def log_density(covariance: FloatArray) -> FloatArray:
+        def log_density(covariance: FloatArray, spread: FloatArray) -> FloatArray:
             data = log_gaussian(offsets, noise + covariance[:, None]).sum(axis=1)
-            return np.asarray(data + self._log_prior(covariance))
+            return np.asarray(data + self._log_prior(covariance, spread))
 
-        covariance = state.covariance
-        here = log_density(covariance)
-        for step in self._steps(len(covariance)):
-            trial = step(covariance)
-            there = log_density(trial)
-            taken = np.log(self._generator.random(len(here))) < there - here
-            covariance = np.where(taken[:, None, None], trial, covariance)
-            here = np.where(taken, there, here)
-        return covariance
+        here = log_density(state.covariance, state.spread)
+        for step in self._steps(len(here)):
+            trial, spread = step(state.covariance), state.spread
+            here = self._accept(state, trial, spread, here, log_density(trial, spread))
+        for _ in range(JOINT_STEPS):
+            factor = np.exp(STRETCH / 2 * self._generator.standard_normal(len(here)))
+            trial, spread = factor[:, None, None] ** 2 * state.covariance, factor * state.spread
+            here = self._accept(state, trial, spread, here, log_density(trial, spread))
+
+    def _walk_spread(self, state: State) -> None:
+        """τ given Σ, the state's in place; as often up as down in ln τ."""
+        here = self._log_prior(state.covariance, state.spread)
+        for _ in range(JOINT_STEPS):
+            spread = state.spread * np.exp(STEPS[1] * self._generator.standard_normal(len(here)))
+            there = self._log_prior(state.covariance, spread)
+            here = self._accept(state, state.covariance, spread, here, there)
+
+    def _accept(
+        self,
+        state: State,
+        covariance: FloatArray,
+        spread: FloatArray,
+        here: FloatArray,
+        there: FloatArray,
+    ) -> FloatArray:
+        """Take a trial in the chains where Metropolis takes it; the log densities then."""
+        taken = np.log(self._generator.random(len(here))) < there - here
+        state.covariance = np.where(taken[:, None, None], covariance, state.covariance)
+        state.spread = np.where(taken, spread, state.spread)
+        return np.where(taken, there, here)
 
     def _steps(self, n_chains: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
         for length in STEPS:
@@ -168,14 +199,17 @@ class Gibbs:
         root = factor @ vectors * np.exp(values / 2)[:, None]
         return root @ np.swapaxes(root, 1, 2)
 
-    def _log_prior(self, covariance: FloatArray) -> FloatArray:
-        """of Σ, a integrated out, with respect to |Σ|^−(d+1)/2 dΣ."""
-        nu, d = self._prior.spread_degrees, self._d
+    def _log_prior(self, covariance: FloatArray, spread: FloatArray) -> FloatArray:
+        """Of Σ and τ, with respect to |Σ|^−(d+1)/2 dΣ d ln τ."""
+        nu, d, degrees = self._prior.spread_degrees, self._d, self._degrees
         factor = np.linalg.cholesky(covariance)
         log_determinant = 2 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-        stiff = np.diagonal(_inverse(covariance), axis1=1, axis2=2)
-        away = np.log(nu * stiff + 1 / self._prior.spread_scale**2).sum(axis=1)
-        return np.asarray(-(nu + d - 1) / 2 * log_determinant - (nu + d) / 2 * away)
+        trace = np.trace(self._shape @ _inverse(covariance), axis1=1, axis2=2)
+        of_covariance = (
+            degrees * d * np.log(spread) - degrees / 2 * log_determinant - spread**2 * trace / 2
+        )
+        tail = np.log1p((spread / self._prior.spread_scale) ** 2 / nu)
+        return np.asarray(of_covariance + np.log(spread) - (nu + 1) / 2 * tail)
 
     def _gaussian(self, weighted: FloatArray, precision: FloatArray) -> FloatArray:
         """Draws of N(P⁻¹ w, P⁻¹), (..., d), w (..., d), P (..., d, d)."""
@@ -184,18 +218,10 @@ class Gibbs:
         mean = np.linalg.solve(precision, weighted[..., None])
         return (mean + np.linalg.solve(factor, normal[..., None]))[..., 0]
 
-    def _covariance(self, offsets: FloatArray, scales: FloatArray) -> FloatArray:
-        """Σ, (n_chains, d, d), given b − μ, (n_chains, n_turbines, d), and a."""
-        nu, n_turbines = self._prior.spread_degrees, offsets.shape[1]
-        scatter = np.swapaxes(offsets, 1, 2) @ offsets + 2 * nu * _diagonal(1 / scales)
-        return inverse_wishart(nu + self._d - 1 + n_turbines, scatter, self._generator)
-
-    def _scales(self, covariance: FloatArray) -> FloatArray:
-        """a, (n_chains, d), given Σ: IG((ν + d)/2, ν (Σ⁻¹)_jj + 1/A²)."""
-        nu, scale = self._prior.spread_degrees, self._prior.spread_scale
-        precision = np.diagonal(_inverse(covariance), axis1=1, axis2=2)
-        gamma = self._generator.standard_gamma((nu + self._d) / 2, size=precision.shape)
-        return (nu * precision + 1 / scale**2) / gamma
+    def _covariance(self, offsets: FloatArray, spread: FloatArray) -> FloatArray:
+        """Σ, (n_chains, d, d), given b − μ, (n_chains, n_turbines, d), and τ, (n_chains,)."""
+        scatter = np.swapaxes(offsets, 1, 2) @ offsets + spread[:, None, None] ** 2 * self._shape
+        return inverse_wishart(self._degrees + offsets.shape[1], scatter, self._generator)
 
 
 def inverse_wishart(
@@ -213,11 +239,6 @@ def inverse_wishart(
     bartlett[:, np.arange(d), np.arange(d)] = diagonal
     factor = np.linalg.solve(bartlett, np.swapaxes(np.linalg.cholesky(scale), 1, 2))  # A⁻¹ Lᵀ
     return np.swapaxes(factor, 1, 2) @ factor
-
-
-def _diagonal(values: FloatArray) -> FloatArray:
-    """(n, d, d) with (n, d) values on the diagonals."""
-    return values[:, :, None] * np.eye(values.shape[1])
 
 
 def _inverse(matrices: FloatArray) -> FloatArray:

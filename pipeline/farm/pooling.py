@@ -6,10 +6,13 @@
     data_i ~ p(data_i | x_i)     a mixture of Gaussians in x_i (`evidence`)
 
     μ ~ N(0, s² I),   ε ~ Beta(α, β)
-    Σ | a ~ IW(ν + d − 1, 2ν diag(1/a)),   a_j ~ IG(1/2, 1/A²)
+    Σ | τ ~ IW(κ, (κ − d − 1) τ² S),   κ = d + 1 + `alike`,   τ ~ half-t(ν, A)
 
-which gives each standard deviation √Σ_jj a half-Student-t prior with ν degrees of freedom and scale
-A, and for ν = 2 each correlation a uniform one (Huang and Wand 2013, Bayesian Analysis 8, 439).
+so that E Σ = τ² S: one spread τ for all springs, of the shape S that equal and independent spreads
+of ln k11, ln k22 and ln k12 have in x, which `alike` degrees of freedom hold Σ to. Why not a free
+Σ: five turbines cannot show six numbers, and a farm that is pooled by a Σ of its noise is pooled
+too little or too much. τ is inferred with its uncertainty (half-t: Gelman 2006, Bayesian Analysis
+1, 515).
 
 An outlier's o_i takes up what is unlike the others, so that it widens neither Σ nor their
 posteriors; the probability of z_i = 1 says how sure that is (Box and Tiao 1968, Biometrika 55, 119,
@@ -55,10 +58,14 @@ def pooled(
     prior: PopulationPrior,
     generator: np.random.Generator,
     settings: GibbsSettings | None = None,
+    shape: FloatArray | None = None,
 ) -> PooledDraws:
-    """Draws of the population and of every turbine given all turbines' evidence."""
+    """Draws of the population and of every turbine given all turbines' evidence.
+
+    shape   S, (d, d); None: the unit matrix
+    """
     settings = settings or GibbsSettings()
-    gibbs = Gibbs(evidence, prior, generator)
+    gibbs = Gibbs(evidence, prior, generator, shape)
     state = gibbs.start(settings.chains)
     for _ in range(settings.burn_in):
         gibbs.sweep(state)

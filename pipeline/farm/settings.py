@@ -17,13 +17,21 @@ class PopulationPrior:
 
     mean_std: float = 1.0  # s, of the farm's mean about nominal [-]
     spread_scale: float = 0.05  # A: half of all spreads are thought to lie below .8 A [-]
-    spread_degrees: float = 2.0  # ν: 2 leaves every correlation as likely as another
+    spread_degrees: float = 2.0  # ν: of the half-t prior of the spread τ
+    alike: float = 10.0  # degrees of freedom that hold the three springs to one spread τ
     outlier_std: float = 0.1  # √W, of an outlier about what it should be: scour takes a tenth [-]
     outliers: float = 1.0  # α, as if so many turbines had been seen to be outliers …
     regular: float = 19.0  # β, … and so many not to be: one in twenty
 
     def __post_init__(self) -> None:
-        for name in ("mean_std", "spread_scale", "spread_degrees", "outlier_std", "outliers"):
+        for name in (
+            "mean_std",
+            "spread_scale",
+            "spread_degrees",
+            "outlier_std",
+            "outliers",
+            "alike",
+        ):
             if not 0 < getattr(self, name) < np.inf:
                 raise FarmError(f"population {name} is {getattr(self, name)}; it must be positive")
         if not 0 < self.regular < np.inf:

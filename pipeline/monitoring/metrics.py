@@ -34,7 +34,11 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 LAST_PORT = 65_535
-LEVELS = (("0.05", "p05"), ("0.5", "median"), ("0.95", "p95"))  # `quantile` is for summaries
+QUANTILE_LEVELS = (
+    ("0.05", "p05"),
+    ("0.5", "median"),
+    ("0.95", "p95"),
+)  # `quantile` is for summaries
 COUNTED_BY_NODES = ("lost", "recovered", "late", "duplicate", "malformed")
 
 Families = Iterable["Metric"]
@@ -215,7 +219,7 @@ class MetricsNode:
                 ((turbine, p.name, level), getattr(p, field) / p.nominal)
                 for turbine, posterior in posteriors
                 for p in posterior.parameters[:3]
-                for level, field in LEVELS
+                for level, field in QUANTILE_LEVELS
             ),
         )
         yield gauge(

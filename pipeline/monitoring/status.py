@@ -12,6 +12,7 @@ from pathlib import Path
 
 from pipeline.messages import FoundationPosterior, Message, StreamGap
 from pipeline.nodes.node import NodeStatistics
+from pipeline.state.books import Books
 from pipeline.state.health import Health, NodeHealth, StreamHealth
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import posterior_summary
@@ -40,6 +41,7 @@ class StatusNode:
         self._source = source
         self._clock = clock
         self._health = Health()
+        self._books = Books()
         self._newest: dict[str, int] = {}  # turbine → number of its latest block
         self._posteriors: dict[str, FoundationPosterior] = {}  # by turbine
         self._asked = threading.Lock()
@@ -48,6 +50,7 @@ class StatusNode:
         """Take note of a message. Gives nothing back."""
         with self._asked:
             self._health.observe(message, self._clock())
+            self._books.handle(message)
             if isinstance(message, AccelerationBlock):
                 self._newest[message.turbine] = message.sequence
             elif isinstance(message, FoundationPosterior):
@@ -74,6 +77,7 @@ class StatusNode:
                 "nodes": [self._node(each) for each in self._health.nodes(now_ns)],
                 "streams": [_stream(each) for each in self._health.streams(now_ns)],
                 "gaps": [_gap(each) for each in self._health.gaps[-GAPS_TOLD:]],
+                "books": self._books.as_json(),
                 "posteriors": [_posterior(each) for each in self._posteriors.values()],
             }
 

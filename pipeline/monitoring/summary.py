@@ -24,6 +24,7 @@ from pipeline.messages import (
 )
 from pipeline.nodes.by_turbine import of_kind
 from pipeline.nodes.node import NodeStatistics
+from pipeline.state.books import Books
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import empty_summary, posterior_summary
 from pipeline.state.run_modes import CombinedMode, combined_modes
@@ -54,7 +55,10 @@ class SessionSummary:
     first_ns: int | None = None  # of the first block that the source gave
     last_ns: int | None = None
     published: int = 0  # acceleration blocks
+    books: Books = field(default_factory=Books)
     heard: dict[tuple[str, ...], int] = field(default_factory=dict)  # a unit's session → sequence
+
+    others: dict[str, "SessionSummary"] = field(default_factory=dict)  # of a farm, by turbine
 
     name = "summary"
 
@@ -62,14 +66,16 @@ class SessionSummary:
     def inputs(self) -> tuple[type, ...]:
         """What it takes: results and accounts, and blocks where these are counted by hearing."""
         results = (ModalEstimate, WindowRejected, FoundationEvent, FoundationPosterior)
-        told = (StreamGap, FoundationTruth, NodeStatus)
-        return (*results, *told, *((AccelerationBlock,) if self.live else ()))
+        accounts = (StreamGap, FoundationTruth, NodeStatus)
+        return (*results, *accounts, *((AccelerationBlock,) if self.live else ()))
 
     def handle(self, message: Message) -> Iterable[Message]:
+        self.books.handle(message)
         if isinstance(message, AccelerationBlock):
             self._hear(message)
-        if getattr(message, "turbine", self.turbine) != self.turbine:
-            return ()  # another of the farm
+        turbine = getattr(message, "turbine", self.turbine)
+        if turbine != self.turbine:
+            return () if isinstance(message, AccelerationBlock) else self._of(turbine, message)
         match message:
             case ModalEstimate():
                 self._add_estimate(message)
@@ -88,6 +94,13 @@ class SessionSummary:
                 self.statuses[message.node] = message
         return ()
 
+    def _of(self, turbine: str, message: Message) -> Iterable[Message]:
+        """Another turbine of the farm."""
+        return self._other(turbine).handle(message)
+
+    def _other(self, turbine: str) -> "SessionSummary":
+        return self.others.setdefault(turbine, SessionSummary(self.source, turbine, live=self.live))
+
     def _hear(self, block: AccelerationBlock) -> None:
         """A block of a live unit, whichever turbine's; one that comes again is the same one."""
         unit = (block.turbine, block.unit, block.session)
@@ -101,6 +114,7 @@ class SessionSummary:
             self.count(block)
         else:
             self.published += 1
+            self._other(block.turbine).count(block)
 
     def _add_estimate(self, estimate: ModalEstimate) -> None:
         """A window once, even where a restarted identification has seen it again."""
@@ -151,9 +165,13 @@ class SessionSummary:
 
     def count(self, block: AccelerationBlock) -> None:
         """A block that the source publishes."""
+        if not self.live:
+            self.books.handle(block)
         self.published += 1
         self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
         self.last_ns = max(self.last_ns or 0, block.end_ns)
+        if block.turbine != self.turbine:
+            self._other(block.turbine).count(block)
 
     @property
     def modes(self) -> list[CombinedMode]:
@@ -177,9 +195,16 @@ class SessionSummary:
         return (self.last_ns - self.first_ns) / NANOSECONDS
 
     def as_json(self, wall: float) -> Json:
-        """wall: how long the session took [s]."""
-        figures: Json = with_nulls(self._figures(wall))
-        return figures
+        """Of the session's first turbine; of a farm also each turbine's own under `turbines`.
+
+        wall: how long the session took [s].
+        """
+        figures = self._figures(wall)
+        if self.others:
+            members = {self.turbine: self, **self.others}
+            figures["turbines"] = [members[name]._figures(wall) for name in sorted(members)]
+        answer: Json = with_nulls(figures)
+        return answer
 
     def _figures(self, wall: float) -> Json:
         return {
@@ -195,6 +220,7 @@ class SessionSummary:
             "events": [self._event(each) for each in self.events],
             "warnings": [{"code": each.code, "text": each.text} for each in self.doubts],
             "stream": self._stream(),
+            "books": self.books.as_json(),
             "timing": {
                 "wall_s": wall,
                 "realtime_factor": self.duration / wall if wall > 0 else None,

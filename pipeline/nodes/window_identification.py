@@ -22,6 +22,7 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.stabilization import PoleCloud
 from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
+from pipeline.oma.windows.missing_samples import MOST_MISSING
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR, ClockFit, ClockStep, text_of_step
 from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus
@@ -237,19 +238,26 @@ class WindowIdentification:
                 settings_for_channels(self._settings, left),
                 channel_names=left,
             )
+        if window.gaps:
+            return identify(
+                window.samples, window.sampling_rate, self._settings, channel_names=names
+            )
         assert self._stretch is not None  # a window without a gap lies in the running stretch
         hops = window.index - self._origin // self._stretch.hop_samples
         return self._stretch.identify(hops, window.samples, channel_names=names)
 
     def _missing_units(self, window: Window) -> dict[str, float]:
         """Units that lack samples on all of their channels, and for how long [s]."""
-        if window.gaps:  # all of them did; such a window holds no samples
+        if not window.samples.size:
             return {}
         absent = np.isnan(window.samples)
         lacking = {
             unit: int(absent[:, own].all(axis=1).sum()) for unit, own in self._columns.items()
         }
-        return {unit: count / window.sampling_rate for unit, count in lacking.items() if count}
+        most = MOST_MISSING * len(window.samples)
+        return {
+            unit: count / window.sampling_rate for unit, count in lacking.items() if count > most
+        }
 
     def _clock_doubts(
         self, window: Window, result: Identification, missing: dict[str, float]
@@ -267,7 +275,7 @@ class WindowIdentification:
 
     def _refusal(self, window: Window, missing: dict[str, float]) -> QualityWarning | None:
         """Why a window cannot be identified at all, before its samples are looked at."""
-        if window.gaps:
+        if window.gaps and not window.samples.size:
             gap = max(window.gaps, key=lambda g: g.n_samples)
             others = f" ({len(window.gaps)} gaps in all)" if len(window.gaps) > 1 else ""
             return QualityWarning(

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from pipeline.messages import Mode, QualityWarning
 from pipeline.oma.band_merging import merged
-from pipeline.oma.closely_spaced_modes import UNRESOLVED, twin_pairs, with_close_pairs
+from pipeline.oma.close_modes import UNRESOLVED, RefusedMode, resolved_by_evidence
+from pipeline.oma.coincident_pairs import twin_pairs
 from pipeline.oma.data_quality.input_checks import (
     HARMONIC_DAMPING,
     Finding,
@@ -30,6 +31,8 @@ from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.ssi.measured_quantities import integrations_of
 from pipeline.oma.ssi.preprocessing import decimated, without_offset
 from pipeline.oma.ssi.stabilization import PoleCloud
+from pipeline.oma.whittle.narrow_band import WindowSpectrum
+from pipeline.oma.windows.missing_samples import filled, on_even_grid
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 
@@ -51,6 +54,7 @@ class Identification:
         None  # the window cannot be identified; `modes` is empty then
     )
     diagrams: tuple[PoleCloud, ...] = ()  # stabilisation diagram of each band, slowest first
+    refused: tuple[RefusedMode, ...] = ()  # what looked like a mode and is none, and why
 
 
 def identify(
@@ -72,17 +76,21 @@ def identify(
 
     Shapes are in the samples' own units: a channel in g beside one in m/s² reads accordingly.
     Of channels that measure different quantities, they are those of the accelerations.
-    A window with a gap, NaN or a dead channel is rejected, which is a value and no exception.
+    Up to 5 % of missing samples (NaN, or steps of `times`) are filled by prediction. A window that
+    lacks more, or has a dead channel, is rejected, which is a value and no exception.
     Raises OmaSettingsError when the sampling rate is too low for the frequencies asked for, or a
     reference channel is unknown.
     """
     settings = settings or OmaSettings()
     names = channel_names or default_names(samples.shape[1])
     references = references_among(names, settings)
+    gridded = None if times is None else on_even_grid(samples, times, sampling_rate)
+    if gridded is not None:
+        samples, times = gridded
     findings = check_window(samples, sampling_rate, channel_names=names, times=times)
     if rejection_in(findings) is not None:
         return Identification((), (), rejection_in(findings))
-    clean = mended(np.asarray(samples, dtype=np.float64), findings)
+    clean = mended(filled(samples, sampling_rate), findings)
     if times is not None and any(f.code in ("uneven-clock", "sampling-rate") for f in findings):
         clean = evenly_sampled(clean, times)
         sampling_rate = (len(times) - 1) / float(times[-1] - times[0])
@@ -123,12 +131,16 @@ def concluded(
     steady   the window's samples, free of offset, (n, n_channels)
     """
     modes, harmonics = [], []
+    refused: list[RefusedMode] = []
+    duration = len(steady) / sampling_rate
     for each in merged([band.modes for band in by_band], [band.band for band in by_band]):
         mode = each.mode
         if hardly_damped(mode) and is_harmonic(steady, sampling_rate, mode.frequency):
             harmonics.append(mode)
-        elif known_as_modes_are(mode, len(steady) / sampling_rate, settings, alone=each.alone):
+        elif (why := why_refused(mode, duration, settings, alone=each.alone)) is None:
             modes.append(mode)
+        else:
+            refused.append(RefusedMode(mode.frequency, mode.damping_ratio, *why))
     warnings = [finding.warning for finding in findings]
     warnings += [
         QualityWarning(
@@ -139,13 +151,21 @@ def concluded(
         for mode in harmonics
     ]
     twins = _twins_beside(by_band, [*modes, *harmonics])
-    warnings += [_told(each) for each in twins]
-    pairs = twin_pairs(twins, steady, sampling_rate, integrations)
-    single = with_close_pairs(modes, steady, sampling_rate, integrations)
+    by_evidence = resolved_by_evidence(
+        modes,
+        refused,
+        twins,
+        WindowSpectrum(steady, sampling_rate, integrations),
+        settings,
+    )
+    alike = _twins_beside(by_band, [*by_evidence.modes, *harmonics])
+    warnings += [_coincident(each) for each in alike]
+    pairs = twin_pairs(alike, steady, sampling_rate, integrations)
     return Identification(
-        tuple(sorted([*single, *pairs], key=lambda mode: mode.frequency)),
+        tuple(sorted([*by_evidence.modes, *pairs], key=lambda mode: mode.frequency)),
         tuple(warnings),
         diagrams=tuple(band.poles for band in by_band),
+        refused=by_evidence.refused,
     )
 
 
@@ -161,7 +181,7 @@ def _twins_beside(
     return found
 
 
-def _told(twins: CoincidentModes) -> QualityWarning:
+def _coincident(twins: CoincidentModes) -> QualityWarning:
     return QualityWarning(
         "twin-modes",
         f"two modes near {twins.frequency:.4g} Hz are too alike to be told apart, their shapes mix "
@@ -178,10 +198,10 @@ def hardly_damped(mode: Mode) -> bool:
     return bool(mode.damping_ratio + np.nan_to_num(mode.damping_ratio_std) < HARMONIC_DAMPING)
 
 
-def known_as_modes_are(
+def why_refused(
     mode: Mode, duration: float, settings: OmaSettings, *, alone: bool = False
-) -> bool:
-    """Whether a frequency is known as well as that of a mode is.
+) -> tuple[str, str] | None:
+    """Why a frequency is not known as well as that of a mode is: code and text; None where it is.
 
     duration   T of the window [s]
     alone      one band reports it where others should: its f and ζ must be known to .4. Chosen on
@@ -204,19 +224,32 @@ def known_as_modes_are(
     shape_std = float(mode.shape_std.max())
     resolved = mode.damping_ratio * mode.frequency * duration >= UNRESOLVED
     if resolved and shape_std > settings.maximum_shape_std:
-        return False  # a mixture of neighbours, as which it would pass for a mode
+        return "mixture", (
+            f"shape known to {shape_std:.2g}, {settings.maximum_shape_std:g} is the most: "
+            "a mixture of neighbours"
+        )
     bound = float(np.sqrt(mode.damping_ratio / (2 * np.pi * mode.frequency * duration)))
     if relative_std <= AT_BOUND * bound:
-        return True
+        return None
     share = max(relative_std, mode.damping_ratio_std) / mode.damping_ratio
     if alone and share > SHARE_ALONE:
-        return False
+        return "alone", (
+            f"one band of several sees it, and f and ζ are known to {share:.2g} of the half "
+            f"bandwidth only, {SHARE_ALONE:g} is the most"
+        )
     if len(mode.shape) > 1 and shape_std <= WELL_KNOWN_SHAPE and share <= MODERATE_SHARE:
-        return True
-    return (
-        relative_std <= settings.maximum_bound_ratio * bound
-        and share <= settings.maximum_bandwidth_share
-    )
+        return None
+    if relative_std > settings.maximum_bound_ratio * bound:
+        return "vague", (
+            f"frequency std is {relative_std / bound:.3g} times the attainable bound, "
+            f"{settings.maximum_bound_ratio:g} is the most"
+        )
+    if share > settings.maximum_bandwidth_share:
+        return "vague", (
+            f"f and ζ are known to {share:.2g} of the half bandwidth, "
+            f"{settings.maximum_bandwidth_share:g} is the most"
+        )
+    return None
 
 
 def check_window(

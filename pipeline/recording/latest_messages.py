@@ -28,7 +28,7 @@ from pipeline.recording.mcap_file import (
 )
 from pipeline.recording.rotation import RESULTS
 from pipeline.recording.writer import ACTIVE_SUFFIX
-from pipeline.streams import time_of
+from pipeline.streams import STREAMS, time_of
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
 from sensors.acquisition.blocks import AccelerationBlock
@@ -98,6 +98,12 @@ def latest_estimates(files: Sequence[Path], count: int) -> tuple[ModalEstimate, 
 def _is_covered(turbine: str, covered: Mapping[tuple[str, str], float], horizon: float) -> bool:
     own = [duration for (name, _), duration in covered.items() if name == turbine]
     return bool(own) and min(own) >= horizon
+
+
+def readable_messages(path: Path) -> Iterator[Message]:
+    """Every message of a recording that can be read, one in writing included, in its order."""
+    types = tuple(stream.message for stream in STREAMS)
+    return _messages_that_are_whole(path, types)
 
 
 def _newest_first(files: Sequence[Path]) -> list[Path]:

@@ -8,6 +8,7 @@ import html
 from collections.abc import Sequence
 from pathlib import Path
 
+from pipeline.messages import FoundationPosterior
 from pipeline.report import figures
 from pipeline.report.canvas import css_colour
 from pipeline.report.html import (
@@ -167,6 +168,25 @@ def _cards(cards: Sequence[KeyFigure]) -> str:
     return f'<dl class="cards">{items}</dl>\n'
 
 
+def structure_sentence(posterior: FoundationPosterior) -> str:
+    """How the structure was taken, and what makes the intervals."""
+    if posterior.structure != "uncertain":
+        taken = posterior.structure or "exact"
+        return f"The structure is taken as {taken}: its errors are not in these intervals."
+    parts = [
+        f"{each.name} {each.k11:.0%}, {each.k22:.0%}, {each.k12:.0%}"
+        for each in posterior.budget[:4]
+    ]
+    alternatives = ", ".join(
+        f"{each.name} ({each.probability:.0%})" for each in posterior.alternatives
+    )
+    return (
+        f"The structure's figures are inferred with the springs ({alternatives}). Shares of the "
+        f"variance of k11, k22 and k12: {'; '.join(parts)}. {posterior.unpredicted_share:.0%} of "
+        "the modes are not what the others predict."
+    )
+
+
 def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, level: int) -> str:
     posterior = record.summary.posterior
     if posterior is None:
@@ -195,6 +215,7 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
     return (
         heading("Foundation", level)
         + table_html(springs_table(record))
+        + paragraph(structure_sentence(posterior))
         + paragraph(fit, "quiet")
         + _pair(pictures, f"{name}-foundation")
     )

@@ -18,7 +18,7 @@ from pipeline.reproduction.study import (
 TEN_MINUTES_RESOLVE = 1 / 600  # of ten minutes [Hz]
 MIXED = 0.012  # modes nearer than this share of f mix in some windows [-]
 STRONG = 0.5  # a correlation from which it is called strong [-]
-SAME_WITHIN = 0.05  # two figures that differ by less are called alike, relative
+ALIKE_MEANS = 0.05  # two figures that differ by less are called alike, relative
 LIKE_TABLE_1 = 1.5  # rms of the model's frequencies to the printed ones, by which it is theirs [%]
 
 
@@ -136,7 +136,7 @@ def _descents(example: Example) -> str:
 
 def _of_the_starts(example: Example) -> str:
     ends = np.array([descent.end for descent in example.descents])
-    if np.all(np.ptp(ends, axis=0) < SAME_WITHIN):
+    if np.all(np.ptp(ends, axis=0) < ALIKE_MEANS):
         return "Other than there, all starts end at one place."
     return (
         "As there, the end depends on the start; the lowest here is that of "
@@ -166,7 +166,7 @@ def _sampler_bias(example: Example) -> str:
         f"k22 and k12 come out {figures} % against the corrected sampler's (importance sampling at "
         "the end, checked against a grid)"
     )
-    if np.all(np.abs(wider) < SAME_WITHIN):
+    if np.all(np.abs(wider) < ALIKE_MEANS):
         return f"{text}: here the two agree."
     if np.all(wider > 0):
         return f"{text}: on data as informative as these one step a stage leaves it too wide."
@@ -206,7 +206,7 @@ def _sign(study: Study) -> str:
     if rms["published"] < min(LIKE_TABLE_1, rms["embedded"]):
         text += ": taken literally it reproduces Table 1"
     figures = ", ".join(f"{each:.1f}" for each in ratio)
-    if np.all(ratio > 1 + SAME_WITHIN):
+    if np.all(ratio > 1 + ALIKE_MEANS):
         return (
             f"{text}. With the pile's sign k11, k22 and k12 are known {figures} times less sharply."
         )

@@ -16,7 +16,7 @@ from sensors.arrays import FloatArray
 from sensors.structure.foundation import SPRING_SIGNS, SpringSign
 
 PROCESSES = 2
-PROGRESS_PERIOD = 1.0  # between two looks at how far they are [s]
+STUDY_LOOKS = 1.0  # between two looks at how far they are [s]
 NOTABLE_STEP = 0.005  # of a run's share: smaller ones are not passed on [-]
 PERCENT = 100.0
 PEAK_GRID = 200  # points of a marginal's density
@@ -84,7 +84,7 @@ def run_study(
         }
         waiting = set(running)
         while waiting:
-            done, waiting = wait(waiting, timeout=PROGRESS_PERIOD, return_when=FIRST_COMPLETED)
+            done, waiting = wait(waiting, timeout=STUDY_LOOKS, return_when=FIRST_COMPLETED)
             for each in done:
                 found[running[each]] = each.result()
                 shares[running[each]] = 1.0

@@ -1,6 +1,7 @@
 """A session from its source to its summary. Whatever ends it early, what was recorded is closed
 properly and the summary says what is known."""
 
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.app import Outputs, Plan, build
+from pipeline.deploy.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.messages import Message
 from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
 from pipeline.monitoring.alarms.alarm_node import KEY as NOTICES_KEY
@@ -124,6 +126,8 @@ def _run_owned(
     desks: list[Node] = [summary]
     try:
         with ExitStack() as stack:
+            if notified():
+                desks.append(WatchdogNode(Watchdog(os.environ)))
             figures_node = None if options.metrics is None else MetricsNode()
             if figures_node is not None and options.metrics is not None:
                 stack.enter_context(served(figures_node, options.metrics))

@@ -37,6 +37,7 @@ logger = logging.getLogger(__name__)
 STATUS_PERIOD = 1.0  # longest time between two statuses of a running node [s]
 STATUS_BLOCKS = 16  # a status at the latest after so many blocks, so that the source can go on
 START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports for seconds
+FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]
 SOURCE = "source"
 
 Report = Callable[[AccelerationBlock], None]
@@ -248,6 +249,7 @@ class SourceFeed:
         self._inbox = Inbox()
         self._subscription = bus.subscribe((NodeStatus,), self._inbox)
         self._latest: dict[str, NodeStatus] = {}  # by node
+        self._deaf: Callable[[], list[str]] = list  # nodes that hear nothing
         self._quiet = Quiet()
 
     def wait_until_ready(self) -> None:
@@ -270,17 +272,22 @@ class SourceFeed:
         takers = [each.name for each in self._workers if AccelerationBlock in each.inputs]
         credit = Credit(takers, unacknowledged_blocks) if unacknowledged_blocks else None
         published: Counter[str] = Counter()
+        first_published: float | None = None
         for message in with_end(source):
             if credit and isinstance(message, AccelerationBlock):
+                self._deaf = partial(self._unacknowledged, takers, first_published)
                 self.wait(partial(self._may_send, credit, message.sequence))
             self._check()
             self._bus.publish(message)
             published[type(message).__name__] += 1
+            if first_published is None and isinstance(message, AccelerationBlock):
+                first_published = time.monotonic()
             if report and isinstance(message, AccelerationBlock):
                 report(message)
         finished = source_status(turbine, published)
         self._bus.publish(finished)
         consumers = {worker.name: worker.inputs for worker in self._workers}
+        self._deaf = partial(self._unacknowledged, takers, first_published)
         self._quiet = Quiet()
         self.wait(lambda: self._all_handled(finished, consumers))
 
@@ -315,6 +322,27 @@ class SourceFeed:
             raise RunEnded
         for worker in self._workers:
             worker.check()
+        deaf = self._deaf()
+        if deaf:
+            raise NodeFailed(
+                f"{', '.join(sorted(deaf))}: the first block was published "
+                f"{FIRST_BLOCK_TIMEOUT:g} s ago and did not arrive; is the transport's version "
+                "one that this program was tried with?"
+            )
+
+    def _unacknowledged(self, takers: Sequence[str], since: float | None) -> list[str]:
+        """Nodes that have not heard the first block although its time is over [s, monotonic]."""
+        if since is None or time.monotonic() - since < FIRST_BLOCK_TIMEOUT:
+            return []
+        return [name for name in takers if not _heard_blocks(self._latest.get(name))]
+
+
+def _heard_blocks(status: NodeStatus | None) -> bool:
+    """Whether a node has taken a block, or says that blocks were lost before they reached it."""
+    name = AccelerationBlock.__name__
+    return status is not None and (
+        status.lost > 0 or any(each.message == name and each.count for each in status.received)
+    )
 
 
 def source_status(turbine: str, published: Counter[str]) -> NodeStatus:

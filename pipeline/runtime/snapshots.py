@@ -198,6 +198,15 @@ def parsed(content: bytes, turbine: str, origin: str) -> NodeSnapshot:
     return _body(body, origin)
 
 
+def checked(path: Path) -> None:
+    """Verify a snapshot's checksum. Raises CheckpointError where it is damaged."""
+    content = path.read_bytes()
+    head, _, _ = content.partition(b"\n")
+    words = head.decode(errors="replace").split(" ")
+    name = " ".join(words[4:] if words[1:2] == [str(VERSION)] else words[3:])
+    parsed(content, unquote(name), str(path))
+
+
 def _older(rest: str, body: bytes, turbine: str, origin: str) -> NodeSnapshot:
     """A snapshot of version 2, which knew the last window that was answered by its end."""
     answered, _, name = rest.partition(" ")

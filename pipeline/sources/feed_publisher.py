@@ -5,6 +5,7 @@ instrument ──► [feed] ──► AccelerationBlock, ScadaSample     as of a
 """
 
 import logging
+import os
 import threading
 import time
 from collections import Counter
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.deploy.watchdog import Watchdog
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.runner import STATUS_PERIOD, Report, open_session, with_end
@@ -83,9 +85,11 @@ def publish_feed(
         If no endpoint can be reached.
     """
     account = FeedAccount(live, layout, connected=connected)
+    watchdog = Watchdog(os.environ)
     with open_session(lambda: ZenohBus(settings)) as bus:
         for message in with_end(account.messages(stopping)):
             bus.publish(message)
+            watchdog.alive()
             if report and isinstance(message, AccelerationBlock):
                 report(message)
     return account.fed()

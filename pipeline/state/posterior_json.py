@@ -11,6 +11,11 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
     correlation   3 × 3, order k11, k22, k12
     ess, rhat     the smallest and the largest over the parameters
     change_probability   that the modes have changed since the last event
+    structure            "exact" or "uncertain"
+    budget               figure → share of the variance of ln k11, ln k22, ln k12; {} where exact
+    alternatives         structure → probability; {} where there is one
+    unpredicted_share    of the modes, each predicted by the others
+    relative             springs over those before the last event; {} without one
     """
     summary: Json = {
         name: stiffness_summary(
@@ -25,6 +30,16 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
     summary["ess"] = known(posterior.ess)
     summary["rhat"] = known(posterior.rhat)
     summary["change_probability"] = known(posterior.change_probability)
+    summary["structure"] = posterior.structure
+    summary["budget"] = {
+        each.name: {"k11": each.k11, "k22": each.k22, "k12": each.k12} for each in posterior.budget
+    }
+    summary["alternatives"] = {each.name: each.probability for each in posterior.alternatives}
+    summary["unpredicted_share"] = known(posterior.unpredicted_share)
+    summary["relative"] = {
+        each.name: {"median": each.median, "p05": each.p05, "p95": each.p95}
+        for each in posterior.relative
+    }
     return summary
 
 
@@ -62,6 +77,7 @@ def empty_summary() -> Json:
     summary["sigma"] = {"median": None, "p95": None}
     summary.update(figures={}, correlation=None, ess=None, rhat=None)
     summary["change_probability"] = None
+    summary.update(structure=None, budget={}, alternatives={}, unpredicted_share=None, relative={})
     return summary
 
 

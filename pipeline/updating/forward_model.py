@@ -58,16 +58,6 @@ class ForwardModel(Protocol):
         """The same modes, followed by overlap from theta_reference, (3,), instead of nominal."""
         ...
 
-    def responses(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """∂ ln f, (m,), and ∂ shape, (m, n_channels), by ∂ ln of a figure of the description, where
-        the modes are followed from; InputError where the structure has no such figure."""
-        ...
-
-    def scoured(self, theta: FloatArray, depths: FloatArray) -> FloatArray:
-        """(n, 3) springs after scour, from those before it, (n, 3), and its depth, (n,) [m];
-        InputError where nothing is known of the pile."""
-        ...
-
     def in_water(self, rises: Sequence[float]) -> ModesOfStiffness:
         """The modes where they are followed from with the water risen above `water_level`, row by
         row [m]; on land they stay as they are."""

@@ -34,7 +34,7 @@ BladeMesh = Literal["described", "converged"]
 TUBE_REFINEMENT = 2  # elements in each described tube
 BLADE_MODES = 2  # at least, of each blade element in each direction
 LEVEL_REACH = 6.0  # of the water about the description's level [m]
-LEVEL_STEP = 0.5  # between the tabulated levels; cubics between them [m]
+LEVEL_SPACING = 0.5  # between the tabulated levels; cubics between them [m]
 SNAPSHOTS = 160  # points whose modes span the basis
 SNAPSHOT_SPREAD = 2.5  # of the figures there, in default standard deviations, uniform
 SNAPSHOT_TOLERANCE = 3e-5  # of the basis: share of a mode left out [-]
@@ -166,7 +166,7 @@ class FigureModel:
         self._model = model
         self._observation = Observation.of(model, layout)
         self._across = Observation.of(model, _turned(layout))
-        levels = np.arange(-LEVEL_REACH, LEVEL_REACH + LEVEL_STEP / 2, LEVEL_STEP)
+        levels = np.arange(-LEVEL_REACH, LEVEL_REACH + LEVEL_SPACING / 2, LEVEL_SPACING)
         if turbine.water is not None:
             lowest = turbine.mudline + 1.0 - turbine.water.level
             levels = levels[levels >= lowest]
@@ -195,7 +195,7 @@ class FigureModel:
         stiffnesses = np.array([term.matrix for term in terms.stiffness])
         slopes = terms.water
         if len(terms.levels):
-            slopes = np.gradient(terms.water, LEVEL_STEP, axis=0, edge_order=2)
+            slopes = np.gradient(terms.water, LEVEL_SPACING, axis=0, edge_order=2)
         groups = []
         for coordinates in decoupled_groups(model):
             full = _Group(
@@ -291,10 +291,10 @@ class FigureModel:
     def _water(self, group: _Group, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
         """W and dW/dlevel, (n, m, m): Hermite's cubics between the tabulated levels."""
         nodes = self._levels
-        place = np.clip((levels - nodes[0]) / LEVEL_STEP, 0.0, len(nodes) - 1.0)
+        place = np.clip((levels - nodes[0]) / LEVEL_SPACING, 0.0, len(nodes) - 1.0)
         left = np.minimum(place.astype(int), len(nodes) - 2)
         t = (place - left)[:, None, None]
-        values, slopes = group.water, group.water_slopes * LEVEL_STEP
+        values, slopes = group.water, group.water_slopes * LEVEL_SPACING
         h00, h10 = 2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t
         h01, h11 = 3 * t**2 - 2 * t**3, t**3 - t**2
         W = h00 * values[left] + h10 * slopes[left] + h01 * values[left + 1]
@@ -302,7 +302,7 @@ class FigureModel:
         d00, d10 = 6 * t**2 - 6 * t, 3 * t**2 - 4 * t + 1
         d11 = 3 * t**2 - 2 * t
         dW = d00 * (values[left] - values[left + 1]) + d10 * slopes[left] + d11 * slopes[left + 1]
-        return W, dW / LEVEL_STEP
+        return W, dW / LEVEL_SPACING
 
     # ---- many points -----------------------------------------------------------------------
 

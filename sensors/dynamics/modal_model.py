@@ -21,7 +21,6 @@ from scipy.optimize import linear_sum_assignment
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray, IndexArray
-from sensors.dynamics.description_variants import responses
 from sensors.dynamics.full_model_modes import FullModes, decoupled_groups, full_modes, solved_modes
 from sensors.dynamics.mudline_condensation import (
     MudlineCondensation,
@@ -34,7 +33,6 @@ from sensors.structure.assembly import PLANE, StructuralModel, assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import positive_definite, spring_matrix
 from sensors.structure.sensor_readings import Observation
-from sensors.structure.winkler_springs import PileInSoil
 
 __all__ = ["FullModes", "ModalModel", "ModalParameters", "followed_by_overlap", "full_modes"]
 
@@ -225,7 +223,6 @@ class ModalModel:
         self.directions = reference.directions
         self.blade_energy_share = reference.blade_energy_share
         self._reference = reference
-        self._pile: PileInSoil | None = None  # made where scour is asked for
         model = assemble(description, stiffness=reference.theta)
         observation = Observation.of(model, layout)
         self._gravity = mudline_gravity_stiffness(model)
@@ -326,47 +323,6 @@ class ModalModel:
             shapes=np.array([shapes for _, shapes in rows]),
             admissible=np.full(len(rows), bool(still.admissible[0])),
         )
-
-    def responses(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Return how the modes at the reference θ answer to a figure (`description_variants`).
-
-        Returns
-        -------
-        tuple[ndarray, ndarray], shape (n_modes,)
-            ∂ ln f / ∂ ln (figure) [-], and ∂ φ / ∂ ln (figure), largest component 1, (n_modes,
-            n_channels) [-].
-
-        Raises
-        ------
-        TurbineError
-            No such figure, or one that the turbine does not have.
-        """
-        return responses(
-            self.description,
-            self.layout,
-            self._reference,
-            name,
-            highest_frequency=_BASIS_MARGIN * self.highest_frequency,
-        )
-
-    def scoured(self, theta: ArrayLike, depths: ArrayLike) -> FloatArray:
-        """Springs after scour, (n, 3), from θ before it, (n, 3), and its depth, (n,) [m].
-
-        By a pile on Winkler springs (`winkler`).
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            In [m].
-
-        Raises
-        ------
-        TurbineError
-            If the description has no embedded length.
-        """
-        if self._pile is None:
-            self._pile = PileInSoil.of(self.description)
-        return np.asarray(theta) * self._pile.scoured(depths)
 
     def following(self, theta_reference: ArrayLike) -> "ModalModel":
         """Return the same modes, followed by overlap from another θ, (3,), than the present one.

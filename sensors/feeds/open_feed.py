@@ -1,5 +1,8 @@
-"""The feed that an address names, and the unit that is put together of it."""
+"""The feed that an address names, with the unit that is put together of it, or its raw messages."""
 
+import threading
+import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,14 +10,16 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.feeds.address import FeedAddress, parsed
 from sensors.feeds.assembly.assembler import WAIT, Assembler
 from sensors.feeds.csv_tail import CsvTailFeed
-from sensors.feeds.live import LiveFeed
+from sensors.feeds.live import LiveFeed, batches
 from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages
 from sensors.feeds.payloads.scada import ScadaReader
 from sensors.feeds.position import FeedPosition, position_file
-from sensors.feeds.protocol import Feed, FeedCounts
-from sensors.feeds.seedlink import SeedLinkFeed
+from sensors.feeds.protocol import Arrival, Feed, FeedCounts, FeedError
+from sensors.feeds.seedlink.seedlink_feed import SeedLinkFeed
 from sensors.feeds.udp import UdpFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
+
+MOST_MESSAGES = 2000  # that `--sniff` looks at
 
 
 def open_feed(
@@ -84,3 +89,47 @@ def layout_file_of(layout: SensorLayout) -> LayoutFile:
         for channel in layout.channels
     )
     return LayoutFile(channels, layout.turbine, layout.unit, layout.layout_id)
+
+
+class MessageCapture:
+    """A reader that keeps messages and gives no samples."""
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[str, bytes]] = []
+
+    def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
+        """Keep a message; one that a broker retained is of another time, and is left out."""
+        if not retained:
+            self.messages.append((topic, payload))
+        return iter(())
+
+
+def captured_messages(
+    text: str, seconds: float, stopping: threading.Event
+) -> list[tuple[str, bytes]]:
+    """Topics and payloads of the messages of some seconds, at most MOST_MESSAGES.
+
+    Parameters
+    ----------
+    text : str
+        An MQTT feed's URL.
+    seconds : float
+        How long to listen [s].
+    stopping : threading.Event
+        Ends it earlier.
+
+    Raises
+    ------
+    FeedError
+        If the URL is no MQTT feed's, or the broker cannot be reached.
+    """
+    address = parsed(text)
+    if address.scheme != "mqtt":
+        raise FeedError(f"{text}: --sniff is for mqtt:// and mqtts://; others have one format")
+    capture = MessageCapture()
+    feed = MqttFeed(address, capture, FeedCounts(), once=True)
+    deadline = time.monotonic() + seconds
+    for _ in batches(feed, stopping):
+        if time.monotonic() > deadline or len(capture.messages) >= MOST_MESSAGES:
+            break
+    return capture.messages[:MOST_MESSAGES]

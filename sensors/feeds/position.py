@@ -25,7 +25,7 @@ from sensors.feeds.protocol import ChannelSamples
 logger = logging.getLogger(__name__)
 
 SAVED_EVERY = 0.2  # [s]: at the pace of measuring every block, while catching up some
-OVERLAP = 600.0  # farther back no record reaches: an older stamp is of another clock [s]
+POSITION_OVERLAP = 600.0  # farther back no record reaches: an older stamp is of another clock [s]
 
 
 def position_file(folder: Path, source: str) -> Path:
@@ -102,7 +102,7 @@ class FeedPosition:
         if not self.resumed_ns or piece.stream in self._beyond:
             return piece
         early_ns = self.resumed_ns - piece.start_ns
-        if early_ns <= 0 or early_ns > OVERLAP * NANOSECONDS:
+        if early_ns <= 0 or early_ns > POSITION_OVERLAP * NANOSECONDS:
             self._beyond.add(piece.stream)
             return piece
         period_ns = NANOSECONDS / piece.sampling_rate if piece.sampling_rate else 0.0

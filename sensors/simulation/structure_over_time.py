@@ -7,7 +7,7 @@ import numpy as np
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.dynamics.damped_modes import DampedSystem, damped_system
-from sensors.dynamics.damped_response import DampedResponse
+from sensors.dynamics.responses.damped_response import DampedResponse
 from sensors.dynamics.structure_modes import (
     ModalDamping,
     ObservedModes,

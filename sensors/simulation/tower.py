@@ -12,8 +12,8 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
 from sensors.dynamics.damped_modes import DampedSystem
-from sensors.dynamics.damped_response import DampedResponse
-from sensors.dynamics.modal_response import AccelerationResponse
+from sensors.dynamics.responses.damped_response import DampedResponse
+from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.structure_modes import StructureModes
 from sensors.loads import RandomStream, generator
 from sensors.simulation.acquisition_units import read_by_units, unit_layouts

@@ -20,7 +20,7 @@ from sensors.structure.description import (
 )
 from sensors.structure.foundation import TurbineError
 
-Change = Callable[[TurbineDescription, float], TurbineDescription]
+FigureChange = Callable[[TurbineDescription, float], TurbineDescription]
 Distribution = Literal["normal", "half-normal"]
 
 KNOWN_LEVEL_STD = 0.1  # of a sea level that SCADA reports: gauge, waves, distance to it [m]
@@ -44,20 +44,20 @@ class Figure:
     """Half-normal: nothing of it is described, and there cannot be less."""
     source: str
     """Where the standard deviation comes from."""
-    change: Change
+    change: FigureChange
     """The description with a departure of so much."""
     present: Callable[[TurbineDescription], bool]
     """Whether the structure has such a figure."""
 
 
-def _tubes(change: Callable[[Tube, float], Tube]) -> Change:
+def _tubes(change: Callable[[Tube, float], Tube]) -> FigureChange:
     def changed(turbine: TurbineDescription, departure: float) -> TurbineDescription:
         return replace(turbine, tubes=tuple(change(tube, departure) for tube in turbine.tubes))
 
     return changed
 
 
-def _blades(change: Callable[[BladeElement, float], BladeElement]) -> Change:
+def _blades(change: Callable[[BladeElement, float], BladeElement]) -> FigureChange:
     def changed(turbine: TurbineDescription, departure: float) -> TurbineDescription:
         if turbine.blades is None:
             return turbine
@@ -67,7 +67,7 @@ def _blades(change: Callable[[BladeElement, float], BladeElement]) -> Change:
     return changed
 
 
-def _bodies(change: Callable[[RigidBody, float], RigidBody]) -> Change:
+def _bodies(change: Callable[[RigidBody, float], RigidBody]) -> FigureChange:
     def changed(turbine: TurbineDescription, departure: float) -> TurbineDescription:
         nacelle = turbine.rotor_nacelle
         bodies = tuple(change(body, departure) for body in nacelle.bodies)
@@ -76,7 +76,7 @@ def _bodies(change: Callable[[RigidBody, float], RigidBody]) -> Change:
     return changed
 
 
-def _water(change: Callable[[Water, float], Water]) -> Change:
+def _water(change: Callable[[Water, float], Water]) -> FigureChange:
     def changed(turbine: TurbineDescription, departure: float) -> TurbineDescription:
         assert turbine.water is not None
         return replace(turbine, water=change(turbine.water, departure))
@@ -84,7 +84,7 @@ def _water(change: Callable[[Water, float], Water]) -> Change:
     return changed
 
 
-def _inertia(axis: int) -> Change:
+def _inertia(axis: int) -> FigureChange:
     def scaled(body: RigidBody, departure: float) -> RigidBody:
         x, y, z = (i * (1 + departure * (n == axis)) for n, i in enumerate(body.inertia))
         return replace(body, inertia=(x, y, z))

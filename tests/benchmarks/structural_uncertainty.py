@@ -12,7 +12,7 @@ sensors   one sensor turned, swapped, flipped, scaled, displaced, twenty sets ea
 
 A set: springs uniform in .8 to 1.25 of nominal, modal data by tests.outside (its own elements;
 blades reduced or converged in turn), the level known to .1 m. Held: inside the 90 % interval.
-z: (median − truth) / std, of ln k. Thresholds and floors were chosen on seeds below 20000.
+z: (median − truth) / std, of ln k. Thresholds and floors were chosen on seeds below 22000.
 """
 
 import argparse
@@ -43,7 +43,7 @@ from tests.outside.loads import STRONG, WEAK, Loads
 from tests.outside.modal_data import LAYOUT, Truth, estimates
 from tests.outside.model import NOMINAL, Description, SpringSign, averaged, converged, detailed
 
-FIRST_SEED = 20000
+FIRST_SEED = 30000
 SPRINGS = ("k11", "k22", "k12")
 ALONE: dict[str, Callable[[Figures], Figures]] = {
     "E -1 %": lambda f: replace(f, youngs_modulus=0.99),

@@ -21,7 +21,7 @@ from pipeline.monitoring.alarms.alarm_log import (
 )
 from pipeline.monitoring.alarms.alarm_rules import AlarmCondition, AlarmRules
 from pipeline.monitoring.alarms.channels import Channel
-from pipeline.monitoring.alarms.heartbeat import Heartbeat, Pulse
+from pipeline.monitoring.alarms.heartbeat import AlarmHeartbeat, Pulse
 from pipeline.monitoring.alarms.outbox import Delivery, DeliveryState, Outbox
 from pipeline.monitoring.alarms.settings import AlarmLogSettings, HeartbeatSettings
 from pipeline.nodes.node import NodeStatistics
@@ -85,7 +85,9 @@ class AlarmNode:
             Delivery(channel, outbox, clock=clock)
             for channel, outbox in zip(channels, self._outboxes, strict=True)
         ]
-        self._heartbeats = [Heartbeat(each, self._pulse, self._place, clock) for each in heartbeats]
+        self._heartbeats = [
+            AlarmHeartbeat(each, self._pulse, self._place, clock) for each in heartbeats
+        ]
         self._save()  # from now on `pilewatch ack` finds a log
         for thread in (*self._deliveries, *self._heartbeats):
             thread.start()

@@ -32,7 +32,7 @@ class Pulse:
     """Alarms that are open [-]."""
 
 
-class Heartbeat(threading.Thread):
+class AlarmHeartbeat(threading.Thread):
     """Pings one receiver until it is stopped.
 
     Parameters

@@ -15,7 +15,9 @@ from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
 from pipeline.messages import QualityWarning
+from pipeline.oma.data_quality.transients import loudest_octave
 from pipeline.oma.ssi.preprocessing import without_drift
+from pipeline.oma.windows.missing_samples import MOST_MISSING, filled
 from sensors.arrays import FloatArray
 
 Action = Literal["warn", "mend", "reject"]
@@ -35,7 +37,6 @@ SPIKE_SURROUNDINGS = 10  # samples to either side that are around it
 SPIKE_IN_PLACE = 7.0  # and in std of the differences about it, which a gust or a stop raises
 SPIKE_NEIGHBOURHOOD = 50  # samples to either side that this std is taken over
 MOST_SPIKES = 1e-3  # share of a channel's samples that is mended; more is no accident
-QUIET_TO_LOUD = 3.0  # rms of the loudest over the median tenth of a window that is stationary
 STEADY_ENVELOPE = 0.15  # std/mean of a harmonic's amplitude; 0.52 for a mode under random load
 HARMONIC_DAMPING = 0.003  # an identified mode of less may be a harmonic [-]
 ENVELOPE_LINES = 6  # half-width of the band the envelope is taken in, in lines 1/T
@@ -68,13 +69,16 @@ def check_samples(
         )
         return (Finding("short", text, "reject"),)
     not_a_number = check_finite(samples, sampling_rate, channel_names)
-    if not_a_number:
+    if any(finding.action == "reject" for finding in not_a_number):
         return not_a_number
+    if not_a_number:
+        samples = filled(samples, sampling_rate)
     constant = check_constant(samples, channel_names)
     if constant:
         return constant
     return (
-        check_duplicates(samples, channel_names)
+        not_a_number
+        + check_duplicates(samples, channel_names)
         + check_clipping(samples, channel_names)
         + check_spikes(samples, sampling_rate, channel_names)
         + check_drift(samples, channel_names)
@@ -85,7 +89,7 @@ def check_samples(
 def check_finite(
     samples: NDArray[np.floating], sampling_rate: float, channel_names: Sequence[str]
 ) -> tuple[Finding, ...]:
-    """Samples that are no number: rejected, with the first one's place."""
+    """Samples that are missing or no number: predicted from the others while they are few."""
     bad = ~np.isfinite(samples)
     if not bad.any():
         return ()
@@ -94,7 +98,16 @@ def check_finite(
         f"{int(bad.sum())} of {bad.size} samples are not finite, the first in "
         f"{channel_names[column]} at {row / sampling_rate:.3f} s"
     )
-    return (Finding("nan", text, "reject"),)
+    worst = float(bad.mean(axis=0).max())
+    if worst <= MOST_MISSING:
+        return (Finding("missing", f"{text}; filled by prediction from the others", "mend"),)
+    return (
+        Finding(
+            "nan",
+            f"{text}; up to {100 * worst:.2g} % of a channel, {100 * MOST_MISSING:g} % is the most",
+            "reject",
+        ),
+    )
 
 
 def check_constant(
@@ -237,23 +250,15 @@ def check_drift(samples: NDArray[np.floating], channel_names: Sequence[str]) -> 
 
 
 def check_stationarity(samples: NDArray[np.floating], sampling_rate: float) -> tuple[Finding, ...]:
-    """Windows whose loudness changes: a rotor stop, a passing ship, a change of load.
-
-    On the samples' differences: a slow, lightly damped mode swells and fades by itself, while
-    fast motion follows the load.
-    """
+    """Windows whose loudness changes: a rotor stop, a ring-down, a passing ship."""
     unspiked = _without_spikes(np.asarray(samples, dtype=np.float64))
-    tenths = np.array_split(np.diff(unspiked, axis=0), 10)
-    rms = np.array([np.sqrt(np.mean(part**2, axis=0)) for part in tenths])
-    typical = np.median(rms, axis=0)
-    loudness = np.mean(rms / np.where(typical > 0, typical, 1.0), axis=1)  # over the channels
-    loudest = int(np.argmax(loudness))
-    if loudness[loudest] < QUIET_TO_LOUD * np.median(loudness):
+    octave = loudest_octave(without_drift(unspiked), sampling_rate)
+    if octave is None or octave.excess <= 1:
         return ()
-    begin = loudest * len(samples) / 10 / sampling_rate
     text = (
-        f"the tenth of the window from {begin:.3g} s on is {loudness[loudest]:.2g} times as loud "
-        "as the median one: a transient, in which estimates of damping mean little"
+        f"from {octave.begin:.3g} s on, what shakes between {octave.low:.2g} and "
+        f"{2 * octave.low:.2g} Hz is {octave.loudness:.2g} times as loud as its median: a "
+        "transient, in which estimates of damping mean little"
     )
     return (Finding("non-stationary", text, "warn"),)
 

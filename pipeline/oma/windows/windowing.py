@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.oma.windows.missing_samples import MOST_MISSING
 from pipeline.oma.windows.unit_clock import ClockFit, ClockStep, clock_step, fit_clock, stamp_of
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.arrays import FloatArray
@@ -113,7 +114,9 @@ class Window:
     end_ns: int  # one sample after its last [ns]
     sampling_rate: float  # [Hz]
     layout_id: str
-    samples: FloatArray  # (n, n_channels) [m/s²]; empty where there is a gap
+    samples: (
+        FloatArray  # (n, n_channels) [m/s²]; NaN in a gap; empty where more than 5 % is missing
+    )
     gaps: tuple[MissingSamples, ...] = ()  # that fall into it
     status: BlockStatus = BlockStatus.OK  # what the unit said in any of its blocks
     complete: bool = True  # False: the session ended inside it
@@ -228,7 +231,7 @@ class WindowCutter:
             end_ns=end_ns if steps else self._time_of(end, of=end - 1),
             sampling_rate=rate,
             layout_id=self._newest.layout_id,
-            samples=np.empty((0, 0)) if gaps else _joined(inside, first, end),
+            samples=_joined(inside, first, end, self._newest.samples.shape[1]),
             gaps=tuple(gaps),
             status=status,
             complete=complete,
@@ -256,9 +259,13 @@ class WindowCutter:
         self._steps = [s for s in self._steps if s.first_sample > sample]
 
 
-def _joined(pieces: list[_Piece], first: int, end: int) -> FloatArray:
-    parts = [
-        piece.samples[max(0, first - piece.first_sample) : end - piece.first_sample]
-        for piece in pieces
-    ]
-    return np.concatenate(parts).astype(np.float64)
+def _joined(pieces: list[_Piece], first: int, end: int, n_channels: int) -> FloatArray:
+    """Samples of a window, NaN where they are missing; empty where too many are."""
+    samples = np.full((end - first, n_channels), np.nan)
+    for piece in pieces:
+        part = piece.samples[max(0, first - piece.first_sample) : end - piece.first_sample]
+        begin = max(0, piece.first_sample - first)
+        samples[begin : begin + len(part)] = part
+    n_came = sum(min(piece.end, end) - max(piece.first_sample, first) for piece in pieces)
+    too_many = n_came < (1 - MOST_MISSING) * len(samples)
+    return np.empty((0, 0)) if too_many else samples

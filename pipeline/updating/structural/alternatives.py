@@ -23,7 +23,7 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.structure.description import TurbineDescription
 
-LEAST_WEIGHT = 1e-3  # of an alternative that draws are taken from [-]
+LEAST_ALTERNATIVE_WEIGHT = 1e-3  # of an alternative that draws are taken from [-]
 HOPELESS = 60.0  # cost above a rival's at which a structure has lost: e^-30 of its probability
 COST_GROWTH = 1.15  # of the last fit's cost, up to which a warm start is as good as it was [-]
 UNDESCRIBED_FLOODING = 0.1  # prior probability that water inside is not as described [-]
@@ -83,7 +83,7 @@ class JointResult:
     ) -> tuple[FloatArray, FloatArray]:
         """(n, n_dim) points u and (n,) σ."""
         weights = np.array([each.weight for each in self.fitted])
-        weights = np.where(weights >= LEAST_WEIGHT, weights, 0.0)
+        weights = np.where(weights >= LEAST_ALTERNATIVE_WEIGHT, weights, 0.0)
         counts = generator.multinomial(n, weights / weights.sum())
         parts = [
             each.posterior.draws(int(count), generator, widening=widening)

@@ -34,7 +34,7 @@ from pipeline.updating.likelihood.pairing import (
 )
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
-from pipeline.updating.structural.sensor_figures import SensorReadings
+from pipeline.updating.structural.sensors.figures import SensorReadings
 from sensors.arrays import FloatArray
 from sensors.dynamics.figure_model import FigureModel, FigureModes, Linearisation
 from sensors.structure.description import TurbineDescription
@@ -50,14 +50,14 @@ ANNEALING = (
     (0.003, 0.03, 0.008),
     (0.0015, 0.02, 0.004),
 )
-TAIL_DEGREES = 4.0  # ν of Student's t, of each mode's frequency and each shape
-LARGEST_MISFIT = 9.0  # that one frequency counts in the cost; a shape's components each [-]
+STUDENT_DEGREES = 4.0  # ν of Student's t, of each mode's frequency and each shape
+LARGEST_SQUARE = 9.0  # that one frequency counts in the cost; a shape's components each [-]
 FEW_STARTS = 3
 FINEST_TOLERANCE = 0.004  # of the pairing at the end [-]
-LONGEST_STEP = np.array([0.35, 0.35, 0.8])  # of the springs' coordinates [-]
+LONGEST_SPRING_STEP = np.array([0.35, 0.35, 0.8])  # of the springs' coordinates [-]
 LONGEST_FIGURE_STEP = 1.5  # [prior standard deviations]
 MOST_STEPS = 25  # at the data's own errors
-SETTLED = 0.02  # step of the fitted values at which the descent ends [standard deviations]
+SETTLED_STEP = 0.02  # step of the fitted values at which the descent ends [standard deviations]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ class Comparison:
         """(p,) (ν + n) / (ν + χ²) of Student's t: what the identification got wrong by ten
         standard deviations must not drag the stiffness by many of its own."""
         squares, members, counts = self.squares(variances)
-        weights = np.minimum((TAIL_DEGREES + counts) / (TAIL_DEGREES + squares), 1.0)
+        weights = np.minimum((STUDENT_DEGREES + counts) / (STUDENT_DEGREES + squares), 1.0)
         return np.asarray(weights[members])
 
     linearisation: Linearisation
@@ -313,7 +313,7 @@ class JointFit:
                 continue
             moved = found.jacobian @ step / np.sqrt(self.variances(found, sigma))
             u, found, cost, damping = u + step, trial, trial_cost, damping / 10
-            if np.abs(moved).max(initial=0.0) < SETTLED:
+            if np.abs(moved).max(initial=0.0) < SETTLED_STEP:
                 break
         degrees = len(found.errors) - N_SPRINGS
         return JointPeak(u, found, cost, degrees)
@@ -374,14 +374,14 @@ class JointFit:
 
     def _bounded(self, step: FloatArray) -> FloatArray:
         longest = np.full(len(step), LONGEST_FIGURE_STEP)
-        longest[:N_SPRINGS] = LONGEST_STEP
+        longest[:N_SPRINGS] = LONGEST_SPRING_STEP
         return step / max(1.0, float((np.abs(step) / longest).max()))
 
     def _cost(
         self, u: FloatArray, found: Comparison, targets: PairingTargets, sigma: float
     ) -> float:
         squares, _, counts = found.squares(self.variances(found, sigma))
-        misfit = float(np.minimum(squares, LARGEST_MISFIT * counts).sum())
+        misfit = float(np.minimum(squares, LARGEST_SQUARE * counts).sum())
         alone = np.array(found.pairing.model_modes) < 0
         lost = float((targets.weights * targets.judged)[alone].sum()) * self._pairing.rejection
         return misfit + lost + self.coordinates.prior_cost(u)

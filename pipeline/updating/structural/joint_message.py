@@ -33,7 +33,7 @@ from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.figures import LEVEL
 
 SAMPLER = "laplace"
-UNCERTAIN, EXACT = "uncertain", "exact"
+UNCERTAIN_STRUCTURE, EXACT_STRUCTURE = "uncertain", "exact"
 EXACT_AS_RECORDED = "exact, as recorded before there was a choice"
 WORTH_NAMING = 0.02  # share of a spring's variance from which a figure stands in the budget [-]
 LEAST_ALTERNATIVE = 1e-3  # probability from which an alternative is named [-]
@@ -84,7 +84,7 @@ def joint_message(
         trusted=not doubts,
         warnings=(*doubts, *_misfits(pairs, found), *unidentified_doubts(parameters, guards)),
         figures=_figures(found),
-        structure=UNCERTAIN,
+        structure=UNCERTAIN_STRUCTURE,
         budget=_budget(found),
         alternatives=_alternatives(found),
         unpredicted_share=found.checks.unpredicted_share,
@@ -260,4 +260,4 @@ def _relative(found: JointRefresh, reference_ns: int) -> tuple[RelativeStiffness
 
 def as_exact(posterior: FoundationPosterior, *, stated: bool) -> FoundationPosterior:
     """The posterior of an exact structure, which names it so."""
-    return replace(posterior, structure=EXACT if stated else EXACT_AS_RECORDED)
+    return replace(posterior, structure=EXACT_STRUCTURE if stated else EXACT_AS_RECORDED)

@@ -18,7 +18,7 @@ from pipeline.updating.structural.prior import N_SPRINGS
 from sensors.arrays import FloatArray, IndexArray
 
 FLOOR_CORRELATION = 0.9  # of one mode's systematic error in two periods [-]
-ROUNDS = 4  # of relinearising
+RELINEARISATIONS = 4  # of relinearising
 TOLERANCE = 0.004  # of the pairing [-]
 
 
@@ -54,7 +54,7 @@ def relative_springs(
     origin = np.concatenate([fit.coordinates.origin, fit.coordinates.origin[own]])
     targets = fit.targets(reference), fit.targets(latest)
     covariance = None
-    for _ in range(ROUNDS):
+    for _ in range(RELINEARISATIONS):
         compared = [
             fit.compared(evidence, target, x[places], TOLERANCE)
             for evidence, target, places in zip(

@@ -17,7 +17,7 @@ from typing import Any
 
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.prior import StructuralPrior, UncertainFigure
-from pipeline.updating.structural.sensor_figures import GAIN_STD, HEADING_STD, HEIGHT_STD
+from pipeline.updating.structural.sensors.figures import GAIN_STD, HEADING_STD, HEIGHT_STD
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import (
     FIGURES,
@@ -27,7 +27,7 @@ from sensors.structure.figures import (
     figures_of,
 )
 
-EXACT = "exact"
+EXACT_WORD = "exact"
 OTHERS: Mapping[str, float] = {
     LEVEL: KNOWN_LEVEL_STD,
     "unknown_water_level": UNKNOWN_LEVEL_STD,
@@ -86,7 +86,7 @@ def structure_settings(table: Any, where: str) -> StructureSettings:
         keys = list(table) if isinstance(table, Mapping) else table
         raise UpdatingError(f"{where}: {keys!r}; it takes one key, uncertain")
     uncertain = table.get("uncertain", {})
-    if uncertain == EXACT:
+    if uncertain == EXACT_WORD:
         return StructureSettings(exact=True)
     if not isinstance(uncertain, Mapping):
         raise UpdatingError(
@@ -104,7 +104,7 @@ def _std(key: str, value: Any, where: str) -> float:
         )
     if key not in KNOWN:
         raise UpdatingError(f"{where}: unknown figure {key!r}; there are {', '.join(KNOWN)}")
-    if value == EXACT:
+    if value == EXACT_WORD:
         return 0.0
     if key in CHOICES:
         raise UpdatingError(f'{where}: {key} is {value!r}; it can only be "exact"')

@@ -17,14 +17,14 @@ from sensors.feeds.payloads.sparkplug import SparkplugDecoder
 from sensors.feeds.payloads.timestamps import LATEST_NS, moment_ns
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
-MOST_ROWS = 100_000  # of one message
-DEEPEST = 6  # levels of values in values
+MOST_SAMPLE_ROWS = 100_000  # of one message
+DEEPEST_PAYLOAD = 6  # levels of values in values
 _CONSTANTS: dict[str, Any] = {"$zero": 0, "$empty": ""}
 _LEVEL = re.compile(r"\$topic\[(-?\d+)\]")
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class PayloadPlace:
     """Where paths are looked up."""
 
     message: Any
@@ -139,8 +139,8 @@ class MappedReader:
                 groups.setdefault(_Moment(start_ns, value.unit, rate, number), []).append(value)
         yield from self._pieces(groups, follows, topic)
 
-    def _rows(self, message: Any, topic: str) -> Iterator[Place]:
-        found = Place(message, message, "", topic).first(self._mapping.rows)
+    def _rows(self, message: Any, topic: str) -> Iterator[PayloadPlace]:
+        found = PayloadPlace(message, message, "", topic).first(self._mapping.rows)
         if found is None:
             raise MessageError(f"nothing at {' or '.join(self._mapping.rows)}")
         keyed = self._mapping.time == ("$key",) and isinstance(found, dict)
@@ -148,17 +148,17 @@ class MappedReader:
             rows = list(found.items())
         else:
             rows = [("", each) for each in (found if isinstance(found, list) else [found])]
-        if len(rows) > MOST_ROWS:
-            raise MessageError(f"{len(rows)} rows; at most {MOST_ROWS}")
+        if len(rows) > MOST_SAMPLE_ROWS:
+            raise MessageError(f"{len(rows)} rows; at most {MOST_SAMPLE_ROWS}")
         carried: dict[str, Any] = {}
         for key, row in rows:
             if self._mapping.carry and isinstance(row, dict):
                 carried |= {each: row[each] for each in self._mapping.carry if each in row}
-                yield Place(message, carried | row, key, topic)
+                yield PayloadPlace(message, carried | row, key, topic)
             else:
-                yield Place(message, row, key, topic)
+                yield PayloadPlace(message, row, key, topic)
 
-    def _values(self, place: Place) -> Iterator[Value]:
+    def _values(self, place: PayloadPlace) -> Iterator[Value]:
         """Every number of a row that has a name, with its unit."""
         mapping = self._mapping
         found = place.first(mapping.values)
@@ -199,7 +199,7 @@ class MappedReader:
             if name in words and name not in self._listed:
                 continue
             if isinstance(content, dict) and self._unwrap(content) is content:
-                if depth < DEEPEST:
+                if depth < DEEPEST_PAYLOAD:
                     yield from self._flattened(content, f"{name}.", depth + 1)
             else:
                 yield name, content
@@ -214,7 +214,7 @@ class MappedReader:
                 return inner
         return content
 
-    def _timing(self, place: Place, count: int) -> tuple[int, float | None]:
+    def _timing(self, place: PayloadPlace, count: int) -> tuple[int, float | None]:
         """Time of a row's first sample [ns], and the rate of several [Hz]."""
         mapping = self._mapping
         time_ns = _time_ns(place, mapping)
@@ -228,7 +228,7 @@ class MappedReader:
             time_ns -= round((count - 1) * 1e9 / rate)
         return time_ns, None if rate is None else float(rate)
 
-    def _number_of(self, place: Place) -> str:
+    def _number_of(self, place: PayloadPlace) -> str:
         """What tells the numbered messages or rows apart; "": there are no numbers."""
         number = place.first(self._mapping.sequence)
         if number is None:
@@ -272,7 +272,7 @@ def _sender(topic: str, mapping: PayloadMapping) -> str:
     return topic
 
 
-def _time_ns(place: Place, mapping: PayloadMapping) -> int:
+def _time_ns(place: PayloadPlace, mapping: PayloadMapping) -> int:
     written, base = place.first(mapping.time), place.first(mapping.time_base)
     if written is None and base is None:
         raise MessageError(f"no time at {' or '.join(mapping.time)}")

@@ -25,7 +25,7 @@ from sensors.settings import settings_from_table
 
 TIME_UNITS = {"auto": 0, "s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # [ns]
 DECODERS = ("json", "sparkplug-b")
-STAMPS = ("first", "last")
+TIMESTAMP_FORMATS = ("first", "last")
 PRESETS = Path(__file__).with_name("presets.toml")
 
 Paths = tuple[str, ...]
@@ -79,7 +79,7 @@ class PayloadMapping:
         for key, value, known in (
             ("decode", self.decode, DECODERS),
             ("time_unit", self.time_unit, tuple(TIME_UNITS)),
-            ("stamp", self.stamp, STAMPS),
+            ("stamp", self.stamp, TIMESTAMP_FORMATS),
         ):
             if value not in known:
                 raise FeedError(f"{key} is {value!r}; it is one of {', '.join(known)}")

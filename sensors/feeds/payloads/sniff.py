@@ -16,7 +16,7 @@ from sensors.feeds.payloads.timestamps import moment_ns
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
 EARLIEST_NS = 946_684_800 * NANOSECONDS  # the year 2000: what is before is no time of a sample
-DEEPEST = 6  # levels of objects
+DEEPEST_SNIFFED = 6  # levels of objects
 ORDER = (  # what asks most of a message first
     *("csijson", "campbell-geojson", "sparkplug-b", "senml", "opcua-pubsub-json", "telegraf"),
     *("thingsboard", "wise", "teltonika", "json", "nested", "proposed"),
@@ -120,7 +120,7 @@ def _list_of_rows(content: Any, path: str, depth: int) -> str | None:
     """Path of the first list of objects."""
     if isinstance(content, list) and content and isinstance(content[0], dict):
         return path
-    if isinstance(content, dict) and depth < DEEPEST:
+    if isinstance(content, dict) and depth < DEEPEST_SNIFFED:
         for key, inner in content.items():
             found = _list_of_rows(inner, f"{path}.{key}" if path else key, depth + 1)
             if found is not None:
@@ -130,7 +130,7 @@ def _list_of_rows(content: Any, path: str, depth: int) -> str | None:
 
 def _times(content: Any, path: str, depth: int) -> Iterator[str]:
     """Paths of what can be the time of a sample."""
-    if isinstance(content, dict) and depth < DEEPEST:
+    if isinstance(content, dict) and depth < DEEPEST_SNIFFED:
         for key, inner in content.items():
             yield from _times(inner, f"{path}.{key}" if path else key, depth + 1)
         return
@@ -149,7 +149,7 @@ def _values_path(row: Any) -> str | None:
 
 
 def _objects(content: Any, path: str, depth: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    if isinstance(content, dict) and depth < DEEPEST:
+    if isinstance(content, dict) and depth < DEEPEST_SNIFFED:
         yield path, content
         for key, inner in content.items():
             yield from _objects(inner, f"{path}.{key}" if path else key, depth + 1)

@@ -88,7 +88,7 @@ def test_nothing_recorded_is_one_line(tmp_path: Path) -> None:
 def test_recordings_and_a_session_that_runs_exclude_each_other() -> None:
     finished = CliRunner().invoke(app, ["farm", "x.mcap", "--follow"])
     assert isinstance(finished.exception, InputError)
-    assert "need none" in str(finished.exception)
+    assert "exclude them" in str(finished.exception)
 
 
 def test_a_session_that_runs_gives_what_it_published_before_anybody_asked() -> None:

@@ -173,3 +173,21 @@ def test_a_live_session_of_years_keeps_the_latest_and_counts_all(monkeypatch) ->
     figures = summary.as_json(wall=1.0)
     assert figures["windows"]["identified"] == 10
     assert (figures["stream"]["gaps"], figures["stream"]["gap_s"]) == (10, 10.0)
+
+
+def test_a_farms_summary_has_every_turbine() -> None:
+    summary = SessionSummary("replay:x", "t1")
+    for turbine in ("t1", "t2", "t3"):
+        for sequence in range(3):
+            summary.count(block(sequence, turbine=turbine))
+        summary.handle(replace(estimate(0, mode("m1", 0.3, 0.1)), turbine=turbine))
+    summary.handle(StreamGap("t2", "tower", "s", START_NS, START_NS + 4 * NANOSECONDS, 3, 4))
+    figures = summary.as_json(wall=1.0)
+
+    turbines = figures["turbines"]
+    assert [each["turbine"] for each in turbines] == ["t1", "t2", "t3"]
+    assert [each["windows"]["identified"] for each in turbines] == [1, 1, 1]
+    assert [each["stream"]["gaps"] for each in turbines] == [0, 1, 0]
+    assert [each["stream"]["published"] for each in turbines[1:]] == [3, 3]
+    assert figures["stream"]["published"] == 9
+    assert {**figures, "turbines": None} == {**turbines[0], "turbines": None}

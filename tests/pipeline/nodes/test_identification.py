@@ -122,23 +122,36 @@ def test_every_estimate_comes_with_the_poles_it_was_found_among(
             )
 
 
-def test_a_lost_block_rejects_its_window_and_no_other(blocks: list[AccelerationBlock]) -> None:
+def test_few_lost_seconds_cost_no_window(blocks: list[AccelerationBlock]) -> None:
     """
     |—— 0 ——|—▒ 1 ——|—— 2 ——|
     """
     said = answers(blocks[:70] + blocks[72:])
+    assert [line for line in outline(said) if line != "StreamGap"] == [
+        "ModalEstimate 0",
+        "ModalEstimate 1",
+        "ModalEstimate 2",
+    ]
+    gap = next(each for each in said if isinstance(each, StreamGap))
+    assert (gap.first_sequence, gap.n_blocks) == (70, 2)
+    assert (gap.start_ns, gap.end_ns) == (START + 70 * NANOSECONDS, START + 72 * NANOSECONDS)
+    window = next(e for e in said if isinstance(e, ModalEstimate) and e.window == 1)
+    assert [warning.code for warning in window.warnings] == ["missing"]
+
+
+def test_many_lost_blocks_reject_their_window_and_no_other(
+    blocks: list[AccelerationBlock],
+) -> None:
+    said = answers(blocks[:70] + blocks[77:])
     assert outline(said) == [
         "ModalEstimate 0",
         "StreamGap",
         "WindowRejected 1",
         "ModalEstimate 2",
     ]
-    gap, rejected = said[1], said[2]
-    assert isinstance(gap, StreamGap)
-    assert (gap.first_sequence, gap.n_blocks) == (70, 2)
-    assert (gap.start_ns, gap.end_ns) == (START + 70 * NANOSECONDS, START + 72 * NANOSECONDS)
+    rejected = said[2]
     assert isinstance(rejected, WindowRejected)
-    assert (rejected.code, rejected.reason) == ("gap", "gap of 2 s in unit tower at 70.000 s")
+    assert (rejected.code, rejected.reason) == ("gap", "gap of 7 s in unit tower at 70.000 s")
 
 
 def test_a_late_block_opens_no_gap(blocks: list[AccelerationBlock]) -> None:

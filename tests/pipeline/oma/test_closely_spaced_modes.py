@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pipeline.oma.closely_spaced_modes import with_close_pairs
 
 from pipeline.messages import Mode
-from pipeline.oma.closely_spaced_modes import with_close_pairs
 from tests.pipeline.oma.conftest import structure
 
 RATE, DURATION, DAMPING = 10.0, 600.0, 0.01

@@ -46,16 +46,25 @@ def test_largest_component_is_one_and_has_no_variance(cantilever: KnownStructure
         assert mode.frequency_std == pytest.approx(np.sqrt(mode.covariance[0, 0]))
 
 
-def test_a_window_with_a_sample_that_is_no_number_is_rejected(
-    two_mass_system: KnownStructure,
-) -> None:
+def test_a_lost_second_is_filled_and_moves_no_mode(two_mass_system: KnownStructure) -> None:
+    y = two_mass_system.ambient_response(sampling_rate=20.0, duration=300.0, seed=1)
+    whole = identify(y, 20.0)
+    y[400:420, 1] = np.nan
+    result = identify(y, 20.0)
+    assert [warning.code for warning in result.warnings] == ["missing"]
+    assert "channel 2 at 20.000 s" in result.warnings[0].text
+    for mode, before in zip(result.modes, whole.modes, strict=True):
+        assert mode.frequency == pytest.approx(before.frequency, abs=0.4 * before.frequency_std)
+
+
+def test_a_window_that_lacks_much_is_rejected(two_mass_system: KnownStructure) -> None:
     y = two_mass_system.ambient_response(sampling_rate=20.0, duration=60.0, seed=1)
-    y[400, 1] = np.nan
+    y[400:500, 1] = np.nan
     result = identify(y, 20.0)
     assert result.modes == ()
     assert result.rejection is not None
     assert result.rejection.code == "nan"
-    assert "channel 2 at 20.000 s" in result.rejection.text
+    assert "8.3 % of a channel, 5 % is the most" in result.rejection.text
 
 
 def test_a_dead_channel_is_rejected_by_its_name(two_mass_system: KnownStructure) -> None:

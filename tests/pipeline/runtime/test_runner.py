@@ -128,6 +128,32 @@ def test_a_run_that_is_stopped_handles_what_was_published() -> None:
     assert len(published) == 50
 
 
+class DeafBus(MemoryBus):
+    """Delivers statuses alone, as a transport of the wrong version did."""
+
+    def publish(self, message: Message) -> None:
+        if isinstance(message, NodeStatus):
+            super().publish(message)
+
+
+@pytest.mark.parametrize("unacknowledged_blocks", [8, None])
+def test_a_node_that_hears_nothing_ends_the_run_with_its_name(
+    monkeypatch: pytest.MonkeyPatch, unacknowledged_blocks: int | None
+) -> None:
+    """On main before, such a run never ended."""
+    monkeypatch.setattr("pipeline.runtime.runner.FIRST_BLOCK_TIMEOUT", 0.5)
+    bus, listener = DeafBus(), Listener()
+    with pytest.raises(NodeFailed, match=r"listener: the first block was published 0\.5 s ago"):
+        run_workers(
+            blocks(50),
+            threaded(bus, listener),
+            bus,
+            turbine="t1",
+            unacknowledged_blocks=unacknowledged_blocks,
+        )
+    assert listener.closed
+
+
 def test_a_live_run_goes_on_until_it_is_stopped() -> None:
     bus, listener, stopping = MemoryBus(), Listener(), threading.Event()
 

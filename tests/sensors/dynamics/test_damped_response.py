@@ -7,8 +7,8 @@ import pytest
 
 from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.damped_modes import DampedSystem, damped_system
-from sensors.dynamics.damped_response import DampedResponse
-from sensors.dynamics.modal_response import AccelerationResponse
+from sensors.dynamics.responses.damped_response import DampedResponse
+from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.structure_modes import (
     ModalDamping,
     ObservedModes,

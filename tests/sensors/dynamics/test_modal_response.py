@@ -6,8 +6,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, lsim
 
 from sensors.arrays import FloatArray
-from sensors.dynamics.modal_response import AccelerationResponse
-from sensors.dynamics.oscillators import ModalOscillators, first_order_hold
+from sensors.dynamics.responses.modal_response import AccelerationResponse
+from sensors.dynamics.responses.oscillators import ModalOscillators, first_order_hold
 from sensors.dynamics.structure_modes import ModalDamping, ObservedModes, structure_modes
 from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sensors.acquisition.layout import biaxial_layout
-from sensors.dynamics.damped_response import DampedResponse
+from sensors.dynamics.responses.damped_response import DampedResponse
 from sensors.loads import BroadbandLoad, Sea, WaveBandLoad, Wind
 from sensors.simulation.schedule import ScheduleStep
 from sensors.simulation.tower import SimulatedTower, SimulationSettings, resonance_grid

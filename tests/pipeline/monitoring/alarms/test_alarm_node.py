@@ -14,7 +14,7 @@ from pipeline.cli import app
 from pipeline.monitoring.alarms.alarm_node import BOOK, FOLDER, KEY, AlarmNode
 from pipeline.monitoring.alarms.channels import Webhook
 from pipeline.monitoring.alarms.delivery_metrics import delivery_families
-from pipeline.monitoring.alarms.heartbeat import Heartbeat, Pulse
+from pipeline.monitoring.alarms.heartbeat import AlarmHeartbeat, Pulse
 from pipeline.monitoring.alarms.settings import (
     AlarmError,
     AlarmLogSettings,
@@ -210,7 +210,7 @@ def test_a_heartbeat_is_sent_while_the_session_lives_and_ends_when_it_hangs() ->
     clock, heard_ns = Clock(), START_NS
     with web_server() as server:
         settings = HeartbeatSettings(server.url)
-        heartbeat = Heartbeat(settings, lambda: Pulse(heard_ns, 2), {"host": "h"}, clock)
+        heartbeat = AlarmHeartbeat(settings, lambda: Pulse(heard_ns, 2), {"host": "h"}, clock)
         heartbeat.ping()
         clock.now_ns += 61 * NANOSECONDS
         heartbeat.ping()

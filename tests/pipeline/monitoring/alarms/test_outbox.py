@@ -9,7 +9,6 @@ from typing import Any
 
 from pipeline.monitoring.alarms.channels import DeliveryFailed
 from pipeline.monitoring.alarms.outbox import (
-    MOST_REFUSALS,
     REFUSED,
     Delivery,
     Outbox,
@@ -106,9 +105,12 @@ class Scripted:
 
     def __init__(self, *failures: Exception) -> None:
         self.failures = list(failures)
+        self.refused: dict[int, DeliveryFailed] = {}  # by number, however often it is sent
         self.sent: list[tuple[int, tuple[str, ...]]] = []
 
     def send(self, message: Mapping[str, Any], recipients: tuple[str, ...] = ()) -> None:
+        if message["number"] in self.refused:
+            raise self.refused[message["number"]]
         if self.failures:
             raise self.failures.pop(0)
         self.sent.append((message["number"], recipients))
@@ -133,7 +135,8 @@ def test_no_error_of_a_channel_ends_its_thread(tmp_path: Path) -> None:
 
 def test_a_message_that_is_refused_for_itself_holds_up_no_other(tmp_path: Path) -> None:
     outbox = Outbox(tmp_path)
-    channel = Scripted(DeliveryFailed("400", message_only=True))
+    channel = Scripted()
+    channel.refused = {1: DeliveryFailed("400", message_only=True)}
     outbox.put({"number": 1})
     outbox.put({"number": 2})
     delivery = Delivery(channel, outbox, PAUSE)
@@ -148,7 +151,9 @@ def test_only_the_recipients_that_were_refused_are_tried_again(tmp_path: Path) -
     outbox = Outbox(tmp_path)
     outbox.put({"number": 1})
     partly = DeliveryFailed("550", message_only=True, remaining=("b@example.org",))
-    first = Delivery(Scripted(partly), outbox, PAUSE)
+    refusing = Scripted()
+    refusing.refused = {1: partly}
+    first = Delivery(refusing, outbox, PAUSE)
     first.start()
     first.stop(20)
     channel = Scripted()
@@ -162,11 +167,14 @@ def test_only_the_recipients_that_were_refused_are_tried_again(tmp_path: Path) -
 def test_a_message_that_is_refused_many_times_is_set_aside_and_reported(tmp_path: Path) -> None:
     outbox = Outbox(tmp_path)
     outbox.put({"number": 1})
-    refusals = [DeliveryFailed("550", message_only=True) for _ in range(MOST_REFUSALS)]
-    for refusal in refusals:
-        delivery = Delivery(Scripted(refusal), outbox, PAUSE)
-        delivery.start()
-        delivery.stop(20)
+    channel = Scripted()
+    channel.refused = {1: DeliveryFailed("550", message_only=True)}
+    delivery = Delivery(channel, outbox, PAUSE)
+    delivery.start()
+    deadline = time.monotonic() + 20
+    while outbox.waiting() and time.monotonic() < deadline:
+        delivery.wake()
+    delivery.stop(20)
 
     assert outbox.waiting() == []
     assert [path.name for path in (tmp_path / REFUSED).iterdir()] == ["000000000001.json"]

@@ -45,7 +45,7 @@ from sensors.feeds.payloads.timestamps import LATEST_NS
 from sensors.feeds.position import FeedPosition
 from sensors.feeds.protocol import ChannelSamples, FeedCounts, FeedError, Inbox
 from sensors.feeds.reconnect import LinkError, kept_connected
-from sensors.feeds.seedlink_packets import packet_3, packet_4
+from sensors.feeds.seedlink.packets import packet_3, packet_4
 
 logger = logging.getLogger(__name__)
 

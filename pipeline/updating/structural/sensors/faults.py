@@ -6,7 +6,7 @@ are put right. The cheapest is taken where it lowers the cost by more than chanc
 faults that were tried allow.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -68,12 +68,13 @@ def sensor_fault(
            looked for
     """
     faults = list(_faults(fit))
-    for fault in faults:
-        end = _fitted(fault, evidence, peak) if fault.name == last else None
-        if end is None or end.cost >= peak.cost - LEAST_DROP:
-            continue
-        if text := _sized(fault, end):
-            return replace(fault, text=text), end
+    known = [fault for fault in faults if fault.name == last]
+    return _best_of(known, evidence, peak) or _best_of(faults, evidence, peak)
+
+
+def _best_of(
+    faults: Sequence[SensorFault], evidence: ModalEvidence, peak: JointPeak
+) -> tuple[SensorFault, JointPeak] | None:
     best: tuple[SensorFault, JointPeak] | None = None
     for fault in faults:
         fitted = _fitted(fault, evidence, peak)
@@ -82,8 +83,8 @@ def sensor_fault(
     if best is None or best[1].cost > peak.cost - LEAST_DROP:
         return None
     fault, end = best
-    sized = replace(fault, text=_sized(fault, end))
-    return None if sized.text == "" else (sized, end)
+    text = _sized(fault, end)
+    return (replace(fault, text=text), end) if text else None
 
 
 def _fitted(fault: SensorFault, evidence: ModalEvidence, peak: JointPeak) -> JointPeak | None:

@@ -1,0 +1,161 @@
+"""Modes of a window where poles are not enough: decided by the evidence of the Fourier lines.
+
+    modes of the poles ─┬─ resolved, alone ──────────────────────────────► as they are
+    refused mixtures   ─┤
+    coincident modes   ─┴─ groups of suspects ─► one, two, three modes? ─► by evidence
+
+A mode that is reported explains what the others do not: of two poles that a group's lines do not
+tell apart, one is left.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.messages import Mode
+from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.coincident_modes import CoincidentModes
+from pipeline.oma.whittle.groups import Group, Suspect, grouped, modes_of_group
+from pipeline.oma.whittle.narrow_band import WindowSpectrum
+
+UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
+HIDDEN = 4.0  # second power over flank of a mode that hides another: of 80 single modes none had
+# more than 2.2, of 60 pairs .5 to 2 % apart none less than 10
+MIXED_SHAPES = (
+    0.6  # correlation of two modes' forces beyond which their shapes are doubtful mixtures [-]
+)
+MOST_UNLIKE = 2.5  # ratio of half bandwidths of two modes of a resolved group [-]
+VAGUEST_SHAPE = 0.6  # std of a component of a shape that overlapping modes leave [-]
+ALIKE_SHAPES = 0.8  # MAC of one mode's shapes by poles and by lines [-]
+TINTED = 4.0  # colour of a band whose background moves with its modes: the model does not hold [-]
+WIDEST_GROUP = (
+    30.0  # ζ f T above which poles have data enough, and a band would hold many modes [-]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedMode:
+    """What looked like a mode and is not reported."""
+
+    frequency: float
+    """f [Hz]"""
+    damping_ratio: float
+    """ζ [-]"""
+    code: str
+    """Stable name of the reason."""
+    text: str
+    """One sentence with the figure that decided."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResolvedModes:
+    """The modes of a window, and what was refused."""
+
+    modes: tuple[Mode, ...]
+    """Lowest frequency first."""
+    refused: tuple[RefusedMode, ...]
+
+
+def resolved_by_evidence(
+    modes: Sequence[Mode],
+    refused: Sequence[RefusedMode],
+    coincident: Sequence[CoincidentModes],
+    spectrum: WindowSpectrum,
+    settings: OmaSettings,
+) -> ResolvedModes:
+    """The modes of the poles, with those of every group of suspects as the evidence has them.
+
+    modes     of all bands, each once
+    refused   with the reasons; a mixture of neighbours makes a suspect
+    """
+    duration = spectrum.duration
+    suspects = _suspects(modes, refused, coincident, spectrum)
+    known = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
+    result, reasons = list(modes), list(refused)
+    for group in grouped(suspects, duration):
+        inside = [mode for mode in modes if group.holds(mode.frequency, duration)]
+        others = [each for each in known if not group.holds(each.frequency, duration)]
+        found = modes_of_group(group, spectrum, others, settings)
+        if found is None or not found.modes:
+            continue
+        kept: Sequence[Mode] = found.modes
+        if group.half_bandwidth * duration >= UNRESOLVED:
+            kept = [each for each in kept if _believable(each, group)]
+            if len(kept) <= len(inside) or found.mixed > MIXED_SHAPES or abs(found.colour) > TINTED:
+                continue
+            kept = [next((m for m in inside if _same(m, each)), each) for each in kept]
+        result = [mode for mode in result if not any(mode is old for old in inside)]
+        result += kept
+        reasons = [
+            each
+            for each in reasons
+            if not (each.code == "mixture" and group.holds(each.frequency, duration))
+        ]
+        reasons += _left_out(inside, kept, group)
+    return ResolvedModes(
+        tuple(sorted(result, key=lambda mode: mode.frequency)),
+        tuple(sorted(reasons, key=lambda each: each.frequency)),
+    )
+
+
+def _suspects(
+    modes: Sequence[Mode],
+    refused: Sequence[RefusedMode],
+    coincident: Sequence[CoincidentModes],
+    spectrum: WindowSpectrum,
+) -> list[Suspect]:
+    found = [Suspect(each.frequency, each.damping_ratio) for each in coincident]
+    found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
+    seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
+    seen += [Suspect(each.frequency, each.damping_ratio) for each in refused]
+    found += [
+        each
+        for each in seen
+        if each.half_bandwidth * spectrum.duration < UNRESOLVED
+        or spectrum.second_over_flank(each.frequency, each.half_bandwidth) > HIDDEN
+    ]
+    return [each for each in found if each.half_bandwidth * spectrum.duration < WIDEST_GROUP]
+
+
+def _believable(mode: Mode, group: Group) -> bool:
+    """Whether a mode may be one of a group that the window resolves: damped as the others, among
+    them, its shape known."""
+    likeness = mode.damping_ratio * mode.frequency / group.half_bandwidth
+    reach = 2.5 * group.half_bandwidth
+    return bool(
+        1 / MOST_UNLIKE < likeness < MOST_UNLIKE
+        and group.low - reach <= mode.frequency <= group.high + reach
+        and mode.shape_std.max() <= VAGUEST_SHAPE
+    )
+
+
+def _same(pole: Mode, mode: Mode) -> bool:
+    """Whether a mode of the lines is one that the poles have, sharper where data are many."""
+    joint_std = float(np.hypot(pole.frequency_std, mode.frequency_std))
+    near = abs(pole.frequency - mode.frequency) < max(
+        3 * joint_std, 0.3 * mode.damping_ratio * mode.frequency
+    )
+    return (
+        near and modal_assurance_criterion(pole.shape[None], mode.shape[None])[0, 0] > ALIKE_SHAPES
+    )
+
+
+def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list[RefusedMode]:
+    """Poles of a group that the lines do not need: those farthest from the modes that are kept."""
+    if len(poles) <= len(kept):
+        return []
+    by_distance = sorted(
+        poles, key=lambda pole: min(abs(pole.frequency - mode.frequency) for mode in kept)
+    )
+    return [
+        RefusedMode(
+            pole.frequency,
+            pole.damping_ratio,
+            "explained",
+            f"explains nothing that the {len(kept)} modes between {group.low:.4g} and "
+            f"{group.high:.4g} Hz do not",
+        )
+        for pole in by_distance[len(kept) :]
+    ]

@@ -1,0 +1,88 @@
+"""Two modes of one frequency as two entries of a pair: the plane that they span, and their mean."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import fft
+
+from pipeline.messages import Mode
+from pipeline.oma.ssi.coincident_modes import CoincidentModes
+from pipeline.oma.whittle.pairs import Partner, joint_pair
+from sensors.arrays import FloatArray, IntArray
+
+HALF_WIDTH = 2.0  # of the narrow band, in lines 1/T
+ABOVE_REST = 20.0  # a partner's eigenvalue over the next one [-]
+
+
+class NarrowBandSpectrum:
+    """Spectral matrices of a window in bands a few lines wide, with accelerations' phases."""
+
+    def __init__(
+        self, samples: FloatArray, sampling_rate: float, integrations: IntArray | None = None
+    ):
+        """samples: (n, n_channels), free of offset;  integrations: (n_channels,)"""
+        n = len(samples)
+        self.duration = n / sampling_rate
+        self._scales = np.sqrt(np.mean(samples**2, axis=0))
+        taper = np.hanning(n)[:, None]
+        self._integrations = np.zeros(samples.shape[1]) if integrations is None else integrations
+        self._lines = fft.rfft(samples / self._scales * taper, axis=0) * 1j**self._integrations
+
+    def plane_at(self, frequency: float, half_width: float) -> tuple[FloatArray, Partner] | None:
+        """The two directions that shake within so many lines of a frequency, the stronger one's
+        shape in the samples' units; None where there are not just two."""
+        values, vectors = np.linalg.eigh(self._matrix(frequency, 0, half_width))
+        first, second, third = values[-1], values[-2], max(values[-3], np.finfo(float).tiny)
+        if second < ABOVE_REST * third:
+            return None
+        scales = self._scales * (2 * np.pi * frequency) ** self._integrations
+        shape = vectors[:, -1] * scales
+        partner = Partner(vectors[:, -2] * scales, float(second / first), float(third / second))
+        return shape / shape[np.argmax(np.abs(shape))], partner
+
+    def _matrix(self, frequency: float, nearest: float, farthest: float) -> FloatArray:
+        """Mean real spectral matrix of the lines whose distance from f, in 1/T, is in between."""
+        distance = np.abs(np.arange(len(self._lines)) - frequency * self.duration)
+        lines = self._lines[(distance >= nearest) & (distance <= farthest)]
+        return np.asarray((lines.T @ lines.conj()).real / max(1, len(lines)))
+
+
+def twin_pairs(
+    twins: Sequence[CoincidentModes],
+    samples: FloatArray,
+    sampling_rate: float,
+    integrations: IntArray | None = None,
+) -> list[Mode]:
+    """Two entries of one `pair_id` for each twins of which the window shows the plane.
+
+    The mean's std is that of one mode by the uncertainty law (δf / f)² = (δζ)² = ζ / (2π f T)
+    (Au 2014, Mechanical Systems and Signal Processing 48, 15): the mean of two is known √2 times
+    better, by a subspace method about as much worse. What the orders scatter by comes to it.
+    """
+    if samples.shape[1] < 3 or not twins:
+        return []
+    spectrum = NarrowBandSpectrum(samples, sampling_rate, integrations)
+    found: list[Mode] = []
+    for each in twins:
+        cycles = each.frequency * spectrum.duration
+        plane = spectrum.plane_at(each.frequency, max(HALF_WIDTH, each.damping_ratio * cycles))
+        if plane is None:
+            continue
+        shape, partner = plane
+        law = float(np.sqrt(each.damping_ratio / (2 * np.pi * cycles)))
+        factor = np.zeros((2 + len(shape), 2))
+        factor[0, 0] = np.hypot(law * each.frequency, each.frequency_scatter)
+        factor[1, 1] = np.hypot(law, each.damping_scatter)
+        leader = Mode(
+            "",
+            each.frequency,
+            factor[0, 0],
+            each.damping_ratio,
+            factor[1, 1],
+            shape,
+            factor,
+            0,
+        )
+        lines = np.array([0.5, np.hypot(0.5, 1.0)]) / spectrum.duration
+        found += joint_pair(leader, np.full(2, each.frequency), lines, partner)
+    return found

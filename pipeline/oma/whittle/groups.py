@@ -1,0 +1,265 @@
+"""Modes of a window that are too near each other, or too slow, for poles: fitted to its lines.
+
+A group is a stretch of frequencies with suspects: a mode that the window does not resolve
+(ζ f T < 3), neighbours whose resonances overlap, a mixture of neighbours that was refused. The
+number of modes that the evidence supports replaces what the poles say there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from pipeline.messages import Mode
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
+from pipeline.oma.whittle.fit import WhittleFit
+from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
+from pipeline.oma.whittle.pairs import Partner, joint_pair
+from pipeline.oma.whittle.selection import fits_in_turn
+from sensors.arrays import FloatArray
+
+REACH_LINES = 30.0  # of a band beyond its group, so that a flat background is told from a mode,
+REACH_WIDTHS = 9.0  # and half bandwidths ζ f more
+TOUCHING_WIDTHS = 2.5  # half bandwidths between neighbours of one group,
+TOUCHING_LINES = 5.0  # and lines 1/T more
+MOST_BINS = 60  # of a band; more lines are taken together
+FEWEST_BINS_A_WIDTH = 2.0  # in which half a resonance must still show
+MOST_GROUP_MODES = 4  # that a band is fitted with
+CLOSE = 2.0  # std of the difference within which two modes are a pair
+HARMONIC_WIDTH = 0.1  # half bandwidth below which a line is a harmonic [lines]
+
+
+@dataclass(frozen=True, slots=True)
+class Suspect:
+    """A frequency at which something may be hidden."""
+
+    frequency: float  # [Hz]
+    damping_ratio: float  # [-]
+
+    @property
+    def half_bandwidth(self) -> float:
+        """ζ f [Hz]"""
+        return self.damping_ratio * self.frequency
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Suspects in one stretch of frequencies."""
+
+    low: float  # of the lowest suspect [Hz]
+    high: float  # of the highest suspect [Hz]
+    half_bandwidth: float  # ζ f, median of the suspects [Hz]
+
+    def holds(self, frequency: float, duration: float) -> bool:
+        margin = _margin(self.half_bandwidth, duration)
+        return self.low - margin <= frequency <= self.high + margin
+
+
+def _margin(half_bandwidth: float, duration: float) -> float:
+    """How far a group reaches beyond a suspect [Hz]."""
+    return TOUCHING_WIDTHS * half_bandwidth + TOUCHING_LINES / duration
+
+
+def grouped(suspects: Sequence[Suspect], duration: float) -> list[Group]:
+    """Suspects whose resonances touch, lowest frequency first. duration: T [s]"""
+    runs: list[list[Suspect]] = []
+    for suspect in sorted(suspects, key=lambda each: each.frequency):
+        last = runs[-1][-1] if runs else None
+        if last is not None:
+            reach = _margin(max(last.half_bandwidth, suspect.half_bandwidth), duration)
+            if suspect.frequency - last.frequency <= reach:
+                runs[-1].append(suspect)
+                continue
+        runs.append([suspect])
+    return [
+        Group(
+            run[0].frequency, run[-1].frequency, float(np.median([s.half_bandwidth for s in run]))
+        )
+        for run in runs
+    ]
+
+
+def band_of(group: Group, spectrum: WindowSpectrum, others: Sequence[Suspect]) -> NarrowBand | None:
+    """Lines of a group and of what surrounds it, as far as other modes leave it alone.
+
+    others   modes outside the group
+    """
+    T = spectrum.duration
+    width = group.half_bandwidth
+    reach = REACH_LINES / T + REACH_WIDTHS * width
+    least = 8 / T + 3 * width
+    low, high = max(group.low - reach, 0.5 * group.low), group.high + reach
+    for other in others:
+        clear = 4 * other.half_bandwidth + 2 / T
+        if other.frequency < group.low:
+            low = max(low, min(other.frequency + clear, group.low - least))
+        else:
+            high = min(high, max(other.frequency - clear, group.high + least))
+    n_lines = (high - low) * T
+    together = max(1, int(min(n_lines / MOST_BINS, width * T / FEWEST_BINS_A_WIDTH)))
+    band = spectrum.band(low, high, together)
+    return band if len(band.numbers) >= 12 else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroupModes:
+    """What the lines of a group say."""
+
+    modes: tuple[Mode, ...]
+    """Inside the group, lowest frequency first."""
+    mixed: float
+    """Largest correlation of two of its modes' forces [-]."""
+    colour: float
+    """c of the band [-]."""
+
+
+def modes_of_group(
+    group: Group, spectrum: WindowSpectrum, others: Sequence[Suspect], settings: OmaSettings
+) -> GroupModes | None:
+    """The modes of a group by evidence; None where the window has too few lines there."""
+    band = band_of(group, spectrum, others)
+    if band is None:
+        return None
+    half_width = max(0.3, group.half_bandwidth * band.duration)
+    fits = fits_in_turn(band, most_modes=MOST_GROUP_MODES, half_width=half_width)
+    if not fits:
+        return None
+    best = fits[-1]
+    covariance: FloatArray = np.asarray(
+        np.linalg.pinv(best.information, hermitian=True), dtype=np.float64
+    )
+    modes = {
+        place: mode
+        for place, mode in enumerate(_modes(best, band, covariance))
+        if group.holds(mode.frequency, band.duration)
+        and mode.damping_ratio < settings.maximum_damping
+        and best.modes.half_widths[place] > HARMONIC_WIDTH
+        and mode.frequency_std < settings.maximum_frequency_std * mode.frequency
+    }
+    order = sorted(modes, key=lambda place: modes[place].frequency)
+    pairs = [
+        (one, other) for one, other in pairwise(order) if _is_pair(best, one, other, covariance)
+    ]
+    if len(pairs) == 1:
+        ((one, other),) = pairs
+        modes[one], modes[other] = _as_pair(best, band, (one, other), modes)
+    elif pairs:
+        joint = sorted({place for pair in pairs for place in pair})
+        modes |= _as_one_group([modes[place] for place in joint], joint, band.duration)
+    forces = best.modes.forces @ best.modes.forces.conj().T
+    inside = np.array(order, dtype=np.intp)
+    correlation = np.abs(forces / np.sqrt(np.outer(np.diag(forces), np.diag(forces)).real))
+    np.fill_diagonal(correlation, 0.0)
+    mixed = float(correlation[np.ix_(inside, inside)].max(initial=0.0))
+    found = sorted(modes.values(), key=lambda mode: mode.frequency)
+    return GroupModes(tuple(found), mixed, best.modes.colour)
+
+
+def _is_pair(fit: WhittleFit, one: int, other: int, covariance: FloatArray) -> bool:
+    """Whether the window hardly tells two modes apart: their frequencies lie within a line 1/T, or
+    within so many std of their difference."""
+    gap = abs(fit.modes.positions[one] - fit.modes.positions[other])
+    variance = covariance[one, one] + covariance[other, other] - 2 * covariance[one, other]
+    return bool(gap < max(1.0, CLOSE * np.sqrt(variance)))
+
+
+def _as_pair(
+    fit: WhittleFit, band: NarrowBand, members: tuple[int, int], modes: dict[int, Mode]
+) -> tuple[Mode, Mode]:
+    """Two entries of a pair of which the plane is known and the axes in it hardly: the axes along
+    which the two shake most and least, each with the mean frequency of the power along it and half
+    a line added to its std."""
+    one, other = (modes[member] for member in members)
+    chosen = list(members)
+    phi = fit.modes.shapes[:, chosen]
+    forces = (fit.modes.forces @ fit.modes.forces.conj().T)[np.ix_(chosen, chosen)]
+    decay = fit.modes.half_widths[chosen]
+    power = (forces / (decay[:, None] + decay[None, :])).real
+    values, vectors = np.linalg.eigh(phi @ power @ phi.T)
+    frequencies = np.array([one.frequency, other.frequency])
+    own_power = np.diag(power)
+    axes = vectors[:, [-1, -2]]
+    weights = (axes.T @ phi) ** 2 * own_power  # of the modes in what shakes along each axis
+    weights /= weights.sum(axis=1, keepdims=True)
+    centres = weights @ frequencies
+    gap = abs(one.frequency - other.frequency)
+    spreads = np.hypot(gap * np.sqrt(weights[:, 0] * weights[:, 1]), 0.5 / band.duration)
+    directions = axes * band.accelerations(float(centres.mean()))[:, None]
+    share = float(max(values[-2], 0.0) / values[-1])
+    noise = float(np.trace(fit.modes.noise) / len(values) / max(values[-2], 1e-300))
+    leader = replace(
+        one if one.frequency_std <= other.frequency_std else other,
+        shape=directions[:, 0] / directions[np.argmax(np.abs(directions[:, 0])), 0],
+    )
+    return joint_pair(leader, centres, spreads, Partner(directions[:, 1], share, noise))
+
+
+def _as_one_group(modes: Sequence[Mode], places: Sequence[int], duration: float) -> dict[int, Mode]:
+    """Three modes or more that the window hardly tells apart under one `pair_id`: each at the
+    mean, with their spread and half a line added to the std."""
+    frequencies = [mode.frequency for mode in modes]
+    mean = float(np.mean(frequencies))
+    spread = float(np.hypot(np.std(frequencies), 0.5 / duration))
+    return {
+        place: _spread_about(mode, mean, spread) for place, mode in zip(places, modes, strict=True)
+    }
+
+
+def _spread_about(mode: Mode, mean: float, spread: float) -> Mode:
+    column = np.zeros((len(mode.covariance_factor), 1))
+    column[0] = spread
+    return replace(
+        mode,
+        frequency=mean,
+        frequency_std=float(np.hypot(mode.frequency_std, spread)),
+        covariance_factor=np.hstack([mode.covariance_factor, column]),
+        pair_id=f"{mean:.4f} Hz",
+    )
+
+
+def _modes(fit: WhittleFit, band: NarrowBand, covariance: FloatArray) -> list[Mode]:
+    """Every mode of a fit with the covariance that the lines leave it, in the fit's order."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return [_mode(fit, band, place, root) for place in range(fit.modes.n_modes)]
+
+
+def _mode(fit: WhittleFit, band: NarrowBand, j: int, root: FloatArray) -> Mode:
+    """root: of the covariance of all parameters, (n_parameters, n_parameters)"""
+    modes, m = fit.modes, fit.modes.n_modes
+    n_channels = len(modes.shapes)
+    position, half_width = float(modes.positions[j]), float(modes.half_widths[j])
+    damping = half_width / float(np.hypot(position, half_width))
+    frequency = float(np.hypot(position, half_width)) / band.duration
+    first = len(root) - m * (n_channels - 1) + j * (n_channels - 1)
+    scales = band.accelerations(frequency)
+    moved = np.zeros((n_channels, root.shape[1]))
+    moved[np.arange(n_channels) != modes.units[j]] = root[first : first + n_channels - 1]
+    shape, shape_factor = normalised_with_deviations(
+        (modes.shapes[:, j] * scales).astype(complex), (moved * scales[:, None]).astype(complex)
+    )
+    rows = np.vstack(
+        [root[j] / band.duration, damping * (root[m + j] - root[j] / position), shape_factor]
+    )
+    factor = _compact(rows)
+    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
+    return Mode(
+        name="",
+        frequency=frequency,
+        frequency_std=float(frequency_std),
+        damping_ratio=damping,
+        damping_ratio_std=float(damping_std),
+        shape=shape,
+        covariance_factor=factor,
+        n_block_columns=0,
+    )
+
+
+def _compact(rows: FloatArray) -> FloatArray:
+    """A factor of the same covariance with no more columns than rows; zero rows stay zero."""
+    left, values, _ = np.linalg.svd(rows, full_matrices=False)
+    factor = left * values
+    factor[~rows.any(axis=1)] = 0.0
+    return np.asarray(factor)

@@ -1,0 +1,104 @@
+"""The Fourier lines of a window, and the few of them that a group of close modes is fitted to."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, linalg
+
+from sensors.arrays import ComplexArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NarrowBand:
+    """Spectral matrices of the lines around a frequency, of scaled channels.
+
+    Where modes are many lines wide, neighbouring lines are taken together: what their number
+    costs is then the same for every mode.
+    """
+
+    matrices: ComplexArray
+    """Mean of y_k y_kᴴ over the lines taken together, (n_bins, n_channels, n_channels) [-]."""
+    numbers: FloatArray
+    """Frequency × duration of each bin's middle, (n_bins,) [-]."""
+    n_together: int
+    """Lines in each bin."""
+    scales: FloatArray
+    """Divisors of the channels, (n_channels,), in the samples' units."""
+    duration: float
+    """T of the window [s]."""
+    integrations: IntArray
+    """Of channels that measure different quantities, (n_channels,)."""
+
+    @property
+    def n_lines(self) -> int:
+        return len(self.matrices) * self.n_together
+
+    @property
+    def powers(self) -> FloatArray:
+        """Of each channel at each bin, (n_bins, n_channels)."""
+        return np.asarray(np.einsum("kii->ki", self.matrices).real)
+
+    def accelerations(self, frequency: float) -> FloatArray:
+        """Factors from the shapes of the scaled channels to those of accelerations,
+        (n_channels,)."""
+        return np.asarray(self.scales * (2 * np.pi * frequency) ** self.integrations)
+
+
+class WindowSpectrum:
+    """Fourier transform of a window without a taper: lines k/T are nearly independent.
+
+    samples        (n, n_channels), free of offset
+    integrations   how often each channel's acceleration is integrated, (n_channels,)
+    """
+
+    def __init__(
+        self, samples: FloatArray, sampling_rate: float, integrations: IntArray | None = None
+    ) -> None:
+        n, n_channels = samples.shape
+        self.duration = n / sampling_rate
+        rms = np.sqrt(np.mean(samples**2, axis=0))
+        self._scales = np.where(rms > 0, rms, 1.0)
+        none = np.zeros(n_channels, dtype=np.int64)
+        self._integrations = none if integrations is None else integrations
+        self._lines = fft.rfft(samples / self._scales, axis=0) * 1j**self._integrations / n
+
+    def band(self, low: float, high: float, n_together: int = 1) -> NarrowBand:
+        """Lines from a frequency to another [Hz], so many taken together."""
+        first = max(1, round(low * self.duration))
+        last = min(len(self._lines) - 2, round(high * self.duration))
+        n_bins = max(0, last - first + 1) // n_together
+        lines = self._lines[first : first + n_bins * n_together]
+        binned = lines.reshape(n_bins, n_together, -1)
+        return NarrowBand(
+            binned.transpose(0, 2, 1) @ binned.conj() / n_together,
+            first + n_together * np.arange(n_bins) + (n_together - 1) / 2,
+            n_together,
+            self._scales,
+            self.duration,
+            self._integrations,
+        )
+
+    def second_over_flank(self, frequency: float, half_bandwidth: float) -> float:
+        """Power at a resonance over that beside it, in the direction that has the second most [-].
+
+        A mode alone stands out in one direction, its shape; what surrounds it fills the others as
+        much beside it as at it. 0 where the window ends.
+        """
+        inner, far = 1.5 * half_bandwidth, 8 * half_bandwidth + 10 / self.duration
+        near = 4 * half_bandwidth + 3 / self.duration
+        at = self._mean_matrix(frequency, 0.0, max(inner, 1.5 / self.duration))
+        beside = self._mean_matrix(frequency, near, far)
+        if at is None or beside is None or len(at) < 2:
+            return 0.0
+        beside += 1e-9 * np.trace(beside) * np.eye(len(beside))
+        return float(linalg.eigh(at, beside, eigvals_only=True)[-2])
+
+    def _mean_matrix(self, frequency: float, nearest: float, farthest: float) -> FloatArray | None:
+        """Mean of Re y_k y_kᴴ over the lines whose distance from f is in between [Hz]."""
+        centre, T = frequency * self.duration, self.duration
+        low, high = int(np.ceil(centre - farthest * T)), int(np.floor(centre + farthest * T))
+        numbers = np.arange(max(1, low), min(len(self._lines) - 1, high) + 1)
+        lines = self._lines[numbers[np.abs(numbers - centre) >= nearest * T]]
+        if len(lines) < 1:
+            return None
+        return np.asarray((lines.T @ lines.conj()).real / len(lines))

@@ -1,0 +1,161 @@
+"""Spectral matrix of a few close modes in a narrow band, with its derivatives.
+
+Each mode is one complex coordinate q' = λ q + w with w white, E[w wᴴ] = S over the modes. Beside
+the modes a band holds a flat background N: the channels' noise, and what modes of other frequencies
+add quasi-statically. Of a window of duration T the expected periodogram at line k is
+
+    E_k = Φ Q_k Φᵀ + N,   Q_k = (k/k̄)^c (U_k P + P U_kᴴ),   P_jl = S_jl / (−λ_j − λ_l*)
+    U_k = diag(u(σ)),  u = −1/σ + (e^σ − 1)/σ²,  σ = (λ_j − 2πi k/T) T
+
+whose u holds what the finite window leaks: 1/(iω − λ) would broaden a mode that decays as slowly as
+the window lasts. The colour c of the band is of the force and of what is measured: accelerations
+under a white force have 3, displacements −1. Left out, the tails of a mode would pull its frequency
+by a share of its std. With R = (I + Φᵀ N⁻¹ Φ Q)⁻¹,
+
+    E⁻¹ = N⁻¹ − N⁻¹ Φ Q R Φᵀ N⁻¹,   Φᵀ E⁻¹ = R Φᵀ N⁻¹
+
+so that all is done in matrices as small as the number of modes.
+Source: Au (2012), Fast Bayesian ambient modal identification in the frequency domain, Mech. Syst.
+Signal Process. 26; the expected periodogram after Sykulski et al. (2019), The debiased Whittle
+likelihood, Biometrika 106.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sensors.arrays import ComplexArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloseModes:
+    """Parameters of the modes of a band. Frequencies and half bandwidths in lines 1/T."""
+
+    positions: FloatArray
+    """ν, damped natural frequency × T, (n_modes,) [-]."""
+    half_widths: FloatArray
+    """b = ζ f T, (n_modes,) [-]."""
+    shapes: FloatArray
+    """φ of the scaled channels, (n_channels, n_modes), largest component 1 [-]."""
+    forces: ComplexArray
+    """C, lower triangular with real positive diagonal, S = C Cᴴ, (n_modes, n_modes)."""
+    colour: float
+    """c of all modes of the band [-]."""
+    noise: FloatArray
+    """N, (n_channels, n_channels), symmetric, positive definite."""
+
+    @property
+    def n_modes(self) -> int:
+        return len(self.positions)
+
+    @property
+    def units(self) -> IntArray:
+        """Component of each shape that is held at 1, (n_modes,)."""
+        return np.argmax(np.abs(self.shapes), axis=0)
+
+    def normalised(self) -> "CloseModes":
+        """The same modes with the largest component of each shape 1."""
+        largest = self.shapes[self.units, np.arange(self.n_modes)]
+        forces = self.forces * largest[:, None]
+        forces = forces * np.where(np.diag(forces).real < 0, -1.0, 1.0)[None, :]
+        return replace(self, shapes=self.shapes / largest, forces=forces)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModalSpectra:
+    """Q_k of the modal coordinates at each line."""
+
+    values: ComplexArray
+    """Q, (n_lines, n_modes, n_modes)."""
+    derivatives: ComplexArray
+    """By ν, ln b of each mode, C's parameters and c, (n_inner, n_lines, n_modes, n_modes)."""
+
+
+def leaked(sigma: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """u(σ) and its derivative."""
+    e = np.exp(sigma)
+    u = -1 / sigma + (e - 1) / sigma**2
+    return u, (1 + e) / sigma**2 - 2 * (e - 1) / sigma**3
+
+
+def modal_spectra(modes: CloseModes, numbers: FloatArray) -> ComplexArray:
+    """Q_k alone, (n_lines, n_modes, n_modes)."""
+    lam = 2 * np.pi * (-modes.half_widths + 1j * modes.positions)
+    u, _ = leaked(lam[None, :] - 2j * np.pi * numbers[:, None])
+    p = modes.forces @ modes.forces.conj().T / -(lam[:, None] + lam[None, :].conj())
+    tint = np.exp(modes.colour * log_numbers(numbers))[:, None, None]
+    return np.asarray(tint * (u[:, :, None] * p + p * u[:, None, :].conj()))
+
+
+def log_numbers(numbers: FloatArray) -> FloatArray:
+    """ln(k/k̄), (n_bins,)."""
+    return np.asarray(np.log(numbers / numbers.mean()))
+
+
+def expected_matrices(modes: CloseModes, numbers: FloatArray) -> ComplexArray:
+    """E_k, (n_lines, n_channels, n_channels)."""
+    return np.asarray(modes.shapes @ modal_spectra(modes, numbers) @ modes.shapes.T + modes.noise)
+
+
+def with_derivatives(modes: CloseModes, numbers: FloatArray) -> ModalSpectra:
+    """Q_k and its derivatives by ν and ln b of each mode; ln of C's diagonal; real and imaginary
+    part of each of C's components below it, row by row; c."""
+    m = modes.n_modes
+    lam = 2 * np.pi * (-modes.half_widths + 1j * modes.positions)
+    u, du = leaked(lam[None, :] - 2j * np.pi * numbers[:, None])
+    left, right = u[:, :, None], u[:, None, :].conj()
+    decay = -(lam[:, None] + lam[None, :].conj())
+    p = modes.forces @ modes.forces.conj().T / decay
+    found: list[ComplexArray] = []
+    steps = [(j, 2j * np.pi) for j in range(m)]
+    steps += [(j, -2 * np.pi * modes.half_widths[j]) for j in range(m)]
+    for j, step in steps:
+        dp = np.zeros((m, m), dtype=complex)
+        dp[j, :] += p[j, :] / decay[j, :] * step
+        dp[:, j] += p[:, j] / decay[:, j] * np.conj(step)
+        dq = left * dp + dp * right
+        dq[:, j, :] += (du[:, j] * step)[:, None] * p[j, :]
+        dq[:, :, j] += (du[:, j] * step).conj()[:, None] * p[:, j]
+        found.append(dq)
+    for i, j, factor in force_parameters(m):
+        dc = np.zeros((m, m), dtype=complex)
+        dc[i, j] = modes.forces[i, i] if factor is None else factor
+        ds = dc @ modes.forces.conj().T
+        dp = (ds + ds.conj().T) / decay
+        found.append(left * dp + dp * right)
+    plain = left * p + p * right
+    log_k = log_numbers(numbers)[:, None, None]
+    tint = np.exp(modes.colour * log_k)
+    return ModalSpectra(tint * plain, tint * np.stack([*found, log_k * plain]))
+
+
+def force_parameters(m: int) -> list[tuple[int, int, complex | None]]:
+    """Row, column and direction in C of its parameters; None: the logarithm of a diagonal."""
+    below = [(i, j) for i in range(m) for j in range(i)]
+    return [(j, j, None) for j in range(m)] + [(i, j, d) for i, j in below for d in (1.0, 1j)]
+
+
+def stepped(modes: CloseModes, step: FloatArray) -> CloseModes:
+    """The modes a step further: of ν and ln b, of C's parameters, of c, then of the shapes'
+    components but those held at 1, mode by mode."""
+    m, n_channels = modes.n_modes, len(modes.shapes)
+    inner = n_inner(m)
+    forces = modes.forces.copy()
+    for (i, j, factor), by in zip(force_parameters(m), step[2 * m : inner - 1], strict=True):
+        forces[i, j] = forces[i, j] * np.exp(by) if factor is None else forces[i, j] + by * factor
+    shapes = modes.shapes.copy()
+    for j, part in enumerate(step[inner:].reshape(m, n_channels - 1)):
+        shapes[np.arange(n_channels) != modes.units[j], j] += part
+    return replace(
+        modes,
+        positions=modes.positions + step[:m],
+        half_widths=modes.half_widths * np.exp(step[m : 2 * m]),
+        shapes=shapes,
+        forces=forces,
+        colour=modes.colour + float(step[inner - 1]),
+    ).normalised()
+
+
+def n_inner(m: int) -> int:
+    """Parameters of m modes beside their shapes."""
+    return 2 * m + m * m + 1

@@ -1,0 +1,1 @@
+"""Sensors that are turned, swapped, flipped, scaled or displaced."""

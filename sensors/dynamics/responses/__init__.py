@@ -1,0 +1,1 @@
+"""Responses in time: modal oscillators, damped response, modal response."""

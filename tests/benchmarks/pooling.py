@@ -1,0 +1,206 @@
+"""Pooling against an oracle: `python -m tests.benchmarks pooling [--farms 40 40 10] [--seed 7001]`.
+
+Farms are drawn: ln k11, ln k22, ln k12 of each turbine independent with one spread. What a
+turbine's windows show is a Gaussian about its truth in the pooling's coordinates, with a covariance
+of a library: those of 24 posteriors of drawn modal estimates, as `_farm_pooling` draws them.
+
+gain     the rms error's fall against each turbine alone
+oracle   knows the farm's mean and spread
+bound    knows the spread, not the mean: what turbines of the farm can show at best
+told     a turbine with 90 % of its k22, six windows each; false: of the others
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.farm.evidence import StackedEvidence, evidence_of
+from pipeline.farm.farm import OUTLYING, equal_spreads
+from pipeline.farm.pooling import PooledDraws, pooled
+from pipeline.farm.settings import GibbsSettings, PopulationPrior
+from pipeline.updating.population import SpringCoordinates
+from sensors.arrays import FloatArray
+from tests.benchmarks._farm_pooling import FarmCase, posterior, posteriors_of
+
+RESULT = Path(__file__).parent / "results" / "pooling.json"
+SIZES, SPREADS = (5, 20, 100), (0.02, 0.05)
+SETTINGS = GibbsSettings(burn_in=80, sweeps=150, rounds=1)  # shorter than a farm's own: for time
+SOFT = 0.9  # of k22
+WINDOWS = 6  # of a turbine, where a softer one is looked for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Library:
+    """Covariances of one window's evidence, and the coordinates that they are in."""
+
+    covariances: FloatArray
+    """(n, 3, 3) in x."""
+    coordinates: SpringCoordinates
+    """Of the turbine."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pooling:
+    """Of farms of one size and spread."""
+
+    turbines: int
+    spread: float
+    farms: int
+    rms_alone: float
+    """Of k / truth − 1 over all springs [-]."""
+    gain: float
+    gain_oracle: float
+    gain_bound: float
+    share_of_oracle: float
+    share_of_bound: float
+    rms_against_alone: float
+    median_against_alone: float
+    cover: float
+    """Of 90 % intervals."""
+
+
+def library(count: int = 24, seed: int = 5) -> Library:
+    """From posteriors of one window each."""
+    posteriors, generator = posteriors_of(FarmCase()), np.random.default_rng(seed)
+    covariances = []
+    for number in range(count):
+        truth = np.exp(0.03 * generator.standard_normal(3))
+        drawn = posterior(posteriors, number, truth, 1, generator)
+        coordinates = SpringCoordinates(np.array([each.nominal for each in drawn.parameters[:3]]))
+        found = evidence_of(drawn, coordinates, generator)
+        mean = found.shares @ found.means
+        off = found.means - mean
+        spread = found.covariances + off[:, :, None] * off[:, None, :]
+        covariances.append(np.einsum("k,kij->ij", found.shares, spread))
+    return Library(np.array(covariances), coordinates)
+
+
+def drawn(
+    lib: Library, truths: FloatArray, windows: int, generator: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Means (n, 3) and covariances (n, 3, 3) of the turbines' evidence."""
+    chosen = generator.integers(len(lib.covariances), size=len(truths))
+    covariances = lib.covariances[chosen] / windows
+    noise = generator.standard_normal(truths.shape)
+    seen = np.einsum("nij,nj->ni", np.linalg.cholesky(covariances), noise)
+    return lib.coordinates.of_ratios(truths) + seen, covariances
+
+
+def draws(lib: Library, means: FloatArray, covariances: FloatArray, seed: int) -> PooledDraws:
+    """The product's pooling."""
+    evidence = StackedEvidence(np.zeros((len(means), 1)), means[:, None], covariances[:, None])
+    generator, shape = np.random.default_rng([seed, 2]), equal_spreads(lib.coordinates)
+    return pooled(evidence, PopulationPrior(), generator, SETTINGS, shape)
+
+
+def informed(
+    means: FloatArray, covariances: FloatArray, population: FloatArray, centre: FloatArray
+) -> FloatArray:
+    """Posterior means of x, (n, 3), with the farm's mean and covariance known."""
+    precision, own = np.linalg.inv(population), np.linalg.inv(covariances)
+    weighted = (own @ means[..., None])[..., 0] + precision @ centre
+    return np.asarray(np.linalg.solve(own + precision, weighted[..., None])[..., 0])
+
+
+def measured(lib: Library, turbines: int, spread: float, seeds: Sequence[int]) -> Pooling:
+    """Errors and intervals over some farms."""
+    errors: dict[str, list[FloatArray]] = {"alone": [], "pooled": [], "oracle": [], "bound": []}
+    held = []
+    population = spread**2 * equal_spreads(lib.coordinates)
+    for seed in seeds:
+        generator = np.random.default_rng([seed, turbines, round(1000 * spread)])
+        truths = np.exp(spread * generator.standard_normal((turbines, 3)))
+        means, covariances = drawn(lib, truths, 1, generator)
+        precision = np.linalg.inv(covariances + population)
+        weighted = (precision @ means[..., None]).sum(axis=0)[:, 0]
+        centre = np.linalg.solve(precision.sum(axis=0), weighted)
+        ratios = lib.coordinates.to_ratios(draws(lib, means, covariances, seed).points)
+        low, median, high = np.quantile(ratios, [0.05, 0.5, 0.95], axis=0)
+        held.append((low <= truths) & (truths <= high))
+        for name, found in (
+            ("alone", lib.coordinates.to_ratios(means)),
+            ("pooled", median),
+            ("oracle", _ratios(lib, informed(means, covariances, population, np.zeros(3)))),
+            ("bound", _ratios(lib, informed(means, covariances, population, centre))),
+        ):
+            errors[name].append(found / truths - 1)
+    rms = {name: float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for name, e in errors.items()}
+    mid = {name: float(np.median(np.abs(np.concatenate(e)))) for name, e in errors.items()}
+    gains = {name: 1 - each / rms["alone"] for name, each in rms.items()}
+    return Pooling(
+        turbines,
+        spread,
+        len(seeds),
+        rms["alone"],
+        gains["pooled"],
+        gains["oracle"],
+        gains["bound"],
+        gains["pooled"] / gains["oracle"],
+        gains["pooled"] / gains["bound"],
+        rms["pooled"] / rms["alone"] - 1,
+        mid["pooled"] / mid["alone"] - 1,
+        float(np.mean(np.concatenate(held))),
+    )
+
+
+def _ratios(lib: Library, points: FloatArray) -> FloatArray:
+    return lib.coordinates.to_ratios(points)
+
+
+def softened(lib: Library, turbines: int, seeds: Sequence[int]) -> dict[str, float]:
+    """How often one turbine with less k22 is told, and others falsely."""
+    told = false = regular = 0
+    for seed in seeds:
+        generator = np.random.default_rng([seed, turbines, 10])
+        truths = np.exp(SPREADS[0] * generator.standard_normal((turbines, 3)))
+        truths[0] = [truths[0, 0], SOFT, truths[0, 2]]
+        means, covariances = drawn(lib, truths, WINDOWS, generator)
+        outlying = draws(lib, means, covariances, seed).outlier_probabilities >= OUTLYING
+        told, false = told + int(outlying[0]), false + int(outlying[1:].sum())
+        regular += turbines - 1
+    return {
+        "turbines": turbines,
+        "farms": len(seeds),
+        "told": told / len(seeds),
+        "false": false,
+        "others": regular,
+    }
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure each size and spread, print, write the results."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks pooling")
+    parser.add_argument("--farms", type=int, nargs=3, default=(40, 40, 10))
+    parser.add_argument("--soft", type=int, default=50, help="farms with one softer turbine")
+    parser.add_argument("--seed", type=int, default=7001)
+    chosen = parser.parse_args(arguments)
+    lib = library()
+    results: list[dict[str, float]] = []
+    soft: list[dict[str, float]] = []
+    for turbines, farms in zip(SIZES, chosen.farms, strict=True):
+        for spread in SPREADS:
+            found = measured(lib, turbines, spread, range(chosen.seed, chosen.seed + farms))
+            results.append(asdict(found))
+            print(found, flush=True)
+            _write(chosen, results, soft)
+    for turbines in SIZES[:2]:
+        soft.append(softened(lib, turbines, range(chosen.seed, chosen.seed + chosen.soft)))
+        print(soft[-1], flush=True)
+        _write(chosen, results, soft)
+
+
+def _write(
+    chosen: argparse.Namespace,
+    results: Sequence[dict[str, float]],
+    soft: Sequence[dict[str, float]],
+) -> None:
+    command = (
+        f"python -m tests.benchmarks pooling --farms {' '.join(map(str, chosen.farms))} "
+        f"--soft {chosen.soft} --seed {chosen.seed}"
+    )
+    content = {"command": command, "pooling": results, "soft": soft}
+    RESULT.write_text(json.dumps(content, indent=1) + "\n")

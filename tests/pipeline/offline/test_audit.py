@@ -1,0 +1,113 @@
+"""`pilewatch audit` proves a run's books from its files alone, and finds what was tampered with."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pipeline.messages import FoundationPosterior, Message
+from pipeline.offline.audit import audit
+from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.writer import whole_recording
+from pipeline.run.options import SessionOptions
+from pipeline.run.run import run_session
+from pipeline.sources.sources import replayed
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def folder(short_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of a run in threads, from which nothing was lost."""
+    out = tmp_path_factory.mktemp("run")
+    run_session(replayed(short_recording), SessionOptions(out=out, rrd=False))
+    return out
+
+
+def rewritten(folder: Path, copy: Path, keep: Callable[[Message], bool]) -> Path:
+    """The folder with a recording in which messages are missing."""
+    shutil.copytree(folder, copy)
+    path = folder / "session.mcap"
+    (copy / "session.mcap").unlink()
+    with whole_recording(copy / "session.mcap", metadata=read_metadata(path)) as recorder:
+        for message in read_messages(path):
+            if keep(message):
+                recorder.handle(message)
+    return copy
+
+
+def test_the_books_of_a_run_balance(folder: Path) -> None:
+    found = audit(folder)
+    assert not found.violations
+    (unit,) = found.as_json()["units"]
+    assert unit["recorded"] == unit["published"]
+    assert unit["lost"] == 0
+    (turbine,) = found.as_json()["turbines"]
+    assert turbine["identified"] == turbine["in_posterior"] == 2
+    assert "\n" not in found.line
+
+
+def test_the_summary_of_the_run_has_the_same_books(folder: Path) -> None:
+    summary = json.loads((folder / "summary.json").read_text())["books"]
+    assert summary["balanced"]
+    assert summary["turbines"] == audit(folder).as_json()["turbines"]
+
+
+def test_blocks_that_were_taken_out_are_named(folder: Path, tmp_path: Path) -> None:
+    def keep(message: Message) -> bool:
+        return not isinstance(message, AccelerationBlock) or not 100 <= message.sequence < 105
+
+    (violation,) = audit(rewritten(folder, tmp_path / "copy", keep)).violations
+    assert "blocks 100 to 104 are neither recorded nor reported missing" in violation
+
+
+def test_a_posterior_that_is_missing_leaves_its_estimate_pending(
+    folder: Path, tmp_path: Path
+) -> None:
+    def keep(message: Message) -> bool:
+        return not isinstance(message, FoundationPosterior) or message.window != 1
+
+    found = audit(rewritten(folder, tmp_path / "copy", keep))
+    assert found.as_json()["turbines"][0]["pending"] == 1
+
+
+def test_damaged_files_are_named(folder: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    (checkpoint,) = (copy / "checkpoints").glob("*.checkpoint")
+    content = bytearray(checkpoint.read_bytes())
+    content[-100] ^= 1
+    checkpoint.write_bytes(content)
+    recording = copy / "session.mcap"
+    content = bytearray(recording.read_bytes())
+    content[len(content) // 2] ^= 1
+    recording.write_bytes(content)
+    found = " ".join(audit(copy).damaged)
+    assert str(checkpoint) in found
+    assert str(recording) in found
+
+
+def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no recording"):
+        audit(tmp_path)
+
+
+def test_the_command_gives_a_line_and_exit_code_0_or_1(folder: Path, tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from pipeline.cli import app
+
+    good = CliRunner().invoke(app, ["audit", str(folder)])
+    assert good.exit_code == 0
+    assert good.stdout.count("\n") == 1
+    assert "the books balance" in good.stdout
+
+    def keep(message: Message) -> bool:
+        return not isinstance(message, AccelerationBlock) or message.sequence != 50
+
+    bad = rewritten(folder, tmp_path / "copy", keep)
+    found = CliRunner().invoke(app, ["audit", str(bad), "--json"])
+    assert found.exit_code == 1
+    assert not json.loads(found.stdout)["balanced"]

@@ -1,0 +1,131 @@
+"""Every block, window and estimate has one fate; what has none, or two, is named."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.messages import MessageCount, ModalEstimate, StreamEnd, StreamGap, UnitOrigin
+from pipeline.state.books import Books, Intervals
+from sensors.acquisition.blocks import NANOSECONDS
+from tests.pipeline.example_estimates import estimate
+from tests.pipeline.example_messages import block, rejection, status
+
+
+def origin(window: int, boot: int = 0) -> tuple[UnitOrigin, ...]:
+    return (UnitOrigin("tower", "session-1", boot, 24_000 * window),)
+
+
+def identified(window: int, boot: int = 0) -> ModalEstimate:
+    return replace(estimate(turbine="t1"), window=window, origins=origin(window, boot))
+
+
+def rejected(window: int, code: str = "gap"):
+    return replace(rejection(window), code=code, origins=origin(window))
+
+
+def gap(first: int, n_blocks: int) -> StreamGap:
+    return StreamGap("t1", "tower", "session-1", 0, 1, first, n_blocks)
+
+
+def books_of(*messages: object, updates: bool = True) -> Books:
+    books = Books(updates=updates)
+    for message in messages:
+        books.handle(message)
+    return books
+
+
+@given(st.lists(st.integers(0, 40), max_size=60))
+def test_intervals_are_the_set_of_their_numbers(numbers: list[int]) -> None:
+    intervals = Intervals()
+    for number in numbers:
+        intervals.add(number)
+    assert len(intervals) == len(set(numbers))
+    if numbers:
+        inside = {n for first, end in intervals.holes() for n in range(first, end)}
+        assert inside == set(range(min(numbers), max(numbers))) - set(numbers)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 30), st.integers(0, 8)), max_size=8),
+    st.sets(st.integers(0, 30)),
+)
+def test_a_difference_of_intervals_is_that_of_the_sets(spans, others) -> None:
+    one, other = Intervals(), Intervals()
+    for first, n in spans:
+        one.add(first, first + n)
+    for number in others:
+        other.add(number)
+    left = {n for first, end in one.without(other) for n in range(first, end)}
+    assert left == {n for first, size in spans for n in range(first, first + size)} - others
+
+
+def test_a_run_in_which_nothing_was_lost_balances() -> None:
+    blocks = [block(k) for k in range(30)]
+    end = StreamEnd("t1", "tower", "session-1", blocks[-1].end_ns, 30)
+    books = books_of(*blocks, block(7), end)
+    (unit,) = books.as_json()["units"]
+    assert (unit["published"], unit["recorded"], unit["lost"], unit["repeated"]) == (30, 30, 0, 1)
+    assert not books.violations()
+
+
+def test_blocks_that_nobody_reports_missing_are_named() -> None:
+    books = books_of(*(block(k) for k in (*range(10), *range(15, 20))))
+    assert books.violations() == [
+        "unit tower of t1, session session-1, boot 0: blocks 10 to 14 are neither recorded nor "
+        "reported missing"
+    ]
+    books.handle(gap(10, 5))
+    assert not books.violations()
+    assert books.as_json()["units"][0]["lost"] == 5
+
+
+def test_blocks_that_are_reported_missing_and_are_there_are_named() -> None:
+    """After a kill a gap of 522 blocks was reported that were all recorded."""
+    (violation,) = books_of(*map(block, range(30)), gap(5, 10)).violations()
+    assert violation.endswith("blocks 5 to 14 are reported missing and recorded")
+
+
+def test_boots_under_one_name_have_books_of_their_own() -> None:
+    later = [replace(block(k), start_ns=block(k).start_ns + 300 * NANOSECONDS) for k in range(20)]
+    books = books_of(*map(block, range(50)), *later)
+    assert [(u["boot"], u["recorded"]) for u in books.as_json()["units"]] == [(0, 50), (1, 20)]
+    assert not books.violations()
+
+
+def test_an_estimate_that_the_updating_forgets_is_named() -> None:
+    answered = [identified(k) for k in range(4)]
+    books = books_of(answered[0])
+    for each in answered[1:]:
+        books.handle(each)
+        books.handle(replace(rejection(each.window), code="guards", origins=each.origins))
+    assert books.violations() == ["t1: 1 estimates are neither in the posterior nor refused"]
+    (turbine,) = books.as_json()["turbines"]
+    assert (turbine["identified"], turbine["refused"], turbine["pending"]) == (4, {"guards": 3}, 1)
+
+
+def test_a_run_without_updating_owes_estimates_no_answer() -> None:
+    assert not books_of(*(identified(k) for k in range(5)), updates=False).violations()
+
+
+def test_windows_without_an_answer_are_named_and_repeated_ones_count_once() -> None:
+    books = books_of(identified(0), identified(0), rejected(1), identified(4), updates=False)
+    assert books.violations() == [
+        "t1: windows 2 to 3 of boot 0 of session session-1 have no answer"
+    ]
+    (turbine,) = books.as_json()["turbines"]
+    assert (turbine["identified"], turbine["rejected"]) == (2, {"gap": 1})
+
+
+def test_refusals_of_nodes_are_told_by_reason() -> None:
+    refusing = replace(status("identification"), refused=(MessageCount("other-session", 4),))
+    assert books_of(refusing).as_json()["refused"] == {"identification": {"other-session": 4}}
+
+
+@pytest.mark.parametrize("published", [28, 33])
+def test_what_the_source_says_it_published_must_fit(published: int) -> None:
+    end = StreamEnd("t1", "tower", "session-1", block(29).end_ns, published)
+    books = books_of(*map(block, range(30)), end)
+    assert books.as_json()["units"][0]["lost"] == max(0, published - 30)
+    assert bool(books.violations())

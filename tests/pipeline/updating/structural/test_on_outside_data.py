@@ -1,0 +1,129 @@
+"""The joint inference on modal data of another simulator: intervals, pairs, faults, checks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.messages import FoundationPosterior
+from pipeline.transport.codec import decode, encode
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.structural.alternatives import JointInference
+from pipeline.updating.structural.inference import joint_inference
+from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
+from pipeline.updating.structural.relative_change import relative_springs
+from pipeline.updating.structural.settings import UNCERTAIN
+from pipeline.updating.updater import FoundationUpdater
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.description import load_turbine
+from tests.outside.figures import Figures, draw
+from tests.outside.instruments import SensorFault, instruments
+from tests.outside.modal_data import LAYOUT, Truth, estimates
+from tests.outside.model import NOMINAL, converged
+
+TURBINE = load_turbine("iea15mw_monopile")
+SETTINGS = UpdatingSettings(structure=UNCERTAIN)
+
+
+@pytest.fixture(scope="module")
+def inference() -> JointInference:
+    found = joint_inference(TURBINE, LAYOUT, SETTINGS, seed=1)
+    assert found is not None
+    return found
+
+
+def truth_of(seed: int, figures: Figures | None = None) -> Truth:
+    rng = np.random.default_rng([seed, 1])
+    theta = NOMINAL * rng.uniform(0.9, 1.15, 3)
+    return Truth(theta, figures or draw(rng), description=converged())
+
+
+def refreshed(
+    inference: JointInference, truth: Truth, seed: int, faults: tuple[SensorFault, ...] = ()
+) -> JointRefresh:
+    rng = np.random.default_rng(seed)
+    sensed = instruments(LAYOUT, faults)
+    evidence = ModalEvidence(channels=LAYOUT.channel_names)
+    seen = replace(sensed.true, layout_id=LAYOUT.layout_id)
+    for estimate in estimates(truth, 3, rng, layout=seen, reported_levels=[0.0] * 3):
+        evidence = evidence.with_estimate(estimate)
+    found = joint_refresh(inference, evidence, (), rng)
+    assert found is not None
+    return found
+
+
+def test_springs_of_a_drawn_structure_lie_within_their_interval(inference: JointInference) -> None:
+    z = []
+    for seed in range(4):
+        truth = truth_of(seed)
+        draws = np.log(refreshed(inference, truth, seed).draws[:, :3] * NOMINAL)
+        z.append((draws.mean(axis=0) - np.log(truth.theta)) / draws.std(axis=0))
+    assert np.abs(z).max() < 3.5
+    assert np.sqrt(np.mean(np.square(z))) < 1.7
+
+
+def test_a_flooded_monopile_is_recognised(inference: JointInference) -> None:
+    found = refreshed(inference, truth_of(5, Figures(flooded=True)), 5)
+    assert "flooded" in found.best.alternative.name
+    assert found.best.weight > 0.99
+
+
+def test_a_turned_sensor_is_named(inference: JointInference) -> None:
+    found = refreshed(inference, truth_of(6), 6, (SensorFault("turned", 80.0, 15.0),))
+    assert found.fault is not None
+    assert "sensor at 80 m is turned by 1" in found.fault.text
+
+
+def test_the_budget_names_what_makes_the_interval(inference: JointInference) -> None:
+    budget = refreshed(inference, truth_of(7), 7).budget
+    np.testing.assert_allclose(budget.shares.sum(axis=0), 1.0, rtol=1e-9)
+    largest = budget.names[int(np.argmax(budget.shares[:, 1]))]
+    assert largest in ("added_mass", "water_level", "transition_piece")
+
+
+def test_modes_of_the_right_structure_predict_each_other(inference: JointInference) -> None:
+    checks = refreshed(inference, truth_of(8), 8).checks
+    assert checks.unpredicted_share < 0.1
+    assert np.std(checks.frequency_misfits) < 1.6
+
+
+def test_the_updater_publishes_the_joint_posterior_and_goes_on_after_a_restart(
+    inference: JointInference,
+) -> None:
+    updater = FoundationUpdater(
+        ModalModel(TURBINE, LAYOUT), LAYOUT, SETTINGS, seed=1, joint=inference
+    )
+    windows = estimates(truth_of(9), 2, np.random.default_rng(9), reported_levels=[0.1, 0.4])
+    state, first = updater.updated(updater.initial_state(), windows[0])
+    assert isinstance(first, FoundationPosterior)
+    assert first.structure == "uncertain"
+    assert first.budget
+    assert decode(FoundationPosterior, encode(first)).alternatives == first.alternatives
+    _, second = updater.updated(state, windows[1])
+    _, again = updater.updated(updater.restored(updater.saved(state)), windows[1])
+    assert isinstance(second, FoundationPosterior)
+    assert isinstance(again, FoundationPosterior)
+    np.testing.assert_array_equal(again.draws, second.draws)
+
+
+def test_errors_of_the_structure_cancel_in_springs_relative_to_a_reference(
+    inference: JointInference,
+) -> None:
+    before = truth_of(10)
+    after = replace(before, theta=before.theta * np.array([1.0, 0.9, 1.0]))
+    evidence = []
+    for number, truth in enumerate((before, after)):
+        rng = np.random.default_rng([10, number])
+        seen = ModalEvidence(channels=LAYOUT.channel_names)
+        for estimate in estimates(truth, 3, rng, reported_levels=[0.0] * 3):
+            seen = seen.with_estimate(estimate)
+        evidence.append(seen)
+    fit = inference.fits[0][1]
+    peak = fit.best(evidence[1])
+    assert peak is not None
+    found = relative_springs(fit, *evidence, peak.u)
+    assert found is not None
+    stds = np.sqrt(np.diag(found.covariance))
+    assert stds[1] < 0.04
+    assert abs(found.mean[1] - np.log(0.9)) < 3 * stds[1]

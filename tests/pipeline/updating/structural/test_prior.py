@@ -1,0 +1,62 @@
+"""Coordinates of springs and figures: what a point stands for, and its derivatives."""
+
+import numpy as np
+import pytest
+from scipy.stats import halfnorm
+
+from pipeline.updating.structural.prior import GaussianBelief, JointCoordinates, UncertainFigure
+
+NOMINAL = np.array([0.098e11, 8.238e11, 0.678e11])
+FIGURES = (UncertainFigure("steel_modulus", 0.01), UncertainFigure("transition_piece", 150e3))
+
+
+@pytest.fixture
+def coordinates() -> JointCoordinates:
+    return JointCoordinates(NOMINAL, FIGURES, 0.1, sensor_names=("gain a",))
+
+
+def test_the_origin_is_the_described_foundation(coordinates: JointCoordinates) -> None:
+    np.testing.assert_allclose(coordinates.springs(coordinates.origin), NOMINAL, rtol=1e-12)
+
+
+def test_every_point_has_positive_definite_springs(coordinates: JointCoordinates) -> None:
+    u = np.random.default_rng(1).normal(0.0, 3.0, (200, coordinates.n_dim))
+    k11, k22, k12 = coordinates.springs(u).T
+    assert np.all(k11 * k22 > k12**2)
+
+
+def test_ratios_come_back_from_their_coordinates(coordinates: JointCoordinates) -> None:
+    ratios = np.array([1.2, 0.9, 1.05])
+    u = coordinates.origin
+    u = np.concatenate([coordinates.of_ratios(ratios), u[3:]])
+    np.testing.assert_allclose(coordinates.springs(u) / NOMINAL, ratios, rtol=1e-12)
+
+
+def test_standard_normal_coordinates_give_half_normal_masses(coordinates: JointCoordinates) -> None:
+    u = np.random.default_rng(2).standard_normal((4000, coordinates.n_dim))
+    masses = coordinates.departures(u)[:, 1]
+    expected = halfnorm.ppf([0.1, 0.5, 0.9], scale=150e3)
+    np.testing.assert_allclose(np.quantile(masses, [0.1, 0.5, 0.9]), expected, rtol=0.1)
+
+
+def test_slopes_are_those_of_differences(coordinates: JointCoordinates) -> None:
+    u = coordinates.origin + np.random.default_rng(3).normal(0.0, 0.5, coordinates.n_dim)
+    slopes = coordinates.slopes(u)
+
+    def values(point: np.ndarray) -> np.ndarray:
+        parts = [coordinates.springs(point), coordinates.departures(point)]
+        return np.append(np.concatenate(parts), coordinates.level(point))
+
+    for column in range(coordinates.n_dim):
+        step = np.zeros(coordinates.n_dim)
+        step[column] = 1e-6
+        difference = (values(u + step) - values(u - step)) / 2e-6
+        np.testing.assert_allclose(slopes[:, column], difference, rtol=1e-5, atol=1e-9)
+
+
+def test_a_belief_replaces_the_prior_of_its_coordinates(coordinates: JointCoordinates) -> None:
+    belief = GaussianBelief(("k11", "steel_modulus"), np.array([0.1, 1.0]), np.diag([400.0, 4.0]))
+    told = coordinates.with_belief(belief)
+    assert told.origin[0] == 0.1
+    assert told.prior_precision[3, 3] == 4.0
+    assert told.prior_precision[1, 1] == coordinates.prior_precision[1, 1]
