@@ -15,10 +15,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks._results import keep
+from tests.benchmarks._results import keep, kept
 
 ROOT = Path(__file__).parents[1]
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
@@ -45,8 +46,10 @@ def environment(uv: str, folder: Path, wheel: Path, python: str, resolution: str
     """Make an environment with the wheel; return its Python."""
     run(uv, "venv", "--quiet", "--python", python, folder)
     interpreter = folder / "bin" / "python"
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        direct = tomllib.load(file)["project"]["dependencies"]  # named, so that these are lowest
     run(uv, "pip", "install", "--quiet", "--python", interpreter,
-        "--resolution", RESOLUTIONS[resolution], wheel)  # fmt: skip
+        "--resolution", RESOLUTIONS[resolution], wheel, *direct)  # fmt: skip
     return interpreter
 
 
@@ -83,7 +86,7 @@ def main() -> None:
     parser.add_argument("--only", choices=RESOLUTIONS)
     options = parser.parse_args()
     uv = shutil.which("uv") or sys.exit("uv is needed: pip install uv")
-    table: dict[str, Any] = {}
+    table: dict[str, Any] = dict((kept("matrix") or {"figures": {}})["figures"])
     first: dict[str, Any] | None = None
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

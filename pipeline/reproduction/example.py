@@ -55,7 +55,7 @@ KEPT_DRAWS = 20_000  # of each posterior, for figures
 # Density evaluations of a run, from runs of seeds 101 to 104: what its progress is counted against
 PUBLISHED_STAGES, CORRECTED_EVALUATIONS = 13, 28
 PREPARED = 0.06  # share of a run's time until the posteriors begin
-Report = Callable[[float], None]  # called with the share of a run that is done [-]
+ShareReport = Callable[[float], None]  # called with the share of a run that is done [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ class Example:
 
 
 def run_example(
-    seed: int, sign: SpringSign, *, samples: int = SAMPLES, report: Report | None = None
+    seed: int, sign: SpringSign, *, samples: int = SAMPLES, report: ShareReport | None = None
 ) -> Example:
     """Run the example for one seed.
 
@@ -273,7 +273,7 @@ def _posteriors(
     start: FloatArray,
     seed: int,
     samples: int,
-    report: Report,
+    report: ShareReport,
 ) -> tuple[ExamplePosterior, ExamplePosterior]:
     """By TMCMC as published, and by the corrected one, of the pairs that were found.
 
@@ -312,7 +312,7 @@ def _posteriors(
 class _Watched:
     """A density that reports how far the samplers are, by its evaluations."""
 
-    def __init__(self, log_density: LogDensity, expected: int, report: Report) -> None:
+    def __init__(self, log_density: LogDensity, expected: int, report: ShareReport) -> None:
         self._log_density, self._expected, self._report = log_density, expected, report
         self._done = 0
 

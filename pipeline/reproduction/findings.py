@@ -15,7 +15,7 @@ from pipeline.reproduction.study import (
     n_peaks,
 )
 
-RESOLUTION = 1 / 600  # of ten minutes [Hz]
+TEN_MINUTES_RESOLVE = 1 / 600  # of ten minutes [Hz]
 MIXED = 0.012  # modes nearer than this share of f mix in some windows [-]
 STRONG = 0.5  # a correlation from which it is called strong [-]
 ALIKE_MEANS = 0.05  # two figures that differ by less are called alike, relative
@@ -77,10 +77,10 @@ def _why_missing(mode: ExampleMode, example: Example) -> str:
     others = [each for each in example.modes if each.label != mode.label]
     nearest = min(others, key=lambda each: abs(each.model_frequency - mode.model_frequency))
     gap = abs(nearest.model_frequency - mode.model_frequency)
-    if gap < RESOLUTION:
+    if gap < TEN_MINUTES_RESOLVE:
         return (
-            f"it lies {gap:.4f} Hz from mode {nearest.label}, less than the {RESOLUTION:.4f} Hz "
-            "that ten minutes resolve"
+            f"it lies {gap:.4f} Hz from mode {nearest.label}, less than the "
+            f"{TEN_MINUTES_RESOLVE:.4f} Hz that ten minutes resolve"
         )
     if gap < MIXED * mode.model_frequency:
         return f"it lies {PERCENT * gap / mode.model_frequency:.1f} % from mode {nearest.label}"

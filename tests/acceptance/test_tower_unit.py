@@ -67,9 +67,9 @@ def test_the_settings_of_the_updating_load_no_sampler() -> None:
 
 @pytest.mark.parametrize("arguments", [["--help"], ["identify", "--help"], ["feed", "--help"]])
 def test_the_command_starts_at_once(arguments: list[str]) -> None:
-    """CPU time, of which a loaded machine changes little; the best of three."""
+    """CPU time, of which a loaded machine changes little; the best of five."""
     spent = []
-    for _ in range(3):
+    for _ in range(5):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run([sys.executable, "-m", "pipeline", *arguments], capture_output=True,
                        check=True, cwd=ROOT)  # fmt: skip

@@ -12,7 +12,7 @@
 What is exported here is stable: from this version on it changes by semantic versioning only.
 """
 
-from . import _own_packages  # noqa: F401  # first: it checks where the rest would come from
+from ._own_packages import OWN as _OWN  # noqa: F401  # first: checks where the rest comes from
 from .errors import InputError
 from .measurement import Measurement, read, simulate
 from .modes import Modes, identify

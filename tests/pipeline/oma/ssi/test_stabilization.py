@@ -1,5 +1,7 @@
 """Poles of many model orders become modes: which belong together, and what they differ by."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,3 +77,12 @@ def test_what_estimates_differ_by_is_not_counted_twice() -> None:
     truly_apart = differences + 1.5 * generator.standard_normal(n)
     spread = unexplained_spread(truly_apart, stds[:, None], weights=np.ones(n))
     assert spread == pytest.approx(1.5, rel=0.03)
+
+
+def test_of_two_poles_of_one_order_the_nearer_one_to_the_centre_belongs_to_the_mode() -> None:
+    """Twenty orders at 1 Hz; the last has another pole .15 % away, the noise's."""
+    poles = cloud([1.0] * 20 + [1.0015], [1e-4] * 21, [ALONG] * 21)
+    twice = replace(poles, orders=np.append(np.arange(20), 19))
+    (mode,) = clusters(twice, n_orders=20, minimum_presence=0.5)
+    assert len(mode.members) == 20
+    assert 20 not in mode.members

@@ -168,3 +168,14 @@ def test_a_large_round_and_a_small_one_give_the_same_posterior_as_two_equal_ones
     adaptation.learn(weighted_draws(CountedDensity(normal), right, 6000, generator))
     mean = adaptation.proposal.shares @ adaptation.proposal.means
     assert mean == pytest.approx(0, abs=0.15)  # equal shares would put it at .6
+
+
+def test_rhat_of_batches_that_differ_by_their_own_width_is_root_two():
+    """R̂² = 1 + between / within: four batches of unit variance whose means scatter by one."""
+    n = 4 * 5000
+    generator = np.random.default_rng(43)
+    batches = np.arange(n) % 4
+    offsets = np.array([-1.5, -0.5, 0.5, 1.5]) / np.sqrt(5 / 3)  # of variance 1
+    points = (generator.standard_normal(n) + offsets[batches])[:, None]
+    drawn = WeightedDraws(points, points[:, 0], np.zeros(n), np.zeros(n))
+    assert drawn.rhat() == pytest.approx(np.sqrt(2), rel=0.02)
