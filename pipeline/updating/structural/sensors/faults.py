@@ -19,6 +19,7 @@ from sensors.acquisition.layout import SensorLayout
 
 WIDE = {"gain": 40.0, "heading": 30.0, "height": 30.0}  # factor on the prior's std of a fault
 LEAST_DROP = 25.0  # of the cost: 12 nats against some thirty faults tried
+LARGEST_COST = 2.5  # per degree of freedom with the fault: above, the structure is another one
 SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked for
 SUSPICIOUS_COST = 1.5  # per degree of freedom, likewise
 SUSPICIOUS_PAIRS = 0.85  # share of modes with a partner, below which likewise [-]
@@ -83,7 +84,7 @@ def _best_of(
     if best is None or best[1].cost > peak.cost - LEAST_DROP:
         return None
     fault, end = best
-    text = _sized(fault, end)
+    text = _sized(fault, end) if end.relative_cost <= LARGEST_COST else ""
     return (replace(fault, text=text), end) if text else None
 
 
