@@ -1,1 +1,1 @@
-"""Years of recordings anew, in parallel: `pilewatch reprocess`."""
+"""Years of recordings again, in parallel: `pilewatch reprocess`."""

@@ -41,7 +41,7 @@ class ClusterLost(InputError):  # noqa: N818  # it says what happened
 class DaskWorkers:
     """The workers that a Dask client knows.
 
-    missed   told how many there are when nothing has come for a while
+    missed   called with how many there are when nothing has come for a while
 
     Raises ClusterLost, from `outcomes`, where the scheduler goes.
     """
@@ -121,7 +121,7 @@ def _result_of(future: Any) -> Any:
         return future.result()
     except KilledWorker as error:
         return _WorkersDied(error.allowed_failures + 1)
-    except FutureCancelledError as error:  # nobody here cancels: whoever knew of it is gone
+    except FutureCancelledError as error:  # nothing here cancels: the scheduler is gone
         raise ClusterLost(
             "the Dask scheduler has gone; what is finished is kept, and the same command goes on "
             "with it when a scheduler runs again"
@@ -169,7 +169,7 @@ def _of_workers(environment: dict[str, int]) -> dict[str, int]:
 
 
 def _replace_lost(cluster: Any, count: int) -> None:
-    """New processes for those that died while they were starting: nobody else restarts these."""
+    """New processes for those that died while they were starting: nothing else restarts these."""
     from distributed.core import Status
 
     ended = (Status.closed, Status.failed)
@@ -185,7 +185,7 @@ def cluster_workers(address: str, *, patience: float = CONNECTING) -> Iterator[W
 
     patience   how long the scheduler is waited for [s]
 
-    Raises InputError where nobody answers there, or none of its workers; ClusterLost where it goes.
+    Raises InputError where nothing answers there, or no worker; ClusterLost where it goes.
     """
     _require_dask()
     from distributed import Client

@@ -26,8 +26,8 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
 SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
-SCADA_BEFORE = 600.0  # in which the state at a window's beginning was said [s]
-TRACKING = "mode-"  # codes of doubts that come from following modes over windows
+SCADA_BEFORE = 600.0  # in which the state at a window's beginning was reported [s]
+TRACKING = "mode-"  # codes of warnings that come from following modes over windows
 READ = (SensorLayout, AccelerationBlock, ScadaSample, FoundationTruth)
 
 
@@ -71,7 +71,7 @@ def identified(call: IdentificationCall) -> tuple[Message, ...]:
 
 
 def _untracked(answer: Message) -> Message:
-    """Without what a tracker of this task alone has said."""
+    """Without what a tracker of this task alone has reported."""
     if not isinstance(answer, ModalEstimate):
         return answer
     doubts = tuple(each for each in answer.warnings if not each.code.startswith(TRACKING))
@@ -101,7 +101,7 @@ def _is_of(message: Message, turbine: str) -> bool:
 
 
 def _within(message: Message, task: IdentificationTask) -> bool:
-    """Whether what was said beside the samples concerns the task."""
+    """Whether what was reported beside the samples concerns the task."""
     return isinstance(message, SensorLayout) or message_time(message) < task.end_ns
 
 

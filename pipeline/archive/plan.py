@@ -48,8 +48,8 @@ class IdentificationTask:
     pieces: tuple[Piece, ...]  # in order of time; () the file is taken as it is
     start_ns: int
     end_ns: int
-    n_windows: int  # complete ones and the one that a chain ends in; 0 where nobody knows before
-    before: Path | None = None  # file that the chain comes from: what SCADA said last stands there
+    n_windows: int  # complete ones and the one that a chain ends in; 0 where not known before
+    before: Path | None = None  # file that the chain comes from: SCADA's last report stands there
 
     @property
     def content(self) -> str:

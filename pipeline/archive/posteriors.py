@@ -13,7 +13,7 @@ choice is seeded by scenario and window. So where and in what order stretches ar
 bit.
 
 Against a session, which refreshes these with every window, only draws differ: each posterior is
-drawn anew from its sums.
+drawn again from its sums.
 """
 
 from collections.abc import Callable, Iterable, Iterator

@@ -36,7 +36,7 @@ class Outcome:
 
 
 class Workers(Protocol):
-    """Whoever does the calls."""
+    """What does the calls."""
 
     def outcomes(self, calls: Iterable[Call]) -> Iterator[Outcome]:
         """Every call's outcome, as it is ready. An exception that is no InputError is raised."""

@@ -22,7 +22,7 @@ from pipeline.updating.population import SpringCoordinates, StiffnessPopulation
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.arrays import FloatArray
 
-OUTLYING = 0.8  # probability from which a turbine is said to be unlike the others
+OUTLYING = 0.8  # probability from which a turbine is reported to be unlike the others
 MOST_DRAWS = 1000  # of a turbine's springs, that are kept
 POPULATION_DRAWS = 100  # of mean and spread, that make the prior of one more turbine
 FEWEST_TURBINES = 2
@@ -74,7 +74,7 @@ class PooledTurbine:
 
     @property
     def outlying(self) -> bool:
-        """Whether it is said to be unlike the others."""
+        """Whether it is reported to be unlike the others."""
         return self.outlier_probability >= OUTLYING
 
 
@@ -212,7 +212,7 @@ def _sentence(turbine: str, deviations: Sequence[Interval], spring: int, probabi
 
 
 def _probability(value: float) -> str:
-    """ "> .999" or ".98": nobody is ever certain."""
+    """ "> .999" or ".98": no probability is ever certain."""
     return "> .999" if value > 0.999 else f"{value:.3f}".lstrip("0")
 
 

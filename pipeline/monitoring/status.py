@@ -82,7 +82,7 @@ class StatusNode:
             }
 
     def answer(self, _asked: bytes = b"") -> bytes:
-        """`as_json` as it travels: JSON knows no NaN and no ∞, which anybody may send."""
+        """`as_json` as it travels: JSON knows no NaN and no ∞, which any sender may send."""
         return json.dumps(with_nulls(self.as_json()), allow_nan=False).encode()
 
     def _node(self, health: NodeHealth) -> Json:

@@ -32,7 +32,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 KEPT = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
 
-NO_FACTOR = np.empty((0, 0))  # frequencies, shapes and their stds are all that is told
+NO_FACTOR = np.empty((0, 0))  # frequencies, shapes and their stds are all that is reported
 M = TypeVar("M")
 T = TypeVar("T", StreamGap, WindowRejected)
 
@@ -43,7 +43,7 @@ class SessionSummary:
 
     source: str
     turbine: str
-    live: bool = False  # nobody tells of every block that is given: those that are heard count
+    live: bool = False  # no count of the blocks given is sent: those that are received count
     estimates: list[ModalEstimate] = field(default_factory=list)
     rejected: list[WindowRejected] = field(default_factory=list)
     gaps: list[StreamGap] = field(default_factory=list)
@@ -124,7 +124,7 @@ class SessionSummary:
             self._let_go(self.estimates, "windows")
 
     def _add_gap(self, gap: StreamGap) -> None:
-        """One that is told again is the same one."""
+        """One that is reported again is the same one."""
         if gap not in self.gaps:
             self.gaps.append(gap)
             for oldest in self._let_go(self.gaps, "gaps"):
@@ -149,8 +149,8 @@ class SessionSummary:
             self._let_go(self.rejected, "rejected")
 
     def _in_its_time(self, told: Sequence[T]) -> list[T]:
-        """Without what lies before the first block that was heard of a live session: whoever joins
-        a unit that has been running for months has not lost them."""
+        """Without what lies before the first block that was received of a live session: a
+        listener that joins a unit after months has not lost them."""
         if not self.live or self.first_ns is None:
             return list(told)
         return [each for each in told if each.end_ns > self.first_ns]
@@ -179,8 +179,9 @@ class SessionSummary:
 
     @property
     def doubts(self) -> list[QualityWarning]:
-        """Every doubt once, in order of appearance: the last posterior's, the windows', the
-        nodes'. Not the summary's own `warnings`, which it would say in its status and hear again.
+        """Every warning once, in order of appearance: the last posterior's, the windows', the
+        nodes'. Not the summary's own `warnings`, which it would publish in its status and receive
+        again.
         """
         doubts = [*(self.posterior.warnings if self.posterior else ())]
         doubts += [doubt for estimate in self.estimates for doubt in estimate.warnings]

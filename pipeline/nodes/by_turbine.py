@@ -99,10 +99,10 @@ MOST_TURBINES = 300  # of a session; an updater of each holds 3 MB
 
 
 class LimitedMembers:
-    """Names that were heard, so many at most.
+    """Names that messages came from, so many at most.
 
-    When one more comes, the one heard least goes; of these, the one silent longest. So a flood of
-    new names drives out names of the flood, and none that has been heard for a while.
+    When one more comes, the one with the fewest messages goes; of these, the one silent longest.
+    So a flood of new names drives out names of the flood, and none that has sent for a while.
     """
 
     def __init__(self, most: int) -> None:
@@ -147,7 +147,7 @@ N = TypeVar("N", bound=TurbineNode)
 
 
 class NodeByTurbine(Generic[N]):
-    """One node a turbine: made when the turbine is first heard of, restored from where the one
+    """One node a turbine: made at the turbine's first message, restored from where the one
     before it ended, snapshot after what it must not forget, let go where there are too many.
 
     Parameters

@@ -127,7 +127,7 @@ class TurbineIdentification:
             self._session.recall(answer)
 
     def _unit(self, name: str) -> _Unit:
-        """What is remembered of a unit; of too many, the one that was heard least goes."""
+        """What is remembered of a unit; of too many, the one with the fewest messages goes."""
         leaving = self._names.heard(name)
         if leaving is not None and leaving in self._units:
             gone = self._units.pop(leaving)

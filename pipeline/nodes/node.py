@@ -40,7 +40,7 @@ class Node(Protocol):
     """One step of the flow. A pure node has no I/O, reads no clock and prints nothing; a sink
     (recorder, viewer) has the same face and answers with nothing.
 
-    An expected failure is a message (WindowRejected); an exception means that somebody must act.
+    An expected failure is a message (WindowRejected); an exception means that a person must act.
     """
 
     @property
@@ -95,7 +95,7 @@ class TurbineNode(Protocol):
         ...
 
     def finish(self) -> Iterator[Message]:
-        """What is still to be said before the node goes."""
+        """What is still to be reported before the node goes."""
         ...
 
     def snapshot(self) -> NodeSnapshot:
@@ -103,6 +103,6 @@ class TurbineNode(Protocol):
         ...
 
     def restore(self, snapshot: NodeSnapshot, past: Iterable[Message]) -> Iterator[Message]:
-        """Go on from a snapshot and from what was recorded; what is said again or for the first
-        time."""
+        """Go on from a snapshot and from what was recorded; what is reported again or for the
+        first time."""
         ...

@@ -31,7 +31,7 @@ class OperationSettings:
 
 
 class OperationLog:
-    """What the controllers of some turbines have said lately."""
+    """What the controllers of some turbines have reported lately."""
 
     def __init__(self) -> None:
         self._samples: dict[str, deque[ScadaSample]] = {}  # by turbine
@@ -45,8 +45,8 @@ class OperationLog:
         self._samples.pop(turbine, None)
 
     def with_conditions(self, estimate: ModalEstimate) -> ModalEstimate:
-        """The estimate with what the controller said of its window; unchanged where it said
-        nothing."""
+        """The estimate with what the controller reported of its window; unchanged where it
+        reported nothing."""
         samples = self._during(estimate)
         if not samples:
             return estimate

@@ -138,7 +138,7 @@ class JoinedSession:
 
     A unit that starts again goes on in the same session: its channels are missing in between. One
     whose stamps step is left out until they agree with the others' again. Where no unit that is
-    heard agrees with the joined clock, it `has_lost_time`: another session begins.
+    received agrees with the joined clock, it `has_lost_time`: another session begins.
     """
 
     def __init__(self, layouts: Sequence[SensorLayout], settings: OmaSettings):
@@ -207,7 +207,7 @@ class JoinedSession:
 
     @property
     def has_lost_time(self) -> bool:
-        """Whether no unit that is heard agrees with the joined clock."""
+        """Whether no unit that is received agrees with the joined clock."""
         recent = self._n_pushed - SILENT * len(self._joiner.units)
         heard = [unit for unit, number in self._heard.items() if number > recent]
         return all(self._disagreed.get(unit, 0) >= STUBBORN for unit in heard)

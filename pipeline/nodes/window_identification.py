@@ -32,7 +32,7 @@ from sensors.acquisition.layout import SensorLayout
 def stabilisation_diagram(
     estimate: ModalEstimate, bands: Sequence[PoleCloud]
 ) -> StabilisationDiagram:
-    """Poles of all bands side by side, in single precision: nobody computes with them.
+    """Poles of all bands side by side, in single precision: nothing is computed with them.
 
     bands   the poles behind the estimate by frequency band, slowest first
     """
@@ -378,7 +378,7 @@ def _clock_doubt(unit: str, reference: str, offset: UnitOffset) -> QualityWarnin
 
 
 def _status_warnings(status: BlockStatus) -> tuple[QualityWarning, ...]:
-    """What the unit itself said of the window's blocks."""
+    """What the unit itself reported of the window's blocks."""
     warnings = []
     if status & BlockStatus.CLIPPED:
         warnings.append(

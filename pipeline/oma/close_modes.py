@@ -5,7 +5,7 @@
     coincident modes   ─┴─ groups of suspects ─► one, two, three modes? ─► by evidence
 
 A mode that is reported explains what the others do not: of two poles that a group's lines do not
-tell apart, one is left.
+resolve, one is left.
 """
 
 from collections.abc import Sequence

@@ -41,7 +41,7 @@ WELL_KNOWN_SHAPE = 0.1  # a largest std of a shape's components as only modes ha
 SHARE_ALONE = 0.4  # of the half bandwidth: what f and ζ are known to, where one band sees a mode
 MODERATE_SHARE = 0.75  # of the half bandwidth: what f and ζ are known to, where the shape is [-]
 
-TWINS_PLACE = 0.01  # twins this near to a mode that was found are told by it, relative
+TWINS_PLACE = 0.01  # twins this near to a mode that was found are reported by it, relative
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +172,7 @@ def concluded(
 def _twins_beside(
     by_band: Sequence[BandIdentification], known: Sequence[Mode]
 ) -> list[CoincidentModes]:
-    """Each place once where two modes are too alike to be told apart, and neither was."""
+    """Each place once where two modes are too alike to be resolved, and neither was."""
     found: list[CoincidentModes] = []
     for twins in sorted((t for band in by_band for t in band.twins), key=lambda t: t.frequency):
         others = [*(each.frequency for each in found), *(mode.frequency for mode in known)]

@@ -19,7 +19,7 @@ def written_whole(path: Path, content: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)
-    except OSError as error:  # of writing, it names no file; of opening, one that nobody knows
+    except OSError as error:  # of writing, it names no file; of opening, the temporary one
         raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         with suppress(OSError):

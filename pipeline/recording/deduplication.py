@@ -7,8 +7,8 @@ recorder before it has written:
     cache                 ▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒▒ ─► goes on live
     new                                     ▒▒▒▒▒▒
 
-A node that takes up a checkpoint says its latest words again, and a stranger may replay what it
-has overheard. A message is the same where every byte of it is.
+A node that takes up a checkpoint publishes its latest messages again, and an untrusted sender may
+replay what it has received. A message is the same where every byte of it is.
 """
 
 from collections import deque
@@ -29,7 +29,7 @@ class Repetition:
     """
 
     def __init__(self, recorded: Iterable[bytes] = ()) -> None:
-        # Python's own hash: 64 bits, with a key that no stranger can know
+        # Python's own hash: 64 bits, with a key that no sender can know
         self._earlier = frozenset(hash(payload) for payload in recorded)
         self._latest: dict[str, deque[int]] = {}  # by key
         self._known: set[int] = set()

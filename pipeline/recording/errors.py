@@ -1,4 +1,4 @@
-"""What a person can mend about a recording."""
+"""What a person can repair about a recording."""
 
 from sensors.errors import InputError
 

@@ -53,7 +53,7 @@ class SalvagedContent:
 
 
 def salvaged_name(source: Path) -> Path:
-    """Where the remains of a recording go unless somebody says otherwise."""
+    """Where the remains of a recording go unless another place is given."""
     name = source.name.removesuffix(ACTIVE_SUFFIX)
     return source.parent / f"{name}.salvaged.mcap"
 

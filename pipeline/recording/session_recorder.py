@@ -35,7 +35,7 @@ from sensors.acquisition.layout import SensorLayout
 logger = logging.getLogger(__name__)
 
 ROOM_CHECKED_EVERY = 5.0  # [s]
-STANDING = (SensorLayout, FoundationTruth)  # hold until they are said anew; every part has them
+STANDING = (SensorLayout, FoundationTruth)  # hold until they are sent again; every part has them
 
 
 def free_bytes(folder: Path) -> int:
@@ -136,7 +136,7 @@ class SessionRecorder:
             self._make_room()
             if self._recorder is not None:
                 self._recorder.handle(message)
-        except (OSError, RecordingError) as error:  # the latter: no next part can be begun
+        except (OSError, RecordingError) as error:  # the latter: no next part can be started
             self._stop(getattr(error, "strerror", None) or str(error))
         if isinstance(message, STANDING):
             self._standing[key_of(message)] = message
@@ -145,7 +145,7 @@ class SessionRecorder:
         return ()
 
     def _is_recorded(self, message: Message) -> bool:
-        """Whether it has been. What stands until it is said anew may be said anew."""
+        """Whether it has been. What stands until it is sent again may be sent again."""
         if isinstance(message, (*STANDING, NodeStatus)):
             return False
         kept = stream_of(type(message)).cached

@@ -13,7 +13,7 @@ class RecordingSettings:
     Pictures of past days (.rrd) go by age, too, and first where the disk is short of room.
     """
 
-    rotate_after: float = 3600.0  # a file is closed and the next begun when it is that old [s] …
+    rotate_after: float = 3600.0  # a file is closed, the next started when it is that old [s] …
     rotate_megabytes: float = 256.0  # … or that large [10⁶ bytes]
     keep_days: float = math.inf  # raw samples older than that go, results stay [d]
     keep_gigabytes: float = math.inf  # the oldest raw samples go when all files exceed it [10⁹ B]
@@ -30,5 +30,5 @@ class RecordingSettings:
 
     @property
     def may_delete(self) -> bool:
-        """Whether the person has said that old samples may go."""
+        """Whether the settings allow old samples to go."""
         return math.isfinite(self.keep_days) or math.isfinite(self.keep_gigabytes)

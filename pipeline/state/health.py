@@ -29,7 +29,7 @@ class StreamHealth:
 class NodeHealth:
     """How one node does."""
 
-    condition: Condition  # late: it has not said anything for too long; ended: it has said so
+    condition: Condition  # late: it has sent nothing for too long; ended: it has reported so
     silence: float  # since its last status [s]
     status: NodeStatus  # the last
 
@@ -88,7 +88,7 @@ class Health:
         )
 
     def nodes(self, now_ns: int) -> tuple[NodeHealth, ...]:
-        """Every node that has said anything."""
+        """Every node that has sent anything."""
         return tuple(
             NodeHealth(self._condition(seen, now_ns), _silence(seen, now_ns), seen.message)
             for seen in self._seen.values()

@@ -12,8 +12,8 @@ def known(value: float | None) -> float | None:
 
 
 def with_nulls(value: Any) -> Any:
-    """The same, dicts and lists all through, with null for every number that is not finite: a
-    stranger may send any."""
+    """The same, dicts and lists all through, with null for every number that is not finite: an
+    untrusted sender may send any."""
     match value:
         case dict():
             return {name: with_nulls(each) for name, each in value.items()}

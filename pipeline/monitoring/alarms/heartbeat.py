@@ -1,4 +1,4 @@
-"""The dead-man's ping: a receiver that hears nothing for some periods raises the alarm itself.
+"""The dead-man's ping: a receiver that gets nothing for some periods raises the alarm itself.
 
     every `period` seconds   POST {"host", "session", "time_ns", "open"}   while messages come
 

@@ -16,7 +16,7 @@ CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps b
 CLOCK_JITTER = 1e-3  # std of the blocks' stamps about a straight line [s]
 STILL_BLOCKS = 2  # blocks on end in which a channel that is alive never keeps one value
 REMEMBERED_STAMPS = 100_000  # blocks: a day of them without an estimate that asks
-FEWEST_SAMPLES = 10  # of a block that can tell
+FEWEST_SAMPLES = 10  # of a block that is checked
 
 
 class BlockMonitor:

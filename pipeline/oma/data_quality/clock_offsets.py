@@ -5,8 +5,8 @@ stamps are late by τ turns its channels against another's by
 
     θ_j = 2π f_j τ (mod π)
 
-in mode j; the higher modes tell most. The complex shapes come from the lag covariances, fitted with
-all identified poles at once, so that neighbouring modes do not turn each other:
+in mode j; the higher modes show it best. The complex shapes come from the lag covariances, fitted
+with all identified poles at once, so that neighbouring modes do not turn each other:
 
     R_k = Σ_j A_j λ_j^k + conj,   λ_j = exp(−2π f_j (ζ_j ∓ i √(1 − ζ_j²)) Δt),   A_j = φ_j g_jᵀ
 

@@ -36,7 +36,7 @@ SPIKE_ALONE = 3.0  # and over the same difference of any sample around it
 SPIKE_SURROUNDINGS = 10  # samples to either side that are around it
 SPIKE_IN_PLACE = 7.0  # and in std of the differences about it, which a gust or a stop raises
 SPIKE_NEIGHBOURHOOD = 50  # samples to either side that this std is taken over
-MOST_SPIKES = 1e-3  # share of a channel's samples that is mended; more is no accident
+MOST_SPIKES = 1e-3  # share of a channel's samples that is interpolated; more is no accident
 STEADY_ENVELOPE = 0.15  # std/mean of a harmonic's amplitude; 0.52 for a mode under random load
 HARMONIC_DAMPING = 0.003  # an identified mode of less may be a harmonic [-]
 ENVELOPE_LINES = 6  # half-width of the band the envelope is taken in, in lines 1/T
@@ -44,7 +44,7 @@ ENVELOPE_LINES = 6  # half-width of the band the envelope is taken in, in lines 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One doubt about a window's samples."""
+    """One warning about a window's samples."""
 
     code: str
     text: str
@@ -285,9 +285,9 @@ def is_harmonic(samples: FloatArray, sampling_rate: float, frequency: float) -> 
 
 
 def mended(samples: FloatArray, findings: Sequence[Finding]) -> FloatArray:
-    """The samples without lone spikes and drift, where the findings say they were mended.
+    """The samples without lone spikes and drift, where the findings say they are repaired.
 
-    samples   (n, n_channels); returned as they are where nothing was to mend
+    samples   (n, n_channels); returned as they are where nothing is to be repaired
     """
     codes = {finding.code for finding in findings if finding.action == "mend"}
     if "spikes" in codes:

@@ -42,7 +42,7 @@ class BandIdentification:
     modes: tuple[Mode, ...]
     poles: PoleCloud  # that came back over the orders: the band's stabilisation diagram
     subspace: SignalSubspace  # for the next window to begin with
-    twins: tuple[CoincidentModes, ...] = ()  # where two modes are too alike to be told apart
+    twins: tuple[CoincidentModes, ...] = ()  # where two modes are too alike to be resolved
 
 
 def band_covariances(

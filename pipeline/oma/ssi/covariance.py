@@ -116,7 +116,7 @@ def _lagged_products(samples: FloatArray, n_lags: int, references: References) -
     """Σ_t y_{t+τ} y_tᵀ over all samples t but the last n_lags, (n_lags + 1, channels, references).
 
     By segments as long as the lags, whose cross spectra are added before one inverse transform:
-    a transform of the whole block would spend itself on lags that nobody asks for.
+    a transform of the whole block would spend itself on lags that are not used.
     """
     length, n_channels = len(samples) - n_lags, samples.shape[1]
     step = min(length, n_lags)

@@ -50,15 +50,15 @@ def guessed_quantities(samples: FloatArray, sampling_rate: float) -> tuple[Quant
     """Which channels are velocities beside accelerations, by how the channels move together.
 
     samples   (n, n_channels)
-    returns   None where all channels share one phase, or nothing can be said
+    returns   None where all channels share one phase, or nothing can be concluded
 
     At a resonance two channels of one quantity are in phase or in opposition, a velocity and an
     acceleration (or a velocity and a displacement) a quarter of a period apart: cos 2φ of their
     cross-spectrum is 1 or −1. Of two groups of channels that differ so, the one whose spectrum
-    rises over the other's is the derivative. A displacement beside an acceleration cannot be told.
+    rises over the other's is the derivative. A displacement beside an acceleration is not detected.
 
     Of 111 records of random frames (`tests/benchmarks/records.py`, seeds 4001 to 4120) all 18 with
-    both kinds were told from the others, 16 in the right order.
+    both kinds were distinguished from the others, 16 in the right order.
     """
     n, n_channels = samples.shape
     if n_channels < 2 or n < FEWEST_SAMPLES or not np.isfinite(samples).all():

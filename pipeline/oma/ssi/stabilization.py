@@ -1,7 +1,7 @@
 """Which poles are modes: hard criteria, clusters over the model orders, one representative each.
 
-Nobody picks poles, and nothing is known of the structure: a pole is a mode when it comes back
-with the same frequency and shape in most model orders.
+Poles are not picked by hand, and nothing is known of the structure: a pole is a mode when it comes
+back with the same frequency and shape in most model orders.
 """
 
 from collections.abc import Sequence

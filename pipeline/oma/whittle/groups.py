@@ -20,7 +20,7 @@ from pipeline.oma.whittle.pairs import Partner, joint_pair
 from pipeline.oma.whittle.selection import fits_in_turn
 from sensors.arrays import FloatArray
 
-REACH_LINES = 30.0  # of a band beyond its group, so that a flat background is told from a mode,
+REACH_LINES = 30.0  # of a band beyond its group, so that a flat background is resolved from a mode,
 REACH_WIDTHS = 9.0  # and half bandwidths ζ f more
 TOUCHING_WIDTHS = 2.5  # half bandwidths between neighbours of one group,
 TOUCHING_LINES = 5.0  # and lines 1/T more
@@ -158,7 +158,7 @@ def modes_of_group(
 
 
 def _is_pair(fit: WhittleFit, one: int, other: int, covariance: FloatArray) -> bool:
-    """Whether the window hardly tells two modes apart: their frequencies lie within a line 1/T, or
+    """Whether the window hardly resolves two modes: their frequencies lie within a line 1/T, or
     within so many std of their difference."""
     gap = abs(fit.modes.positions[one] - fit.modes.positions[other])
     variance = covariance[one, one] + covariance[other, other] - 2 * covariance[one, other]
@@ -197,7 +197,7 @@ def _as_pair(
 
 
 def _as_one_group(modes: Sequence[Mode], places: Sequence[int], duration: float) -> dict[int, Mode]:
-    """Three modes or more that the window hardly tells apart under one `pair_id`: each at the
+    """Three modes or more that the window hardly resolves under one `pair_id`: each at the
     mean, with their spread and half a line added to the std."""
     frequencies = [mode.frequency for mode in modes]
     mean = float(np.mean(frequencies))

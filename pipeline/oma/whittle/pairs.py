@@ -1,4 +1,4 @@
-"""Two modes nearer than the window can tell apart: a joint estimate instead of two wrong ones.
+"""Two modes nearer than the window can resolve: a joint estimate instead of two wrong ones.
 
 A round tower has a fore-aft and a side-side bending mode of almost one frequency. When they lie
 within the window's resolution 1/T, the order of the two in frequency and their axes in the plane

@@ -25,7 +25,7 @@ from sensors.arrays import FloatArray
 FITTED_STAMPS = 120  # blocks whose stamps a unit's clock is fitted to: the newest
 FEWEST_STAMPS = 10  # below them the nominal rate is taken
 GRID_BLOCK = 1.0  # of the joined stream [s]
-LONGEST_HELD = 10_000  # missing samples that are laid out; after more of them a unit begins anew
+LONGEST_HELD = 10_000  # missing samples that are laid out; after more of them a unit starts again
 RATES_APART = 100.0  # between units that are joined, at most: what reading one on the other costs
 BELOW_GRID = 2.0  # times that the rate of a unit that comes later may be below the grid's
 MOST_SESSIONS = 8  # boots of a unit whose samples are held
@@ -75,7 +75,7 @@ class UnitStream:
         return readings
 
     def status(self, start_ns: int, end_ns: int) -> BlockStatus:
-        """What the unit said of its blocks in a span of time."""
+        """What the unit reported of its blocks in a span of time."""
         said = BlockStatus.OK
         for start, end, status in self._status:
             if start < end_ns and end > start_ns:
@@ -120,7 +120,7 @@ class UnitStream:
         return np.asarray(numbers[-1] + origin + rate * asked)
 
     def _true_rate(self, seconds: FloatArray, counted: FloatArray) -> float:
-        """The converter's rate by least squares [Hz]; the nominal one where stamps cannot tell."""
+        """The converter's rate by least squares [Hz]; the nominal one where no stamps show it."""
         steps = seconds - seconds.mean()
         if len(seconds) < FEWEST_STAMPS or not steps.any():
             return self.sampling_rate

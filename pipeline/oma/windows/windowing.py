@@ -118,7 +118,7 @@ class Window:
         FloatArray  # (n, n_channels) [m/s²]; NaN in a gap; empty where more than 5 % is missing
     )
     gaps: tuple[MissingSamples, ...] = ()  # that fall into it
-    status: BlockStatus = BlockStatus.OK  # what the unit said in any of its blocks
+    status: BlockStatus = BlockStatus.OK  # what the unit reported in any of its blocks
     complete: bool = True  # False: the session ended inside it
     first_sample: int = 0  # since the unit's start
     steps: tuple[ClockStep, ...] = ()  # of the unit's stamps inside the window
