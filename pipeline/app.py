@@ -111,7 +111,7 @@ def build(
     if outputs.views:
         graph.append(Plan(Viewer, viewer))
     if outputs.recording:
-        graph.append(Plan(SessionRecorder, recorder))  # last: it hears what the others say
+        graph.append(Plan(SessionRecorder, recorder))  # last: it receives what the others publish
     return tuple(graph)
 
 

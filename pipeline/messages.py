@@ -1,7 +1,7 @@
-"""What the nodes say to each other. Small frozen types; every field has its unit.
+"""The messages between nodes. Small frozen types; every field has its unit.
 
-Times are those of the sensor clock, in nanoseconds since 1970-01-01 UTC, unless a field says
-otherwise. `streams.py` says on which key each type travels; `transport/codec.py` how it is
+Times are those of the sensor clock, in nanoseconds since 1970-01-01 UTC, unless a field states
+otherwise. `streams.py` defines on which key each type travels; `transport/codec.py` how it is
 written.
 """
 
@@ -342,7 +342,7 @@ class MessageCount:
 
 @dataclass(frozen=True, slots=True)
 class NodeStatus:
-    """What a node says of itself: when it starts, regularly, and when it stops."""
+    """What a node reports of itself: when it starts, regularly, and when it stops."""
 
     turbine: str
     node: str

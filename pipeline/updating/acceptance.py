@@ -1,7 +1,7 @@
 """When a posterior must not be trusted, however narrow it is.
 
 A wrong structure widens σ a little and moves the stiffness a lot; the interval does not protect
-itself. What tells is how badly the frequencies fit, and how many modes find no partner.
+itself. The signs are how badly the frequencies fit, and how many modes find no partner.
 
 Why these thresholds: simulated hours of the IEA 15 MW turbine, true stiffness in .8 to 1.25 of
 nominal, after one window and after six (`python -m tests.benchmarks recovery --structure …`).
@@ -34,7 +34,7 @@ from sensors.arrays import FloatArray
 
 LARGEST_MISFIT = 3.0  # that one mode counts for [standard deviations]
 N_STIFFNESSES = 3
-UNCONVERGED = ("chain-short", "not-converged")  # codes of doubts
+UNCONVERGED = ("chain-short", "not-converged")  # codes of warnings
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def reduced_chi_square(misfits: FloatArray) -> float:
     """Σ min(z², 9) / (n − 3) of the frequencies' misfits z, (n,), in standard deviations.
 
     A wrong structure is wrong in most modes; a single mode that the identification got wrong by
-    ten standard deviations says nothing about the others, so it counts as three.
+    ten standard deviations gives no information about the others, so it counts as three.
     """
     counted = np.minimum(misfits**2, LARGEST_MISFIT**2)
     return float(counted.sum() / max(len(misfits) - N_STIFFNESSES, 1))
@@ -88,7 +88,7 @@ def refusal(
     """Why these modes are not this structure's; None where a posterior is worth computing.
 
     Where most identified modes find no partner, the few pairs there are have been found by chance,
-    and what they say of the stiffness is not even roughly right.
+    and the stiffness they imply is not even roughly right.
     """
     share_needed, cost_allowed = settings.refused_share, settings.refused_cost
     if paired_share < share_needed:
@@ -107,7 +107,7 @@ def refusal(
 
 
 def unconverged(doubts: Sequence[QualityWarning]) -> bool:
-    """Whether a sampler says of itself that its quantiles are rough."""
+    """Whether a sampler reports that its quantiles are rough."""
     return any(doubt.code in UNCONVERGED for doubt in doubts)
 
 

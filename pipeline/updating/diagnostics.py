@@ -1,4 +1,4 @@
-"""What the data say and what they don't: contraction, information by mode, misfit by mode."""
+"""What the data determine and what they don't: contraction, information by mode, misfit by mode."""
 
 from collections.abc import Sequence
 
@@ -28,8 +28,8 @@ def mode_information(
 
         share_j = tr(C F_j) / 3,   F_j = Σ_{i in j} w_i J_iᵀ J_i,   C = (Σ_j F_j)⁻¹   (Fisher)
 
-    Shares of three parameters' worth of information: what one mode alone could not say, but is
-    needed for, counts too.
+    Shares of three parameters' worth of information: what one mode alone could not determine,
+    but is needed for, counts too.
     """
     fisher = (jacobian.T * precisions) @ jacobian
     each = precisions * np.einsum("ia,ab,ib->i", jacobian, np.linalg.pinv(fisher), jacobian) / 3
@@ -72,7 +72,7 @@ def misfit_doubts(
 def unidentified_doubts(
     parameters: Sequence[ParameterSummary], settings: AcceptanceSettings
 ) -> tuple[QualityWarning, ...]:
-    """One sentence for each stiffness about which the sensors say next to nothing."""
+    """One sentence for each stiffness about which the sensors give next to no information."""
     return tuple(
         QualityWarning(
             "not-identified",

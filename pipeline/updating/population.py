@@ -1,4 +1,4 @@
-"""What a farm's other turbines say of a turbine that is not among them yet: a prior of its springs.
+"""What a farm's other turbines imply of one that is not yet among them: a prior of its springs.
 
     p(x) = mean over draws s of  (1 − ε_s) N(x; μ_s, Σ_s) + ε_s N(x; μ_s, Σ_s + w² I)
 

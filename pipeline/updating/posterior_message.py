@@ -1,4 +1,4 @@
-"""The posterior as it is published: quantiles, pairs, checks of every mode, and what to doubt."""
+"""The posterior as it is published: quantiles, pairs, checks of every mode, and the warnings."""
 
 from dataclasses import dataclass
 

@@ -45,7 +45,7 @@ class Prior:
 
     The springs must be positive definite, k11·k22 > k12², which excludes 39 % of the box of the
     IEA 15 MW monopile; and the structure must stand under gravity, which only the forward model
-    can say (`modal(...).admissible`).
+    can check (`modal(...).admissible`).
     """
 
     def __init__(self, nominal: FloatArray, settings: PriorSettings | None = None) -> None:

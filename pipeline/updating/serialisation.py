@@ -35,7 +35,7 @@ S = TypeVar("S")
 
 
 class CheckpointError(InputError):
-    """A checkpoint that this updater cannot continue from; the message says which and why."""
+    """A checkpoint that this updater cannot continue from; the message states which and why."""
 
 
 @dataclass(frozen=True, slots=True)

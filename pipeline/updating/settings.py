@@ -1,4 +1,4 @@
-"""Section [updating] of a scenario: all that the updating can be told."""
+"""Section [updating] of a scenario: all settings of the updating."""
 
 from dataclasses import dataclass, field
 

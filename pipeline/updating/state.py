@@ -37,7 +37,7 @@ class UpdatingState:
     # is uncertain beside it
     median: FloatArray | None = None  # (3,) ratios, of the last posterior
     change: ChangeState = field(default_factory=ChangeState)
-    recent: tuple[RecentWindow, ...] = ()  # from which the evidence is begun anew after a change
+    recent: tuple[RecentWindow, ...] = ()  # from which the evidence starts again after a change
     sensitivities: tuple[TrackSensitivity, ...] = ()  # of the last posterior's pairs
     joint: tuple[WarmStart, ...] = ()  # of each alternative of an uncertain structure, best first
     sensor_fault: str = ""  # name of the one that the last posterior found

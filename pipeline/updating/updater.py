@@ -46,7 +46,7 @@ from pipeline.updating.structural.refresh import JointRefresh, joint_refresh, mo
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
-LONG_RIDGE = 0.1  # std / median of a spring that the modes do not tell from the others [-]
+LONG_RIDGE = 0.1  # std / median of a spring that the modes do not separate from the others [-]
 POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for
 
 
@@ -54,7 +54,7 @@ class FoundationUpdater:
     """Turns modal evidence into a posterior of k11, k22, k12 and σ.
 
     Every posterior starts from the prior with all the evidence. Yesterday's posterior is never
-    today's prior; it only says where the sampler may start.
+    today's prior; it only determines where the sampler may start.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class FoundationUpdater:
         forward      the structure at this layout's sensors
         seed         the scenario's; with the window's number it decides every random choice,
                      wherever and in whatever order nodes run
-        population   what a farm's other turbines say of this one's springs; None: the uniform prior
+        population   what a farm's other turbines imply of this one's springs; None: uniform prior
         joint        infers the structure's figures with the springs (`joint_inference`, which knows
                      the population too); None: the structure is exact
 
@@ -136,7 +136,7 @@ class FoundationUpdater:
     def updated(
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
-        """State and posterior after one more window; `watched` also tells of changes."""
+        """State and posterior after one more window; `watched` also reports changes."""
         state, (*_, answer) = self.watched(state, estimate)
         assert not isinstance(answer, FoundationEvent)  # the last one never is
         return state, answer
@@ -147,12 +147,12 @@ class FoundationUpdater:
         """State after one more window; an event where the structure has changed, and the posterior
         of the stiffness in this window.
 
-        After an event the evidence begins anew with the first window after the change: before and
+        After an event the evidence starts again with the first window after the change: before and
         after have no stiffness in common.
 
         An estimate that cannot be used leaves the state as it was, and the answer is a
         WindowRejected: the last good posterior stands. It stands too where the guards refuse the
-        new one, but what the window said is remembered: later ones may make sense of it.
+        new one, but the window's evidence is remembered: later ones may make sense of it.
         """
         try:
             after, event = self._accumulated(state, estimate)
@@ -166,7 +166,7 @@ class FoundationUpdater:
     ) -> tuple[UpdatingState, FoundationEvent | WindowRejected | None]:
         """What `watched` does before its posterior: the window's sums alone, without a posterior.
 
-        The springs' influence on the frequencies, by which changes are told, stays that of the
+        The springs' influence on the frequencies, by which changes are detected, stays that of the
         last posterior in the state.
         """
         try:
@@ -179,7 +179,7 @@ class FoundationUpdater:
     ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
         """The posterior of a state that the estimate's window has entered by `accumulated`.
 
-        The last posterior in the state only says where the sampler starts.
+        The last posterior in the state only determines where the sampler starts.
         """
         try:
             return self._refreshed(state, estimate)
@@ -196,7 +196,7 @@ class FoundationUpdater:
     def _looked_for_change(
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationEvent | None]:
-        """The detectors' sums with one more window, and what they say."""
+        """The detectors' sums with one more window, and the event they report."""
         window = watched_window(state.evidence, estimate, self._rise(estimate))
         remembered = [mode.track for mode in state.evidence.modes]
         change = replace(state.change, sums=with_tracks_only(state.change.sums, remembered))

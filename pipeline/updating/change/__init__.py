@@ -8,7 +8,7 @@
     walk         a stiffness that wanders or rides with the water, beside the change at one moment
     detector     both kinds together: the alarm, its kind, the new beginning
 
-Every tracked mode's ln f is a line in what SCADA says of the surroundings (the wind speed, and the
+Every tracked mode's ln f is a line in the surroundings that SCADA reports (the wind speed, and the
 water level after the model's own dependence on it is taken out), with errors of known size; a
 change adds a step δ_j from some window k on:
 
@@ -26,7 +26,7 @@ the intercept, cancels. A step of variance τ² makes the windows since k more l
 
 and both kinds of change are products of such factors (`drift`, `foundation`). Their sum over the
 candidates, R = Σ_k LR_k (Shiryaev and Roberts), is what the Bayesian change-point mixture with a
-small constant hazard ρ says: P(changed) = ρR / (1 + ρR). R − t is a martingale while nothing
+small constant hazard ρ uses: P(changed) = ρR / (1 + ρR). R − t is a martingale while nothing
 changes, so an alarm at R ≥ A comes falsely at most once in A windows on average, whatever the
 number of modes: the person sets the rate, no threshold is tuned.
 

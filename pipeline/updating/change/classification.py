@@ -11,7 +11,7 @@ the package's docstring,
 
 integrated over κ ~ N(0, τ² 1) by Laplace's approximation around its peak, mixed over τ. A mode that
 is paired with none of the model's (its frequency may lie above the model's highest) moves with the
-foundation too, nobody knows by how much: by τ times what the paired ones are sensitive on average,
+foundation too, by an unknown amount: by τ times what the paired ones are sensitive on average,
 up or down. Against all this stands the modal drift, in closed form.
 Source: Kass and Raftery (1995), Journal of the American Statistical Association 90.
 """

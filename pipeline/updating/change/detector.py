@@ -1,4 +1,4 @@
-"""Both kinds of change together: when to raise the alarm, what to call it, where to begin anew."""
+"""Both kinds of change together: when to raise the alarm, what to call it, where to start again."""
 
 from dataclasses import dataclass, field, replace
 
@@ -36,7 +36,7 @@ class ChangeState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
-    """What one window's look at the sums says. R is in windows; shares of candidates included."""
+    """What one window's look at the sums finds. R is in windows; shares of candidates included."""
 
     log_kinds: FloatArray  # (2, K) log R of drift and foundation, each with its share beforehand
     log_threshold: float  # log A
@@ -138,7 +138,7 @@ class ChangeDetector:
         )
 
     def remeasured(self, state: ChangeState, found: Change, sensitivities: Sensitivities) -> Change:
-        """The change with its size by other sensitivities: those half way through it, say."""
+        """The change with its size by other sensitivities, such as those half way through it."""
         step = steps(state.sums, sensitivities.water, UNCUT_MOMENTS).of(found.candidate)
         return replace(found, step=stiffness_step(step, sensitivities.stiffness))
 

@@ -1,4 +1,4 @@
-"""Between the updater and the change detectors: what they are told, what is said of a change."""
+"""Between the updater and the change detectors: their input, and the message of a change."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -22,7 +22,7 @@ from pipeline.updating.likelihood.pairing import DIFFERENCE
 from pipeline.updating.prior import Prior
 from sensors.arrays import FloatArray
 
-ROUNDS = 4  # of measuring a change anew; each makes the error some ten times smaller
+ROUNDS = 4  # of measuring a change again; each makes the error some ten times smaller
 
 
 def stiffness_slopes(modes: ForwardModel, prior: Prior, ratios: FloatArray) -> FloatArray:

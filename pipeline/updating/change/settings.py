@@ -15,7 +15,7 @@ class ChangeSettings:
     changes_per_year: float = 1.0  # expected beforehand; only the stated probability knows it
     foundation_share: float = 0.5  # of these, changes of the foundation [-]
     certainty: float = 0.95  # from which a change is called by its kind [-]
-    candidates: int = 32  # windows that a change may have begun with; older ones are thinned out
+    candidates: int = 32  # windows that a change may have started with; older ones are thinned out
 
     def __post_init__(self) -> None:
         smallest = min(self.years_between_false_alarms, self.changes_per_year)

@@ -1,6 +1,6 @@
 """What is remembered of the windows: sums over segments of time, and the steps between them.
 
-A segment is what lies between two candidates, the windows a change may have begun with. With the
+A segment is what lies between two candidates, the windows a change may have started with. With the
 surroundings of a window z = (1, l, v), l the water level and v the wind, every segment holds for
 each track these sums over its windows of weight w = hop / (duration · σ²):
 
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from sensors.arrays import FloatArray
 
-SLOPE_STD = 0.01  # prior of ∂ ln f / ∂ level, beyond what the model says of it [1/m]
+SLOPE_STD = 0.01  # prior of ∂ ln f / ∂ level, beyond what the model predicts [1/m]
 WIND_STD = 0.00005  # prior of ∂ ln f / ∂ wind speed, as storms move simulated towers [s/m]
 WIND_REFERENCE = 10.0  # where the regression counts the wind from [m/s]
 FLAT = 1e-6  # information on the intercept of ln f: a standard deviation of 1000
@@ -51,7 +51,7 @@ class SeenFrequency:
 
 @dataclass(frozen=True, slots=True)
 class WatchedWindow:
-    """What the detectors are told of one window."""
+    """What the detectors receive of one window."""
 
     start_ns: int
     duration: float  # [s]
@@ -119,7 +119,7 @@ class ChangeSums:
 
     @property
     def scatter_factor(self) -> FloatArray:
-        """s², (J,): variance of successive sightings over the one they state."""
+        """s², (J,): variance of successive observations over the one they state."""
         return scatter_factor(self.scatter)
 
 
@@ -153,7 +153,7 @@ class Regression:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Steps:
-    """What every candidate's windows say of a step, g ~ N(δ h, h); both (K, J), in units of the
+    """What every candidate's windows imply of a step, g ~ N(δ h, h); both (K, J), in units of the
     tracks' own scatter."""
 
     g: FloatArray
@@ -211,7 +211,7 @@ def before(sums: ChangeSums, candidate: int) -> FloatArray:
 def with_window(
     sums: ChangeSums, window: WatchedWindow, told: Seen, water: FloatArray, *, most_candidates: int
 ) -> ChangeSums:
-    """The sums after one more window, told as `seen_in` tells it."""
+    """The sums after one more window, in the form that `seen_in` returns."""
     seen, values, variances = told.columns, told.values, told.variances
     level, surroundings = window.water_level, window.surroundings
     scatter, last = _scatter(sums, seen, values, variances, window.weight)
@@ -318,7 +318,7 @@ def _scatter(
     variances: FloatArray,
     weight: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Sums of the squared differences between successive sightings, and the last sightings.
+    """Sums of the squared differences between successive observations, and the last observations.
 
     (y_t − y_{t−1})² / (σ_t² + σ_{t−1}²) has mean s², w s² for windows that overlap by 1 − w. A
     step enters only one difference, and counts for nine times s² at most: what is to be found

@@ -1,4 +1,4 @@
-"""What the windows have said so far, mode by mode, without any model of the structure.
+"""The evidence of all windows so far, mode by mode, without any model of the structure.
 
 Windows are combined before a model is asked: each mode keeps the precision-weighted mean of its
 estimates and their summed information, so the state stays the same size for years, and a pairing
@@ -41,8 +41,8 @@ ESTABLISHED = 3  # windows from which a mode can be missed
 def jumped_from(
     modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation], followed: Sequence[int]
 ) -> list[int]:
-    """For each sighting that continues no mode, the one of which it may be the continuation after
-    a jump of frequency, or −1.
+    """For each observation that continues no mode, the one of which it may be the continuation
+    after a jump of frequency, or −1.
 
     That is the nearest established mode of like shape that this window did not see. The two stay
     apart as evidence, since a mean over both would be neither's frequency, but share a track: on
@@ -75,7 +75,7 @@ def jumped_from(
 
 
 def followed_by(modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation]) -> list[int]:
-    """For each sighting the mode it continues, or −1 where it opens a new one.
+    """For each observation the mode it continues, or −1 where it opens a new one.
 
     Assignment on (Δ ln f / s)² + ((1 − MAC) / .15)², beyond 9 a new mode; s is .3 % and both
     standard deviations together, at most 1 %. Δ is to the mean of all windows or to the last that
@@ -132,7 +132,7 @@ MOST_MODES = 150  # remembered; those seen most rarely are forgotten first
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModalEvidence:
-    """All that the accepted windows said: one ModeEvidence a mode, lowest frequency first.
+    """All evidence of the accepted windows: one ModeEvidence a mode, lowest frequency first.
 
     channels           names in the order of the sensor layout; estimates are mapped by name
     joint_covariance   whether the correlations among one mode's f and φ are kept, or only the
@@ -143,7 +143,7 @@ class ModalEvidence:
     joint_covariance: bool = False
     modes: tuple[ModeEvidence, ...] = ()
     n_windows: int = 0
-    n_tracks: int = 0  # begun so far
+    n_tracks: int = 0  # started so far
     window_duration: float = 0.0  # of the shortest window [s]
     n_unknown_levels: int = 0  # windows whose water level nothing reported
 
@@ -169,7 +169,7 @@ class ModalEvidence:
         rise: float = 0.0,
         level_known: bool = True,
     ) -> "ModalEvidence":
-        """The same from the sightings of a window of that weight and duration [s]."""
+        """The same from the observations of a window of that weight and duration [s]."""
         window = self.n_windows + 1
         modes, n_tracks = list(self.modes), self.n_tracks
         followed = followed_by(self.modes, seen)

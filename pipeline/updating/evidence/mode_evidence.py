@@ -1,4 +1,4 @@
-"""What the windows have said of one mode: sums that give its mean and information at any time."""
+"""The evidence of all windows on one mode: sums that give its mean and information at any time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -42,7 +42,7 @@ def _parabola(values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModeEvidence:
-    """One mode's sightings combined. Vectors have the rows f [Hz], then φ [-] of every channel.
+    """One mode's observations combined. Vectors have the rows f [Hz], then φ [-] of every channel.
 
     The shape's component `unit_component` is 1 by normalisation in every window (Eq. 11) and
     carries no information: left in Eq. 9, its zero variance makes the posterior improper at
@@ -66,7 +66,7 @@ class ModeEvidence:
 
     @classmethod
     def empty(cls, sighting: ModeObservation, track: int = 0) -> "ModeEvidence":
-        """No information yet; identity and unit component of the first sighting."""
+        """No information yet; identity and unit component of the first observation."""
         n_rows = len(sighting.values)
         return cls(
             name=sighting.name,

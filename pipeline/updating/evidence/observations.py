@@ -1,4 +1,4 @@
-"""An estimate's modes as sightings: on all channels of the layout, a close pair as one."""
+"""An estimate's modes as observations: on all channels of the layout, a close pair as one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -121,7 +121,7 @@ def _sighting(group: list[Mode], rows: NDArray[np.intp], n_rows: int) -> ModeObs
 
 
 def _pair_sighting(group: list[Mode], n_rows: int) -> ModeObservation:
-    """The mean frequency of a close pair: what can be said of two modes nearer than their own
+    """The mean frequency of a close pair: what is known of two modes nearer than their own
     standard deviation. Block columns are common to both, the others are each mode's own."""
     n_blocks = group[0].n_block_columns
     common = np.mean([mode.covariance_factor[0, :n_blocks] for mode in group], axis=0)

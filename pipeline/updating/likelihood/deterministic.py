@@ -106,7 +106,7 @@ class ModalObjective:
 
     Pairing "label" compares each identified mode with the model mode of its label, which the model
     follows by overlap from nominal stiffness. Pairing "mac" lets identified and model modes be
-    assigned anew at every θ so that J is least; a difference of frequency counts little in J
+    assigned again at every θ so that J is least; a difference of frequency counts little in J
     against one of shape, so it is the MAC that pairs.
     """
 

@@ -11,7 +11,7 @@ from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.interface import Peak
 from sensors.arrays import FloatArray
 
-WIDEST = 1.0  # standard deviation of a ratio beyond which a Gaussian says nothing [-]
+WIDEST = 1.0  # standard deviation of a ratio beyond which a Gaussian has no information [-]
 
 
 def laplace_peak(

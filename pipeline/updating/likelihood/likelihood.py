@@ -43,7 +43,7 @@ class LikelihoodSettings:
 
     frequency_floor: float = 0.0005  # systematic, share of f [-]
     shape_floor: float = 0.005  # systematic, share of the shape's largest component [-]
-    resolution: float = 1.5  # model modes nearer than this many 1/T cannot be told apart [-]
+    resolution: float = 1.5  # model modes nearer than this many 1/T cannot be distinguished [-]
     shape_mixing: float = 0.012  # model modes nearer than this share of f mix their shapes [-]
     least_mac: float = 0.95  # with the partner's shape; below, only the frequency is compared [-]
     joint_covariance: bool = False  # keep correlations between the components of one mode

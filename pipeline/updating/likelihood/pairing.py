@@ -65,7 +65,7 @@ class PairingTargets:
 
         reach   [Hz] the model's highest mode at nominal stiffness. Another stiffness may move it
                 past a mode that the model doesn't hold, so what lies just below is paired where
-                it can be, but its want of a partner says nothing.
+                it can be, but its lack of a partner means nothing.
         """
         shapes = np.array([mode.shape for mode in modes])
         frequencies = np.array([mode.frequency for mode in modes])
@@ -122,7 +122,7 @@ def assigned(
     costs   (n_identified, n_model)
 
     Leaving a mode alone costs `rejection`, so a pair that costs more is never made; clipping the
-    costs there says the same to the Hungarian algorithm as a column of dummies would.
+    costs there has the same effect in the Hungarian algorithm as a column of dummies.
     """
     clipped = np.minimum(costs, rejection)
     rows, columns = linear_sum_assignment((clipped - rejection) * targets.weights[:, None])
@@ -186,7 +186,7 @@ class PairingSearch:
     def _cheapest_draws(self, targets: PairingTargets) -> list[int]:
         """The draws of lowest total cost, cheapest first.
 
-        No assignment costs less than each mode's cheapest partner would, whoever else wants it:
+        No assignment costs less than each mode's cheapest partner would, shared or not:
         in the order of that bound most draws need no assignment at all.
         """
         settings = self._settings

@@ -32,7 +32,7 @@ def autocorrelation_time(chains: FloatArray) -> float:
 
 
 def effective_sample_size(chains: FloatArray) -> float:
-    """Independent draws that would say as much about the mean; NaN for chains under eight steps,
+    """Independent draws with as much information about the mean; NaN for chains under eight steps,
     one a chain for such as never moved."""
     if len(chains) < FEWEST_STEPS:
         return float("nan")

@@ -2,7 +2,7 @@
 
 Pilot rounds fit the mixture to the posterior; what they drew is thrown away, so that the draws
 that are kept are independent, from a proposal fixed before them, and their weights are exact. The
-share that survives the weighting (Kish ESS / N) tells how well the mixture fits.
+share that survives the weighting (Kish ESS / N) measures how well the mixture fits.
 """
 
 import logging
@@ -289,14 +289,14 @@ class ImportanceSampler:
     """The streaming sampler: warm importance sampling, with chains where its efficiency is poor.
 
     It finds what lies around the peak and the last posterior. Whether there is another peak
-    elsewhere is for a search of the prior to say, as the pairing's does before every refresh.
+    elsewhere is for a search of the prior to find, as the pairing's does before every refresh.
     """
 
     settings: ImportanceSettings
     chains: PosteriorSampler  # takes over
 
     def __call__(self, target: Target, generator: np.random.Generator) -> PosteriorDraws:
-        """Draws of the posterior; `doubts` says when the chains took over and why."""
+        """Draws of the posterior; `doubts` reports when the chains took over and why."""
         settings = self.settings
         density = CountedDensity(target.log_density)
         start = first_proposal(target, generator)

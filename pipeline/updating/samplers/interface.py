@@ -34,7 +34,7 @@ class Peak:
 class Target:
     """A posterior under a uniform prior, and what is known of it beforehand.
 
-    The last two only say where to look first. They never enter the answer.
+    The last two only determine where to look first. They never enter the answer.
     """
 
     log_density: LogDensity  # log likelihood, −inf where the prior is zero
@@ -52,7 +52,7 @@ class PosteriorDraws:
     ensemble: FloatArray  # (n, n_dim) of the points: where the next posterior may start
     sampler: str  # "importance", "emcee", …
     evaluations: int  # of the likelihood, adaptation included
-    ess: float  # independent draws that would say as much
+    ess: float  # independent draws with as much information
     rhat: float = float("nan")  # largest R̂ over chains or independent batches
     autocorrelation_time: float = float("nan")  # [steps]; NaN where there is no chain
     efficiency: float = float("nan")  # Kish ESS / draws of an importance sampler [-]
@@ -65,7 +65,7 @@ class PosteriorSampler(Protocol):
     """Draws from a posterior; the same generator gives the same draws."""
 
     def __call__(self, target: Target, generator: np.random.Generator) -> PosteriorDraws:
-        """Raises nothing of its own: a poor result says so in `doubts`."""
+        """Raises nothing of its own: a poor result is reported in `doubts`."""
         ...
 
 

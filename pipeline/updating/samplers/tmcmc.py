@@ -3,7 +3,7 @@
     p_j(x) ∝ p(d | x)^β_j p(x),   0 = β_0 < β_1 < … < β_m = 1
 
 Twice: as published, one Metropolis step for each sample of a stage, which is biased when the data
-are informative (the samples of a stage are little but copies of the last stage's); and mended,
+are informative (the samples of a stage are little but copies of the last stage's); and corrected,
 where the population only shows an importance sampler where the posterior is.
 Source: Ching and Chen (2007), Journal of Engineering Mechanics 133(7), 816–832.
 """
@@ -49,7 +49,7 @@ class PublishedSettings:
 
 @dataclass(frozen=True, slots=True)
 class TemperingSettings:
-    """TMCMC mended."""
+    """TMCMC, corrected."""
 
     samples: int = 20_000  # of the final importance sampling, and of equal weight at the end
     particles: int = 1000  # of every stage
@@ -184,7 +184,7 @@ def _step_factor(points: FloatArray, weights: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class PublishedTmcmc:
-    """TMCMC as Ching and Chen published it. Shown for what it is: use the mended one.
+    """TMCMC as Ching and Chen published it. Shown for what it is: use the corrected one.
 
     In a stage a sample is picked with a chance proportional to its weight and one Metropolis step
     is made from where the chain that began there now stands; the result is a sample of the next

@@ -3,8 +3,8 @@
 Which identified mode is which mode of the model depends on the figures: paired at the nominal ones,
 a third of the modes are taken for others. So modes are paired again wherever the model is
 linearised, with errors that are wide at first and shrink to those of the data, and the descent is
-begun at several points: the mass of the transition piece makes most of the valleys. Judged is an
-end by its cost beside its degrees of freedom.
+started at several points: the mass of the transition piece makes most of the valleys. An end is
+judged by its cost beside its degrees of freedom.
 
     cost(u) = Σ (h(u) − d)² / (S + F) + Σ (u − u₀)² / P + rejection × modes without a partner
 

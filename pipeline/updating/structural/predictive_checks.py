@@ -22,7 +22,7 @@ from pipeline.updating.structural.joint_fit import Comparison, JointPeak
 from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
 from sensors.arrays import FloatArray
 
-LEAST_ROOM = 0.02  # 1 − C_ii: below, the data say nothing of a figure [-]
+LEAST_ROOM = 0.02  # 1 − C_ii: below, the data do not constrain a figure [-]
 UNPREDICTED = 1e-3  # p-value at which a left-out mode is unpredicted [-]
 
 
@@ -83,7 +83,7 @@ class FigureConflict:
 def figure_conflicts(
     mean: FloatArray, covariance: FloatArray, coordinates: JointCoordinates
 ) -> tuple[FigureConflict, ...]:
-    """Of every figure, level and sensor that the data say something of, the worst first."""
+    """Of every figure, level and sensor that the data constrain, the worst first."""
     prior = np.linalg.inv(coordinates.prior_precision)
     names = coordinates.names
     found = []

@@ -89,7 +89,7 @@ class JointCoordinates:
 
     level_std   of the water level in the evidence [m]; 0 on land
     n_sensors   figures of the sensors (`sensor_figures`), after the level
-    belief      Gaussian that a calibration or a farm says of u; None: the priors of the figures
+    belief      Gaussian of u from a calibration or a farm; None: the priors of the figures
     """
 
     def __init__(
