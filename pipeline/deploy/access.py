@@ -1,11 +1,11 @@
-"""Who may say and hear what, as Zenoh's access control: everything else is dropped.
+"""Who may publish and read what, as Zenoh's access control: everything else is dropped.
 
     unit      publishes its own acceleration, layout, gap and end, and its turbine's SCADA
-    viewer    hears everything and says nothing
+    viewer    reads everything and publishes nothing
     own       nodes on the shore machine itself, over loopback without TLS: everything
 
 Rules name kinds of messages, keys and a direction as the router sees it: what comes in from a unit
-must be allowed, and so must what goes out to it (that somebody subscribes, asks for what it
+must be allowed, and so must what goes out to it (subscriptions, requests for what was
 missed). What a publisher keeps for late subscribers is asked for on keys with /@adv/, which no
 wildcard of ordinary keys matches. Source: https://zenoh.io/docs/manual/access-control
 """

@@ -43,7 +43,7 @@ class Watchdog:
         self._last: float | None = None
 
     def alive(self) -> None:
-        """Tell systemd, if it listens, that the service works."""
+        """Notify systemd, if it listens, that the service works."""
         now = self._clock()
         if not self._path or (self._last is not None and now - self._last < self._period):
             return

@@ -47,7 +47,7 @@ def meeting_point(settings: ZenohSettings) -> ZenohEndpoints:
 
 @contextmanager
 def open_hub(meeting: ZenohEndpoints, desk: StatusNode, key: str, out: Path) -> Iterator[ZenohBus]:
-    """The session that all others connect to; it answers for all, and its folder says where."""
+    """The session that all others connect to; it answers for all, and its folder records where."""
     place = out / ENDPOINT_FILE
     bus = ZenohBus(meeting.hub)
     desk.connections = lambda: Counter(link.name or link.address for link in bus.links())

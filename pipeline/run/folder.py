@@ -79,8 +79,8 @@ def set_aside(path: Path) -> Path:
 
 
 def write_summary(path: Path, figures: Json) -> bool:
-    """Whether it could be written; why not is told, and costs neither the results of the session
-    nor the reason for which it may have ended."""
+    """Whether it could be written; a failure is reported, and costs neither the results of the
+    session nor the reason for which it may have ended."""
     text = json.dumps(figures, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     try:
         written_whole(path, text.encode())

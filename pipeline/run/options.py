@@ -21,8 +21,8 @@ class SessionOptions:
     rrd: bool = True  # write out/session.rrd
     view: ViewerOutput | None = None  # a viewer beside it
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
-    fresh: bool = False  # begin anew, whatever checkpoint there is
+    fresh: bool = False  # start from the beginning, whatever checkpoint there is
     shards: int = 1  # processes that share the turbines, of each node that can be shared
     elsewhere: tuple[str, ...] = ()  # nodes of a live session that run on other machines
     metrics: int | None = None  # port on this machine where Prometheus may ask
-    notices: AlarmSettings | None = None  # whom to tell of what; None: nobody
+    notices: AlarmSettings | None = None  # whom to notify of what; None: no one

@@ -1,5 +1,5 @@
 """A session from its source to its summary. Whatever ends it early, what was recorded is closed
-properly and the summary says what is known."""
+properly and the summary reports what is known."""
 
 import os
 import threading
@@ -80,7 +80,7 @@ def run_session(
     scenario_option   as the person named it, for nodes in other processes
     stopping          ends the session when set (Ctrl-C, SIGTERM)
 
-    Raises InputError for what a person can mend, NodeFailed for what must be looked into.
+    Raises InputError for what a person can correct, NodeFailed for what must be looked into.
     """
     make_folder(options.out)
     with owned(options.out) as ownership:
@@ -118,7 +118,7 @@ def _run_owned(
     summary = SessionSummary(source.text, source.layout.turbine, live=source.is_live)
 
     def account(block: AccelerationBlock) -> None:
-        if not source.is_live:  # there it counts what it hears
+        if not source.is_live:  # there it counts what it receives
             summary.count(block)
         if report:
             report(block)
@@ -209,7 +209,7 @@ def _run(
     follows = options.speed == float("inf") and not source.is_live
     desk = StatusNode(source.text)
     control = ReplayControl(source, options.speed, stopping)
-    # The hub first: a port that is taken is told before a node has begun a file.
+    # The hub first: a port that is taken is reported before a node has started a file.
     with open_hub(meeting, desk, f"{STATUS_KEY}/{turbine}", options.out) as bus:
         workers: list[runner.Worker] = []
         for plan in graph:

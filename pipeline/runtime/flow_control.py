@@ -1,4 +1,4 @@
-"""How fast a replay may go, and when it is over: from what the nodes say of themselves alone."""
+"""How fast a replay may go, and when it is over: from what the nodes report of themselves alone."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
@@ -49,11 +49,11 @@ def _acknowledge(on_their_way: deque[int] | None, sequence: int) -> None:
 
 
 class Quiet:
-    """Knows when nodes have nothing left to do, where their counts cannot tell: after a restart a
-    node counts anew, and the transport gives it again what it had already.
+    """Knows when nodes have nothing left to do, where their counts cannot show it: after a restart
+    a node counts from zero again, and the transport gives it again what it had already.
 
-    A node says how it is every second and whenever it has caught up, but never while it is busy
-    with a message. One that has said the same often enough has been waiting in between.
+    A node reports its status every second and whenever it has caught up, but never while it is busy
+    with a message. One that has reported the same often enough has been waiting in between.
     """
 
     ENOUGH = 4  # statuses in a row: at least three seconds; lost messages are asked for each half
@@ -90,8 +90,8 @@ def is_drained(statuses: Iterable[NodeStatus], consumers: Mapping[str, Sequence[
     consumers   node name → message types that it takes; NodeStatus, which never ends, is left out
 
     Why the latest statuses are enough, though each is from another moment: a node that gives more
-    than its status says must have taken more than its status says, and so on upstream until the
-    source, which has ended. Blocks known to be lost count as handled.
+    than its status reports must have taken more than its status reports, and so on upstream until
+    the source, which has ended. Blocks known to be lost count as handled.
     """
     latest = {status.node: status for status in statuses}
     if not latest.keys() >= consumers.keys():

@@ -7,8 +7,8 @@
 Every message passes the codec and every node gets its messages in the order of publishing in all
 three, so the same scenario gives the same posteriors, bit by bit.
 
-A node that says "ready" has subscribed. The source starts when every node is ready, keeps at most
-so many blocks unacknowledged, and the run is over when every message has been handled.
+A node that reports "ready" has subscribed. The source starts when every node is ready, keeps at
+most so many blocks unacknowledged, and the run is over when every message has been handled.
 """
 
 import logging
@@ -86,7 +86,7 @@ class Worker(Protocol):
         ...
 
     def check(self) -> None:
-        """See to a node that has ended before it was told to: start it again or raise
+        """Handle a node that has ended before it was asked to: start it again or raise
         NodeFailed."""
         ...
 
@@ -127,7 +127,7 @@ def run_workers(
         except RunEnded:
             logger.info("the session was ended early")
         finally:
-            for worker in workers:  # in the order of the flow: the recorder hears the others stop
+            for worker in workers:  # in the order of the flow: the recorder sees the others stop
                 worker.stop()
         for worker in workers:
             worker.check()
@@ -152,7 +152,7 @@ class NodeThread(threading.Thread):
         try:
             with open_session(self._open_bus) as bus:
                 serve(self._node, bus, turbine=self._turbine, stopping=self._stopping)
-        except BaseException as error:  # noqa: BLE001  # `check` raises it where somebody watches
+        except BaseException as error:  # noqa: BLE001  # `check` raises it to its caller
             self._failure = error
 
     def check(self) -> None:
@@ -212,7 +212,7 @@ def serve(
 
 
 class Heartbeat:
-    """When a node should say how it is: every second, every few blocks, when it has caught up."""
+    """When a node should report: every second, every few blocks, when it has caught up."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
@@ -221,7 +221,7 @@ class Heartbeat:
         self._said_sequence = -1
 
     def said(self, account: NodeAccount) -> None:
-        """Remember what the last status told."""
+        """Remember what the last status reported."""
         self._said_ns = self._clock()
         self._said_messages = account.handled
         self._said_sequence = account.last_sequence
@@ -235,8 +235,8 @@ class Heartbeat:
         return account.last_sequence - self._said_sequence >= STATUS_BLOCKS
 
 
-class RunEnded(Exception):  # noqa: N818  # it says what happened
-    """Somebody wanted the run to end before the source did."""
+class RunEnded(Exception):  # noqa: N818  # the name states what happened
+    """The run was asked to end before the source ended."""
 
 
 class SourceFeed:
@@ -249,7 +249,7 @@ class SourceFeed:
         self._inbox = Inbox()
         self._subscription = bus.subscribe((NodeStatus,), self._inbox)
         self._latest: dict[str, NodeStatus] = {}  # by node
-        self._deaf: Callable[[], list[str]] = list  # nodes that hear nothing
+        self._deaf: Callable[[], list[str]] = list  # nodes that receive nothing
         self._quiet = Quiet()
 
     def wait_until_ready(self) -> None:
@@ -292,7 +292,7 @@ class SourceFeed:
         self.wait(lambda: self._all_handled(finished, consumers))
 
     def _all_handled(self, finished: NodeStatus, consumers: Mapping[str, Sequence[type]]) -> bool:
-        if any(worker.restarts for worker in self._workers):  # their counts began anew
+        if any(worker.restarts for worker in self._workers):  # their counts started again
             return self._quiet.of_all(consumers)
         return is_drained([finished, *self._latest.values()], consumers)
 
@@ -331,14 +331,14 @@ class SourceFeed:
             )
 
     def _unacknowledged(self, takers: Sequence[str], since: float | None) -> list[str]:
-        """Nodes that have not heard the first block although its time is over [s, monotonic]."""
+        """Nodes that have not received the first block although its time is over [s, monotonic]."""
         if since is None or time.monotonic() - since < FIRST_BLOCK_TIMEOUT:
             return []
         return [name for name in takers if not _heard_blocks(self._latest.get(name))]
 
 
 def _heard_blocks(status: NodeStatus | None) -> bool:
-    """Whether a node has taken a block, or says that blocks were lost before they reached it."""
+    """Whether a node has taken a block, or reports that blocks were lost before they reached it."""
     name = AccelerationBlock.__name__
     return status is not None and (
         status.lost > 0 or any(each.message == name and each.count for each in status.received)

@@ -53,7 +53,7 @@ VERSION = 3  # of the file's layout; one that is neither this nor OLDER is refus
 OLDER = 2
 STATE = "state"
 MOST_FILES = 1000  # snapshots in a folder; of more, those not renewed for longest go
-LONGEST_NAME = 160  # of a turbine in a file's name; beyond it a checksum tells them apart
+LONGEST_NAME = 160  # of a turbine in a file's name; beyond it a checksum distinguishes them
 
 
 class FencedError(OSError):
@@ -146,7 +146,7 @@ def _renewed(path: Path) -> int:
 
 
 def _epoch_in(path: Path) -> int:
-    """Of a snapshot on disk; 0 where it says none."""
+    """Of a snapshot on disk; 0 where it states none."""
     try:
         with path.open("rb") as file:
             words = file.readline(1000).split(b" ")

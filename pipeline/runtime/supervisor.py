@@ -2,10 +2,10 @@
 
     running ──ended by itself──► waiting (0.25 s, 0.5 s, 1 s, … 30 s) ──► running
        │                            │ eight times in a row, or by a person's mistake
-       │ told to stop               ▼
+       │ asked to stop              ▼
        └──► ended               NodeFailed
 
-Nobody outlives the supervisor: every process holds the end of a pipe that closes when the
+No process outlives the supervisor: each process holds the end of a pipe that closes when the
 supervisor is gone, whatever killed it, and stops cleanly then (`stopped_with_parent`).
 """
 
@@ -23,9 +23,9 @@ from pipeline.runtime.errors import NodeFailed
 
 logger = logging.getLogger(__name__)
 
-MISTAKE = 2  # exit code where a person has to mend something; to try again would not help
+MISTAKE = 2  # exit code where a person has to correct something; to try again would not help
 STANDARD_INPUT = 0  # file descriptor
-STOP_TIMEOUT = 120.0  # for a node to finish what it has when it is told to stop [s]
+STOP_TIMEOUT = 120.0  # for a node to finish what it has when it is asked to stop [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class BackOff:
     first: float = 0.25  # [s]
     longest: float = 30.0  # [s]
     attempts: int = 8  # in a row, then the session fails
-    proven: float = 60.0  # a node that ran so long begins to count anew [s]
+    proven: float = 60.0  # a node that ran so long counts from zero again [s]
 
     def delay(self, failures: int) -> float:
         """Before the start that follows this many failures in a row [s]."""
@@ -74,7 +74,7 @@ class SupervisedProcess:
         self._started = 0.0  # [s]
         self._failures = 0  # in a row
         self._due: float | None = None  # when to start again [s]
-        self._exit_code: int | None = None  # of a process that was told to stop
+        self._exit_code: int | None = None  # of a process that was asked to stop
 
     @property
     def pid(self) -> int | None:
@@ -96,9 +96,9 @@ class SupervisedProcess:
         """Start a process again that has ended by itself, when its time has come.
 
         Raises NodeFailed where that would not help: a person's mistake (its line is on the error
-        stream), too many failures in a row, or an error while it was told to stop.
+        stream), too many failures in a row, or an error while it was asked to stop.
         """
-        if self._exit_code not in (None, 0, -signal.SIGTERM):  # the last: it had not begun yet
+        if self._exit_code not in (None, 0, -signal.SIGTERM):  # the last: it had not started yet
             raise NodeFailed(f"node {self.name} ended with exit code {self._exit_code}")
         if self._due is not None and self._clock() >= self._due:
             self.restarts += 1

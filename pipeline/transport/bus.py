@@ -86,10 +86,10 @@ class Inbox:
     """Bounded queue between a transport's threads and the one thread that takes messages out.
 
     When it is full, the oldest message makes room: what a late subscriber still needs is the end
-    of the stream. `dropped` and `malformed` count what was never handed out, and `refusal` says of
+    of the stream. `dropped` and `malformed` count what was never handed out, and `refusal` gives of
     the last malformed one where it came and what was wrong with it. Messages on more keys than
-    MOST_KEYS count as malformed too: a stranger may make up keys for ever, of which all that
-    listen would remember something.
+    MOST_KEYS count as malformed too: an untrusted sender may make up keys for ever, of which
+    all that listen would remember something.
     """
 
     def __init__(

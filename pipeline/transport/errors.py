@@ -10,5 +10,5 @@ class TransportError(InputError):
 class CodecError(ValueError):
     """Bytes that are no message of the expected type, or a message that cannot be written.
 
-    Whoever receives counts it and goes on: a forged or broken message ends no node.
+    The receiver counts it and goes on: a forged or broken message ends no node.
     """

@@ -29,7 +29,7 @@ from pipeline.transport.zenoh_settings import without_source
 
 logger = logging.getLogger(__name__)
 
-HEARTBEAT = 0.5  # a publisher says how far it is; what is missed is noticed then at the latest [s]
+HEARTBEAT = 0.5  # a publisher reports its position; misses are noticed then at the latest [s]
 MOST_KNOWN = 100_000  # publishers of a stream: each start of a unit is one more
 FETCH_TIMEOUT = 2.0  # for an answer to who asks for the beginning of a stream [s]
 PAUSES = (0.1, 0.3, 0.6)  # before it is asked for again, where it did not come [s]
@@ -49,7 +49,8 @@ class Arrivals:
 
     Called by Zenoh's threads; asks Zenoh for nothing by itself. `recovered` counts the samples
     that were on their way for so long that they did not come by themselves: their link was down,
-    or nobody listened yet; `lost` those of beginnings that were promised and can no longer be had.
+    or there was no listener yet; `lost` those of beginnings that were promised and can no longer
+    be had.
     """
 
     def __init__(self, message_type: type, inbox: Inbox, beginnings: "Beginnings") -> None:
@@ -60,7 +61,7 @@ class Arrivals:
         self._inbox = inbox
         self._beginnings = beginnings
         self._arriving = threading.Lock()
-        self._known: dict[Publisher, None] = {}  # who was heard first comes first
+        self._known: dict[Publisher, None] = {}  # in order of first arrival
         self._held: dict[Publisher, list[zenoh.Sample]] = {}  # while their beginning is fetched
 
     def __call__(self, sample: zenoh.Sample) -> None:
@@ -126,14 +127,14 @@ def _number(sample: zenoh.Sample) -> int:
 
 
 def _published(sample: zenoh.Sample) -> float | None:
-    """[s since 1970-01-01 UTC]; None where nobody says so."""
+    """[s since 1970-01-01 UTC]; None where it is not stated."""
     if sample.timestamp is None:
         return None
     return float(sample.timestamp.get_time_as_ntp64().as_secs_f64())
 
 
 def _began(sample: zenoh.Sample) -> float | None:
-    """When a sample's publisher began; None where it does not say so."""
+    """When a sample's publisher began; None where it does not state so."""
     said = b"" if sample.attachment is None else sample.attachment.to_bytes()
     if len(said) != struct.calcsize("<d"):
         return None
@@ -151,7 +152,7 @@ def is_recovered(sample: zenoh.Sample, now: float) -> bool:
 
 
 def _origin(sample: zenoh.Sample) -> tuple[Publisher, int]:
-    """Who published a sample, and its number in their count from 0; 0 where nobody says so."""
+    """Who published a sample, and its number in their count from 0; 0 where it is not stated."""
     key, source = str(sample.key_expr), sample.source_info
     if source is None:
         return Publisher("", 0, key), 0

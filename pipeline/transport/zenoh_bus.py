@@ -2,14 +2,14 @@
 
 Every node has a session of its own. By default sessions are peers on this machine: no router,
 no multicast scouting, loopback only. One of them listens on an endpoint that the others know
-(`hub`); the others connect to it (`peer_of`), hear of each other by gossip and then talk
+(`hub`); the others connect to it (`peer_of`), find each other by gossip and then talk
 directly. They may start in any order, and the hub may go: the others keep their links.
 
 Zenoh drops samples where a link is cut or a reader too slow, so every publisher keeps the last
-`Stream.cached` samples of each key and says twice a second how far it is; a subscriber asks for
-what it missed, and what can no longer be had is counted (`ZenohSubscription.lost`). A put never
+`Stream.cached` samples of each key and reports its position twice a second; a subscriber asks
+for what it missed, and what can no longer be had is counted (`ZenohSubscription.lost`). A put never
 waits for a reader. What Zenoh overlooks is the beginning of a stream: see `zenoh_arrivals`, which
-is why every sample says when its publisher began.
+is why every sample states when its publisher began.
 
 This module, `zenoh_arrivals` and `zenoh_settings` are the only ones that import zenoh. Its advanced
 publisher and subscriber are labelled unstable, hence the narrow version range in pyproject.toml.
@@ -95,7 +95,7 @@ class ZenohBus:
 
     def _publisher_of(self, key: str, stream: Stream) -> ext.AdvancedPublisher:
         """The key's publisher. Of more than MOST_PUBLISHERS the one that was silent longest goes,
-        and its cache with it: what is answered to turbines that a stranger makes up is bounded."""
+        and its cache with it: what is answered to made-up, untrusted turbines is bounded."""
         publisher = self._publishers.pop(key, None)
         if publisher is None:
             publisher = _publisher(self._session, key, stream)
@@ -148,7 +148,7 @@ class ZenohBus:
 def asked(whom: str | ZenohSettings, key_expression: str, payload: bytes = b"") -> list[bytes]:
     """What the sessions that can be reached through an endpoint answer on these keys.
 
-    Raises TransportError where nobody listens there.
+    Raises TransportError where nothing listens there.
     """
     if isinstance(whom, str):
         whom = ZenohSettings(mode="client", connect=(whom,))
@@ -178,7 +178,7 @@ class ZenohSubscription:
         self._lost: Counter[type] = Counter()
         self._counting = threading.Lock()
         self._arrivals = {each: Arrivals(each, inbox, beginnings) for each in message_types}
-        # Zenoh forgets a subscriber or listener that nobody holds.
+        # Zenoh forgets a subscriber or listener that nothing holds.
         self._subscribers = [
             _subscriber(session, stream_of(message_type), arrive)
             for message_type, arrive in self._arrivals.items()

@@ -61,7 +61,7 @@ def peer_of(endpoint: str) -> ZenohSettings:
 
 
 def free_endpoint() -> str:
-    """A loopback endpoint that nobody listens on at this moment."""
+    """A loopback endpoint that nothing listens on at this moment."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return f"tcp/{LOOPBACK}:{probe.getsockname()[1]}"

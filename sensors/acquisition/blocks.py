@@ -10,7 +10,7 @@ NANOSECONDS = 1_000_000_000  # [ns/s]
 
 
 class BlockStatus(IntFlag):
-    """What the acquisition unit says about its own block; 0 is healthy."""
+    """What the acquisition unit reports about its own block; 0 is healthy."""
 
     OK = 0
     CLIPPED = 1  # at least one sample at the end of the converter's range
@@ -29,7 +29,7 @@ class AccelerationBlock:
     turbine: str  # turbine id
     unit: str  # acquisition unit id
     session: str  # session id: one per start of the unit
-    layout_id: str  # SensorLayout that says what each channel is
+    layout_id: str  # SensorLayout that defines what each channel is
     sequence: int  # blocks since the session's start, from 0
     first_sample: int  # samples since the session's start, from 0
     start_ns: int  # sensor clock at the first sample [ns since 1970-01-01 UTC]

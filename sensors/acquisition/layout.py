@@ -42,7 +42,7 @@ class Accelerometer:
     unit: str = "m/s²"
 
     def __post_init__(self) -> None:
-        length = math.hypot(*self.direction)  # of anybody's numbers: no overflow
+        length = math.hypot(*self.direction)  # of untrusted numbers: no overflow
         if not abs(length - 1.0) < 1e-6:
             raise LayoutError(
                 f"channel {self.name}: direction {self.direction} has length {length:.6g}; "

@@ -26,14 +26,14 @@ class Clock(Protocol):
         ...
 
     def wait(self, seconds: float) -> None:
-        """Return after that time, or earlier when somebody wants an end."""
+        """Return after that time, or earlier when an end is requested."""
         ...
 
 
 class Pace:
     """Lets sensor time go by `speed` times as fast as the clock, from the first time given.
 
-    speed   1: real time; n: n times faster; infinity: nobody waits [-]
+    speed   1: real time; n: n times faster; infinity: no waiting [-]
 
     Raises InputError for a speed that is not positive.
     """

@@ -74,7 +74,7 @@ class ReplayedTower:
     Iterating gives every layout when it is met and everything else, unchanged, in the order of
     logical time: of the sensor clock, but where its stamps step against the sample count, of the
     count. Nothing is filled in: blocks that were not recorded stay missing, and the sequence
-    numbers tell how many.
+    numbers show how many.
     """
 
     def __init__(

@@ -5,6 +5,6 @@
     [assembler]  channels put together by time, gaps kept, blocks of a second
         │ AccelerationBlock, as of any other source
 
-Only this package of `sensors` opens sockets. `feed.py` says what a feed is, `address.py` how one is
-named, `opening.py` which there are.
+Only this package of `sensors` opens sockets. `feed.py` defines what a feed is, `address.py` how one
+is named, `opening.py` which there are.
 """

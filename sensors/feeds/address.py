@@ -1,9 +1,9 @@
-"""How a feed is named: a URL that tells protocol, place and options.
+"""How a feed is named: a URL that gives protocol, place and options.
 
     mqtt://[USER@]HOST[:1883]/TOPIC[?OPTIONS]     mqtts:// with TLS, port 8883
     seedlink://HOST[:18000]/NET.STA[,NET.STA…]    seedlinks:// with TLS, port 18500
     udp://[HOST]:PORT
-    scada+mqtt://HOST/TOPIC                       what the controller says, as JSON
+    scada+mqtt://HOST/TOPIC                       what the controller reports, as JSON
     scada+csv:FILE                                …, or as a CSV file that grows
 
 A topic may have + and #. OPTIONS are key=value, joined by &. Secrets are never part of the URL:

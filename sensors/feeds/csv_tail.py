@@ -2,7 +2,7 @@
 
     scada+csv:/var/log/turbine.csv[?from=end]
 
-The first row names the columns; it may come again. A file that is renamed and begun anew, or
+The first row names the columns; it may come again. A file that is renamed and started again, or
 emptied, is followed: what the old one still got is read first. Rows that are not later than the
 last one are counted, not given; so is one whose time leaps, unless those behind it agree.
 """
@@ -74,7 +74,7 @@ class CsvTailFeed:
         for line in self._rows.lines(file):
             for sample in self._rows.samples(line):
                 await inbox.put(sample)
-            await asyncio.sleep(0)  # a long file of nonsense holds nobody up
+            await asyncio.sleep(0)  # a long file of nonsense holds nothing up
 
     def _is_replaced(self, file: BinaryIO) -> bool:
         try:
@@ -123,7 +123,7 @@ class Rows:
                 self._part, self._overlong = b"", True
 
     def samples(self, line: bytes) -> list[ScadaSample]:
-        """What a row says; nothing of a header, and of what is counted instead."""
+        """What a row reports; nothing of a header, and of what is counted instead."""
         if self._is_header(line):
             self._take_header(line)
             return []

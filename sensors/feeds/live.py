@@ -10,7 +10,7 @@ from sensors.feeds.assembly.assembler import Assembler
 from sensors.feeds.position import FeedPosition
 from sensors.feeds.protocol import Arrival, ChannelSamples, Feed, FeedCounts, Inbox
 
-TICK = 0.1  # how often somebody may look at the clock, when nothing comes [s]
+TICK = 0.1  # how often the clock may be looked at, when nothing comes [s]
 
 Measured = AccelerationBlock | ScadaSample
 

@@ -1,4 +1,4 @@
-"""What is known by name, of names that strangers may invent."""
+"""What is known by name, where the names are untrusted."""
 
 from collections.abc import Iterable
 from typing import Generic, TypeVar
@@ -11,8 +11,8 @@ MOST_NAMES = 1000  # topics, senders, channels of one feed that are known at a t
 class LruCache(Generic[V]):
     """Values by name, of the names used last.
 
-    Whoever invents names makes the longest unused ones forgotten; memory does not grow, and a name
-    that is in use stays known.
+    A sender that invents names makes the longest unused ones forgotten; memory does not grow, and
+    a name that is in use stays known.
     """
 
     def __init__(self, most: int = MOST_NAMES) -> None:

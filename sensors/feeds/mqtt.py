@@ -87,7 +87,7 @@ class MqttFeed:
 
     async def run(self, inbox: Inbox) -> None:
         """Raises FeedError for a user or a password that the broker refuses at the start."""
-        logging.getLogger("mqtt").setLevel(logging.CRITICAL)  # its own words on what is told here
+        logging.getLogger("mqtt").setLevel(logging.CRITICAL)  # its own words on what is logged here
 
         async def session() -> None:
             await self._session(inbox)
@@ -251,7 +251,7 @@ def kind_of(topic: str, payload: bytes) -> str:
 
 
 class ScadaMessages:
-    """What a controller says as JSON, all at once or a figure a topic."""
+    """What a controller reports as JSON, all at once or a figure a topic."""
 
     def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:
         self._reader, self._counts = reader, counts

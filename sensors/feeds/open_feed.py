@@ -34,7 +34,7 @@ def open_feed(
 
     layout    of its channels
     turbine   that it belongs to; None: the layout's
-    once      give up where nobody can be reached at the start
+    once      give up where nothing can be reached at the start
     state     folder where it is remembered how far the source was published; None: nowhere
 
     Raises FeedError for a URL that cannot be understood, and for a package that is missing.
@@ -76,7 +76,7 @@ def _feed(address: FeedAddress, layout: LayoutFile, *, once: bool, position: Fee
 
 
 def layout_file_of(layout: SensorLayout) -> LayoutFile:
-    """A sensor layout as a layout file would say it: the instrument uses its names and units."""
+    """A sensor layout as a layout file would write it: the instrument uses its names and units."""
     channels = tuple(
         MappedChannel(
             channel.name,

@@ -12,7 +12,7 @@ from sensors.errors import InputError
 
 INBOX_ARRIVALS = 10_000  # that wait to be taken out; then a feed is held up, or drops (UDP)
 NAMED_UNKNOWN = 20  # channels that no layout lists: so many are remembered by name
-LONGEST_NAME, LONGEST_SENTENCE = 60, 240  # of what strangers call things [characters]
+LONGEST_NAME, LONGEST_SENTENCE = 60, 240  # of untrusted names and sentences [characters]
 
 
 class FeedError(InputError):
@@ -27,10 +27,10 @@ class ChannelSamples:
     names: tuple[str, ...]  # of the channels, as the instrument has them
     samples: FloatArray  # (n_samples, n_names), in the instrument's unit
     start_ns: int  # the instrument's clock at the first sample [ns since 1970-01-01 UTC]
-    sampling_rate: float | None = None  # [Hz]; None: the message does not say
+    sampling_rate: float | None = None  # [Hz]; None: the message does not state it
     follows: bool | None = None  # directly on the stream's last one, by their numbers; None: no
     # numbers, or not the next one
-    unit: str = ""  # of the samples, where the message says it
+    unit: str = ""  # of the samples, where the message states it
     status: BlockStatus = BlockStatus.OK
 
 
@@ -39,7 +39,7 @@ Arrival = ChannelSamples | ScadaSample
 
 @dataclass(slots=True)
 class FeedCounts:
-    """What a feed received, and what it did not; written by the feed, read by whoever serves it."""
+    """What a feed received, and what it did not; written by the feed, read by what serves it."""
 
     connected: bool = False
     connections: int = 0  # how often the link was made
@@ -78,7 +78,7 @@ class FeedCounts:
 
 
 def printable(text: str, longest: int) -> str:
-    """What a stranger wrote, fit for a terminal and a status: no control characters, no more than
+    """An untrusted text, made fit for a terminal and a status: no control characters, no more than
     so many characters."""
     if len(text) > longest:
         text = f"{text[: longest - 1]}…"
@@ -86,7 +86,7 @@ def printable(text: str, longest: int) -> str:
 
 
 class Inbox(asyncio.Queue[Arrival]):
-    """Bounded queue between a feed and whoever takes its arrivals."""
+    """Bounded queue between a feed and the consumer of its arrivals."""
 
     def __init__(self, capacity: int = INBOX_ARRIVALS) -> None:
         super().__init__(capacity)
@@ -97,8 +97,8 @@ class Feed(Protocol):
 
     `run` puts what arrives into the inbox until it is cancelled, and connects again by itself
     whenever its link is cut. It raises FeedError where a person must act: nothing can be bound, a
-    package is missing, a password is refused; with `once`, also where nobody can be reached at the
-    start.
+    package is missing, a password is refused; with `once`, also where nothing can be reached at
+    the start.
     """
 
     @property

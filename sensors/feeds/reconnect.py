@@ -13,7 +13,7 @@ LONGEST_RETRY = 30.0  # [s]
 
 
 class LinkError(Exception):
-    """A link that could not be made, or was cut; one sentence says why."""
+    """A link that could not be made, or was cut; one sentence states why."""
 
 
 async def kept_connected(
@@ -21,7 +21,7 @@ async def kept_connected(
 ) -> None:
     """Run sessions of a link, one after the other, for ever.
 
-    session   connects, tells the counts, and takes what comes; LinkError ends it
+    session   connects, records it in the counts, and takes what comes; LinkError ends it
     name      what to call the link
     once      give up where the first session cannot connect
 

@@ -4,8 +4,8 @@
     udp://0.0.0.0:5005   from everywhere; then a key belongs to it
 
 With a key (environment PILEWATCH_FEED_KEY, or ?key-file=FILE) a frame without its signature is
-dropped and counted, and so is one that was sent before and is sent again. UDP tells nobody what it
-loses; the frames' numbers do.
+dropped and counted, and so is one that was sent before and is sent again. UDP does not report what
+it loses; the frames' numbers do.
 """
 
 import asyncio
@@ -72,7 +72,7 @@ class _Receiver(asyncio.DatagramProtocol):
         piece = self._reader.read(data, "")
         if piece is None:
             return
-        if self._inbox.full():  # what was not read is lost, and the numbers do not say it
+        if self._inbox.full():  # what was not read is lost, and the numbers do not show it
             self._reader.drop()
             return
         self._inbox.put_nowait(piece)

@@ -1,8 +1,8 @@
 """What the messages of a feed bring, channel by channel → the AccelerationBlocks of one unit.
 
-topic a  |▮▮▮▮|▮▮▮▮|    |▮▮▮▮|        each piece is put where its stamp says, on one clock
+topic a  |▮▮▮▮|▮▮▮▮|    |▮▮▮▮|        each piece goes where its stamp places it, on one clock
 topic b    |▮▮▮▮|▮▮▮▮|▮▮▮▮|▮▮▮▮|      whose samples the stamps' jitter does not move
-             │ rows that every channel has, or that nobody is waited for any longer
+             │ rows that every channel has, or for which no channel is waited for any longer
 blocks   |0   |1   |2   |3   |        what only some channels lack is NaN, what all lack a gap
 
 Decisions depend on the stamps alone, never on when a message arrived.
@@ -39,8 +39,8 @@ class Assembler:
 
     layout          which channels there are, and in which unit they come
     counts          takes what is late, duplicate, unknown or wild
-    sampling_rate   [Hz]; None: as the messages say, or the stamps of single samples; what they
-                    say for long enough begins a session at another rate
+    sampling_rate   [Hz]; None: as the messages state, or the stamps of single samples; what they
+                    state for long enough begins a session at another rate
     block           length of a block [s]
     wait            for a channel that is late [s of sensor time]; at least two messages' length
     """

@@ -69,7 +69,7 @@ class RowCutter:
         first       index of the first row, never below one given before
         rows        (n, n_channels); NaN where a channel has no sample
         time_of     index → time of the row [ns]
-        status_of   first and end index → what the instrument said of the rows
+        status_of   first and end index → what the instrument reported of the rows
         """
         present = np.asarray(~np.isnan(rows).all(axis=1))
         edges = [0, *np.flatnonzero(np.diff(present)) + 1, len(rows)]

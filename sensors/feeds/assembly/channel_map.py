@@ -12,7 +12,7 @@ from sensors.files.table import in_standard_unit
 
 FeedLayout = LayoutFile
 LARGEST = float(np.finfo(np.float32).max)  # that a block can hold, in its unit
-UNSAID = "m/s²"  # what samples are in where neither layout nor message says it
+UNSAID = "m/s²"  # what samples are in where neither layout nor message states it
 
 
 class Columns:
@@ -84,7 +84,7 @@ def _accelerometer(channel: MappedChannel) -> Accelerometer:
 def factor_of(channel: MappedChannel, said: str) -> float:
     """What a sample is multiplied by to be in the channel's standard unit.
 
-    said   unit of the samples by the message's own words; what the layout says goes before
+    said   unit of the samples by the message's own words; the layout's unit takes precedence
     """
     _, factor = in_standard_unit(channel.unit or said or UNSAID)
     return factor / (channel.sensitivity or 1.0)

@@ -15,9 +15,9 @@ from sensors.files.table import rate_of_stamps
 # Samples over which the clock follows the stamps: a drift of 100 ppm is followed within a tenth of
 # a sample, jitter of half a sample moves it by a fiftieth. At first all stamps count alike.
 FOLLOWED = 1000.0
-RATE_TOLERANCE = 1e-3  # between what is told of a sampling rate, relative
-SET_ANEW = 10  # messages in a row that tell another rate
-STAMPS = 64  # single samples whose stamps tell their rate
+RATE_TOLERANCE = 1e-3  # between reported values of a sampling rate, relative
+SET_ANEW = 10  # messages in a row that report another rate
+STAMPS = 64  # single samples whose stamps give their rate
 
 
 class UnitClock:
@@ -49,14 +49,14 @@ class UnitClock:
 
 
 class RateMonitor:
-    """Notices that an instrument's sampling rate was set anew: so many messages in a row tell the
-    same other one. A single one that does is nonsense, or of another instrument."""
+    """Notices that an instrument's sampling rate was changed: so many messages in a row report
+    the same other one. A single one that does is nonsense, or of another instrument."""
 
     def __init__(self) -> None:
         self._told, self._count = 0.0, 0
 
     def is_set_anew(self, told: float, rate: float) -> bool:
-        """Take note of what a message tells [Hz], where the rate so far is `rate`."""
+        """Take note of what a message reports [Hz], where the rate so far is `rate`."""
         if are_equal(told, rate):
             self._count = 0
             return False

@@ -25,7 +25,7 @@ class WaitingRows:
         self._cutter = cutter
         self._rows = np.empty((0, n_columns))
         self._present = np.empty((0, n_columns), dtype=bool)
-        self._statuses: list[tuple[int, int, BlockStatus]] = []  # first index, end, what was said
+        self._statuses: list[tuple[int, int, BlockStatus]] = []  # first index, end, status reported
 
     def wait_until(self, end: int, clock: UnitClock) -> Iterator[AccelerationBlock]:
         """Samples have come up to an index: what lies too far behind it is waited for no longer."""
@@ -76,7 +76,7 @@ class WaitingRows:
         self._statuses = [each for each in self._statuses if each[1] > oldest]
 
     def _status(self, first: int, end: int) -> BlockStatus:
-        """What the instrument said of rows."""
+        """What the instrument reported of rows."""
         said = BlockStatus.OK
         for begin, behind, status in self._statuses:
             if begin < end and behind > first:

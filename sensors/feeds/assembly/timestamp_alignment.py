@@ -113,7 +113,7 @@ class TimestampAligner:
             stream.next = None
 
     def _fits(self, piece: ChannelSamples, stream: _Stream) -> bool:
-        """Whether a piece can belong where its stamp says."""
+        """Whether a piece can belong where its stamp puts it."""
         position = self._clock.position(piece.start_ns)
         if piece.follows and stream.next is not None:
             return abs(position - stream.next) <= CLOCK_STEP * self._rate
@@ -143,7 +143,7 @@ class TimestampAligner:
 
     def _index_of(self, piece: ChannelSamples, stream: _Stream) -> int:
         """Index of a piece's first sample: behind the stream's last one unless its stamp is too
-        far from there, else where the stamp says."""
+        far from there, else where the stamp puts it."""
         position = self._clock.position(piece.start_ns)
         if stream.next is None or piece.start_ns == stream.last_ns:
             return round(position)

@@ -3,7 +3,7 @@
     cpsens/DAQ/MODULE/CHANNEL/acc/raw/data       a descriptor, then the samples
     cpsens/DAQ/MODULE/CHANNEL/acc/raw/metadata   JSON, retained or every few seconds
 
-Descriptor, byte by byte (told by the metadata's own "Descriptor" table):
+Descriptor, byte by byte (from the metadata's own "Descriptor" table):
 
     offset  bytes
       0     2   descriptor length   uint16, 28 [bytes]
@@ -14,7 +14,7 @@ Descriptor, byte by byte (told by the metadata's own "Descriptor" table):
      28     2   element size        uint16, in descriptors of 32 bytes
      30     2   columns             uint16, in descriptors of 32 bytes
 
-What is known of it: little endian from HBK's own units, big endian from some others, told here by
+What is known of it: little endian from HBK's own units, big endian from some others, found here by
 the length that comes out; the samples have the descriptor's order (little endian behind one of 32
 bytes). "Data.Type" names the samples' C type. "Nanoseconds" is not always the fraction of a second;
 where it is not, the time is "TimeAtAquisitionStart" (spelt so) plus the number of the first sample
@@ -51,7 +51,7 @@ _ENDINGS = ("/data", "/metadata")
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """What a channel says of itself."""
+    """What a channel reports of itself."""
 
     sampling_rate: float  # [Hz]
     dtype: str = "f4"  # of the samples, without byte order
@@ -66,7 +66,7 @@ class Descriptor:
 
     order: str  # "<" or ">"
     length: int  # [bytes]
-    time_ns: int | None  # of the first sample; None: not told [ns since 1970-01-01 UTC]
+    time_ns: int | None  # of the first sample; None: not given [ns since 1970-01-01 UTC]
     first_sample: int  # since the acquisition's start
     columns: int = 1
 
@@ -155,14 +155,14 @@ class CpSensReader:
         if metadata.started_ns is not None:
             return metadata.started_ns + since, BlockStatus.OK
         before, time_ns = self._arrival.get(base) or (-1, 0)
-        if descriptor.first_sample < before or before < 0:  # the first, or a start anew
+        if descriptor.first_sample < before or before < 0:  # the first, or a restart
             time_ns = self._clock() - since
         self._arrival.put(base, (descriptor.first_sample, time_ns))
         return time_ns + since, BlockStatus.CLOCK_UNSYNCHRONISED
 
 
 def metadata_of(said: Any) -> Metadata:
-    """What a metadata message tells. Raises MessageError where it tells no sampling rate."""
+    """What a metadata message reports. Raises MessageError where it gives no sampling rate."""
     if not isinstance(said, dict):
         raise MessageError("metadata that is no object")
     rate = _rate(said)

@@ -37,16 +37,16 @@ LOWEST_RATE, HIGHEST_RATE = 1e-3, 1e6  # [Hz]
 
 
 class FrameError(ValueError):
-    """Bytes that are no frame, or not one of whoever has the key."""
+    """Bytes that are no frame, or not one of a sender that has the key."""
 
 
-class ForgedFrame(FrameError):  # noqa: N818  # it says what it is
+class ForgedFrame(FrameError):  # noqa: N818  # the name states what it is
     """A frame without the signature that the key gives."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """What a frame says."""
+    """What a frame holds."""
 
     sequence: int
     session: int

@@ -20,7 +20,7 @@ class FrameReader:
     def read(self, payload: bytes, sender: str) -> ChannelSamples | None:
         """The samples of a frame; None for one that is dropped and counted.
 
-        sender   where it came: a topic; "" where the channels' names tell the senders apart
+        sender   where it came: a topic; "" where the channels' names distinguish the senders
         """
         self._counts.received += 1
         try:

@@ -6,7 +6,7 @@
     several in one message            [{"time": …, "ax": …}, {"time": …, "ax": …}]
 
 time       of the first sample: s (or ms, µs, ns) since 1970, or ISO 8601; also "timestamp", "t"
-rate       [Hz]; needed for lists. Single samples tell it by their times
+rate       [Hz]; needed for lists. Single samples give it by their times
 sequence   counts the messages, one by one, so that lost ones are known
 session    a number that is another one whenever the sender starts
 unit       of the samples, e.g. "g"; the layout's word goes before
@@ -34,11 +34,11 @@ _WORDS = frozenset((*_TIMES, *_RATES, *_SEQUENCES, *_OTHERS))
 
 
 class MessageError(ValueError):
-    """A message that cannot be read; one sentence says why."""
+    """A message that cannot be read; one sentence states why."""
 
 
 def json_of(payload: bytes) -> Any:
-    """What a payload says. Raises MessageError where it is no JSON, or a megabyte and more."""
+    """What a payload holds. Raises MessageError where it is no JSON, or a megabyte and more."""
     if len(payload) > LARGEST_MESSAGE:
         raise MessageError(f"{len(payload)} bytes; at most {LARGEST_MESSAGE}")
     try:

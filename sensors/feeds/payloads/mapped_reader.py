@@ -229,7 +229,7 @@ class MappedReader:
         return time_ns, None if rate is None else float(rate)
 
     def _number_of(self, place: PayloadPlace) -> str:
-        """What tells the numbered messages or rows apart; "": there are no numbers."""
+        """What distinguishes the numbered messages or rows; "": there are no numbers."""
         number = place.first(self._mapping.sequence)
         if number is None:
             return ""

@@ -1,4 +1,4 @@
-"""What a turbine's controller says, as JSON or as rows of a table → ScadaSample.
+"""What a turbine's controller reports, as JSON or as rows of a table → ScadaSample.
 
     {"time": "2024-03-01T12:00:00Z", "wind_speed": 9.1, "rotor_speed": 0.2, "state": "parked"}
 
@@ -36,7 +36,7 @@ class _Mapped:
 
 
 class ScadaReader:
-    """Reads what one controller says.
+    """Reads what one controller reports.
 
     address   of the feed; its options map names
     turbine   that the controller is of
@@ -55,7 +55,7 @@ class ScadaReader:
         return (self._time, self._state, *(each.name for each in self._figures.values()))
 
     def sample(self, said: Mapping[str, Any]) -> ScadaSample:
-        """What is said at one moment; what is not said is unknown (NaN).
+        """What is reported at one moment; what is not reported is unknown (NaN).
 
         Raises MessageError where there is no time, or nothing else.
         """
@@ -78,7 +78,7 @@ class RisingTimes:
     """Which reports of a controller are new: every one is later than those before it.
 
     A stamp that leaps ahead is believed when those behind it agree, so that one wild stamp does not
-    make all that follows late. What a file says again stays late, however much of it there is;
+    make all that follows late. What a file repeats stays late, however much of it there is;
     only a time that fewer than AGREEING reports have shown may turn out wrong itself.
     """
 
