@@ -506,7 +506,10 @@ def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario
         If the stored text describes no scenario of this version.
     """
     text = metadata["toml"]
-    table = tomllib.loads(text)
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
     stored = _scenario_from_table(_without_removed(table), text, origin)
     if "structure" not in metadata and "structure" not in table:
         # made before there was a choice: its scenario meant the described structure

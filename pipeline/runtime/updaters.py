@@ -5,6 +5,7 @@ from pathlib import Path
 
 from pipeline.nodes.updating import TurbineUpdating, UpdatingNode
 from pipeline.recording.latest_messages import latest_estimates
+from pipeline.runtime.runner import one_blas_thread
 from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.scenario import Scenario, farm_members
 from pipeline.updating.structural.alternatives import JointInference
@@ -80,18 +81,20 @@ class Turbines:
     def _model(self, member: Scenario, layout: SensorLayout) -> ModalModel:
         kind = (member.turbine.description, member.turbine.springs_sign, layout.channels)
         if kind not in self._models:
-            self._models[kind] = ModalModel(member.structure, layout)
+            with one_blas_thread():
+                self._models[kind] = ModalModel(member.structure, layout)
         return self._models[kind]
 
     def _joint(self, member: Scenario, layout: SensorLayout) -> JointInference | None:
         kind = (member.turbine.description, member.turbine.springs_sign, layout.channels)
         if kind not in self._joints:
             scenario = self._scenario
-            self._joints[kind] = joint_inference(
-                member.structure,
-                layout,
-                scenario.updating,
-                seed=scenario.seed,
-                population=scenario.population,
-            )
+            with one_blas_thread():  # else its basis, and every draw, depends on the cores
+                self._joints[kind] = joint_inference(
+                    member.structure,
+                    layout,
+                    scenario.updating,
+                    seed=scenario.seed,
+                    population=scenario.population,
+                )
         return self._joints[kind]

@@ -16,6 +16,7 @@ SPRINGS = ("k11", "k22", "k12")
 
 # What a session calls each kind of fault: a window's reason or a warning, which is also what
 # states a repair.
+FILLED = {"dropped": "missing", "nan": "missing"}  # up to 5 % of a window cost no window
 NAMES = {
     "dead": "constant",
     "stuck": "constant",
@@ -98,7 +99,7 @@ def _is_named(
     """Whether a window of the fault's time was rejected under its name, or a warning has it."""
     name = NAMES[fault.kind]
     here = [r for r in rejected if fault.start < r["start"] + window and fault.end > r["start"]]
-    if any(each["code"] == name for each in here):
+    if any(each["code"] == name for each in here) or FILLED.get(fault.kind) in warned:
         return True
     return name not in REJECTING and name in warned
 
