@@ -37,7 +37,7 @@ LEVEL_REACH = 6.0  # of the water about the description's level [m]
 LEVEL_SPACING = 0.5  # between the tabulated levels; cubics between them [m]
 SNAPSHOTS = 160  # points whose modes span the basis
 SNAPSHOT_SPREAD = 2.5  # of the figures there, in default standard deviations, uniform
-SNAPSHOT_TOLERANCE = 3e-5  # of the basis: share of a mode left out [-]
+SNAPSHOT_TOLERANCE = 1e-5  # of the basis: share of a mode left out [-]
 SLOW = 2.0  # below, modes are held the more closely the slower they are [Hz]
 BASIS_MARGIN = 1.12  # a basis holds the modes to this multiple of the highest frequency [-]
 
