@@ -121,6 +121,7 @@ def fuzz_trial(
 def running_session(out: Path, endpoint: str) -> Iterator["subprocess.Popen[bytes]"]:
     """`pilewatch run --source live` in a process of its own."""
     command = [sys.executable, "-m", "pipeline", "run", "--source", "live", "--no-rrd"]
+    command += ["--scenario", "parked"]
     session = subprocess.Popen([*command, "--listen", endpoint, "--out", str(out)])
     try:
         yield session

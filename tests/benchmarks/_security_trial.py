@@ -143,6 +143,7 @@ def _count(told: dict[str, Any], turbine: str) -> int:
 def station(configuration: Path, out: Path) -> Iterator["subprocess.Popen[bytes]"]:
     """A shore station in a process of its own, ready to be asked."""
     command = [sys.executable, "-m", "pipeline", "run", "--source", "live", "--no-rrd"]
+    command += ["--scenario", "parked"]
     process = subprocess.Popen(
         [*command, "--zenoh-config", str(configuration), "--out", str(out)],
         stdout=subprocess.DEVNULL,
