@@ -288,7 +288,7 @@ def main(arguments: list[str]) -> None:
         print(f"{name:14s} " + ", ".join(f"{key} {value:.3g}" for key, value in row.items()))
     if options.write is not None:
         commit = subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
+            ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False
         ).stdout.strip()
         command = f"python -m tests.benchmarks close_modes --first-seed {options.first_seed}"
         document = {

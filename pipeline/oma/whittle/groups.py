@@ -122,7 +122,7 @@ def modes_of_group(
     band = band_of(group, spectrum, others)
     if band is None:
         return None
-    half_width = max(0.3, group.half_bandwidth * band.duration)
+    half_width = _round_width(max(0.3, group.half_bandwidth * band.duration))
     fits = fits_in_turn(band, most_modes=MOST_GROUP_MODES, half_width=half_width)
     if not fits:
         return None
@@ -155,6 +155,13 @@ def modes_of_group(
     mixed = float(correlation[np.ix_(inside, inside)].max(initial=0.0))
     found = sorted(modes.values(), key=lambda mode: mode.frequency)
     return GroupModes(tuple(found), mixed, best.modes.colour)
+
+
+def _round_width(half_width: float) -> float:
+    """The nearest step of a scale of four to the octave: where a fit begins, and so where its
+    iteration ends, may not depend on the last digits of the poles, which a session's warm
+    decomposition changes."""
+    return float(2.0 ** (round(4 * np.log2(half_width)) / 4))
 
 
 def _is_pair(fit: WhittleFit, one: int, other: int, covariance: FloatArray) -> bool:
