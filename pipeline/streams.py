@@ -10,6 +10,7 @@ from pipeline.messages import (
     ModalEstimate,
     NodeStatus,
     PooledPosterior,
+    RecordedUntil,
     StabilisationDiagram,
     StreamEnd,
     StreamGap,
@@ -55,6 +56,8 @@ STREAMS = (
     Stream(ScadaSample, "pilewatch/{turbine}/scada", period=10.0, cached=100),
     Stream(StreamGap, "pilewatch/{turbine}/{unit}/gap", cached=100),
     Stream(StreamEnd, "pilewatch/{turbine}/{unit}/end"),
+    # From the recorder to the unit: what it no longer needs to keep.
+    Stream(RecordedUntil, "pilewatch/{turbine}/{unit}/recorded", recorded=False),
     Stream(FoundationTruth, "pilewatch/{turbine}/truth"),
     Stream(ModalEstimate, "pilewatch/{turbine}/modal-estimate", period=600.0, cached=100),
     Stream(StabilisationDiagram, "pilewatch/{turbine}/stabilisation-diagram", period=600.0),
@@ -93,7 +96,7 @@ def time_of(message: Message) -> int | None:
             return message.end_ns
         case FoundationPosterior() | PooledPosterior() | FoundationEvent() | FoundationTruth():
             return message.time_ns
-        case ScadaSample() | StreamEnd() | NodeStatus():
+        case ScadaSample() | StreamEnd() | RecordedUntil() | NodeStatus():
             return message.time_ns
         case _:
             return None

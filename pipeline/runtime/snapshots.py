@@ -28,7 +28,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.node import NodeSnapshot
-from pipeline.recording.rotation import sync_folder
+from pipeline.recording.atomic_write import sync_folder
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
 from pipeline.updating.serialisation import CheckpointError
