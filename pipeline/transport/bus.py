@@ -73,8 +73,10 @@ class Bus(Protocol):
         """
         ...
 
-    def subscribe(self, message_types: Sequence[type], inbox: "Inbox") -> Subscription:
-        """Deliver all messages of these types, of every turbine, into the inbox."""
+    def subscribe(
+        self, message_types: Sequence[type], inbox: "Inbox", *, key: str | None = None
+    ) -> Subscription:
+        """Deliver all messages of these types into the inbox: of every turbine, or on one key."""
         ...
 
     def close(self) -> None:

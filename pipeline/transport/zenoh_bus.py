@@ -107,8 +107,10 @@ class ZenohBus:
         self._publishers[key] = publisher  # the last is who spoke last
         return publisher
 
-    def subscribe(self, message_types: Sequence[type], inbox: Inbox) -> "ZenohSubscription":
-        subscription = ZenohSubscription(self._session, self._beginnings, message_types, inbox)
+    def subscribe(
+        self, message_types: Sequence[type], inbox: Inbox, *, key: str | None = None
+    ) -> "ZenohSubscription":
+        subscription = ZenohSubscription(self._session, self._beginnings, message_types, inbox, key)
         self._subscriptions.append(subscription)
         return subscription
 
@@ -174,13 +176,14 @@ class ZenohSubscription:
         beginnings: Beginnings,
         message_types: Sequence[type],
         inbox: Inbox,
+        key: str | None = None,
     ) -> None:
         self._lost: Counter[type] = Counter()
         self._counting = threading.Lock()
         self._arrivals = {each: Arrivals(each, inbox, beginnings) for each in message_types}
         # Zenoh forgets a subscriber or listener that nothing holds.
         self._subscribers = [
-            _subscriber(session, stream_of(message_type), arrive)
+            _subscriber(session, stream_of(message_type), arrive, key)
             for message_type, arrive in self._arrivals.items()
         ]
         self._miss_listeners = [
@@ -227,11 +230,14 @@ def _publisher(session: zenoh.Session, key: str, stream: Stream) -> ext.Advanced
 
 
 def _subscriber(
-    session: zenoh.Session, stream: Stream, arrive: Callable[[zenoh.Sample], None]
+    session: zenoh.Session,
+    stream: Stream,
+    arrive: Callable[[zenoh.Sample], None],
+    key: str | None,
 ) -> "ext.AdvancedSubscriber[None]":
     return ext.declare_advanced_subscriber(
         session,
-        stream.key_expression,
+        key or stream.key_expression,
         arrive,
         history=ext.HistoryConfig(detect_late_publishers=True, max_samples=stream.cached),
         recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
