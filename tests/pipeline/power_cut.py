@@ -23,7 +23,11 @@ class Disk:
         self._contents: dict[int, bytes] = {}  # by inode
         self._names: dict[Path, dict[str, int]] = {}  # folder → name → inode
         self.syncs = 0
-        for path in (folder, *folder.rglob("*")):  # what lies there has been there for long
+        self._note_all()
+
+    def _note_all(self) -> None:
+        """What lies there has been there for long."""
+        for path in (self._folder, *self._folder.rglob("*")):
             self._note(path)
 
     def _note(self, path: Path) -> None:
@@ -49,6 +53,9 @@ class Disk:
         for path, content in kept.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
+        self._contents.clear()
+        self._names.clear()
+        self._note_all()
 
     def _restored(self, folder: Path) -> dict[Path, bytes]:
         found: dict[Path, bytes] = {}
