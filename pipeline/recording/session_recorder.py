@@ -45,6 +45,8 @@ logger = logging.getLogger(__name__)
 
 ROOM_CHECKED_EVERY = 5.0  # [s]
 SYNCED_EVERY = 1.0  # what a power cut costs at most [s]
+ACKNOWLEDGED_EVERY = 5.0  # what is on disk [s] …
+ACKNOWLEDGED_BLOCKS = 50  # … or after so many blocks
 STANDING = (SensorLayout, FoundationTruth)  # hold until they are sent again; every part has them
 
 
@@ -113,7 +115,7 @@ class SessionRecorder:
         earlier = parts_of(path)
         self._recorded_before = sum(map(blocks_said_to_be_in, earlier))  # … the part being written
         self._acknowledgements = Acknowledgements()
-        self._synced_ns = clock()
+        self._synced_ns = self._acknowledged_ns = clock()
         self._repetition = Repetition(latest_payloads(earlier))
         self._checked_ns = 0
         self._recorder: Recorder | None = self._begun(clock())
@@ -174,7 +176,12 @@ class SessionRecorder:
         except OSError as error:
             self._stop(error.strerror or str(error))
             return ()
-        return self._acknowledgements.synced(now_ns)
+        waiting = self._acknowledgements.sync()
+        old = abs(now_ns - self._acknowledged_ns) >= ACKNOWLEDGED_EVERY * NANOSECONDS
+        if not (at_once or old or waiting >= ACKNOWLEDGED_BLOCKS):
+            return ()
+        self._acknowledged_ns = now_ns
+        return self._acknowledgements.acknowledged(now_ns)
 
     def _is_recorded(self, message: Message) -> bool:
         """Whether it has been. What stands until it is sent again may be sent again."""

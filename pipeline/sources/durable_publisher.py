@@ -25,10 +25,9 @@ from sensors.acquisition.blocks import AccelerationBlock
 
 logger = logging.getLogger(__name__)
 
-SYNCED_WITHIN = 0.75  # after a block was written [s]; with TENDED_EVERY less than a second
-TENDED_EVERY = 0.2  # for acknowledgements [s]
-SENT_AGAIN_AFTER = 10.0  # without an acknowledgement [s]
-ANSWERS_WITHIN = 5.0  # a shore that has acknowledged something is there for so long [s]
+SYNCED_WITHIN = 0.9  # after a block was written [s]
+SENT_AGAIN_AFTER = 15.0  # without an acknowledgement [s]
+ANSWERS_WITHIN = 10.0  # a shore that has acknowledged something is there for so long [s]
 MOST_ON_THEIR_WAY = 200  # blocks that are sent again and not acknowledged yet
 
 
@@ -74,6 +73,7 @@ class DurablePublisher:
         traceback: TracebackType | None,
     ) -> None:
         self._stopping.set()
+        self._inbox.close()
         self._thread.join()
         self._take_acknowledgements()
         self._spool.close()
@@ -87,10 +87,13 @@ class DurablePublisher:
     def publish(self, message: Message) -> None:
         """Publish a message; a block stays in the spool until it is acknowledged."""
         with self._busy:
+            payload = None
             if isinstance(message, AccelerationBlock):
+                payload = encode(message)
                 self._listen(message.turbine, message.unit)
-                self._keep(message)
-            self._bus.publish(message)
+                with self._disk():
+                    self._spool.append(message, payload, self._clock())
+            self._bus.publish(message, payload)
             self._is_publishing = True
 
     @property
@@ -98,10 +101,16 @@ class DurablePublisher:
         """What the spool could not keep."""
         return tuple(self._warnings())
 
-    def tend(self) -> None:
-        """Take acknowledgements, sync and send again what is due; the thread does so regularly."""
+    def tend(self, said: Message | None = None) -> None:
+        """Take acknowledgements, sync and send again what is due; the thread does so regularly.
+
+        Parameters
+        ----------
+        said : Message, optional
+            What has come from the shore.
+        """
         with self._busy:
-            self._take_acknowledgements()
+            self._take_acknowledgements(said)
             now = self._clock()
             if now - self._synced >= SYNCED_WITHIN:
                 self._synced = now
@@ -112,18 +121,15 @@ class DurablePublisher:
                     self._send_again(spooled, now)
 
     def _look_after(self) -> None:
-        while not self._stopping.wait(TENDED_EVERY):
-            self.tend()
+        while not self._stopping.is_set():
+            due = self._synced + SYNCED_WITHIN - self._clock()
+            self.tend(self._inbox.get(timeout=max(0.01, due)))
 
     def _listen(self, turbine: str, unit: str) -> None:
         key = stream_of(RecordedUntil).key.format(turbine=turbine, unit=unit)
         if key not in self._heard:
             self._heard.add(key)
             self._bus.subscribe((RecordedUntil,), self._inbox, key=key)
-
-    def _keep(self, block: AccelerationBlock) -> None:
-        with self._disk():
-            self._spool.append(block, encode(block), self._clock())
 
     @contextmanager
     def _disk(self) -> Iterator[None]:
@@ -137,11 +143,13 @@ class DurablePublisher:
         else:
             self._refused = ""
 
-    def _take_acknowledgements(self) -> None:
-        while (said := self._inbox.get(timeout=0)) is not None:
+    def _take_acknowledgements(self, said: Message | None = None) -> None:
+        said = said or self._inbox.get(timeout=0)
+        while said is not None:
             assert isinstance(said, RecordedUntil)
             self._answered = self._clock()
             self._spool.acknowledge(said)
+            said = self._inbox.get(timeout=0)
 
     def _due(self, now: float) -> Iterator[SpooledBlock]:
         """Blocks to send again: the oldest, as many as may be on their way."""

@@ -52,6 +52,7 @@ class Acknowledgements:
 
     def __init__(self) -> None:
         self._noted: list[tuple[SessionKey, _Run]] = []
+        self._synced: list[tuple[SessionKey, _Run]] = []  # and not acknowledged yet
         self._runs: dict[SessionKey, list[_Run]] = {}  # the session that grew last comes last
 
     def note(self, block: AccelerationBlock) -> None:
@@ -62,8 +63,14 @@ class Acknowledgements:
         """What was noted since the last sync is not on disk."""
         self._noted.clear()
 
-    def synced(self, now_ns: int) -> tuple[RecordedUntil, ...]:
-        """Acknowledge every block that was noted, now that the disk has it.
+    def sync(self) -> int:
+        """Take note that the disk has all this; how many blocks are to be acknowledged."""
+        self._synced += self._noted
+        self._noted.clear()
+        return len(self._synced)
+
+    def acknowledged(self, now_ns: int) -> tuple[RecordedUntil, ...]:
+        """Acknowledge every block that was synced.
 
         Parameters
         ----------
@@ -71,13 +78,13 @@ class Acknowledgements:
             Clock of this machine [ns since 1970-01-01 UTC].
         """
         grown: dict[SessionKey, None] = {}
-        for key, block in self._noted:
+        for key, block in self._synced:
             runs = self._runs.pop(key, [])
             self._runs[key] = _with_block(runs, block)
             grown[key] = None
             if len(self._runs) > MOST_ACKNOWLEDGED:
                 del self._runs[next(iter(self._runs))]
-        self._noted.clear()
+        self._synced.clear()
         return tuple(
             RecordedUntil(*key, now_ns, _ranges(self._runs[key]))
             for key in grown

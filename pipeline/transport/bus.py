@@ -65,8 +65,10 @@ class Bus(Protocol):
     the last `Stream.cached` messages of each key first.
     """
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: Message, payload: bytes | None = None) -> None:
         """Send on the message's key. Never waits for a subscriber.
+
+        payload   the message as it is encoded, where that is known
 
         Raises CodecError for a message that contradicts itself, TransportError for one whose
         turbine, unit or node cannot be part of a key.

@@ -316,7 +316,7 @@ def test_a_power_cut_costs_nothing_that_was_acknowledged_and_a_second_of_the_res
     after = running(tmp_path, clock)
     on_disk = {*sequences(parts_of(after._path))}
     assert acknowledged <= on_disk
-    assert len(acknowledged) >= 40 - 3  # two a second
+    assert len(acknowledged) >= 40 - 12  # two a second, acknowledged every five seconds
 
 
 def test_a_recorder_that_begins_again_acknowledges_what_it_has_already(tmp_path: Path) -> None:
@@ -326,7 +326,7 @@ def test_a_recorder_that_begins_again_acknowledges_what_it_has_already(tmp_path:
     first.handle(block(0))
     first.close()
     again = running(tmp_path, clock)
-    clock.now_ns += 2 * SECOND
+    clock.now_ns += 6 * SECOND
     (said,) = again.handle(block(0))
     assert isinstance(said, RecordedUntil)
     assert said.recorded_until == 1

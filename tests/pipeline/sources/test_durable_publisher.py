@@ -35,7 +35,7 @@ class Link:
         self.acknowledged: set[int] = set()
         self._inboxes: list[Inbox] = []
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: Message, payload: bytes | None = None) -> None:
         if not self.is_up or self.recorder is None:
             return
         for answer in self.recorder.handle(message):
@@ -114,6 +114,17 @@ class Trial:
             disks[side].cut()
             self.start_shore()
 
+    def cut_power_everywhere(self, disk: Disk) -> None:
+        """Of the unit and the shore at once; both start again."""
+        self.unit_cuts.append(self.now)
+        self._let_go_of_spool()
+        assert self.link.recorder is not None
+        assert self.link.recorder._recorder is not None
+        self.link.recorder._recorder.abandon()
+        disk.cut()
+        self.start_unit()
+        self.start_shore()
+
     def _let_go_of_spool(self) -> None:
         spool = self.publisher._spool
         if spool._file is not None:
@@ -145,7 +156,7 @@ def test_a_block_over_a_link_that_holds_is_sent_once(tmp_path: Path) -> None:
     trial = Trial(tmp_path)
     trial.run(60.0)
     assert trial.publisher.sent_again == 0
-    assert len(trial.publisher._spool) <= 3
+    assert len(trial.publisher._spool) <= 8
 
 
 def test_after_a_cut_everything_is_sent_again(tmp_path: Path) -> None:
@@ -157,8 +168,8 @@ def test_after_a_cut_everything_is_sent_again(tmp_path: Path) -> None:
     assert tried <= 600.0 / SENT_AGAIN_AFTER + 1  # one now and then: the link may be dear
     trial.link.is_up = True
     trial.run(60.0)
-    assert len(trial.publisher._spool) <= 3
-    assert set(trial.published) - trial.recorded() <= set(list(trial.published)[-3:])
+    assert len(trial.publisher._spool) <= 8
+    assert set(trial.published) - trial.recorded() <= set(list(trial.published)[-8:])
 
 
 def test_a_unit_that_was_killed_sends_again_what_was_not_acknowledged(tmp_path: Path) -> None:
@@ -179,17 +190,12 @@ def test_a_day_without_a_link_and_a_power_cut_on_either_side_lose_nothing(tmp_pa
         trial.link.is_up = False
         trial.run(DAY_BLOCKS, speed=40)
         trial.publisher.tend()
-        trial._let_go_of_spool()
-        trial.unit_cuts.append(trial.now)
-        trial.link.recorder._recorder.abandon()  # type: ignore[union-attr]
-        disk.cut()
-        trial.start_unit()
-        trial.start_shore()
+        trial.cut_power_everywhere(disk)
         trial.link.is_up = True
         trial.run(60.0 + DAY_BLOCKS / 40)
     missing = set(trial.published) - trial.recorded()
     assert not trial.link.acknowledged & missing
-    late = {n for n, when in trial.published.items() if trial.now - when < 3.0}
+    late = {n for n, when in trial.published.items() if trial.now - when < 2.0}
     unsynced = {n for n, when in trial.published.items() if 0 <= trial.unit_cuts[0] - when <= 1.0}
     assert missing <= late | unsynced
 
@@ -222,7 +228,7 @@ def test_acknowledged_blocks_are_on_disk_whatever_happens(seed: int, tmp_path: P
             trial.link.is_up = True
             trial.run(40.0)
             missing = set(trial.published) - trial.recorded()
-            late = {n for n, when in trial.published.items() if trial.now - when < 3.0}
+            late = {n for n, when in trial.published.items() if trial.now - when < 2.0}
             unsynced = {
                 n
                 for n, when in trial.published.items()

@@ -20,9 +20,9 @@ class MemoryBus:
         self._subscriptions: list[MemorySubscription] = []
         self._cached: dict[str, deque[Delivery]] = {}
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: Message, payload: bytes | None = None) -> None:
         key = publishing_key(message)
-        delivery = Delivery(type(message), key, encode(message))
+        delivery = Delivery(type(message), key, payload or encode(message))
         cached = stream_of(type(message)).cached
         self._cached.setdefault(key, deque(maxlen=cached)).append(delivery)
         for subscription in tuple(self._subscriptions):
