@@ -186,6 +186,11 @@ class SessionSummary:
         doubts = [*(self.posterior.warnings if self.posterior else ())]
         doubts += [doubt for estimate in self.estimates for doubt in estimate.warnings]
         doubts += [doubt for status in self.statuses.values() for doubt in status.warnings]
+        doubts += [
+            QualityWarning(alarm.kind, alarm.text)
+            for alarm in self.books.alarms()
+            if alarm.turbine == self.turbine
+        ]
         return list(dict.fromkeys(doubts))
 
     @property
