@@ -108,6 +108,7 @@ class BlockAdmission:
         self._last: BlockMark | None = None
         self._ended = False  # the end of the present session was announced
         self._held: dict[str, list[AccelerationBlock]] = {}  # by session, in their order
+        self._refused_lately: dict[str, list[AccelerationBlock]] = {}  # by session, the last held
         self._on_end: Counter[str] = Counter()  # blocks of a session that follow each other
         self._contents: dict[int, int] = {}  # first sample → hash of samples, of this boot
         self._samples: dict[int, int] = {}  # hash of samples → first sample
@@ -137,12 +138,9 @@ class BlockAdmission:
             return self._begin((*self._let_in(block.session), block))
         against = refusal or self._against(block)
         if against is None:
-            following = self._held.pop(block.session, [])
-            if not following or following[0].first_sample != BlockMark.of(block).next_sample:
-                self._refuse_all(following)
-                following = []
+            chain = self._with_held(block)
             self._drop_held()
-            taken = [self._taken(each).blocks for each in (block, *following)]
+            taken = [self._taken(each).blocks for each in chain]
             return Admission(tuple(each for blocks in taken for each in blocks))
         self.complaint = against.text
         held = self._held.pop(block.session, [])
@@ -185,6 +183,17 @@ class BlockAdmission:
     def begin_after(self, mark: BlockMark) -> None:
         """Expect the block with that mark, or one that follows it."""
         self._last = mark
+
+    def _with_held(self, block: AccelerationBlock) -> tuple[AccelerationBlock, ...]:
+        """A block that follows, with those of its session that are held and lie beside it."""
+        held = self._held.pop(block.session, [])
+        if held and held[0].first_sample == BlockMark.of(block).next_sample:
+            return (block, *held)
+        beside = bool(held) and BlockMark.of(held[-1]).next_sample == block.first_sample
+        if beside and self._goes_on(held[0]):
+            return (*held, block)  # a clock was set, by as much as stamps may be off just now
+        self._refuse_all(held)
+        return (block,)
 
     def _against(self, block: AccelerationBlock) -> Refusal | None:
         assert self._last is not None
@@ -243,9 +252,22 @@ class BlockAdmission:
 
     def _let_in(self, session: str) -> tuple[AccelerationBlock, ...]:
         """The blocks of a session that are held; those of others are refused."""
-        blocks = tuple(self._held.pop(session, ()))
+        found = sorted(self._held.pop(session, ()), key=lambda block: block.first_sample)
         self._drop_held()
-        return blocks
+        return (*self._taken_back(session, found), *found)
+
+    def _taken_back(
+        self, session: str, found: list[AccelerationBlock]
+    ) -> tuple[AccelerationBlock, ...]:
+        """Blocks of a session that were refused a moment ago, and that its first ones follow."""
+        refused = self._refused_lately.pop(session, [])
+        if not refused or not found:
+            return ()
+        if BlockMark.of(refused[-1]).next_sample != found[0].first_sample:
+            return ()
+        other = self._last is not None and session != self._last.session
+        self.refused[OTHER_SESSION if other else UNFIT] -= len(refused)
+        return tuple(refused)
 
     def _make_room(self, held: list[AccelerationBlock]) -> None:
         if len(held) > STUBBORN:
@@ -295,6 +317,11 @@ class BlockAdmission:
     def _refuse_all(self, blocks: list[AccelerationBlock]) -> None:
         for block in blocks:
             self._refuse(block)
+        if blocks:
+            self._refused_lately.pop(blocks[-1].session, None)
+            self._refused_lately[blocks[-1].session] = blocks[-STUBBORN:]
+            if len(self._refused_lately) > MOST_CANDIDATES:
+                del self._refused_lately[next(iter(self._refused_lately))]
 
     def _drop_held(self) -> None:
         for blocks in self._held.values():

@@ -26,6 +26,7 @@ from pipeline.nodes.block_admission import (
 )
 from pipeline.nodes.identification import IdentificationNode
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from tests.pipeline.example_messages import block as message
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, START, cut
 from tests.pipeline.oma.conftest import structure
 
@@ -223,3 +224,27 @@ def test_a_new_session_of_few_blocks_is_let_in_when_its_end_is_announced(blocks)
         ("short", "s2"),
     ]
     assert not node.statistics.rejected
+
+
+# ---- blocks beside each other whose order was mixed ---------------------------------------------
+
+
+def admitted(admission: BlockAdmission, *blocks: AccelerationBlock) -> list[int]:
+    return [each.sequence for block in blocks for each in admission.admit(block).blocks]
+
+
+def test_the_first_block_of_a_session_that_one_of_the_last_overtakes_is_not_lost() -> None:
+    admission = BlockAdmission()
+    new = [replace(message(n), session="session-2") for n in range(8)]
+    new = [replace(each, start_ns=each.start_ns + 60 * NANOSECONDS) for each in new]
+    taken = admitted(admission, message(0), message(1), new[0], message(2), *new[1:])
+    assert taken == [0, 1, 2, 0, 1, 2, 3, 4, 5, 6, 7]
+    assert admission.unfit == 0
+
+
+def test_two_blocks_after_a_clock_step_may_come_in_any_order() -> None:
+    admission = BlockAdmission()
+    step = 3600 * NANOSECONDS
+    later = [replace(message(n), start_ns=message(n).start_ns + step) for n in range(40, 50)]
+    taken = admitted(admission, message(0), later[1], later[0], *later[2:])
+    assert taken == [0, *range(40, 50)]
