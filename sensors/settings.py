@@ -12,14 +12,14 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 from sensors.errors import InputError
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 _KINDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 
 
 def settings_from_table(
-    cls: type[T], table: Mapping[str, Any], where: str, error: type[InputError]
-) -> T:
+    cls: type[_T], table: Mapping[str, Any], where: str, error: type[InputError]
+) -> _T:
     """Return the dataclass that a table describes; nested dataclasses are sub-tables.
 
     Parameters
@@ -58,7 +58,7 @@ def key_fields(cls: type) -> tuple[Field[Any], ...]:
 class _Reader:
     error: type[InputError]
 
-    def read(self, cls: type[T], table: Mapping[str, Any], where: str) -> T:
+    def read(self, cls: type[_T], table: Mapping[str, Any], where: str) -> _T:
         known = {field.name: field for field in key_fields(cls)}
         self._check_keys(table, known, where)
         hints = get_type_hints(cls)

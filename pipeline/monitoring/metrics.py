@@ -27,12 +27,12 @@ from pipeline.state.health import Health, NodeHealth
 from pipeline.streams import STREAMS
 from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.constants import LOOPBACK
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
 
-LOOPBACK = "127.0.0.1"
 LAST_PORT = 65_535
 QUANTILE_LEVELS = (
     ("0.05", "p05"),

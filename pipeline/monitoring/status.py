@@ -21,7 +21,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 
 API = 1  # of the answer: a field may come, none goes or changes its meaning under one number
-KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @
+STATUS_KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @
 ENDPOINT_FILE = "endpoint"  # in a session's folder while it runs
 GAPS_TOLD = 20
 

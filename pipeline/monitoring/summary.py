@@ -8,8 +8,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-import numpy as np
-
 from pipeline.messages import (
     FoundationEvent,
     FoundationPosterior,
@@ -27,14 +25,13 @@ from pipeline.nodes.node import NodeStatistics
 from pipeline.state.books import Books
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import empty_summary, posterior_summary
-from pipeline.state.run_modes import CombinedMode, combined_modes
+from pipeline.state.run_modes import NO_FACTOR, CombinedMode, combined_modes
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
-KEPT = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
+KEPT_WINDOWS = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
 
-NO_FACTOR = np.empty((0, 0))  # frequencies, shapes and their stds are all that is reported
-M = TypeVar("M")
-T = TypeVar("T", StreamGap, WindowRejected)
+_M = TypeVar("_M")
+_T = TypeVar("_T", StreamGap, WindowRejected)
 
 
 @dataclass(slots=True)
@@ -106,7 +103,7 @@ class SessionSummary:
         unit = (block.turbine, block.unit, block.session)
         newest = self.heard.pop(unit, -1)
         self.heard[unit] = max(newest, block.sequence)
-        if len(self.heard) > KEPT:
+        if len(self.heard) > KEPT_WINDOWS:
             del self.heard[next(iter(self.heard))]  # silent for longest
         if block.sequence <= newest:
             return
@@ -130,9 +127,9 @@ class SessionSummary:
             for oldest in self._let_go(self.gaps, "gaps"):
                 self.gone["gap_ns"] += oldest.end_ns - oldest.start_ns
 
-    def _let_go(self, told: list[M], name: str) -> list[M]:
+    def _let_go(self, told: list[_M], name: str) -> list[_M]:
         """Keep the latest of a live session, which may run for years; what went, counted."""
-        gone = told[: max(0, len(told) - KEPT)] if self.live else []
+        gone = told[: max(0, len(told) - KEPT_WINDOWS)] if self.live else []
         del told[: len(gone)]
         self.gone[name] += len(gone)
         return gone
@@ -148,7 +145,7 @@ class SessionSummary:
             self.rejected.append(rejected)
             self._let_go(self.rejected, "rejected")
 
-    def _in_its_time(self, told: Sequence[T]) -> list[T]:
+    def _in_its_time(self, told: Sequence[_T]) -> list[_T]:
         """Without what lies before the first block that was received of a live session: a
         listener that joins a unit after months has not lost them."""
         if not self.live or self.first_ns is None:

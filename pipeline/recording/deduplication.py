@@ -18,7 +18,7 @@ from pathlib import Path
 
 from pipeline.recording.latest_messages import payloads_backwards
 
-MOST_KNOWN = 2**20  # messages of all keys: what 800 turbines' publishers keep; some 100 MB
+MOST_KNOWN_MESSAGES = 2**20  # messages of all keys: what 800 turbines' publishers keep; some 100 MB
 READ_BACK = 2**18  # messages: of 200 turbines twenty minutes, more than publishers keep
 
 
@@ -48,7 +48,7 @@ class Repetition:
         self._known.add(number)
         if len(latest) > kept:
             self._known.discard(latest.popleft())
-        if len(self._known) > MOST_KNOWN:
+        if len(self._known) > MOST_KNOWN_MESSAGES:
             self._forget_one()
         return False
 

@@ -17,8 +17,8 @@ from mcap.opcode import Opcode
 from pipeline.messages import Message, ModalEstimate
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import (
-    DAMAGE,
-    ChannelTable,
+    MCAP_DAMAGE,
+    McapChannels,
     RecordedMessage,
     chunk_payloads,
     complete_records,
@@ -128,7 +128,7 @@ def _messages_that_are_whole(path: Path, message_types: Sequence[type]) -> Itera
 
 
 def _recorded(path: Path) -> Iterator[RecordedMessage]:
-    channels = ChannelTable()
+    channels = McapChannels()
     try:
         file = open_recording(path)
     except RecordingError as error:
@@ -140,7 +140,7 @@ def _recorded(path: Path) -> Iterator[RecordedMessage]:
                 continue
             try:
                 yield from channels.messages(record)
-            except DAMAGE:
+            except MCAP_DAMAGE:
                 logger.warning("%s: passed over the chunk at byte %d", path, record.offset)
 
 
@@ -157,5 +157,5 @@ def payloads_backwards(path: Path) -> Iterator[bytes]:
         for offset in reversed(chunks):
             try:
                 yield from reversed(chunk_payloads(record_at(file, offset)))
-            except DAMAGE:
+            except MCAP_DAMAGE:
                 logger.warning("%s: passed over the chunk at byte %d", path, offset)

@@ -35,7 +35,10 @@ from sensors.acquisition.layout import SensorLayout
 logger = logging.getLogger(__name__)
 
 ROOM_CHECKED_EVERY = 5.0  # [s]
-STANDING = (SensorLayout, FoundationTruth)  # hold until they are sent again; every part has them
+STANDING_MESSAGES = (
+    SensorLayout,
+    FoundationTruth,
+)  # hold until they are sent again; every part has them
 
 
 def free_bytes(folder: Path) -> int:
@@ -138,7 +141,7 @@ class SessionRecorder:
                 self._recorder.handle(message)
         except (OSError, RecordingError) as error:  # the latter: no next part can be started
             self._stop(getattr(error, "strerror", None) or str(error))
-        if isinstance(message, STANDING):
+        if isinstance(message, STANDING_MESSAGES):
             self._standing[key_of(message)] = message
         if self._recorder is None and isinstance(message, AccelerationBlock):
             self.lost += 1
@@ -146,7 +149,7 @@ class SessionRecorder:
 
     def _is_recorded(self, message: Message) -> bool:
         """Whether it has been. What stands until it is sent again may be sent again."""
-        if isinstance(message, (*STANDING, NodeStatus)):
+        if isinstance(message, (*STANDING_MESSAGES, NodeStatus)):
             return False
         kept = stream_of(type(message)).cached
         return self._repetition.is_known(key_of(message), encode(message), kept=kept)

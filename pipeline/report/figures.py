@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import (
+    HALF_INTERVAL,
     FoundationEvent,
     FoundationPosterior,
     ModalEstimate,
@@ -30,9 +31,8 @@ from sensors.arrays import FloatArray
 Times = NDArray[np.datetime64]
 _Spanned = ModalEstimate | WindowRejected | StreamGap
 
-QUANTILE = 1.6449  # of the standard normal distribution at 95 %
 MINUTES_NS = 600 * 10**9  # below this span, times have seconds [ns]
-FEW = 40  # windows that are drawn one by one, with bars; more are drawn as a band
+FEW_WINDOWS = 40  # windows that are drawn one by one, with bars; more are drawn as a band
 SHAPES = 12  # modes whose shapes are drawn
 TRACKS = 8  # modes with a panel of their own
 VECTOR_POINTS = 1500  # more of them are drawn as pixels
@@ -131,7 +131,7 @@ def most_informative_frequencies(record: TurbineRecord) -> str:
 
 
 def _track_panel(axes: Any, track: FrequencyTrack) -> None:
-    half = QUANTILE * track.stds
+    half = HALF_INTERVAL * track.stds
     bands = np.column_stack([track.frequencies, track.frequencies - half, track.frequencies + half])
     _band(axes, datetimes(track.times_ns), bands, colours.MEASURED)
     if np.isfinite(track.model_frequency):
@@ -248,7 +248,7 @@ def _band(axes: Any, times: Times, bands: FloatArray, colour: colours.Colour) ->
         Middle, low, high. The band breaks where windows are missing.
     """
     middle, low, high = bands.T
-    if len(times) <= FEW:
+    if len(times) <= FEW_WINDOWS:
         axes.errorbar(
             times, middle, yerr=[middle - low, high - middle], fmt="o", markersize=2.5,
             elinewidth=1.2, color=css_colour(colour),

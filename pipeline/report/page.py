@@ -40,7 +40,7 @@ from pipeline.viewer.pictures import colours
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
-STYLE = f"""
+REPORT_STYLE = f"""
 .verdict {{ font-size: 1.25rem; padding: .5rem .75rem; border-left: .4rem solid; }}
 .good {{ border-color: {css_colour(colours.TRUTH)}; }}
 .doubt {{ border-color: {css_colour(colours.MODEL)}; }}
@@ -96,7 +96,7 @@ def page(session: RecordedSession) -> str:
     parts.append(_settings(session))
     what = "Foundation" if any(record.has_structure for record in records) else "Modes"
     title = f"{what} of " + (f"{len(records)} turbines" if several else records[0].turbine)
-    return document(title, "".join(parts), STYLE)
+    return document(title, "".join(parts), REPORT_STYLE)
 
 
 def _anchor(number: int) -> str:

@@ -8,8 +8,6 @@ Memory grows with the windows, not with the samples: blocks are counted and drop
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from pipeline.messages import (
     FoundationPosterior,
     FoundationTruth,
@@ -24,12 +22,11 @@ from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Metadata
 from pipeline.scenario import Scenario, scenario_from_metadata
 from pipeline.sources.session_files import session_files, unfinished_files
+from pipeline.state.run_modes import NO_FACTOR
 from pipeline.updating.prior import PriorSettings
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout, joined_layout
 from sensors.errors import InputError
-
-NO_FACTOR = np.empty((0, 0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from pipeline.report.wording import count_noun, instant, join_with_and, percent,
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 
-SPRINGS = {
+SPRING_TEXTS = {
     "k11": "the foundation's lateral stiffness",
     "k22": "its rotational stiffness",
     "k12": "the coupling of both",
@@ -152,7 +152,7 @@ def stiffness_sentences(record: TurbineRecord) -> list[str]:
 def _stiffness(record: TurbineRecord, spring: ParameterSummary) -> str:
     median, low, high = ratios(spring)
     text = (
-        f"{spring.name}, {SPRINGS[spring.name]}, is known to "
+        f"{spring.name}, {SPRING_TEXTS[spring.name]}, is known to "
         f"±{percent((high - low) / 2 / median)}: {median:.3f} × its nominal value, 90 % interval "
         f"{low:.3f} to {high:.3f}"
     )

@@ -40,11 +40,15 @@ START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports f
 FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]
 SOURCE = "source"
 
-Report = Callable[[AccelerationBlock], None]
+BlockReport = Callable[[AccelerationBlock], None]
 
 
 def run_lock_step(
-    source: Iterable[Message], nodes: Sequence[Node], *, turbine: str, report: Report | None = None
+    source: Iterable[Message],
+    nodes: Sequence[Node],
+    *,
+    turbine: str,
+    report: BlockReport | None = None,
 ) -> None:
     """Every message through the whole graph before the next; deterministic, without transport."""
     accounts = [NodeAccount(node, turbine, time.time_ns) for node in nodes]
@@ -102,7 +106,7 @@ def run_workers(
     *,
     turbine: str,
     unacknowledged_blocks: int | None,
-    report: Report | None = None,
+    report: BlockReport | None = None,
     stopping: threading.Event | None = None,
 ) -> None:
     """Start the workers, give them the source, and stop them in the order of the flow.
@@ -266,7 +270,7 @@ class SourceFeed:
         source: Iterable[Message],
         turbine: str,
         unacknowledged_blocks: int | None,
-        report: Report | None,
+        report: BlockReport | None,
     ) -> None:
         """Publish all of the source and return when every message has been handled."""
         takers = [each.name for each in self._workers if AccelerationBlock in each.inputs]

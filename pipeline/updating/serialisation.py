@@ -27,9 +27,9 @@ import numpy as np
 from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
-KIND = b"pilewatch-updating"
-VERSION = 3  # of the layout; another one is refused, never guessed at
-LARGEST = 256 * 2**20  # [bytes] unpacked; a state of a hundred modes has some 10⁶
+STATE_HEADER = b"pilewatch-updating"
+STATE_VERSION = 3  # of the layout; another one is refused, never guessed at
+LARGEST_STATE = 256 * 2**20  # [bytes] unpacked; a state of a hundred modes has some 10⁶
 
 S = TypeVar("S")
 
@@ -53,7 +53,9 @@ def encoded_checkpoint(state: Any, owner: CheckpointOwner) -> bytes:
     tree = json.dumps({"owner": asdict(owner), "state": _tree(state, arrays)}).encode()
     blob = b"".join(np.ascontiguousarray(each, dtype="<f8").tobytes() for each in arrays)
     packed = zlib.compress(struct.pack(">I", len(tree)) + tree + blob)
-    return b"%s %d\n" % (KIND, VERSION) + struct.pack(">I", zlib.crc32(packed)) + packed
+    return (
+        b"%s %d\n" % (STATE_HEADER, STATE_VERSION) + struct.pack(">I", zlib.crc32(packed)) + packed
+    )
 
 
 def decoded_checkpoint(
@@ -84,19 +86,19 @@ def _unpacked(payload: bytes, origin: str) -> tuple[Mapping[str, Any], bytes]:
     """The JSON tree and the arrays' bytes."""
     line, _, _ = payload[:64].partition(b"\n")
     kind, _, version = line.partition(b" ")
-    if kind != KIND or not version.isdigit():
+    if kind != STATE_HEADER or not version.isdigit():
         raise CheckpointError(
             f"{origin} begins with {payload[:20]!r}: it is no checkpoint of the updating"
         )
-    if int(version) != VERSION:
+    if int(version) != STATE_VERSION:
         raise CheckpointError(
             f"{origin} has version {int(version)} of the checkpoint's layout; this pilewatch "
-            f"reads version {VERSION}"
+            f"reads version {STATE_VERSION}"
         )
     body = payload[len(line) + 1 :]
     if len(body) < 4 or struct.unpack(">I", body[:4])[0] != zlib.crc32(body[4:]):
         raise CheckpointError(f"{origin} is damaged: {len(payload)} bytes with a wrong check sum")
-    unpacked = zlib.decompressobj().decompress(body[4:], LARGEST)
+    unpacked = zlib.decompressobj().decompress(body[4:], LARGEST_STATE)
     (length,) = struct.unpack(">I", unpacked[:4])
     return json.loads(unpacked[4 : 4 + length]), unpacked[4 + length :]
 

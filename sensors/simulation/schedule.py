@@ -9,10 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from sensors.arrays import FloatArray
+from sensors.constants import DAY
 from sensors.errors import InputError
 from sensors.loads.operating_states import OperatingState, SteadyState, steady_state
-
-DAY = 86_400.0  # [s]
 
 
 class ScheduleError(InputError):

@@ -31,7 +31,11 @@ SENSOR = (  # codes of windows that concern an instrument
     "unsynchronised-clock",
     "unsynchronised-units",
 )
-REFUSED = ("few-pairs", "pairing-cost", "no-paired-mode")  # codes of posteriors that were not made
+REFUSAL_CODES = (
+    "few-pairs",
+    "pairing-cost",
+    "no-paired-mode",
+)  # codes of posteriors that were not made
 SILENT_AFTER = 30.0  # without a block of a unit whose stream has not ended [s]
 LOST_AFTER = 60.0  # without a status of a node; one that works on a window has no time for any [s]
 LINK = ("link-down", "quiet")  # codes of a feed that explain the silence of its unit
@@ -136,7 +140,7 @@ class AlarmRules:
             key = self._sensor_key(turbine, window.code, window.reason)
             yield AlarmCondition(key, "sensor", turbine, f"{window.reason} ({begin}, not used)")
             self._sensor_keys.setdefault(turbine, set()).add(key)
-        elif window.code in REFUSED:
+        elif window.code in REFUSAL_CODES:
             text = f"no posterior of the {begin}: {window.reason}"
             yield AlarmCondition(f"{turbine}/refused", "refused", turbine, text)
 

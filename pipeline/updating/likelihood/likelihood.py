@@ -70,7 +70,7 @@ class LikelihoodSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Observation:
+class ModeComparison:
     """How one identified mode enters: which model modes it is compared with, and in what."""
 
     identified: int  # index in ModalEvidence.modes
@@ -86,7 +86,7 @@ def observations(
     settings: LikelihoodSettings,
     *,
     mac: FloatArray | None = None,
-) -> tuple[Observation, ...]:
+) -> tuple[ModeComparison, ...]:
     """One observation a paired mode.
 
     model_frequencies   (n_model,) of all visible modes at the pairing's stiffness [Hz]
@@ -110,13 +110,13 @@ def observations(
         gap = float(gaps[neighbour]) if neighbour >= 0 else np.inf
         if evidence.modes[identified].close_pair:
             both = (model, neighbour) if gap < resolved else (model,)
-            found.append(Observation(identified, both, shape_used=False, gap=0.0))
+            found.append(ModeComparison(identified, both, shape_used=False, gap=0.0))
         elif gap < resolved:
-            found.append(Observation(identified, (model,), shape_used=False, gap=gap))
+            found.append(ModeComparison(identified, (model,), shape_used=False, gap=gap))
         else:
             separate = bool(gap >= settings.shape_mixing * model_frequencies[model])
             alike = mac is None or bool(mac[identified, model] >= settings.least_mac)
-            found.append(Observation(identified, (model,), separate and alike, gap=0.0))
+            found.append(ModeComparison(identified, (model,), separate and alike, gap=0.0))
     return tuple(found)
 
 
@@ -146,7 +146,7 @@ class ModalLikelihood:
     def __init__(
         self,
         evidence: ModalEvidence,
-        used: Sequence[Observation],
+        used: Sequence[ModeComparison],
         *,
         model_columns: Sequence[int],
         settings: LikelihoodSettings,
@@ -254,7 +254,7 @@ class ModalLikelihood:
         return self.sigma[cell] + share * (self.sigma[cell + 1] - self.sigma[cell])
 
 
-def _averaging(used: Sequence[Observation], column: dict[int, int]) -> FloatArray:
+def _averaging(used: Sequence[ModeComparison], column: dict[int, int]) -> FloatArray:
     """(n_observations, n_model) that turns model frequencies into the compared ones."""
     averaging = np.zeros((len(used), len(column)))
     for number, each in enumerate(used):

@@ -12,9 +12,8 @@ from pipeline.updating.samplers.convergence import (
     split_rhat,
 )
 from pipeline.updating.samplers.interface import LogDensity
+from pipeline.updating.samplers.student_t import DEGREES_OF_FREEDOM
 from sensors.arrays import FloatArray
-
-DEGREES_OF_FREEDOM = 5.0  # of the proposal: tails heavy enough to fetch a walker that lags behind
 
 
 def fitted_student_proposal(

@@ -20,7 +20,7 @@ from pipeline.messages import (
 from sensors.acquisition.blocks import NANOSECONDS
 
 STIFFNESSES = ("k11", "k22", "k12")
-CHANGED = {  # text of the indicator by kind of change
+CHANGE_TEXTS = {  # text of the indicator by kind of change
     "foundation": "foundation: changed",
     "modal-drift": "foundation: known, but the modes changed",
     "undecided": "foundation: perhaps changed",
@@ -152,7 +152,9 @@ class SessionStatus:
         if not self._posterior.trusted:
             return StatusIndicator("bad", "foundation: NOT TRUSTED")
         if self._event is not None:
-            return StatusIndicator("warning", CHANGED.get(self._event.kind, CHANGED["undecided"]))
+            return StatusIndicator(
+                "warning", CHANGE_TEXTS.get(self._event.kind, CHANGE_TEXTS["undecided"])
+            )
         return StatusIndicator("good", "foundation: known")
 
     def _summary(self) -> str:

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.cli.tables.running import status_tables
 from pipeline.messages import QualityWarning, StreamGap
-from pipeline.monitoring.status import KEY, StatusNode, endpoint_of
+from pipeline.monitoring.status import STATUS_KEY, StatusNode, endpoint_of
 from pipeline.transport.errors import TransportError
 from pipeline.transport.zenoh_bus import ZenohBus, asked, free_endpoint, hub
 from sensors.errors import InputError
@@ -118,8 +118,8 @@ def test_whoever_connects_can_ask(metrics_node: StatusNode) -> None:
     endpoint = free_endpoint()
     bus = ZenohBus(hub(endpoint))
     try:
-        bus.answer(f"{KEY}/t1", metrics_node.answer)
-        (reply,) = asked(endpoint, f"{KEY}/*")
+        bus.answer(f"{STATUS_KEY}/t1", metrics_node.answer)
+        (reply,) = asked(endpoint, f"{STATUS_KEY}/*")
     finally:
         bus.close()
     assert json.loads(reply) == metrics_node.as_json()
@@ -127,6 +127,6 @@ def test_whoever_connects_can_ask(metrics_node: StatusNode) -> None:
 
 def test_nobody_there_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(TransportError, match="no Zenoh session answers"):
-        asked(free_endpoint(), f"{KEY}/*")
+        asked(free_endpoint(), f"{STATUS_KEY}/*")
     with pytest.raises(InputError, match="no session runs in"):
         endpoint_of(tmp_path)

@@ -85,7 +85,7 @@ def test_blocks_of_a_live_session_are_counted_by_hearing_and_once() -> None:
 
 
 def test_a_farms_blocks_are_all_counted_and_the_time_is_of_the_own_turbine(monkeypatch) -> None:
-    monkeypatch.setattr("pipeline.monitoring.summary.KEPT", 3)
+    monkeypatch.setattr("pipeline.monitoring.summary.KEPT_WINDOWS", 3)
     live = SessionSummary("live", "t1", live=True)
     for turbine in ("t1", "t2", "t2", "t3", "t4", "t5"):
         live.handle(replace(block(0), turbine=turbine))
@@ -164,7 +164,7 @@ def test_who_joins_a_unit_that_runs_is_not_told_that_all_before_is_missing() -> 
 
 
 def test_a_live_session_of_years_keeps_the_latest_and_counts_all(monkeypatch) -> None:
-    monkeypatch.setattr("pipeline.monitoring.summary.KEPT", 3)
+    monkeypatch.setattr("pipeline.monitoring.summary.KEPT_WINDOWS", 3)
     summary = SessionSummary("live", "t1", live=True)
     for window in range(10):
         summary.handle(estimate(window, mode("m1", 1.0, 0.1)))
