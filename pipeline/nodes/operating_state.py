@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,7 +21,8 @@ class OperationSettings:
     """Which windows may update the foundation."""
 
     allowed_states: tuple[str, ...] = ("parked", "idling")  # "" (unknown) always may
-    unusable: tuple[str, ...] = ("duplicate-channel", "clipped")  # codes that spoil the shapes
+    unusable: ClassVar[tuple[str, ...]] = ("duplicate-channel", "clipped")
+    """Codes that spoil the shapes."""
 
     def __post_init__(self) -> None:
         for state in self.allowed_states:

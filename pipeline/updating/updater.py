@@ -86,7 +86,11 @@ class FoundationUpdater:
         self._seed = seed
         self._joint = joint
         self._prior = Prior(forward.nominal, self.settings.prior)
-        self._sampler = sampler_of(self.settings.sampling, self.settings.sampler)
+        self._sampler = sampler_of(
+            self.settings.sampling,
+            self.settings.sampler,
+            largest_rhat=self.settings.guards.rhat,
+        )
         self._detector = ChangeDetector(self.settings.change)
         self._exact_matcher: Matcher | None = None  # made where the structure is exact
         if joint is None:

@@ -76,7 +76,7 @@ class Wind:
     blade_points: int = field(default=6, metadata=NO_KEY)
     """On each blade, at most."""
 
-    highest_frequency: float = 12.5
+    highest_frequency: float = field(default=12.5, metadata=NO_KEY)
     """Highest frequency of the turbulence [Hz]."""
 
     def __post_init__(self) -> None:

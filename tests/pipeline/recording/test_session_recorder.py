@@ -283,3 +283,13 @@ def test_a_next_part_that_cannot_be_begun_ends_the_recording_and_not_the_session
     written = sequences([tmp_path / "session.mcap"])
     assert written == list(range(len(written)))
     assert 20 < len(written) == recorder.recorded == 60 - recorder.lost
+
+
+def test_the_scenario_says_how_much_of_the_disk_stays_free(tmp_path: Path) -> None:
+    for name, free_megabytes in (("kept", 2.0), ("used", 0.5)):
+        (tmp_path / name).mkdir()
+        recorder = recorded(
+            tmp_path / name, 60, free=lambda _: 10**6, free_megabytes=free_megabytes
+        )
+        stopped = "recording-stopped" in [warning.code for warning in recorder.warnings]
+        assert stopped == (name == "kept")
