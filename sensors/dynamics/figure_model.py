@@ -139,7 +139,9 @@ class _SparseGroup:
             springs=turned(_unit_springs(model)),
         )
 
-    def reduced(self, basis: FloatArray, observation: Observation, across: Observation) -> _Group:
+    def reduced(
+        self, basis: FloatArray, observation: ChannelReadings, across: ChannelReadings
+    ) -> _Group:
         vectors = self.coordinates @ basis
         water = self.water.congruent(basis)
         slopes = water
