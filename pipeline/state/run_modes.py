@@ -9,8 +9,6 @@ from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.state.json_values import Json, known
 
-NO_FACTOR = np.empty((0, 0))  # frequencies, shapes and their stds are all that is reported
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CombinedMode:
