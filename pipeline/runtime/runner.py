@@ -70,7 +70,7 @@ def _dispatch(message: Message, accounts: Sequence[NodeAccount]) -> None:
         payload = encode(message)
         for account in accounts:
             if type(message) in account.node.inputs:
-                waiting.extend(account.handle(decode(type(message), payload)))
+                waiting.extend(account.handle(decode(type(message), payload), payload))
 
 
 class Worker(Protocol):
@@ -203,7 +203,7 @@ def serve(
         while True:
             message = inbox.get(timeout=0.05)
             if message is not None:
-                for answer in account.handle(message):
+                for answer in account.handle(message, inbox.payload):
                     bus.publish(answer)
             if beat.due(account, idle=message is None):
                 say("running")

@@ -31,7 +31,7 @@ from pipeline.nodes.node import NodeSnapshot
 from pipeline.recording.rotation import sync_folder
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
-from pipeline.updating.serialisation import CheckpointError
+from pipeline.updating.state import CheckpointError
 from sensors.acquisition.layout import SensorLayout
 
 logger = logging.getLogger(__name__)

@@ -23,7 +23,7 @@ from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.structure.description import load_turbine
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
-from tests.pipeline.updating.test_serialisation import SETTINGS
+from tests.pipeline.updating.test_state import SETTINGS
 
 SEED = 5
 BEFORE, AFTER = np.array([1.1, 0.9, 1.0]), np.array([1.1, 0.81, 1.0])

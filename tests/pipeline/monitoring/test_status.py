@@ -13,7 +13,7 @@ from pipeline.transport.errors import TransportError
 from pipeline.transport.zenoh_bus import ZenohBus, asked, free_endpoint, hub
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, block, status
-from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
+from tests.pipeline.updating.test_state import estimate_of, updater_of
 
 SECOND = 10**9  # [ns]
 

@@ -14,9 +14,9 @@ from pipeline.nodes.statistics import NodeAccount
 from pipeline.nodes.updating import LATEST_ANSWERS, TurbineUpdating, UpdatingNode
 from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.transport.codec import encode
-from pipeline.updating.serialisation import CheckpointError
+from pipeline.updating.state import CheckpointError
 from tests.pipeline.updating.small_tower import LAYOUT
-from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
+from tests.pipeline.updating.test_state import estimate_of, updater_of
 
 TURBINE = estimate_of(0).turbine
 
