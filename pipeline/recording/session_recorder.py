@@ -21,8 +21,8 @@ from pipeline.messages import (
     StreamEnd,
 )
 from pipeline.nodes.node import NodeStatistics
-from pipeline.recording.deduplication import Repetition, latest_payloads
 from pipeline.recording.errors import RecordingError
+from pipeline.recording.latest_messages import Repetition, latest_payloads
 from pipeline.recording.mcap_file import counted_in_summary
 from pipeline.recording.reader import recorded_messages
 from pipeline.recording.rotation import (
@@ -47,7 +47,10 @@ ROOM_CHECKED_EVERY = 5.0  # [s]
 SYNCED_EVERY = 1.0  # what a power cut costs at most [s]
 ACKNOWLEDGED_EVERY = 5.0  # what is on disk [s] …
 ACKNOWLEDGED_BLOCKS = 50  # … or after so many blocks
-STANDING = (SensorLayout, FoundationTruth)  # hold until they are sent again; every part has them
+STANDING_MESSAGES = (
+    SensorLayout,
+    FoundationTruth,
+)  # hold until they are sent again; every part has them
 
 
 def free_bytes(folder: Path) -> int:
@@ -117,6 +120,7 @@ class SessionRecorder:
         self._acknowledgements = Acknowledgements()
         self._synced_ns = self._acknowledged_ns = clock()
         self._repetition = Repetition(latest_payloads(earlier))
+        self._arrived: tuple[Message | None, bytes] = (None, b"")  # the latest, and its bytes
         self._checked_ns = 0
         self._recorder: Recorder | None = self._begun(clock())
 
@@ -141,6 +145,11 @@ class SessionRecorder:
             warnings=self.warnings,
         )
 
+    def handle_payload(self, message: Message, payload: bytes) -> Iterable[Message]:
+        """Record one message as it arrived, unless it has been."""
+        self._arrived = message, payload
+        return self.handle(message)
+
     def handle(self, message: Message) -> Iterable[Message]:
         """Record one message, unless it has been. Acknowledges to units what is on disk."""
         if self._is_recorded(message):
@@ -155,10 +164,10 @@ class SessionRecorder:
         try:
             self._make_room()
             if self._recorder is not None:
-                self._recorder.handle(message)
+                self._recorder.handle_payload(message, self._bytes_of(message))
         except (OSError, RecordingError) as error:  # the latter: no next part can be started
             self._stop(getattr(error, "strerror", None) or str(error))
-        if isinstance(message, STANDING):
+        if isinstance(message, STANDING_MESSAGES):
             self._standing[key_of(message)] = message
         if self._recorder is None and isinstance(message, AccelerationBlock):
             self.lost += 1
@@ -185,10 +194,18 @@ class SessionRecorder:
 
     def _is_recorded(self, message: Message) -> bool:
         """Whether it has been. What stands until it is sent again may be sent again."""
-        if isinstance(message, (*STANDING, NodeStatus)):
+        if isinstance(message, (*STANDING_MESSAGES, NodeStatus)):
             return False
         kept = stream_of(type(message)).cached
-        return self._repetition.is_known(key_of(message), encode(message), kept=kept)
+        return self._repetition.is_known(key_of(message), self._bytes_of(message), kept=kept)
+
+    def _bytes_of(self, message: Message) -> bytes:
+        """What it came in; encoded where that is not known."""
+        arrived, payload = self._arrived
+        if arrived is message:
+            return payload
+        self._arrived = message, encode(message)
+        return self._arrived[1]
 
     def close(self) -> None:
         """Finish the part. A second call does nothing."""

@@ -10,7 +10,7 @@ from pipeline.runtime.runner import open_session, with_end
 from pipeline.sources.durable_publisher import kept_until_acknowledged
 from pipeline.sources.recorded_source import RecordedSource
 from pipeline.sources.recorded_stream import SourceError
-from pipeline.sources.replay_control import KEY, ReplayControl
+from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
 from pipeline.sources.spool import Spool
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import AccelerationBlock
@@ -60,7 +60,7 @@ def publish_source(
     with ExitStack() as stack:
         bus = stack.enter_context(open_session(lambda: ZenohBus(settings)))
         assert isinstance(bus, ZenohBus)
-        bus.answer(f"{KEY}/{source.layout.turbine}", control.answer)
+        bus.answer(f"{REPLAY_KEY}/{source.layout.turbine}", control.answer)
         publish = stack.enter_context(kept_until_acknowledged(bus, spool))
         for message in with_end(control.messages()):
             if stopping.is_set():

@@ -353,8 +353,10 @@ class Books:
                 f"session {answer.origins[0].session} have no answer"
             )
 
-    def violations(self) -> list[str]:
-        """Where the books do not balance, in words; none: they do."""
+    def violations(self, only: str | None = None) -> list[str]:
+        """Where the books do not balance, in words; none: they do. only: of that turbine."""
+        if only is not None:
+            return [*self._violations_of(only)]
         turbines = dict.fromkeys([*(key[0] for key in self._blocks), *self._turbines])
         return [text for turbine in turbines for text in self._violations_of(turbine)]
 
@@ -396,13 +398,13 @@ class Books:
                 found.append(BooksAlarm(turbine, "no-posterior", text))
         return found
 
-    def as_json(self) -> Json:
-        """The books in figures; names are stable."""
-        violations = self.violations()
+    def as_json(self, only: str | None = None) -> Json:
+        """The books in figures; names are stable. only: of that turbine."""
+        violations = self.violations(only)
         return {
             "balanced": not violations,
             "violations": violations,
-            "alarms": [asdict(alarm) for alarm in self.alarms()],
+            "alarms": [asdict(alarm) for alarm in self.alarms() if only in (None, alarm.turbine)],
             "units": [
                 {
                     "turbine": turbine,
@@ -416,9 +418,13 @@ class Books:
                     "lost": book.lost,
                 }
                 for (turbine, unit, session, boot), book in self._blocks.items()
-                if book.recorded
+                if book.recorded and only in (None, turbine)
             ],
-            "refused": {node: dict(codes) for (_, node), codes in self._refused.items() if codes},
+            "refused": {
+                node: dict(codes)
+                for (turbine, node), codes in self._refused.items()
+                if codes and only in (None, turbine)
+            },
             "turbines": [
                 {
                     "turbine": turbine,
@@ -433,6 +439,7 @@ class Books:
                     ],
                 }
                 for turbine, book in self._turbines.items()
+                if only in (None, turbine)
             ],
         }
 

@@ -10,7 +10,7 @@ from pipeline.monitoring.alarms.settings import AlarmError, AlarmLogSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, status
 from tests.pipeline.state.test_posterior_json import POSTERIOR
-from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
+from tests.pipeline.updating.test_state import estimate_of, updater_of
 
 SECOND = NANOSECONDS
 EVENT = FoundationEvent(
