@@ -33,6 +33,7 @@ UNANSWERED = 2  # later windows that were answered, after which an estimate coun
 UNBALANCED = 2  # windows that were answered while books do not balance, after which it is an alarm
 WITHOUT_POSTERIOR = 6  # windows that were answered without a posterior, after which it is an alarm
 UPDATING = "updating"  # name of the node, or the beginning of its shares' names
+REPORTED_WITHIN = 5  # blocks after which missing ones are reported: they may be late
 LATEST_WINDOWS = 20  # whose fates are listed
 
 UnitBoot = tuple[str, str, str, int]  # turbine, unit, session, boot
@@ -151,6 +152,8 @@ class BlockBook:
         for first, end in self.recorded.holes():
             missing.add(first, end)
         for first, end in missing.without(self.reported):
+            if self.published is None and end > self.recorded.end - REPORTED_WITHIN:
+                continue  # they may still come
             yield f"{_numbers(first, end)} are neither recorded nor reported missing"
         inside = Intervals()
         if self.recorded:
