@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.operating_state import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
@@ -175,6 +176,7 @@ class Scenario:
     operation: OperationSettings = field(default_factory=OperationSettings)
     farm: FarmSettings = field(default_factory=FarmSettings)
     recording: RecordingSettings = field(default_factory=RecordingSettings)
+    limits: LimitSettings = field(default_factory=LimitSettings)
     text: str = field(default="", metadata=NEVER_A_KEY)
     """The file as it was read."""
 
