@@ -143,6 +143,17 @@ class Structure:
         return axis
 
 
+def structure_of(given: Structure | str | os.PathLike[str]) -> Structure:
+    """A Structure of what a caller gave: one already, or the name or path of a description.
+
+    Raises
+    ------
+    InputError
+        If the description cannot be read.
+    """
+    return given if isinstance(given, Structure) else Structure(given)
+
+
 def default_layout(turbine: str) -> SensorLayout:
     """Bi-axial accelerometers at the shipped scenario's elevations."""
     return biaxial_layout("tower-1", turbine=turbine, unit="tower", elevations=ELEVATIONS)
