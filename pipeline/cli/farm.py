@@ -243,7 +243,9 @@ def _print_report(report: "ArchiveReport", out: Path) -> None:
         f"identified, {report.rejected} rejected, {report.posteriors} posteriors, "
         f"{report.events} events"
     )
-    output.print(text)
+    if report.files > len(report.failures):
+        output.print(text)
+        output.print(f"in {out}: {', '.join(path.name for path in report.tables)}")
     if report.found_finished:
         output.print(f"{report.found_finished} results existed already, {report.done_now} are new")
     for copy in report.copies:
@@ -251,4 +253,3 @@ def _print_report(report: "ArchiveReport", out: Path) -> None:
     for failure in report.failures:
         text = failure.text if failure.path in failure.text else f"{failure.path}: {failure.text}"
         stderr.print(f"[bold red]pilewatch:[/] {escape_markup(text)}", soft_wrap=True)
-    output.print(f"in {out}: {', '.join(path.name for path in report.tables)}")

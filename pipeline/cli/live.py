@@ -251,6 +251,8 @@ def control(
     from pipeline.sources.replay_control import KEY
     from pipeline.transport.zenoh_bus import asked
 
+    if action in ("seek", "speed") and value is None:
+        raise InputError(f"control {action} needs a value, e.g. `pilewatch control {action} 10`")
     endpoint: Any = zenoh_settings("peer", None, None, zenoh_config)
     if zenoh_config is None:
         endpoint = endpoint_of(out) if connect is None else connect

@@ -45,10 +45,13 @@ def update(
     figures = summary.as_json(wall=time.monotonic() - started)
     if as_json:
         output.print_json(json.dumps(figures))
-        return
-    if not again:
-        stderr.print("From the recorded modes; --identify starts from the accelerations.")
-    print_results(summary, figures, scenario=source.scenario, misfits=True)
+    else:
+        if not again:
+            stderr.print("From the recorded modes; --identify starts from the accelerations.")
+        print_results(summary, figures, scenario=source.scenario, misfits=True)
+    if summary.posterior is None:
+        reason = summary.rejected[-1].reason if summary.rejected else "there is no whole window"
+        raise InputError(f"{file}: no posterior: {reason}")
 
 
 FIRST_SEED = 101
@@ -60,12 +63,13 @@ def reproduce(
     first_seed: Annotated[int, typer.Option(help="The first seed.")] = FIRST_SEED,
 ) -> None:
     """Run the publication's example and write its tables and figure beside ours."""
-    from pipeline.reproduction.page import write_report
+    from pipeline.reproduction.page import prepared_folder, write_report
     from pipeline.reproduction.study import run_study
     from sensors.structure.foundation import SPRING_SIGNS
 
     if seeds < 1:
         raise InputError(f"--seeds is {seeds}; at least 1 is needed")
+    prepared_folder(out)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -13,7 +13,7 @@ from pipeline.sources.import_files import open_measurement, record_measurement
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.errors import InputError
 from sensors.files.formats import channels_in
-from sensors.files.layout_file import load_layout
+from sensors.files.layout_file import parse_layout
 from sensors.structure.description import load_turbine
 
 UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -166,12 +166,16 @@ def start_project(
             f"the structural model needs the height and axis of each channel; {unknown[0]!r} has "
             "none in its name. `pilewatch import FILE --template` prints a layout file to fill in"
         )
-    folder.mkdir(parents=True, exist_ok=True)
-    layout_file.write_text(layout_text(channels, turbine), encoding="utf-8")
+    layout = parse_layout(layout_text(channels, turbine), str(layout_file))
     measurement = open_measurement(
-        files, layout=load_layout(layout_file), turbine=turbine, sampling_rate=sampling_rate
+        files, layout=layout, turbine=turbine, sampling_rate=sampling_rate
     )
     n_samples = sum(len(block.samples) for block in measurement.blocks())
+    if n_samples < measurement.sampling_rate:
+        listed = ", ".join(str(file) for file in files)
+        raise InputError(f"{listed}: less than 1 s of samples that are not NaN; nothing to watch")
+    folder.mkdir(parents=True, exist_ok=True)
+    layout_file.write_text(layout_text(channels, turbine), encoding="utf-8")
     text = scenario_text(turbine, structure, n_samples / measurement.sampling_rate)
     scenario = scenario_from_text(text, str(scenario_file))
     scenario_file.write_text(text, encoding="utf-8")

@@ -190,10 +190,34 @@ def load_layout(path: Path) -> LayoutFile:
         One line: no such file, not TOML, an unknown or missing key, a wrong value.
     """
     try:
-        table = tomllib.loads(path.read_text("utf-8-sig"))
+        text = path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8"
         raise LayoutError(f"layout {path} cannot be read: {reason}") from error
+    return parse_layout(text, str(path))
+
+
+def parse_layout(text: str, path: str) -> LayoutFile:
+    """Return the layout of a TOML text.
+
+    Parameters
+    ----------
+    text : str
+        Content of a layout file.
+    path : str
+        Its name, for errors.
+
+    Returns
+    -------
+    LayoutFile
+
+    Raises
+    ------
+    LayoutError
+        One line: not TOML, an unknown or missing key, a wrong value.
+    """
+    try:
+        table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise LayoutError(f"{path}: not valid TOML: {error}") from error
     channels = table.get("channels", [])
@@ -204,11 +228,11 @@ def load_layout(path: Path) -> LayoutFile:
         for i, each in enumerate(channels)
     )
     others = {key: each for key, each in table.items() if key != "channels"}
-    checked = settings_from_table(_Heading, others, str(path), LayoutError)
+    checked = settings_from_table(_Heading, others, path, LayoutError)
     try:
         _require_heights(mapped)
         return LayoutFile(
-            mapped, checked.turbine, checked.unit, checked.layout_id, str(path), checked.time
+            mapped, checked.turbine, checked.unit, checked.layout_id, path, checked.time
         )
     except LayoutError as error:
         raise LayoutError(f"{path}: {error}") from error

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sensors.acquisition.layout import SensorLayout, biaxial_layout
+from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.structure.description import TurbineDescription, load_turbine
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sensors.dynamics.modal_model import ModalModel
-
-ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # of the shipped scenario's accelerometers [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -91,7 +89,7 @@ class Structure:
         """The reduced model that the updating evaluates, seen by the sensors of a layout."""
         from sensors.dynamics.modal_model import ModalModel
 
-        return ModalModel(self.description, layout or default_layout(self.description.name))
+        return ModalModel(self.description, layout or self._default_layout())
 
     def modes(
         self, ratios: Sequence[float] = (1.0, 1.0, 1.0), layout: SensorLayout | None = None
@@ -103,7 +101,8 @@ class Structure:
         ratios : sequence of 3 floats
             k11, k22, k12 over nominal [-].
         layout : SensorLayout, optional
-            Sensors by which the shapes are read; the shipped scenario's by default.
+            Sensors by which the shapes are read; the shipped scenario's by default: for a tower of
+            another height at the same shares of it.
 
         Returns
         -------
@@ -121,10 +120,15 @@ class Structure:
                 f"ratios are {tuple(ratios)}; k11·k22 must exceed k12² and the structure must "
                 "stand under gravity"
             )
-        names = (layout or default_layout(self.description.name)).channel_names
+        names = (layout or self._default_layout()).channel_names
         return StructureModes(
             tuple(model.labels), modal.frequencies[0], modal.shapes[0], tuple(names)
         )
+
+    def _default_layout(self) -> SensorLayout:
+        from pipeline.offline.model_modes import default_layout
+
+        return default_layout(self.description)
 
     def plot(self) -> Any:
         """Draw the tubes of the structure to scale, water and mudline marked.
@@ -152,8 +156,3 @@ def structure_of(given: Structure | str | os.PathLike[str]) -> Structure:
         If the description cannot be read.
     """
     return given if isinstance(given, Structure) else Structure(given)
-
-
-def default_layout(turbine: str) -> SensorLayout:
-    """Bi-axial accelerometers at the shipped scenario's elevations."""
-    return biaxial_layout("tower-1", turbine=turbine, unit="tower", elevations=ELEVATIONS)
