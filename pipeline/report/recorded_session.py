@@ -16,12 +16,14 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     ParameterSummary,
+    StabilisationDiagram,
     WindowRejected,
 )
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Metadata
+from pipeline.report.pictures.samples import ChannelRecord
 from pipeline.scenario import Scenario, scenario_from_metadata
 from pipeline.sources.session_files import session_files, unfinished_files
 from pipeline.updating.prior import PriorSettings
@@ -66,6 +68,10 @@ class TurbineRecord:
     """Sensor layouts by acquisition unit."""
     sampling_rate: float = float("nan")
     """Sampling rate of the latest block [Hz]."""
+    samples: dict[str, ChannelRecord] = field(default_factory=dict)
+    """Spectra and statistics of the samples by acquisition unit."""
+    stabilisation: StabilisationDiagram | None = None
+    """Of the last identified window."""
     has_structure: bool = True
     """Whether the scenario has a structural model; without one there are modes only."""
 
@@ -75,6 +81,12 @@ class TurbineRecord:
             case AccelerationBlock():
                 self.summary.count(message)
                 self.sampling_rate = message.sampling_rate
+                if message.unit not in self.samples:
+                    self.samples[message.unit] = ChannelRecord(message.sampling_rate)
+                self.samples[message.unit].push(message)
+            case StabilisationDiagram():
+                if self.stabilisation is None or message.end_ns >= self.stabilisation.end_ns:
+                    self.stabilisation = message
             case SensorLayout():
                 self.layouts[message.unit] = message
             case ModalEstimate():
