@@ -225,6 +225,7 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
     return (
         heading("Foundation", level)
         + table_html(springs_table(record))
+        + paragraph("narrowed by: of the prior's 90 % interval.", "quiet")
         + paragraph(structure_sentence(posterior))
         + paragraph(fit, "quiet")
         + _pair(pictures, f"{name}-foundation")
@@ -324,7 +325,7 @@ def _operation(record: TurbineRecord, name: str, level: int) -> str:
             charts,
             "Control charts of stiffnesses and frequencies",
             "Control charts: departure from the median before the first change; dashed: three "
-            f"robust standard deviations{limits}.",
+            f"robust standard deviations, diamonds beyond the edge{limits}.",
         ),
         (
             operation.frequencies_against(record, "water_level"),

@@ -49,7 +49,7 @@ def springs_table(record: TurbineRecord) -> TextTable:
     ]  # fmt: skip
     head = (
         "", "÷ nominal", "90 % interval", "truth", "median", "unit",
-        "narrower than the prior by [%]",
+        "narrowed by [%]",
     )  # fmt: skip
     title = "Springs of the foundation at the mudline"
     return without_blank_columns(TextTable(title, head, tuple(rows)))

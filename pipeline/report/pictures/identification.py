@@ -12,10 +12,12 @@ from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.report.canvas import INK, css_colour, page_figure
 from pipeline.report.pictures.axes import frequency_axis, mark_modes
 from pipeline.report.recorded_session import TurbineRecord
+from pipeline.state.run_modes import CombinedMode
 from pipeline.viewer.pictures import colours
 from sensors.arrays import FloatArray
 
 MOST_IN_MAC = 24  # of the AutoMAC, so that its labels can be read
+LASTING_SHARE = 0.25  # of the windows that see a mode that is marked [-]
 LOWEST_SHARE = 0.6  # of the lowest mode's frequency: where the axis of frequencies begins [-]
 DECADES_SHOWN = 6.0  # of spectral density below the highest
 WITHIN = 1.6449  # misfit within which 90 % of true modes lie [standard deviations]
@@ -62,7 +64,7 @@ def spectra(record: TurbineRecord) -> str:
     lines = _lines_by_direction(record)
     if not lines:
         return ""
-    modes = [mode.frequency for mode in record.summary.modes]
+    modes = [mode.frequency for mode in lasting_modes(record)]
     with page_figure(0.7 + 1.7 * len(lines)) as page:
         panels = page.figure.subplots(len(lines), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (name, curves) in zip(panels, lines.items(), strict=True):
@@ -78,6 +80,12 @@ def spectra(record: TurbineRecord) -> str:
         frequency_axis(panels[-1])
         _begin_at_lowest(panels[-1], modes)
         return page.svg()
+
+
+def lasting_modes(record: TurbineRecord) -> list[CombinedMode]:
+    """Modes seen in a quarter of the windows or more; others would hide them."""
+    fewest = LASTING_SHARE * len(record.summary.estimates)
+    return [mode for mode in record.summary.modes if mode.seen_in_windows >= fewest]
 
 
 Curve = tuple[str, FloatArray, FloatArray]  # channel, frequencies [Hz], density
@@ -112,7 +120,7 @@ def _unit(record: TurbineRecord) -> str:
 
 def auto_mac(record: TurbineRecord) -> str:
     """Draw the MAC of every identified mode's shape with every other's."""
-    modes = [mode for mode in record.summary.modes if len(mode.shape) > 1][:MOST_IN_MAC]
+    modes = [mode for mode in lasting_modes(record) if len(mode.shape) > 1][:MOST_IN_MAC]
     if len(modes) < 2 or len({len(mode.shape) for mode in modes}) > 1:
         return ""
     shapes = np.array([mode.shape for mode in modes])

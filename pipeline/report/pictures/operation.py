@@ -24,6 +24,7 @@ FEWEST_WINDOWS = 8  # of a reference from which limits are drawn
 CHARTED = 4  # modes with a control chart, and with panels against tide and wind
 LIMIT = 3.0  # of a control chart [standard deviations]; Shewhart (1931)
 SIGMA_OF_MAD = 1.4826  # standard deviation over median absolute deviation, normal distribution [-]
+FARTHEST_DRAWN = 4.0  # limits; what lies farther is a diamond at the edge [-]
 HARMONICS = (1, 3, 6)  # of the rotor speed, three blades
 LOWEST_ROTOR_SPEED = 0.5  # of a turning rotor [rpm]
 SMALLEST_RANGE = {"water_level": 0.2, "wind_speed": 1.0}  # over which a dependence shows [m, m/s]
@@ -81,7 +82,7 @@ def control_charts(record: TurbineRecord) -> str:
     charts = [*_stiffness_charts(record), *_frequency_charts(record)]
     if not charts:
         return ""
-    with page_figure(0.6 + 0.95 * len(charts)) as page:
+    with page_figure(0.7 + 0.95 * len(charts)) as page:
         panels = page.figure.subplots(len(charts), 1, sharex=True, squeeze=False)[:, 0]
         for axes, chart in zip(panels, charts, strict=True):
             _control_panel(axes, chart)
@@ -138,15 +139,23 @@ def _chart(
 def _control_panel(axes: Any, chart: _Chart) -> None:
     times = datetimes(chart.times_ns)
     outside = np.abs(chart.values) > chart.limit
-    axes.plot(times, chart.values, color=css_colour(colours.MEASURED), linewidth=0.7)
-    for chosen, colour in ((~outside, colours.MEASURED), (outside, colours.FAULT)):
+    far = np.abs(chart.values) > FARTHEST_DRAWN * chart.limit
+    edge = FARTHEST_DRAWN * chart.limit
+    values = np.clip(chart.values, -edge, edge)  # else one of them hides all others
+    axes.plot(times, values, color=css_colour(colours.MEASURED), linewidth=0.7)
+    for chosen, marker, colour in (
+        (~outside, "o", colours.MEASURED),
+        (outside & ~far, "o", colours.FAULT),
+        (far, "D", colours.FAULT),
+    ):
         axes.plot(
-            times[chosen], chart.values[chosen], "o", markersize=2.5, color=css_colour(colour)
-        )
+            times[chosen], values[chosen], marker, markersize=2.5, color=css_colour(colour),
+            linestyle="none",
+        )  # fmt: skip
     for limit in (-chart.limit, chart.limit):
         axes.axhline(limit, color=css_colour(colours.MODEL), linestyle="--", linewidth=0.9)
     axes.axhline(0.0, color=INK, linewidth=0.5)
-    axes.set_ylabel(chart.label)
+    axes.set_title(chart.label)
     axes.locator_params(axis="y", nbins=4)
 
 
@@ -175,7 +184,7 @@ def frequencies_against(record: TurbineRecord, quantity: str) -> str:
         panels = page.figure.subplots(rows, columns, sharex=True, squeeze=False)
         for axes, (name, x, y) in zip(panels.flat, found, strict=False):
             axes.plot(x, y, "o", markersize=2.5, color=css_colour(colours.MEASURED))
-            axes.set_title(f"{name} [%], correlation {np.corrcoef(x, y)[0, 1]:+.2f}")
+            axes.set_title(f"{name} [%], r = {np.corrcoef(x, y)[0, 1]:+.2f}")
             axes.locator_params(nbins=4)
         for axes in panels.flat[len(found) :]:
             axes.remove()

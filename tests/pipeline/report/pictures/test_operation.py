@@ -54,7 +54,7 @@ def test_a_change_leaves_the_limits_of_what_came_before_it() -> None:
 def test_frequencies_are_drawn_against_a_tide_and_not_against_a_steady_wind() -> None:
     record = record_of(tidal())
     drawn = operation.frequencies_against(record, "water_level")
-    correlations = [float(each) for each in re.findall(r"correlation ([+-][\d.]+)", drawn)]
+    correlations = [float(each) for each in re.findall(r"r = ([+-][\d.]+)", drawn)]
     assert len(correlations) == operation.CHARTED
     assert max(correlations) < -0.95
     assert operation.frequencies_against(record, "wind_speed") == ""
