@@ -52,6 +52,7 @@ class MappedChannel:
     """Direction of the positive axis (x, y, z); of any length."""
 
     quantity: Literal["acceleration", "velocity", "displacement", "strain"] | None = None
+    """What the channel measures; None: by its unit, else an acceleration."""
     unit: str | None = None
     """Unit of the samples, or of what the sensitivity divides to."""
 
@@ -59,10 +60,12 @@ class MappedChannel:
     """Sensitivity of the samples per `unit`: V per g, counts per m/s²."""
 
     coupling: Coupling = "dc"
+    """"dc" or "ac"; a DC-coupled sensor feels the tilt of the tower."""
     corner_frequency: float = 0.0
     """Corner frequency of an AC-coupled axis [Hz]."""
 
     serial: str = ""
+    """Serial number of the sensor."""
 
     def __post_init__(self) -> None:
         where = f"channel {self.name!r}"
@@ -89,6 +92,7 @@ class LayoutFile:
     """Name of the acquisition unit, part of a Zenoh key."""
 
     layout_id: str = "imported"
+    """Name of the layout, in every message."""
     origin: str = "layout"
     """The file's name, for errors."""
 

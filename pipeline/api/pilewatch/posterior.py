@@ -122,6 +122,8 @@ class Posterior:
                     axis.plot(self.ratios[:, column], self.ratios[:, row], ".", ms=2, alpha=0.4)
                 if row == 2:
                     axis.set_xlabel(f"{SPRINGS[column]} / nominal")
+                if 0 < column < row:
+                    axis.tick_params(labelleft=False)
                 if column == 0 and row > 0:
                     axis.set_ylabel(f"{SPRINGS[row]} / nominal")
         return axes

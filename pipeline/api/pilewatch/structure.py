@@ -14,9 +14,11 @@ from sensors.arrays import FloatArray
 from sensors.structure.description import TurbineDescription, load_turbine
 
 from .errors import InputError, require
+from .modes import draw_shapes
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
     from sensors.dynamics.modal_model import ModalModel
 
@@ -34,6 +36,9 @@ class StructureModes:
     channels: tuple[str, ...]
     """Channel names, in the order of the shapes' components."""
 
+    layout: SensorLayout | None = None
+    """Where the sensors are."""
+
     def __repr__(self) -> str:
         listed = ", ".join(f"{f:.4g}" for f in np.sort(self.frequencies)[:6])
         return f"<StructureModes: {len(self.labels)} modes: {listed}, … Hz>"
@@ -44,6 +49,34 @@ class StructureModes:
         rows = {"label": self.labels, "frequency_hz": self.frequencies}
         columns = dict(zip(self.channels, self.shapes.T, strict=True))
         return pandas.DataFrame(rows | columns).sort_values("frequency_hz", ignore_index=True)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Frequency and shape with the dimensions mode and channel, lowest frequency first."""
+        xarray = require("xarray")
+        order = np.argsort(self.frequencies)
+        return xarray.Dataset(
+            {
+                "frequency": ("mode", self.frequencies[order]),
+                "shape": (("mode", "channel"), self.shapes[order]),
+            },
+            coords={"mode": [self.labels[i] for i in order], "channel": list(self.channels)},
+        )
+
+    def plot(self, number: int = 12) -> Any:
+        """Draw the shapes of the lowest modes, one panel a mode.
+
+        Parameters
+        ----------
+        number : int
+            Of modes.
+
+        Returns
+        -------
+        numpy.ndarray of matplotlib.axes.Axes
+        """
+        order = np.argsort(self.frequencies)[:number]
+        shapes, frequencies = self.shapes[order], self.frequencies[order]
+        return draw_shapes(shapes, frequencies, self.channels, self.layout)
 
 
 class Structure:
@@ -120,15 +153,26 @@ class Structure:
                 f"ratios are {tuple(ratios)}; k11·k22 must exceed k12² and the structure must "
                 "stand under gravity"
             )
-        names = (layout or self._default_layout()).channel_names
+        seen = layout or self._default_layout()
         return StructureModes(
-            tuple(model.labels), modal.frequencies[0], modal.shapes[0], tuple(names)
+            tuple(model.labels),
+            modal.frequencies[0],
+            modal.shapes[0],
+            tuple(seen.channel_names),
+            seen,
         )
 
     def _default_layout(self) -> SensorLayout:
         from pipeline.offline.model_modes import default_layout
 
         return default_layout(self.description)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a tube, lowest first: bottom, top, diameter, thickness [m]."""
+        pandas = require("pandas")
+        keys = ("bottom", "top", "diameter", "thickness")
+        rows = [{f"{k}_m": getattr(tube, k) for k in keys} for tube in self.description.tubes]
+        return pandas.DataFrame(rows)
 
     def plot(self) -> Any:
         """Draw the tubes of the structure to scale, water and mudline marked.

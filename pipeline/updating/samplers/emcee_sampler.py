@@ -65,11 +65,13 @@ class SamplerSettings:
     """How long the chains are."""
 
     walkers: int = 40
+    """Number of walkers; even, 16 or more."""
     burn_in: int = 25  # steps that are thrown away
     block: int = 25  # steps between two looks at the autocorrelation
     most_steps: int = 600  # where a chain that is still too short is given up
     chain_in_autocorrelation_times: float = 50.0  # shortest chain that is trusted [τ]
     effective_draws: float = 1000.0
+    """Effective draws at which the chain is long enough."""
 
     def __post_init__(self) -> None:
         if self.walkers < 16 or self.walkers % 2:

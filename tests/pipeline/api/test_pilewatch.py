@@ -107,6 +107,33 @@ def test_modes_of_the_structure_are_those_of_table_1() -> None:
     assert first["11"] == pytest.approx(12.12, rel=1e-2)
 
 
+def test_tables_arrays_and_plots_are_those_of_the_field(
+    measurement: "pw.Measurement", modes: "pw.Modes", posterior: "pw.Posterior", short_session: Path
+) -> None:
+    pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
+    pytest.importorskip("arviz", reason="the extra `notebook` is not installed")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("agg")
+    structure, session = pw.Structure(), pw.open(short_session)
+    assert measurement.between(10.0, 20.0).to_xarray().sizes == {"time": 400, "channel": 8}
+    assert modes.to_xarray()["shape"].dims == ("mode", "channel")
+    assert structure.modes().to_xarray()["frequency"].to_series().is_monotonic_increasing
+    assert len(structure.to_dataframe()) == 20
+    assert session.to_xarray()["k11"].dims == ("time", "quantile")
+    assert posterior.to_inference_data()["posterior"]["k12"].shape == (1, len(posterior.draws))
+    assert posterior.plot().shape == (3, 3)
+    assert session.plot().shape == (3,)
+    assert len(structure.modes().plot(6).flat) == 6
+    assert len(modes.plot_shapes().flat) >= len(modes)
+    assert structure.plot().get_ylabel().startswith("elevation")
+    pyplot.close("all")
+
+
+def test_a_part_that_holds_nothing_is_refused(measurement: "pw.Measurement") -> None:
+    with pytest.raises(pw.InputError, match="nothing lies between 900 and 990 s"):
+        measurement.between(900.0, 990.0)
+
+
 def test_tables_have_a_row_a_mode_and_a_parameter(
     modes: "pw.Modes", posterior: "pw.Posterior"
 ) -> None:
