@@ -48,7 +48,9 @@ def update(
     else:
         if not again:
             stderr.print("From the recorded modes; --identify starts from the accelerations.")
-        print_results(summary, figures, scenario=source.scenario, misfits=True)
+        print_results(
+            summary, figures, scenario=source.scenario, layout=source.layout, misfits=True
+        )
     if summary.posterior is None:
         reason = summary.rejected[-1].reason if summary.rejected else "there is no whole window"
         raise InputError(f"{file}: no posterior: {reason}")
