@@ -32,7 +32,13 @@ def commands() -> str:
     lines = [
         "# Commands",
         "",
-        "Exit codes: 0 done; 1 a node failed; 2 the input is wrong (one line says what).",
+        "Exit codes: 0 done; 1 a node failed; 2 the input is wrong or nothing could be done, with",
+        "the reason in one line.",
+        "",
+        "One word is one thing in every command: `--out` is where results are written, `--scenario`",
+        "a shipped scenario or a file, `--structure` a description, `--layout` a file of channels,",
+        "`--turbine` an id. Every command that ends takes `--json`; choices are listed in the help",
+        "and completed by the shell (`pilewatch --install-completion`).",
         "",
     ]
     for name in group.list_commands(context):

@@ -18,6 +18,7 @@ from pipeline.cli.console import (
     ZenohConfigOption,
     escape_markup,
     output,
+    print_json,
     progress,
     speed_of,
     stderr,
@@ -70,6 +71,7 @@ def feed(
     listen: ListenOption = None,
     mode: ModeOption = "peer",
     zenoh_config: ZenohConfigOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Publish a live instrument (MQTT, SeedLink, UDP, SCADA) until it is stopped."""
     from pipeline.sources.feed_publisher import channels_of, publish_feed
@@ -103,7 +105,10 @@ def feed(
             report=report,
             connected=lambda: stderr.print(f"connected: {escape_markup(address)}", soft_wrap=True),
         )
-    _print(published_feed, channels.turbine, blocks=live.gives_blocks)
+    if as_json:
+        print_json(_feed_json(published_feed, channels.turbine))
+    else:
+        _print(published_feed, channels.turbine, blocks=live.gives_blocks)
 
 
 def _sniff(address: str, seconds: float) -> None:
@@ -138,6 +143,21 @@ def _advice(mapping: str, toml: str) -> str:
     return "no mapping is needed" if mapping == "json" else f"use ?mapping={mapping}"
 
 
+def _feed_json(published_feed: Any, turbine: str) -> dict[str, Any]:
+    status = published_feed.status
+    return {
+        "turbine": turbine,
+        "blocks": published_feed.blocks,
+        "scada_samples": published_feed.scada_samples,
+        "received": status.received[0].count,
+        "lost": status.lost,
+        "late": status.late,
+        "duplicate": status.duplicate,
+        "refused": status.malformed,
+        "warnings": [{"code": each.code, "text": each.text} for each in status.warnings],
+    }
+
+
 def _print(published_feed: Any, turbine: str, *, blocks: bool) -> None:
     status = published_feed.status
     given = (
@@ -170,6 +190,7 @@ def certificates(
         str, typer.Option(help="Name or address at which the shore station listens.")
     ] = "localhost",
     port: Annotated[int, typer.Option(help="Its port.")] = 7447,
+    as_json: JsonOption = False,
 ) -> None:
     """Make TLS certificates and Zenoh configurations with access control.
 
@@ -188,6 +209,9 @@ def certificates(
         raise InputError("no client is named: give --unit TURBINE/UNIT or --viewer NAME")
     made = make_certificates(folder, names, host=host)
     written = write_configurations(folder, units, viewer or (), host=host, port=port)
+    if as_json:
+        print_json({"new": list(made), "written": [str(path) for path in written]})
+        return
     output.print(f"new certificates: {', '.join(made) or 'none'}", soft_wrap=True)
     output.print("Written: " + ", ".join(str(path) for path in written), soft_wrap=True)
     output.print(
@@ -204,6 +228,7 @@ def publish(
     listen: ListenOption = None,
     mode: ModeOption = "peer",
     zenoh_config: ZenohConfigOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Publish a source to listening sessions (`pilewatch run --source live`)."""
     from pipeline.sources.publisher import publish_source
@@ -213,6 +238,9 @@ def publish(
     opened = _published(source, scenario)
     with stop_on_signals() as stopping, progress(opened.text, opened.duration) as report:
         count = publish_source(opened, settings, speed=factor, stopping=stopping, report=report)
+    if as_json:
+        print_json({"blocks": count, "turbines": list(opened.turbines)})
+        return
     n_turbines = len(opened.turbines)
     turbines = f"{n_turbines} turbines" if n_turbines > 1 else opened.layout.turbine
     output.print(f"{count} blocks of {turbines} published")

@@ -1,11 +1,12 @@
 """`pilewatch new`: from files of measurements to a folder in which a run starts."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.cli.console import escape_markup, output, stderr
+from pipeline.cli.console import JsonOption, escape_markup, output, print_json, stderr
 
 
 def new(
@@ -22,6 +23,7 @@ def new(
     sampling_rate: Annotated[
         float | None, typer.Option(help="[Hz]; where the files have no time stamps.")
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Start from your own files: guess the layout, write scenario, layout and recording."""
     from pipeline.offline.new_project import start_project
@@ -31,6 +33,19 @@ def new(
         project = start_project(
             files, folder, name=name, structure=structure, sampling_rate=sampling_rate
         )
+    if as_json:
+        channels = [asdict(each) for each in project.channels]
+        print_json(
+            {
+                "folder": str(project.folder),
+                "recording": str(project.recording),
+                "sampling_rate_hz": project.sampling_rate,
+                "structure": project.structure,
+                "complete": project.complete,
+                "channels": channels,
+            }
+        )
+        return
     output.print(f"{len(project.channels)} channels at {project.sampling_rate:g} Hz:")
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)

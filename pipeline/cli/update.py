@@ -16,7 +16,15 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from pipeline.cli.console import JsonOption, SamplerOption, ScenarioOption, output, progress, stderr
+from pipeline.cli.console import (
+    JsonOption,
+    SamplerOption,
+    ScenarioOption,
+    output,
+    print_json,
+    progress,
+    stderr,
+)
 from pipeline.cli.results import print_results
 from sensors.errors import InputError
 
@@ -63,6 +71,7 @@ def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the report.")] = Path("reproduction"),
     seeds: Annotated[int, typer.Option(help="Number of seeds; one takes minutes.")] = 1,
     first_seed: Annotated[int, typer.Option(help="The first seed.")] = FIRST_SEED,
+    as_json: JsonOption = False,
 ) -> None:
     """Run the publication's example and write its tables and figure beside ours."""
     from pipeline.reproduction.page import prepared_folder, write_report
@@ -87,7 +96,10 @@ def reproduce(
             range(first_seed, first_seed + seeds), report=partial(_show_progress, bar, task)
         )
     files = write_report(study, out)
-    output.print("Written: " + ", ".join(str(path) for path in files), soft_wrap=True)
+    if as_json:
+        print_json({"files": [str(path) for path in files]})
+    else:
+        output.print("Written: " + ", ".join(str(path) for path in files), soft_wrap=True)
 
 
 def _show_progress(bar: Progress, task: TaskID, done: float) -> None:

@@ -110,8 +110,8 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("modes --theta 1,2", "three numbers"),
     ("modes --theta 1;1;1", "three numbers"),
     ("modes --theta 1,0.25,4", "k11·k22 must exceed k12²"),
-    ("modes --turbine iea15", "iea15"),
-    ("modes --turbine own.toml --sign up", "'up' is not one of"),
+    ("modes --structure iea15", "iea15"),
+    ("modes --structure own.toml --sign up", "'up' is not one of"),
     ("modes --scenario modes-only", "no structural model"),
     # describe
     ("describe gone.toml", "gone.toml"),
