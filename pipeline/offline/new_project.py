@@ -5,7 +5,7 @@ files ──► guess of each channel's place ──► layout.toml, scenario.to
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.scenario import NO_STRUCTURE, scenario_from_text
@@ -14,7 +14,10 @@ from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.errors import InputError
 from sensors.files.formats import channels_in
 from sensors.files.layout_file import parse_layout
-from sensors.structure.description import load_turbine
+from sensors.structure.decks.elastodyn import read_elastodyn
+from sensors.structure.decks.toml_text import description_toml
+from sensors.structure.description import SHIPPED, load_turbine, turbine_text
+from sensors.structure.foundation import FoundationSprings
 
 UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
 AXES: dict[str, tuple[tuple[float, float, float], str]] = {
@@ -28,6 +31,7 @@ _HEIGHT_AFTER_LETTERS = re.compile(
     r"(?<![A-Za-z0-9])(?:LAT|Lat|lat|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)"
 )
 _NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?![\d.])")
+STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
 LOWEST, HIGHEST = 2.0, 300.0  # heights that a bare number in a name may stand for [m]
 WINDOW = 600.0  # length of an identified window, unless the record is shorter [s]
 
@@ -124,6 +128,8 @@ def start_project(
     *,
     name: str = "",
     structure: str = NO_STRUCTURE,
+    subdyn: Path | None = None,
+    springs: FoundationSprings | None = None,
     sampling_rate: float | None = None,
 ) -> NewProject:
     """Write layout, scenario and recording of a measurement into a folder.
@@ -137,7 +143,12 @@ def start_project(
     name : str
         Of the turbine or structure; the first file's by default.
     structure : str
-        Shipped description, path of a file, or "none" for modes alone.
+        Shipped description, path of a description (TOML) or of an ElastoDyn file (.dat), which is
+        copied into the folder; or "none" for modes alone.
+    subdyn : Path, optional
+        SubDyn's file of the monopile below an ElastoDyn tower.
+    springs : FoundationSprings, optional
+        At the mudline; needed with an ElastoDyn file, which has none.
     sampling_rate : float, optional
         [Hz]; needed where the files have neither a rate nor time stamps.
 
@@ -155,8 +166,7 @@ def start_project(
     for path in (layout_file, scenario_file):
         if path.exists():
             raise InputError(f"{path} exists; choose another folder with -o")
-    if structure != NO_STRUCTURE:
-        load_turbine(structure)
+    described = structure_text(structure, subdyn, springs)
     turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
     names = channels_in(files[0], None).names
     channels = tuple(guess_channel(each, place) for place, each in enumerate(names, start=1))
@@ -176,13 +186,43 @@ def start_project(
         raise InputError(f"{listed}: less than 1 s of samples that are not NaN; nothing to watch")
     folder.mkdir(parents=True, exist_ok=True)
     layout_file.write_text(layout_text(channels, turbine), encoding="utf-8")
-    text = scenario_text(turbine, structure, n_samples / measurement.sampling_rate)
+    named = structure if described is None else STRUCTURE_FILE
+    text = scenario_text(turbine, named, n_samples / measurement.sampling_rate)
     scenario = scenario_from_text(text, str(scenario_file))
     scenario_file.write_text(text, encoding="utf-8")
+    if described is not None:
+        (folder / STRUCTURE_FILE).write_text(described, encoding="utf-8")
+        scenario = replace(scenario, files=((STRUCTURE_FILE, described),))
     recording = folder / "recordings" / f"{turbine}.mcap"
     recording.parent.mkdir(exist_ok=True)
     record_measurement(measurement, recording, scenario=scenario)
-    return NewProject(folder, recording, channels, measurement.sampling_rate, structure)
+    return NewProject(folder, recording, channels, measurement.sampling_rate, named)
+
+
+def structure_text(
+    structure: str, subdyn: Path | None = None, springs: FoundationSprings | None = None
+) -> str | None:
+    """Return the description that goes into a project's folder; None for a shipped one or none.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or an ElastoDyn file comes without springs.
+    """
+    is_deck = structure.endswith(".dat")
+    if (subdyn is not None or springs is not None) and not is_deck:
+        raise InputError("--subdyn and --springs are for --structure NAME_ElastoDyn.dat")
+    if is_deck:
+        if springs is None:
+            raise InputError(
+                f"{structure} has no springs of the mudline: give --springs k11,k22,k12 "
+                "[N/m, N·m/rad, N/rad]"
+            )
+        return description_toml(read_elastodyn(Path(structure), springs, subdyn=subdyn))
+    if structure == NO_STRUCTURE:
+        return None
+    load_turbine(structure)
+    return None if structure in SHIPPED else turbine_text(structure)
 
 
 def layout_text(channels: Sequence[GuessedChannel], turbine: str) -> str:

@@ -40,6 +40,10 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("new noise.csv -o made --structure gone.toml", "gone.toml"),
     ("new noise.csv -o made --structure iea15mw_monopile", "height and axis"),
     ("new text.mcap -o made", "text.mcap"),
+    ("new noise.csv -o made --structure tower.dat", "give --springs k11,k22,k12"),
+    ("new noise.csv -o made --structure tower.dat --springs 1,2", "three numbers"),
+    ("new noise.csv -o made --structure tower.dat --springs 1e9,1e11,0", "tower.dat"),
+    ("new noise.csv -o made --springs 1e9,1e11,0", "are for --structure NAME_ElastoDyn.dat"),
     # status
     ("status", "no session"),
     ("status --out gone", "gone"),
