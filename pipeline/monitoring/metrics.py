@@ -177,6 +177,7 @@ class MetricsNode:
             ((turbine, mode.name), mode)
             for turbine, estimate in self._estimates.items()
             for mode in estimate.modes
+            if mode.name  # without one they are the same series to Prometheus, which drops them
         ]
         yield gauge(
             "first_frequency_hertz",

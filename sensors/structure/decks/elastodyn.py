@@ -112,7 +112,8 @@ def read_elastodyn(
     in_water = bool(pile) or whole[0].bottom < -ON_GROUND
     return TurbineDescription(
         name=path.stem.removesuffix("_ElastoDyn"),
-        title=f"From {path.name}" + ("" if subdyn is None else f" and {subdyn.name}"),
+        title=f"{path.stem.removesuffix('_ElastoDyn')}, from OpenFAST's files",
+        source=path.name + ("" if subdyn is None else f", {subdyn.name}"),
         tubes=whole,
         foundation=springs,
         water=Water() if in_water else None,
