@@ -39,20 +39,20 @@ def print_results(
     from pipeline.cli.tables.posteriors import misfit_table, posterior_table
     from pipeline.offline.model_modes import nearest_modes
 
-    output.print(identified_modes_table(summary.modes, figures["windows"]["identified"]))
+    output.print(identified_modes_table(summary.main.modes, figures["windows"]["identified"]))
     if not scenario.has_structure:
         output.print("Modes only: the scenario has no structural model.")
-    elif summary.posterior is None:
-        if summary.modes:
-            channels = summary.estimates[-1].channels
-            nearest = nearest_modes(summary.modes, scenario.structure, layout, channels)
+    elif summary.main.posterior is None:
+        if summary.main.modes:
+            channels = summary.main.estimates[-1].channels
+            nearest = nearest_modes(summary.main.modes, scenario.structure, layout, channels)
             output.print(nearest_modes_table(nearest))
         output.print("[bold]No posterior:[/] no window could be used.")
     else:
         output.print(posterior_table(figures["posterior"]))
-        if misfits or not summary.posterior.trusted:
-            output.print(misfit_table(summary.posterior))
-        if not summary.posterior.trusted:
+        if misfits or not summary.main.posterior.trusted:
+            output.print(misfit_table(summary.main.posterior))
+        if not summary.main.posterior.trusted:
             output.print("[bold red]NOT TRUSTED[/]: the data contradict the model.")
     for event in figures["events"]:
         output.print(f"[bold]change:[/] {escape_markup(event['text'])}")

@@ -59,8 +59,12 @@ def update(
         print_results(
             summary, figures, scenario=source.scenario, layout=source.layout, misfits=True
         )
-    if summary.posterior is None:
-        reason = summary.rejected[-1].reason if summary.rejected else "there is no whole window"
+    if summary.main.posterior is None:
+        reason = (
+            summary.main.rejected[-1].reason
+            if summary.main.rejected
+            else "there is no whole window"
+        )
         raise InputError(f"{file}: no posterior: {reason}")
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.messages import (
+    HALF_INTERVAL,
     FoundationPosterior,
     ModalEstimate,
     StreamGap,
@@ -35,7 +36,6 @@ from sensors.arrays import FloatArray
 
 _Spanned = ModalEstimate | WindowRejected | StreamGap
 
-QUANTILE = 1.6449  # of the standard normal distribution at 95 %
 SHAPES = 12  # modes whose shapes are drawn
 FEWEST_FOR_TIME = 2  # windows; one is in the table, and shows nothing over time
 TRACKS = 8  # modes with a panel of their own
@@ -47,7 +47,7 @@ def stiffness_over_time(record: TurbineRecord) -> str:
 
     With the truth where it is known, and detected changes.
     """
-    history = sorted(record.posteriors.values(), key=lambda posterior: posterior.time_ns)
+    history = sorted(record.state.posteriors.values(), key=lambda posterior: posterior.time_ns)
     if not history:
         return ""
     times = datetimes([posterior.time_ns for posterior in history])
@@ -58,7 +58,7 @@ def stiffness_over_time(record: TurbineRecord) -> str:
             draw_band(axes, times, bands, colours.POSTERIOR)
             _mark_untrusted(axes, times, bands, [posterior.trusted for posterior in history])
             _mark_truth(axes, record, name, times)
-            mark_events(axes, record.summary.events, axes is panels[0])
+            mark_events(axes, record.state.events, axes is panels[0])
             axes.set_ylabel(f"{name} ÷ nominal")
         add_legend(panels[0])
         time_axis(panels[-1], record.span_ns)
@@ -71,7 +71,7 @@ def joint_posterior(posterior: FoundationPosterior | None, record: TurbineRecord
         return ""
     nominal = np.array([posterior.parameter(name).nominal for name in PARAMETER_NAMES])
     draws = posterior.draws[:, : len(nominal)] / nominal
-    truth = record.summary.truth
+    truth = record.state.truth
     true = None if truth is None else np.array([truth.k11, truth.k22, truth.k12]) / nominal
     with page_figure(4.6) as page:
         grid = page.figure.subplots(3, 3, sharex="col")
@@ -118,14 +118,14 @@ def most_informative_frequencies(record: TurbineRecord) -> str:
     at the last posterior.
     """
     chosen = most_informative(frequency_tracks(record), TRACKS)
-    if not chosen or len(record.summary.estimates) < FEWEST_FOR_TIME:
+    if not chosen or len(record.state.estimates) < FEWEST_FOR_TIME:
         return ""
     rows = (len(chosen) + 1) // 2
     with page_figure(0.4 + 1.25 * rows) as page:
         panels = page.figure.subplots(rows, 2, sharex=True, squeeze=False)
         for axes, track in zip(panels.flat, chosen, strict=False):
             _track_panel(axes, track)
-            mark_events(axes, record.summary.events, named=False)
+            mark_events(axes, record.state.events, named=False)
         for axes in panels.flat[len(chosen) :]:
             axes.remove()
         for axes in panels.flat[max(0, len(chosen) - 2) : len(chosen)]:
@@ -135,7 +135,7 @@ def most_informative_frequencies(record: TurbineRecord) -> str:
 
 
 def _track_panel(axes: Any, track: FrequencyTrack) -> None:
-    half = QUANTILE * track.stds
+    half = HALF_INTERVAL * track.stds
     bands = np.column_stack([track.frequencies, track.frequencies - half, track.frequencies + half])
     draw_band(axes, datetimes(track.times_ns), bands, colours.MEASURED)
     if np.isfinite(track.model_frequency):
@@ -150,7 +150,7 @@ def _track_panel(axes: Any, track: FrequencyTrack) -> None:
 def all_frequencies(record: TurbineRecord) -> str:
     """Draw the frequencies of all identified modes over time."""
     tracks = frequency_tracks(record)
-    if not tracks or len(record.summary.estimates) < FEWEST_FOR_TIME:
+    if not tracks or len(record.state.estimates) < FEWEST_FOR_TIME:
         return ""
     times = datetimes(np.concatenate([track.times_ns for track in tracks]))
     frequencies = np.concatenate([track.frequencies for track in tracks])
@@ -161,7 +161,7 @@ def all_frequencies(record: TurbineRecord) -> str:
             rasterized=len(times) > VECTOR_POINTS,
         )  # fmt: skip
         frequency_axis(axes, "y", "natural frequency [Hz]")
-        mark_events(axes, record.summary.events, named=False)
+        mark_events(axes, record.state.events, named=False)
         time_axis(axes, record.span_ns)
         return page.svg()
 
@@ -171,7 +171,7 @@ def mode_shapes(record: TurbineRecord) -> str:
     layout = record.layout
     modes = [
         mode
-        for mode in record.summary.modes
+        for mode in record.state.modes
         if layout is not None and len(mode.shape) == len(layout.channels)
     ][:SHAPES]
     if layout is None or not modes:
@@ -215,7 +215,7 @@ def _shape_panel(axes: Any, shape: Deflection) -> None:
 
 def windows_over_time(record: TurbineRecord) -> str:
     """Draw identified and rejected windows and gaps over time."""
-    summary = record.summary
+    summary = record.state
     rows: tuple[tuple[str, Sequence[_Spanned], colours.Colour], ...] = (
         ("identified", summary.estimates, colours.MEASURED),
         ("rejected", summary.rejected, colours.FAULT),
@@ -251,10 +251,10 @@ def _mark_untrusted(axes: Any, times: Times, bands: FloatArray, trusted: Sequenc
 
 def _mark_truth(axes: Any, record: TurbineRecord, name: str, times: Times) -> None:
     """Draw a step at every change of the truth."""
-    if not record.truths:
+    if not record.state.truths:
         return
-    truths = sorted(record.truths.values(), key=lambda truth: truth.time_ns)
-    posterior = record.summary.posterior
+    truths = sorted(record.state.truths.values(), key=lambda truth: truth.time_ns)
+    posterior = record.state.posterior
     nominal = posterior.parameter(name).nominal if posterior else float("nan")
     starts = datetimes([max(truth.time_ns, int(times[0].astype(np.int64))) for truth in truths])
     values = [getattr(truth, name) / nominal for truth in truths]

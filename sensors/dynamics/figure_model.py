@@ -30,7 +30,7 @@ from sensors.structure.assembly import StructuralModel, assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import BY_NAME
 from sensors.structure.foundation import positive_definite, spring_matrix
-from sensors.structure.sensor_readings import Observation
+from sensors.structure.sensor_readings import ChannelReadings
 
 BladeMesh = Literal["described", "converged"]
 
@@ -139,7 +139,9 @@ class _SparseGroup:
             springs=turned(_unit_springs(model)),
         )
 
-    def reduced(self, basis: FloatArray, observation: Observation, across: Observation) -> _Group:
+    def reduced(
+        self, basis: FloatArray, observation: ChannelReadings, across: ChannelReadings
+    ) -> _Group:
         vectors = self.coordinates @ basis
         water = self.water.congruent(basis)
         slopes = water
@@ -218,8 +220,8 @@ class FigureModel:
         turbine = converged(turbine, blades)
         model = assemble(turbine)
         self._model = model
-        self._observation = Observation.of(model, layout)
-        self._across = Observation.of(model, _turned(layout))
+        self._observation = ChannelReadings.of(model, layout)
+        self._across = ChannelReadings.of(model, _turned(layout))
         levels = np.arange(-LEVEL_REACH, LEVEL_REACH + LEVEL_SPACING / 2, LEVEL_SPACING)
         if turbine.water is not None:
             lowest = turbine.mudline + 1.0 - turbine.water.level

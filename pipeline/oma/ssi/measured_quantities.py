@@ -14,8 +14,8 @@ from scipy.signal import csd
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 
-FEWEST_SAMPLES = 1000  # fewer say nothing about phases
-MOST_SAMPLES = 100_000  # more say nothing new
+FEWEST_FOR_PHASES = 1000  # fewer say nothing about phases
+MOST_FOR_PHASES = 100_000  # more say nothing new
 SHARPNESS = 3  # power of the coherence that lines are weighted by
 CLEARLY = 0.7  # mean −cos 2φ of two groups that differ by a quarter of a period
 
@@ -61,9 +61,9 @@ def guessed_quantities(samples: FloatArray, sampling_rate: float) -> tuple[Quant
     both kinds were distinguished from the others, 16 in the right order.
     """
     n, n_channels = samples.shape
-    if n_channels < 2 or n < FEWEST_SAMPLES or not np.isfinite(samples).all():
+    if n_channels < 2 or n < FEWEST_FOR_PHASES or not np.isfinite(samples).all():
         return None
-    scaled = (samples[:MOST_SAMPLES] - samples.mean(axis=0)).T
+    scaled = (samples[:MOST_FOR_PHASES] - samples.mean(axis=0)).T
     f, spectra = csd(
         scaled[:, None], scaled[None, :], fs=sampling_rate, nperseg=min(len(scaled.T) // 8, 4096)
     )

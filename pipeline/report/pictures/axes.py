@@ -16,7 +16,7 @@ from sensors.arrays import FloatArray
 Times = NDArray[np.datetime64]
 
 MINUTES_NS = 600 * 10**9  # below this span, times have seconds [ns]
-DAY_NS = 86_400 * 10**9  # up to this span the hour suffices: the day is in the label [ns]
+HOURS_NS = 86_400 * 10**9  # up to this span the hour suffices: the day is in the label [ns]
 FEW = 40  # windows that are drawn one by one, with bars; more are drawn as a band
 MODE_LABEL_RATIO = 1.2  # between two frequencies that are written, so that they do not overlap
 
@@ -84,7 +84,7 @@ def time_axis(axes: Any, span_ns: tuple[int, int], *, label: bool = True) -> Non
     locator.intervald[dates.HOURLY].append(24)  # nor two days
     axes.xaxis.set_major_locator(locator)
     clocked = has_clock(start_ns)
-    if clocked and end_ns - start_ns > DAY_NS:
+    if clocked and end_ns - start_ns > HOURS_NS:
         formatter = dates.ConciseDateFormatter(locator, show_offset=False)
     else:
         formatter = dates.DateFormatter("%H:%M:%S" if end_ns - start_ns < MINUTES_NS else "%H:%M")

@@ -25,7 +25,7 @@ WITHIN = 1.6449  # misfit within which 90 % of true modes lie [standard deviatio
 
 def stabilisation(record: TurbineRecord) -> str:
     """Draw the poles of the last identified window over the model orders, and its modes."""
-    diagram = record.stabilisation
+    diagram = record.signals.stabilisation
     if diagram is None or not len(diagram.frequencies):
         return ""
     modes = _frequencies_of_window(record, diagram.start_ns)
@@ -48,7 +48,7 @@ def stabilisation(record: TurbineRecord) -> str:
 
 
 def _frequencies_of_window(record: TurbineRecord, start_ns: int) -> list[float]:
-    for estimate in record.summary.estimates:
+    for estimate in record.state.estimates:
         if estimate.start_ns == start_ns:
             return [mode.frequency for mode in estimate.modes]
     return []
@@ -84,8 +84,8 @@ def spectra(record: TurbineRecord) -> str:
 
 def lasting_modes(record: TurbineRecord) -> list[CombinedMode]:
     """Modes seen in a quarter of the windows or more; others would hide them."""
-    fewest = LASTING_SHARE * len(record.summary.estimates)
-    return [mode for mode in record.summary.modes if mode.seen_in_windows >= fewest]
+    fewest = LASTING_SHARE * len(record.state.estimates)
+    return [mode for mode in record.state.modes if mode.seen_in_windows >= fewest]
 
 
 Curve = tuple[str, FloatArray, FloatArray]  # channel, frequencies [Hz], density
@@ -94,8 +94,8 @@ Curve = tuple[str, FloatArray, FloatArray]  # channel, frequencies [Hz], density
 def _lines_by_direction(record: TurbineRecord) -> dict[str, list[Curve]]:
     """Fore-aft, side-side and other channels, each with its spectrum."""
     lines: dict[str, list[Curve]] = {}
-    for unit, layout in sorted(record.layouts.items()):
-        found = record.samples[unit].spectra() if unit in record.samples else None
+    for unit, layout in sorted(record.state.layouts.items()):
+        found = record.signals.samples[unit].spectra() if unit in record.signals.samples else None
         if found is None or found[1].shape[1] != len(layout.channels):
             continue
         f, densities = found
@@ -113,7 +113,9 @@ def _direction_name(direction: tuple[float, float, float], *, of_tower: bool) ->
 
 
 def _unit(record: TurbineRecord) -> str:
-    units = {channel.unit for layout in record.layouts.values() for channel in layout.channels}
+    units = {
+        channel.unit for layout in record.state.layouts.values() for channel in layout.channels
+    }
     unit = units.pop() if len(units) == 1 else ""
     return f"({unit})²/Hz" if unit else "1/Hz, unscaled"
 

@@ -86,13 +86,13 @@ def control_charts(record: TurbineRecord) -> str:
         panels = page.figure.subplots(len(charts), 1, sharex=True, squeeze=False)[:, 0]
         for axes, chart in zip(panels, charts, strict=True):
             _control_panel(axes, chart)
-            mark_events(axes, record.summary.events, named=False)
+            mark_events(axes, record.state.events, named=False)
         time_axis(panels[-1], record.span_ns)
         return page.svg()
 
 
 def _stiffness_charts(record: TurbineRecord) -> list[_Chart]:
-    history = [record.posteriors[time] for time in sorted(record.posteriors)]
+    history = [record.state.posteriors[time] for time in sorted(record.state.posteriors)]
     times = np.array([each.time_ns for each in history], dtype=np.int64)
     return [
         chart
@@ -124,7 +124,7 @@ def _track_name(track: FrequencyTrack) -> str:
 def _chart(
     record: TurbineRecord, label: str, times_ns: NDArray[np.int64], values: FloatArray
 ) -> _Chart | None:
-    first = min((event.since_ns for event in record.summary.events), default=None)
+    first = min((event.since_ns for event in record.state.events), default=None)
     n_reference = len(times_ns) if first is None else int(np.sum(times_ns <= first))
     if n_reference < FEWEST_WINDOWS:
         return None
@@ -198,7 +198,7 @@ def _against(record: TurbineRecord, quantity: str) -> list[tuple[str, FloatArray
     """Name, SCADA's value and frequency over its median [%], of the modes found most often."""
     by_middle = {
         (each.start_ns + each.end_ns) // 2: float(getattr(each, quantity))
-        for each in record.summary.estimates
+        for each in record.state.estimates
     }
     found = []
     for track in most_informative(frequency_tracks(record), CHARTED):
@@ -214,7 +214,7 @@ def _against(record: TurbineRecord, quantity: str) -> list[tuple[str, FloatArray
 
 def campbell(record: TurbineRecord) -> str:
     """Draw identified frequencies against the rotor speed, with its harmonics 1P, 3P and 6P."""
-    windows = [each for each in record.summary.estimates if np.isfinite(each.rotor_speed)]
+    windows = [each for each in record.state.estimates if np.isfinite(each.rotor_speed)]
     speeds = np.array([each.rotor_speed for each in windows])
     if not len(speeds) or np.max(speeds) < LOWEST_ROTOR_SPEED:
         return ""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.messages import Message, StabilisationDiagram
 from pipeline.viewer.pictures.spectrum import SEGMENT, power_spectral_densities
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.arrays import FloatArray
@@ -115,3 +116,24 @@ class ChannelRecord:
         self._densities = before + densities.astype(np.float64)
         self.n_segments += 1
         self._segment = [joined[length // 2 :]]
+
+
+@dataclass(slots=True)
+class SignalRecord:
+    """What one turbine's units measured, and the last window's stabilisation diagram."""
+
+    samples: dict[str, ChannelRecord] = field(default_factory=dict)
+    """Spectra and statistics by acquisition unit."""
+    stabilisation: StabilisationDiagram | None = None
+    """Of the last identified window."""
+
+    def fold(self, message: Message) -> None:
+        """Take one message of the turbine into account."""
+        if isinstance(message, AccelerationBlock):
+            if message.unit not in self.samples:
+                self.samples[message.unit] = ChannelRecord(message.sampling_rate)
+            self.samples[message.unit].push(message)
+        elif isinstance(message, StabilisationDiagram) and (
+            self.stabilisation is None or message.end_ns >= self.stabilisation.end_ns
+        ):
+            self.stabilisation = message

@@ -23,7 +23,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.mode_evidence import PartnerInWater
-from pipeline.updating.likelihood.likelihood import LikelihoodSettings, Observation, observations
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings, ModeComparison, observations
 from pipeline.updating.likelihood.pairing import (
     Pairing,
     PairingSettings,
@@ -78,7 +78,7 @@ class Comparison:
     """The paired modes at one point: errors, their variances, and how they depend on u."""
 
     pairing: Pairing
-    used: tuple[Observation, ...]
+    used: tuple[ModeComparison, ...]
     errors: FloatArray
     """η, (p,) model minus identified: ln f and components of φ [-]"""
     variances: FloatArray
@@ -428,7 +428,7 @@ class JointFit:
         self,
         evidence: ModalEvidence,
         pairing: Pairing,
-        used: tuple[Observation, ...],
+        used: tuple[ModeComparison, ...],
         modes: Linearisation,
     ) -> Comparison:
         settings = self._likelihood

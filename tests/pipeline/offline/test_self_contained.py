@@ -98,7 +98,7 @@ def test_a_recording_gives_its_posterior_in_an_empty_folder(
     replayed_there = _run(Path("mailed.mcap"))
     np.testing.assert_array_equal(replayed_there.draws, made.draws)
     source = recorded_source(Path("mailed.mcap"), scenario=None, sampler=None)
-    updated = update_from(source, identify=False).posterior
+    updated = update_from(source, identify=False).main.posterior
     assert updated is not None
     np.testing.assert_array_equal(updated.draws, made.draws)
     draw_recording(Path("mailed.mcap"), (RrdFile(Path("mailed.rrd")),))

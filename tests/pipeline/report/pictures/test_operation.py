@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate
-from pipeline.monitoring.summary import SessionSummary
 from pipeline.report.page import page
 from pipeline.report.pictures import identification, operation
 from pipeline.report.recorded_session import RecordedSession, TurbineRecord
@@ -16,9 +15,9 @@ from tests.pipeline.report.example_session import estimate, event, posterior
 
 
 def record_of(estimates: list[ModalEstimate]) -> TurbineRecord:
-    record = TurbineRecord("t1", SessionSummary("a file", "t1"))
+    record = TurbineRecord("t1")
     for each in (LAYOUT, *estimates):
-        record.take(each)
+        record.run.fold(each)
     return record
 
 
@@ -45,7 +44,7 @@ def test_limits_are_three_robust_standard_deviations_of_the_reference() -> None:
 def test_a_change_leaves_the_limits_of_what_came_before_it() -> None:
     estimates = [estimate(n) for n in range(20)] + [estimate(n, drop=0.05) for n in range(20, 30)]
     record = record_of(estimates)
-    record.take(event(window=20))
+    record.run.fold(event(window=20))
     assert operation.control_charts(record).startswith("<?xml")
     outside = int(operation.beyond_limits(record).split()[0])
     assert outside >= 4 * 10  # every window after the change, of four modes
