@@ -38,7 +38,8 @@ def commands() -> str:
         "One word is one thing in every command: `--out` is where results are written,",
         "`--scenario` a shipped scenario or a file, `--structure` a description,",
         "`--layout` a file of channels, `--turbine` an id. Every command that ends takes `--json`;",
-        "choices are listed in the help and completed by the shell (`pilewatch --install-completion`).",
+        "choices are listed in the help and completed by the shell",
+        "(`pilewatch --install-completion`).",
         "",
     ]
     for name in group.list_commands(context):

@@ -29,7 +29,7 @@ def reference() -> ModuleType:
 @pytest.mark.parametrize(
     ("settings", "page", "fewest"),
     [
-        (Scenario, "scenario", 150),
+        (Scenario, "scenario", 110),
         (TurbineDescription, "description", 40),
         (LayoutFile, "layout", 12),
         (AlarmSettings, "notices", 30),
