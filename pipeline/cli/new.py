@@ -25,8 +25,8 @@ def new(
     structure: Annotated[
         str,
         typer.Option(
-            help='A shipped description, a TOML file, OpenFAST\'s NAME_ElastoDyn.dat, or "none": '
-            "modes alone."
+            help="A shipped description, a TOML file, OpenFAST's NAME_ElastoDyn.dat, a WindIO "
+            'NAME.yaml, or "none": modes alone.'
         ),
     ] = "none",
     subdyn: Annotated[
@@ -35,9 +35,13 @@ def new(
     springs: Annotated[
         str | None,
         typer.Option(
-            help="k11,k22,k12 at the mudline [N/m, N·m/rad, N/rad], for ElastoDyn; of an embedded "
+            help="k11,k22,k12 at the mudline [N/m, N·m/rad, N/rad], for files of other "
+            "programs; of an embedded "
             "pile k12 < 0."
         ),
+    ] = None,
+    mudline: Annotated[
+        float | None, typer.Option(help="Elevation at which a WindIO monopile ends [m].")
     ] = None,
     sampling_rate: Annotated[
         float | None, typer.Option(help="[Hz]; where the files have no time stamps.")
@@ -55,6 +59,7 @@ def new(
             name=name,
             structure=structure,
             subdyn=subdyn,
+            mudline=mudline,
             springs=None if springs is None else _springs(springs),
             sampling_rate=sampling_rate,
         )

@@ -16,6 +16,7 @@ from sensors.files.formats import channels_in
 from sensors.files.layout_file import parse_layout
 from sensors.structure.decks.elastodyn import read_elastodyn
 from sensors.structure.decks.toml_text import description_toml
+from sensors.structure.decks.windio import read_windio
 from sensors.structure.description import SHIPPED, load_turbine, turbine_text
 from sensors.structure.foundation import FoundationSprings
 
@@ -31,6 +32,7 @@ _HEIGHT_AFTER_LETTERS = re.compile(
     r"(?<![A-Za-z0-9])(?:LAT|Lat|lat|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)"
 )
 _NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?![\d.])")
+YAML = (".yaml", ".yml")  # of WindIO
 STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
 LOWEST, HIGHEST = 2.0, 300.0  # heights that a bare number in a name may stand for [m]
 WINDOW = 600.0  # length of an identified window, unless the record is shorter [s]
@@ -130,6 +132,7 @@ def start_project(
     structure: str = NO_STRUCTURE,
     subdyn: Path | None = None,
     springs: FoundationSprings | None = None,
+    mudline: float | None = None,
     sampling_rate: float | None = None,
 ) -> NewProject:
     """Write layout, scenario and recording of a measurement into a folder.
@@ -143,12 +146,14 @@ def start_project(
     name : str
         Of the turbine or structure; the first file's by default.
     structure : str
-        Shipped description, path of a description (TOML) or of an ElastoDyn file (.dat), which is
-        copied into the folder; or "none" for modes alone.
+        Shipped description, path of a description (TOML), of an ElastoDyn file (.dat) or of a
+        WindIO file (.yaml), which is brought into the folder; or "none" for modes alone.
     subdyn : Path, optional
         SubDyn's file of the monopile below an ElastoDyn tower.
     springs : FoundationSprings, optional
-        At the mudline; needed with an ElastoDyn file, which has none.
+        At the mudline; needed with files of other programs, which have none.
+    mudline : float, optional
+        Elevation at which a WindIO monopile ends [m].
     sampling_rate : float, optional
         [Hz]; needed where the files have neither a rate nor time stamps.
 
@@ -166,7 +171,7 @@ def start_project(
     for path in (layout_file, scenario_file):
         if path.exists():
             raise InputError(f"{path} exists; choose another folder with -o")
-    described = structure_text(structure, subdyn, springs)
+    described = structure_text(structure, subdyn, springs, mudline)
     turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
     names = channels_in(files[0], None).names
     channels = tuple(guess_channel(each, place) for place, each in enumerate(names, start=1))
@@ -200,24 +205,31 @@ def start_project(
 
 
 def structure_text(
-    structure: str, subdyn: Path | None = None, springs: FoundationSprings | None = None
+    structure: str,
+    subdyn: Path | None = None,
+    springs: FoundationSprings | None = None,
+    mudline: float | None = None,
 ) -> str | None:
     """Return the description that goes into a project's folder; None for a shipped one or none.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or an ElastoDyn file comes without springs.
+        If the file cannot be read, or another program's comes without springs.
     """
-    is_deck = structure.endswith(".dat")
-    if (subdyn is not None or springs is not None) and not is_deck:
-        raise InputError("--subdyn and --springs are for --structure NAME_ElastoDyn.dat")
-    if is_deck:
+    is_windio = structure.endswith(YAML)
+    if (subdyn or springs or mudline is not None) and not structure.endswith((".dat", *YAML)):
+        raise InputError(
+            "--subdyn, --springs and --mudline are for --structure NAME_ElastoDyn.dat and NAME.yaml"
+        )
+    if is_windio or structure.endswith(".dat"):
         if springs is None:
             raise InputError(
                 f"{structure} has no springs of the mudline: give --springs k11,k22,k12 "
                 "[N/m, N·m/rad, N/rad]"
             )
+        if is_windio:
+            return description_toml(read_windio(Path(structure), springs, mudline=mudline))
         return description_toml(read_elastodyn(Path(structure), springs, subdyn=subdyn))
     if structure == NO_STRUCTURE:
         return None

@@ -43,7 +43,11 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("new noise.csv -o made --structure tower.dat", "give --springs k11,k22,k12"),
     ("new noise.csv -o made --structure tower.dat --springs 1,2", "three numbers"),
     ("new noise.csv -o made --structure tower.dat --springs 1e9,1e11,0", "tower.dat"),
-    ("new noise.csv -o made --springs 1e9,1e11,0", "are for --structure NAME_ElastoDyn.dat"),
+    ("new noise.csv -o made --structure gone.yaml --springs 1e9,1e11,0", "gone.yaml"),
+    (
+        "new noise.csv -o made --springs 1e9,1e11,0",
+        "are for --structure NAME_ElastoDyn.dat",
+    ),
     # status
     ("status", "no session"),
     ("status --out gone", "gone"),
