@@ -36,7 +36,7 @@ from pipeline.updating.structural.settings import (
 )
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
-from sensors.settings import NEVER_A_KEY, settings_from_table, without_constants
+from sensors.settings import NEVER_A_KEY, settings_from_table, toml_string, without_constants
 from sensors.simulation.tower import SimulationSettings
 from sensors.structure.description import (
     SHIPPED,
@@ -336,7 +336,8 @@ def with_structure(scenario: Scenario, structure: StructureSettings) -> Scenario
 def modes_only(turbine: str) -> Scenario:
     """Return the scenario of a turbine without a structural model: modes are tracked, no more."""
     scenario = load_scenario(MODES_ONLY)
-    text = scenario.text.replace(f'id = "{scenario.turbine.id}"', f'id = "{turbine}"')
+    before, after = toml_string(scenario.turbine.id), toml_string(turbine)
+    text = scenario.text.replace(f"id = {before}", f"id = {after}")
     return replace(scenario_from_text(text, f"{MODES_ONLY}.toml"), origin=MODES_ONLY)
 
 
