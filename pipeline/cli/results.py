@@ -9,6 +9,7 @@ from pipeline.state.json_values import Json
 if TYPE_CHECKING:
     from pipeline.monitoring.summary import SessionSummary
     from pipeline.scenario import Scenario
+    from sensors.acquisition.layout import SensorLayout
 
 PRINTED_PER_CODE = 3  # warnings and rejected windows; all are in summary.json
 
@@ -18,6 +19,7 @@ def print_results(
     figures: Json,
     *,
     scenario: "Scenario",
+    layout: "SensorLayout",
     misfits: bool = False,
 ) -> None:
     """Print modes, posterior, changes, rejected windows, warnings.
@@ -28,6 +30,8 @@ def print_results(
         Content of summary.json.
     scenario : Scenario
         Scenario of the session; without a structural model there is no posterior.
+    layout : SensorLayout
+        Of the sensors that measured.
     misfits : bool, optional
         Whether to print the misfit of each mode; always printed for an untrusted posterior.
     """
@@ -40,7 +44,9 @@ def print_results(
         output.print("Modes only: the scenario has no structural model.")
     elif summary.main.posterior is None:
         if summary.main.modes:
-            output.print(nearest_modes_table(nearest_modes(summary.main.modes, scenario)))
+            channels = summary.main.estimates[-1].channels
+            nearest = nearest_modes(summary.main.modes, scenario.structure, layout, channels)
+            output.print(nearest_modes_table(nearest))
         output.print("[bold]No posterior:[/] no window could be used.")
     else:
         output.print(posterior_table(figures["posterior"]))
