@@ -1,7 +1,7 @@
 """What a node is: a name, the messages it takes, what it answers, what it counts."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
@@ -74,6 +74,21 @@ class PayloadNode(Node, Protocol):
     def handle_payload(self, message: Message, payload: bytes) -> Iterable[Message]:
         """Take one message with the bytes that it came in."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A node of the graph and how to make it.
+
+    It is made where it runs: in this thread, in a thread of its own, in another process.
+    """
+
+    node: type[Node]
+    make: Callable[[], Node]
+
+    @property
+    def name(self) -> str:
+        return self.node.name  # type: ignore[return-value]  # a class attribute of every node
 
 
 @dataclass(frozen=True, slots=True)
