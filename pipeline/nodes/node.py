@@ -88,6 +88,7 @@ class Plan:
 
     @property
     def name(self) -> str:
+        """Name of the node."""
         return self.node.name  # type: ignore[return-value]  # a class attribute of every node
 
 

@@ -106,6 +106,7 @@ class WindowIdentification:
         self._unit_steps = [*self._unit_steps, (unit, step)][-MOST_CLOCK_STEPS:]
 
     def push(self, piece: AccelerationBlock | MissingSamples) -> Iterator[Message]:
+        """Take the next samples in order; give the answers to the windows that they close."""
         if isinstance(piece, MissingSamples):
             self._stretch = None
         else:
@@ -114,6 +115,7 @@ class WindowIdentification:
             yield from self._answers(window)
 
     def finish(self) -> Iterator[Message]:
+        """Give the answer to the window that the session ends in."""
         for window in self._cutter.finish():
             yield from self._answers(window)
 
@@ -132,6 +134,7 @@ class WindowIdentification:
         self._tracker.recall(answer.modes, on=places)
 
     def gap(self, missing: MissingSamples, unit: str, session: str) -> StreamGap:
+        """Return the message about samples of a unit that never came."""
         return StreamGap(
             turbine=self._turbine,
             unit=unit,

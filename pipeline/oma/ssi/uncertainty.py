@@ -51,6 +51,7 @@ class ProjectedDeviations:
 
     @property
     def n_blocks(self) -> int:
+        """Time blocks of the window."""
         return self.inside.shape[2]
 
 

@@ -52,6 +52,7 @@ class JointRefresh:
 
     @property
     def best(self) -> FittedAlternative:
+        """The alternative of the largest evidence."""
         return self.result.best
 
     @property
