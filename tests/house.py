@@ -13,6 +13,7 @@ import sys
 import tokenize
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -120,19 +121,31 @@ class Passed:
         return self
 
 
-def passed_by_blocks() -> dict[str, dict[str, Any]]:
-    """Of the block before the one that closes the second window, and of that one."""
+def _passed() -> Iterator[tuple[bool, Passed]]:
+    """Of every message of a recording in lock-step: whether it is a block, what it passes."""
     source = replayed(RECORDING)
     nodes = [plan.make() for plan in build(source.scenario, source.layout, Outputs())]
     accounts = [NodeAccount(node, source.layout.turbine, lambda: 0) for node in nodes]
-    n_blocks, plain = 0, Passed()
     with one_blas_thread():
         for message in with_end(source.messages()):
             here = Passed().measured(partial(_dispatch, message, accounts))
-            n_blocks += isinstance(message, AccelerationBlock)
-            if n_blocks > FIRST_WINDOW and len(here.files) > MUCH_MORE * len(plain.files):
-                return {"plain": _figures(plain), "closing": _figures(here)}
-            plain = here
+            yield isinstance(message, AccelerationBlock), here
+
+
+def passed_within_a_window(n_blocks: int) -> Passed:
+    """What the median block of the first few passes."""
+    blocks = list(islice((passed for is_block, passed in _passed() if is_block), n_blocks))
+    return sorted(blocks, key=lambda passed: passed.moves)[n_blocks // 2]
+
+
+def passed_by_blocks() -> dict[str, dict[str, Any]]:
+    """Of the block before the one that closes the second window, and of that one."""
+    n_blocks, plain = 0, Passed()
+    for is_block, here in _passed():
+        n_blocks += is_block
+        if n_blocks > FIRST_WINDOW and len(here.files) > MUCH_MORE * len(plain.files):
+            return {"plain": _figures(plain), "closing": _figures(here)}
+        plain = here
     raise AssertionError("no window was closed")
 
 

@@ -68,8 +68,8 @@ class Node(Protocol):
 
 
 @runtime_checkable
-class PayloadNode(Node, Protocol):
-    """A node that keeps messages as they arrived."""
+class PayloadNode(Protocol):
+    """What a node has beside the rest that keeps messages as they arrived."""
 
     def handle_payload(self, message: Message, payload: bytes) -> Iterable[Message]:
         """Take one message with the bytes that it came in."""
