@@ -182,7 +182,10 @@ def _modes(run: RunState) -> Families:
         (turbine, state.estimate) for turbine, state in run.turbines.items() if state.estimate
     ]
     modes = [
-        ((turbine, mode.name), mode) for turbine, estimate in estimates for mode in estimate.modes
+        ((turbine, mode.name), mode)
+        for turbine, estimate in estimates
+        for mode in estimate.modes
+        if mode.name  # else one series to Prometheus, which drops all but the first
     ]
     yield gauge(
         "first_frequency_hertz",

@@ -103,6 +103,12 @@ def identify_file(
         If the file cannot be read, has no sampling rate or is shorter than the window.
     """
     table, rate = _read(path, sampling_rate, layout)
+    lowest = None if settings is None else settings.lowest_frequency
+    if lowest is not None and lowest >= rate / 2:
+        raise InputError(
+            f"--lowest-frequency {lowest:g} Hz: {path} is sampled at {rate:g} Hz, which reaches to "
+            f"{rate / 2:g} Hz"
+        )
     duration = len(table.samples) / rate
     if window is not None and not 0 < window <= duration * (1 + 1e-9):
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")

@@ -44,6 +44,7 @@ class FoundationSprings:
     """Magnitude of the coupling stiffness [N/rad]."""
 
     sign: SpringSign = "published"
+    """"published": +k12 on (v, +dv/dz); "embedded-pile": −k12."""
     embedded_length: float = 0.0
     """Embedded length of the pile below the mudline; 0: unknown [m]."""
 
