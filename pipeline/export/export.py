@@ -18,8 +18,6 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import ReplayedTower
 from sensors.errors import InputError
 
-HELD_RESULTS = 1000  # rows of a table that are written together
-
 
 @dataclass(frozen=True, slots=True)
 class Exported:

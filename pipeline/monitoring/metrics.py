@@ -298,6 +298,7 @@ def _change(posterior: FoundationPosterior) -> float:
 
 
 def gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[Sample]) -> "Metric":
+    """Return a gauge `pilewatch_name` with a value for each set of labels."""
     from prometheus_client.core import GaugeMetricFamily
 
     return _filled(GaugeMetricFamily(f"pilewatch_{name}", text, labels=labels), values)
@@ -306,6 +307,7 @@ def gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[Sample
 def counter(
     name: str, text: str, labels: tuple[str, ...], values: Iterable[tuple[Any, float]]
 ) -> "Metric":
+    """Return a counter `pilewatch_name` with a value for each set of labels."""
     from prometheus_client.core import CounterMetricFamily
 
     return _filled(CounterMetricFamily(f"pilewatch_{name}", text, labels=labels), values)

@@ -1,4 +1,8 @@
-"""Identify the modes in a file, without turbine, transport or posterior: `pilewatch identify`."""
+"""Identify the modes in a file, without turbine, transport or posterior: `pilewatch identify`.
+
+Windows are cut here, not by the node's windowing: a file may have uneven times, mixed quantities
+and one window of any length, where blocks have one rate and windows are the scenario's.
+"""
 
 import heapq
 from collections.abc import Iterator

@@ -24,8 +24,6 @@ from sensors.errors import InputError
 
 SpringSign = Literal["published", "embedded-pile"]
 SPRING_SIGNS: tuple[SpringSign, ...] = get_args(SpringSign)
-SPRING_NAMES = ("k11", "k22", "k12")
-SPRING_UNITS = ("N/m", "N·m/rad", "N/rad")
 
 
 class TurbineError(InputError):

@@ -52,6 +52,7 @@ class Finding:
 
     @property
     def warning(self) -> QualityWarning:
+        """As a warning."""
         return QualityWarning(self.code, self.text)
 
 
