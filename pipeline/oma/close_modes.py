@@ -15,6 +15,7 @@ import numpy as np
 
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.oma.refused import RefusedMode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group
@@ -35,20 +36,6 @@ UNEXPLAINED = 12.0  # rise of ln p that a mode more would promise: a band holds 
 WIDEST_GROUP = (
     30.0  # ζ f T above which poles have data enough, and a band would hold many modes [-]
 )
-
-
-@dataclass(frozen=True, slots=True)
-class RefusedMode:
-    """What looked like a mode and is not reported."""
-
-    frequency: float
-    """f [Hz]"""
-    damping_ratio: float
-    """ζ [-]"""
-    code: str
-    """Stable name of the reason."""
-    text: str
-    """One sentence with the figure that decided."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,6 +99,7 @@ def resolved_by_evidence(
             if not (each.code == "mixture" and group.holds(each.frequency, duration))
         ]
         reasons += _left_out(inside, kept, group)
+        reasons += _not_borne_out(found.modes, [*kept, *inside], group)
     return ResolvedModes(
         tuple(sorted(result, key=lambda mode: mode.frequency)),
         tuple(sorted(reasons, key=lambda each: each.frequency)),
@@ -229,4 +217,20 @@ def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list
             f"{group.high:.4g} Hz do not",
         )
         for pole in by_distance[len(kept) :]
+    ]
+
+
+def _not_borne_out(modes: Sequence[Mode], named: Sequence[Mode], group: Group) -> list[RefusedMode]:
+    """Modes of the lines that are neither reported nor a pole's."""
+    return [
+        RefusedMode(
+            mode.frequency,
+            mode.damping_ratio,
+            "uncertain",
+            f"lines suggest it and no pole does: its shape is known to {mode.shape_std.max():.2g}, "
+            f"its width is {mode.damping_ratio * mode.frequency / group.half_bandwidth:.2g} times "
+            "its neighbours'",
+        )
+        for mode in modes
+        if not any(mode is each for each in named) and not _bears_out(mode, named)
     ]

@@ -75,7 +75,8 @@ def main(arguments: list[str]) -> None:
             keep(
                 "identification-blind",
                 figures,
-                command=f"python -m tests.benchmarks identification blind {numbers[0]} {first} keep",
+                command="python -m tests.benchmarks identification "
+                f"blind {numbers[0]} {first} keep",
                 seeds=range(first, first + numbers[0]),
                 depends=(
                     "pipeline/oma",

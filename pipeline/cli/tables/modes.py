@@ -1,6 +1,7 @@
 """Tables of modes: identified, of the model, of a structure."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
@@ -8,6 +9,9 @@ from pipeline.cli.tables.cells import count_noun, table_of
 from pipeline.offline.describe_structure import StructureFigures
 from pipeline.offline.model_modes import ModelModes, NearestMode
 from pipeline.state.run_modes import CombinedMode
+
+if TYPE_CHECKING:
+    from pipeline.offline.identify_file import RefusedCandidate
 
 
 def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table:
@@ -33,6 +37,25 @@ def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table
         table.add_row(*row)
     if any(mode.pair_id for mode in modes):
         table.caption = "≈ mean of two modes that cannot be separated"
+    return table
+
+
+def refused_table(candidates: "Sequence[RefusedCandidate]") -> Table:
+    """Return what looked like a mode and is not reported, with the reasons."""
+    table = table_of("Candidates that are no modes")
+    for title in ("window", "f [Hz]", "ζ [%]"):
+        table.add_column(title, justify="right", no_wrap=True)
+    table.add_column("code", no_wrap=True)
+    table.add_column("reason")
+    for each in candidates:
+        refused = each.refused
+        table.add_row(
+            str(each.window + 1),
+            f"{refused.frequency:.4f}",
+            f"{100 * refused.damping_ratio:.2f}",
+            refused.code,
+            refused.text,
+        )
     return table
 
 
