@@ -9,7 +9,9 @@ from pipeline.messages import Mode
 from pipeline.oma.ssi.band_identification import BandIdentification
 from sensors.arrays import FloatArray
 
-COLUMN = 0.005  # poles within so much of each other look like one column of the diagram, relative
+DIAGRAM_COLUMN = (
+    0.005  # poles within so much of each other look like one column of the diagram, relative
+)
 FEWEST_ORDERS = 0.3  # share of a band's orders from which a column catches the eye [-]
 COVERED = 0.01  # a column so near to a mode or a refused one belongs to it, relative
 
@@ -66,7 +68,7 @@ def _columns(band: BandIdentification, named: FloatArray) -> list[tuple[float, R
     n_orders = len(band.band.orders)
     found: list[tuple[float, RefusedMode]] = []
     while free.any():
-        near = np.abs(poles.frequencies[:, None] / poles.frequencies[None, :] - 1) <= COLUMN
+        near = np.abs(poles.frequencies[:, None] / poles.frequencies[None, :] - 1) <= DIAGRAM_COLUMN
         counts = np.where(free, (near & free).sum(axis=1), 0)
         members = near[int(np.argmax(counts))] & free
         free &= ~members

@@ -30,14 +30,16 @@ def along_axes(
     scales = band.accelerations(centre)[:, None]
     phi = scales * fit.modes.shapes[:, chosen]
     power = _powers(fit, chosen)
-    values, vectors = np.linalg.eigh(phi @ power @ phi.T)
-    axes = vectors[:, [-1, -2]]
+    share, axes = min(
+        (_principal(fit.modes.shapes[:, chosen], power, scales), _principal(phi, power, 1.0)),
+        key=lambda found: found[0],
+    )
     into = np.linalg.pinv(phi)
-    weights = (axes.T @ phi) ** 2 * np.diag(power)  # of the modes in what shakes along each axis
+    weights = (into @ axes).T ** 2 * np.diag(power)  # of the modes in what shakes along each axis
     weights /= weights.sum(axis=1, keepdims=True)
     moved = np.stack([scales * _shape_rows(fit, place, root) for place in members])
     moved -= phi @ (into @ moved)
-    turn = float(np.sqrt(max(values[-2], 0.0) / values[-1]))
+    turn = float(np.sqrt(share))
     shapes = [
         np.column_stack(
             [np.tensordot((into @ axes)[:, k], moved, axes=1), turn * axes[:, 1 - k], axes[:, k]]
@@ -49,6 +51,19 @@ def along_axes(
         _entry(fit, band.duration, chosen, weights[k], shapes[k], root, pair_id) for k in (0, 1)
     )
     return first, second
+
+
+def _principal(
+    shapes: FloatArray, power: FloatArray, scales: FloatArray | float
+) -> tuple[float, FloatArray]:
+    """Power of the weaker axis over the stronger one's, and both, (n_channels, 2), scaled.
+
+    shapes, power   of two modes, (n_channels, 2) and (2, 2)
+    """
+    values, vectors = np.linalg.eigh(shapes @ power @ shapes.T)
+    axes = vectors[:, [-1, -2]] * scales
+    share = float(max(values[-2], 0.0) / values[-1])
+    return share, axes / np.linalg.norm(axes, axis=0)
 
 
 def _powers(fit: WhittleFit, chosen: IntArray) -> FloatArray:

@@ -111,7 +111,8 @@ def test_identify_lists_what_it_refused_and_why(pilewatch: Command, tmp_path: Pa
     figures = json.loads(pilewatch("identify", file, "--window", "60", "--why", "--json").stdout)
     assert figures["refused"]
     for each in figures["refused"]:
-        assert each["code"] and each["reason"]
+        assert each["code"]
+        assert each["reason"]
         assert 0 < each["frequency_hz"] < 25
     listed = pilewatch("identify", file, "--window", "60", "--why")
     assert "Candidates that are no modes" in listed.stdout
