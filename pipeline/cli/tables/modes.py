@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from pipeline.cli.tables.cells import count_noun, table_of
-from pipeline.offline.describe_structure import StructureFigures
-from pipeline.offline.model_modes import ModelModes, NearestMode
-from pipeline.state.run_modes import CombinedMode
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # their modules load the model, which a table of measured modes does not need
+    from pipeline.offline.describe_structure import StructureFigures
     from pipeline.offline.identify_file import RefusedCandidate
+    from pipeline.offline.model_modes import ModelModes, NearestMode
+    from pipeline.state.run_modes import CombinedMode
 
 
-def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table:
+def identified_modes_table(modes: "Sequence[CombinedMode]", windows: int) -> Table:
     """Return the identified modes, beside the paired modes of the model."""
     paired = any(mode.pair is not None for mode in modes)
     table = table_of(f"Identified modes ({count_noun(windows, 'window')})")
@@ -59,7 +59,7 @@ def refused_table(candidates: "Sequence[RefusedCandidate]") -> Table:
     return table
 
 
-def nearest_modes_table(nearest: Sequence[NearestMode]) -> Table:
+def nearest_modes_table(nearest: "Sequence[NearestMode]") -> Table:
     """Return identified modes beside the model's nearest ones at the nominal foundation."""
     table = table_of("Misfit mode by mode: the model's nearest mode at the nominal foundation")
     for title in ("mode", "f [Hz]", "model's", "f [Hz]", "difference [%]", "MAC"):
@@ -77,7 +77,7 @@ def nearest_modes_table(nearest: Sequence[NearestMode]) -> Table:
     return table
 
 
-def model_modes_table(found: ModelModes) -> Table:
+def model_modes_table(found: "ModelModes") -> Table:
     """Return the model's modes beside the published frequencies."""
     description = found.model.description
     ratios = ", ".join(f"{ratio:g}" for ratio in found.ratios)
@@ -100,7 +100,7 @@ def model_modes_table(found: ModelModes) -> Table:
     return table
 
 
-def structure_tables(figures: StructureFigures) -> list[Table]:
+def structure_tables(figures: "StructureFigures") -> list[Table]:
     """Return key figures of a description, and its first modes."""
     described = table_of(figures.description.title or figures.description.name)
     described.add_column("what")
