@@ -106,5 +106,5 @@ def without_offset(samples: FloatArray) -> FloatArray:
 def without_drift(samples: FloatArray) -> FloatArray:
     """The samples less each channel's least-squares straight line. samples: (n, n_channels)."""
     time = np.arange(len(samples)) - (len(samples) - 1) / 2
-    slope = time @ samples / max(time @ time, 1.0)
+    slope = time @ samples / max(float(time @ time), 1.0)
     return np.asarray(samples - samples.mean(axis=0) - time[:, None] * slope)
