@@ -15,6 +15,8 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
 
+HALF_INTERVAL = 1.6449  # of the normal distribution's central 90 %, in standard deviations
+
 
 @dataclass(frozen=True, slots=True)
 class QualityWarning:

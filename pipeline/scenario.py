@@ -6,10 +6,12 @@ run again.
 """
 
 import json
+import logging
 import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
@@ -33,7 +35,7 @@ from pipeline.updating.structural.settings import (
 )
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
-from sensors.settings import NO_KEY, settings_from_table
+from sensors.settings import NEVER_A_KEY, settings_from_table, without_constants
 from sensors.simulation.tower import SimulationSettings
 from sensors.structure.description import (
     SHIPPED,
@@ -42,6 +44,8 @@ from sensors.structure.description import (
     parse_turbine,
 )
 from sensors.structure.foundation import positive_definite
+
+logger = logging.getLogger(__name__)
 
 DEFAULT_SCENARIO = "parked"
 MODES_ONLY = "modes-only"  # the shipped scenario of a structure of which no model is given
@@ -171,13 +175,13 @@ class Scenario:
     operation: OperationSettings = field(default_factory=OperationSettings)
     farm: FarmSettings = field(default_factory=FarmSettings)
     recording: RecordingSettings = field(default_factory=RecordingSettings)
-    text: str = field(default="", metadata=NO_KEY)
+    text: str = field(default="", metadata=NEVER_A_KEY)
     """The file as it was read."""
 
-    origin: str = field(default=DEFAULT_SCENARIO, metadata=NO_KEY)
+    origin: str = field(default=DEFAULT_SCENARIO, metadata=NEVER_A_KEY)
     """Shipped name or path, as the person gave it."""
 
-    files: tuple[tuple[str, str], ...] = field(default=(), metadata=NO_KEY)
+    files: tuple[tuple[str, str], ...] = field(default=(), metadata=NEVER_A_KEY)
     """(path, text) of each file that the scenario names, from a recording."""
 
     @property
@@ -453,37 +457,22 @@ def _named_files(scenario: Scenario) -> dict[str, str]:
     return found
 
 
-# Keys of earlier versions that are constants now; recordings may have them.
-REMOVED_KEYS = (
-    "flow",
-    "simulation.seed",
-    "simulation.start_ns",
-    "simulation.session",
-    "simulation.broadband.highest_frequency",
-    "simulation.waves.peak_period",
-    "simulation.waves.peak_enhancement",
-    "simulation.waves.highest_frequency",
-    "simulation.sea.peak_enhancement",
-    "simulation.sea.highest_frequency",
-    "simulation.rotor.side_share",
-    "simulation.rotor.damping_share",
-    "simulation.wind.air_density",
-    "simulation.wind.tower_drag",
-    "simulation.wind.nacelle_drag",
-    "simulation.wind.blade_drag",
-    "simulation.wind.blade_lift_slope",
-    "simulation.wind.tower_points",
-    "simulation.wind.blade_points",
-)
+REMOVED_SECTIONS = ("flow",)  # of earlier versions; recordings may have them
 
 
-def _without_removed(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+def _of_this_version(table: Mapping[str, Any], origin: str) -> dict[str, Any]:
     """Return a stored scenario's table without keys that this version no longer has."""
-    return {
-        key: _without_removed(value, f"{prefix}{key}.") if isinstance(value, dict) else value
-        for key, value in table.items()
-        if prefix + key not in REMOVED_KEYS
-    }
+    known = {key: value for key, value in table.items() if key not in REMOVED_SECTIONS}
+    kept, dropped = without_constants(Scenario, known)
+    if dropped:
+        _note_dropped(origin, dropped)
+    return kept
+
+
+@cache
+def _note_dropped(origin: str, keys: tuple[str, ...]) -> None:
+    """Log once that keys of a recording's scenario have no effect any more."""
+    logger.warning("%s: ignored, now constants: %s", origin, ", ".join(keys))
 
 
 def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario:
@@ -510,7 +499,7 @@ def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
-    stored = _scenario_from_table(_without_removed(table), text, origin)
+    stored = _scenario_from_table(_of_this_version(table, origin), text, origin)
     if "structure" not in metadata and "structure" not in table:
         # made before there was a choice: its scenario meant the described structure
         stored = with_structure(stored, StructureSettings(exact=True, stated=False))

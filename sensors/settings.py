@@ -8,18 +8,18 @@ import math
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from sensors.errors import InputError
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 _KINDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 
 
 def settings_from_table(
-    cls: type[T], table: Mapping[str, Any], where: str, error: type[InputError]
-) -> T:
+    cls: type[_T], table: Mapping[str, Any], where: str, error: type[InputError]
+) -> _T:
     """Return the dataclass that a table describes; nested dataclasses are sub-tables.
 
     Parameters
@@ -48,19 +48,80 @@ def settings_from_table(
 NO_KEY: Mapping[str, Any] = types.MappingProxyType({"key": False})
 """Metadata of a field that is set in Python only and is no key of a TOML table."""
 
+NEVER_A_KEY: Mapping[str, Any] = types.MappingProxyType({"key": False, "was_key": False})
+"""Metadata of a field that no version has read from a TOML table."""
+
 
 def key_fields(cls: type) -> tuple[Field[Any], ...]:
     """Return the fields of a settings dataclass that are keys of its TOML table."""
     return tuple(each for each in fields(cls) if each.init and each.metadata.get("key", True))
 
 
+def constants_of(cls: type) -> dict[str, Any]:
+    """Return the values of a settings dataclass that no TOML table can set, by name.
+
+    They are class variables, and fields with `NO_KEY` by their default. Earlier versions had many
+    of them as keys.
+    """
+    keys = {each.name for each in key_fields(cls)}
+    fixed = {
+        each.name: each.default
+        for each in fields(cls)
+        if each.name not in keys and each.metadata.get("was_key", True)
+    }
+    for name, hint in get_type_hints(cls).items():
+        if get_origin(hint) is ClassVar:
+            fixed[name] = getattr(cls, name)
+    return fixed
+
+
+def without_constants(
+    cls: type, table: Mapping[str, Any], where: str = ""
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return a stored table without keys that are constants now, and these keys.
+
+    Parameters
+    ----------
+    cls : type
+        Settings dataclass that the table describes.
+    table : mapping of str to Any
+        As an earlier version has stored it.
+    where : str
+        Path of the table, for the returned keys: "" or "oma.".
+    """
+    hints, constants = get_type_hints(cls), constants_of(cls)
+    kept: dict[str, Any] = {}
+    dropped = [where + key for key in table if key in constants]
+    for key, value in table.items():
+        if key not in constants:
+            inner = settings_type(hints.get(key))
+            tables = value if isinstance(value, list) else [value]
+            if inner is not None and all(isinstance(each, Mapping) for each in tables):
+                found = [without_constants(inner, each, f"{where}{key}.") for each in tables]
+                dropped += [path for _, paths in found for path in paths]
+                inside = [each for each, _ in found]
+                kept[key] = inside if isinstance(value, list) else inside[0]
+            else:
+                kept[key] = value
+    return kept, tuple(dict.fromkeys(dropped))
+
+
+def settings_type(hint: Any) -> type | None:
+    """Return the dataclass of a sub-table or of an array of tables; None of a plain value."""
+    if isinstance(hint, type) and is_dataclass(hint):
+        return hint
+    if get_origin(hint) in (tuple, Union, types.UnionType):
+        return next((found for each in get_args(hint) if (found := settings_type(each))), None)
+    return None
+
+
 @dataclass(frozen=True, slots=True)
 class _Reader:
     error: type[InputError]
 
-    def read(self, cls: type[T], table: Mapping[str, Any], where: str) -> T:
+    def read(self, cls: type[_T], table: Mapping[str, Any], where: str) -> _T:
         known = {field.name: field for field in key_fields(cls)}
-        self._check_keys(table, known, where)
+        self._check_keys(cls, table, known, where)
         hints = get_type_hints(cls)
         values = {
             key: self._converted(value, hints[key], where, key) for key, value in table.items()
@@ -71,9 +132,15 @@ class _Reader:
             raise self.error(f"{where}: {error}") from error
 
     def _check_keys(
-        self, table: Mapping[str, Any], known: Mapping[str, Field[Any]], where: str
+        self, cls: type, table: Mapping[str, Any], known: Mapping[str, Field[Any]], where: str
     ) -> None:
+        constants = constants_of(cls)
         for key in table:
+            if key in constants:
+                raise self.error(
+                    f"{where}: {key!r} is no key any more; its value is always {constants[key]!r}: "
+                    "leave it out"
+                )
             if key not in known:
                 close = difflib.get_close_matches(key, known, n=1)
                 advice = f"did you mean {close[0]!r}?" if close else f"it takes {', '.join(known)}"

@@ -116,8 +116,8 @@ def test_updating_from_a_recording_gives_the_sessions_posterior(
     source = recorded_source(recording, scenario=None, sampler=None)
     summary = update_from(source, identify=identify)
     reference = posteriors(sessions["lock-step"])[-1]
-    assert summary.posterior is not None
-    np.testing.assert_array_equal(summary.posterior.draws, reference.draws)
+    assert summary.main.posterior is not None
+    np.testing.assert_array_equal(summary.main.posterior.draws, reference.draws)
     ours, theirs = summary.as_json(wall=1.0), figures(sessions["lock-step"])
     assert ours.keys() == theirs.keys()
     for key in ("modes", "posterior", "windows", "duration_s"):

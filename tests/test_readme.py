@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.monitoring.alarms.settings import load_notices
-from pipeline.monitoring.status import ENDPOINT_FILE, KEY, StatusNode
+from pipeline.monitoring.status import ENDPOINT_FILE, STATUS_KEY, StatusNode
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 
 ROOT = Path(__file__).parents[1]
@@ -48,7 +48,7 @@ def test_the_status_example_prints_the_posteriors_of_the_session_that_runs(
     (tmp_path / "out" / ENDPOINT_FILE).write_text(f"{endpoint}\n")
     monkeypatch.chdir(tmp_path)
     with closing(ZenohBus(hub(endpoint))) as bus:
-        bus.answer(f"{KEY}/t1", StatusNode("live").answer)
+        bus.answer(f"{STATUS_KEY}/t1", StatusNode("live").answer)
         exec(compile(example, str(README), "exec"), {})
 
     assert capsys.readouterr().out == "[]\n"

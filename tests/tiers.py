@@ -17,11 +17,23 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
 
 QUICK_LIST = Path(__file__).with_name("quick.txt")
+# Modules whose tests share a fixture of many seconds: in one process, and begun first, that no
+# process waits for another in the end.
+TOGETHER = (
+    "tests/test_flow.py",
+    "tests/test_trials.py",
+    "tests/pipeline/archive",
+    "tests/pipeline/reproduction",
+    "tests/acceptance",
+    "tests/pipeline/updating/structural",
+    "tests/pipeline/offline/test_audit.py",
+)
 QUICK_TIME = 18.0  # of all quick tests together; starting takes some seconds more [CPU s]
 SLOW_SHARE = 1.2  # a module that takes longer is not quick [CPU s]
 NIGHT_EXAMPLES = 300  # of a hypothesis test that asks for no number of its own
@@ -82,6 +94,26 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if late:
             config.hook.pytest_deselected(items=late)
             items[:] = [item for item in items if item not in late]
+        items.sort(key=_turn)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Return what hands rooms and modules as a whole to the processes."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByRoom(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            rooms = (room for room in TOGETHER if nodeid.startswith(room))
+            return next(rooms, _module(nodeid))
+
+    return ByRoom(config, log)
+
+
+def _turn(item: pytest.Item) -> int:
+    """Place among the rooms that begin first; the others keep their order."""
+    places = (n for n, room in enumerate(TOGETHER) if item.nodeid.startswith(room))
+    return next(places, len(TOGETHER))
 
 
 def _shuffle(items: list[pytest.Item], order: random.Random) -> None:

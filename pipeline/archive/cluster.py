@@ -16,15 +16,15 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from pipeline.archive.work import Call, Failed, Outcome, Workers, attempted
+from sensors.constants import LOOPBACK
 from sensors.errors import InputError
 
 logger = logging.getLogger(__name__)
 
 AHEAD = 2  # calls for every thread of the workers, so that none waits for the next
 CONNECTING = 30.0  # how long a scheduler is waited for [s]
-QUIET = 20.0  # without a result, after which the workers are counted [s]
+QUIET_WORKERS = 20.0  # without a result, after which the workers are counted [s]
 DEATHS_TOLD_APART = 1  # a call at which a second worker dies is tried once more, alone
-LOOPBACK = "127.0.0.1"
 # A worker works in a thread of its own, where the C library would return every window's arrays to
 # the system and fetch them again, a tenth of its time.
 ALLOCATION = {
@@ -81,7 +81,7 @@ class DaskWorkers:
         """The next that is ready. While nothing comes, workers that have gone are missed."""
         while True:
             try:
-                return ready.get(timeout=QUIET)
+                return ready.get(timeout=QUIET_WORKERS)
             except Empty:
                 self._missed(len(self._client.nthreads()))
 

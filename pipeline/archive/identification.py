@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 from pipeline.archive.plan import IdentificationTask, Piece
-from pipeline.archive.store import Frame, frames_of, key_of_result
+from pipeline.archive.store import StoredFrame, frames_of, key_of_result
 from pipeline.messages import (
     FoundationTruth,
     Message,
@@ -25,7 +25,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
-SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
+ARCHIVE_SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
 SCADA_BEFORE = 600.0  # in which the state at a window's beginning was reported [s]
 TRACKING = "mode-"  # codes of warnings that come from following modes over windows
 READ = (SensorLayout, AccelerationBlock, ScadaSample, FoundationTruth)
@@ -47,7 +47,7 @@ class IdentificationCall:
         )
 
 
-def identified_frames(call: IdentificationCall) -> tuple[Frame, ...]:
+def identified_frames(call: IdentificationCall) -> tuple[StoredFrame, ...]:
     """What `identified` gives, as it is kept."""
     return frames_of(identified(call))
 
@@ -127,7 +127,7 @@ def _cut(block: AccelerationBlock, first: int, end: int, piece: Piece) -> Accele
     skipped = first - block.first_sample
     return replace(
         block,
-        session=SESSION,
+        session=ARCHIVE_SESSION,
         sequence=block.sequence + piece.sequence_shift,
         first_sample=first + piece.shift,
         start_ns=block.start_ns + round(skipped / block.sampling_rate * NANOSECONDS),

@@ -19,7 +19,7 @@ drawn again from its sums.
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
-from pipeline.archive.store import Frame, frames_of, key_of_result, messages_in
+from pipeline.archive.store import StoredFrame, frames_of, key_of_result, messages_in
 from pipeline.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
 from pipeline.nodes.nacelle_axes import in_nacelle_axes
@@ -36,11 +36,11 @@ from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import TurbineDescription
 
 ANCHORS_APART = 36  # windows at most: six hours of ten minutes
-STRETCH = 6  # windows of one call at most
+WINDOWS_OF_CALL = 6  # windows of one call at most
 UPDATERS_KEPT = 8  # in one process: a turbine's has some megabytes
-STATE = "UpdatingState"  # kind of the frame that holds a checkpoint
+STATE_FRAME = "UpdatingState"  # kind of the frame that holds a checkpoint
 
-Memory = Callable[[str, Callable[[], tuple[Frame, ...]]], tuple[Frame, ...]]
+Memory = Callable[[str, Callable[[], tuple[StoredFrame, ...]]], tuple[StoredFrame, ...]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +99,7 @@ class StretchCall:
         return key_of_result("posteriors", self.plan.key, self.state, *self.estimates)
 
 
-def posteriors(call: StretchCall) -> tuple[Frame, ...]:
+def posteriors(call: StretchCall) -> tuple[StoredFrame, ...]:
     """A FoundationPosterior or a WindowRejected of each window, in order."""
     updater = _updater(call.plan)
     state = updater.restored(call.state, origin="the state of the archive")
@@ -112,7 +112,7 @@ def posteriors(call: StretchCall) -> tuple[Frame, ...]:
     return frames_of(answers)
 
 
-def anchored(call: StretchCall) -> tuple[Frame, ...]:
+def anchored(call: StretchCall) -> tuple[StoredFrame, ...]:
     """The answers to one window, an event among them, and the state after it."""
     updater = _updater(call.plan)
     state = updater.restored(call.state, origin="the state of the archive")
@@ -121,7 +121,7 @@ def anchored(call: StretchCall) -> tuple[Frame, ...]:
         state, said = updater.accumulated(state, estimate)
         state, posterior = updater.refreshed(state, estimate)
     answers = (said, posterior) if isinstance(said, FoundationEvent) else (posterior,)
-    return (*frames_of(answers), (STATE, updater.saved(state)))
+    return (*frames_of(answers), (STATE_FRAME, updater.saved(state)))
 
 
 _made: dict[str, FoundationUpdater] = {}  # of this process, by the key of their plan
@@ -186,7 +186,7 @@ class PosteriorPass:
     def _anchored(self, payload: bytes) -> Iterator[Message]:
         call = StretchCall(self._plan, self._updater.saved(self._state), (payload,))
         frames = self._remembered(key_of_result("anchor", call.key), lambda: anchored(call))
-        (state,) = (content for kind, content in frames if kind == STATE)
+        (state,) = (content for kind, content in frames if kind == STATE_FRAME)
         self._state = self._updater.restored(state, origin="the state of the archive")
         self._since_anchor = 0
         yield from messages_in(frames)
@@ -197,7 +197,7 @@ class PosteriorPass:
             self._before = self._state
         self._stretch.append(payload)
         self._state, self._since_anchor = after, self._since_anchor + 1
-        if len(self._stretch) == STRETCH:
+        if len(self._stretch) == WINDOWS_OF_CALL:
             yield from self._stretch_ended()
 
     def _stretch_ended(self) -> Iterator[Call]:

@@ -20,7 +20,7 @@ from pipeline.archive.identification import identified_frames
 from pipeline.archive.posteriors import PosteriorPass
 from pipeline.archive.store import (
     FinishedResults,
-    Frame,
+    StoredFrame,
     messages_in,
 )
 from pipeline.archive.survey import FileSurvey, SurveyCache, surveyed, without_copies
@@ -42,7 +42,7 @@ FINISHED = ".finished"  # folder of what is kept from run to run, within the res
 SURVEYS = ".surveys"  # the same for what is known of files that have not changed
 SUMMARY = "reprocess.json"
 
-Report = Callable[[str, int, int], None]  # phase, done, of how many
+ProgressReport = Callable[[str, int, int], None]  # phase, done, of how many
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ def reprocessed(
     *,
     scenario: str | None = None,
     sampler: str | None = None,
-    report: Report = lambda phase, done, total: None,
+    report: ProgressReport = lambda phase, done, total: None,
 ) -> ArchiveReport:
     """Identify and update everything that the files hold; results as Parquet in `out`.
 
@@ -94,7 +94,7 @@ def reprocessed(
 class _Reprocessing:
     """One run over an archive."""
 
-    def __init__(self, out: Path, workers: Workers, report: Report) -> None:
+    def __init__(self, out: Path, workers: Workers, report: ProgressReport) -> None:
         try:
             (out / FINISHED).mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -205,7 +205,9 @@ class _Reprocessing:
             frames = self._finished.get(call.key)
             yield from messages_in(frames or ())
 
-    def _remembered(self, key: str, make: Callable[[], tuple[Frame, ...]]) -> tuple[Frame, ...]:
+    def _remembered(
+        self, key: str, make: Callable[[], tuple[StoredFrame, ...]]
+    ) -> tuple[StoredFrame, ...]:
         known = self._finished.get(key)
         if known is not None:
             self._report.found_finished += 1
@@ -214,7 +216,7 @@ class _Reprocessing:
         self._keep(key, made)
         return made
 
-    def _keep(self, key: str, frames: tuple[Frame, ...]) -> None:
+    def _keep(self, key: str, frames: tuple[StoredFrame, ...]) -> None:
         self._finished.put(key, frames)
         self._report.done_now += 1
 

@@ -20,11 +20,11 @@ from pipeline.recording.atomic_write import written_whole
 from pipeline.streams import STREAMS
 from pipeline.transport.codec import decode, encode
 
-KIND = b"pilewatch-archive 1\n"
+STORE_HEADER = b"pilewatch-archive 1\n"
 SUFFIX = ".pw"
 QUICK = 1  # zlib's level: numbers hardly shrink
 
-Frame = tuple[str, bytes]  # what it is, its bytes
+StoredFrame = tuple[str, bytes]  # what it is, its bytes
 
 _FRAME_HEAD = struct.Struct(">BI")  # length of the kind, of the bytes
 _TYPES = {stream.message.__name__: stream.message for stream in STREAMS}
@@ -36,14 +36,14 @@ class FinishedResults:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def get(self, key: str) -> tuple[Frame, ...] | None:
+    def get(self, key: str) -> tuple[StoredFrame, ...] | None:
         """The result of that key; None where there is none, or it is damaged."""
         try:
             return unpacked(self._path(key).read_bytes())
         except (FileNotFoundError, ValueError):
             return None
 
-    def put(self, key: str, frames: Iterable[Frame]) -> None:
+    def put(self, key: str, frames: Iterable[StoredFrame]) -> None:
         """Keep a result. Raises OSError where the disk refuses."""
         path = self._path(key)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -66,38 +66,38 @@ def key_of_result(*parts: str | bytes) -> str:
     return digest.hexdigest()
 
 
-def frames_of(messages: Iterable[Message]) -> tuple[Frame, ...]:
+def frames_of(messages: Iterable[Message]) -> tuple[StoredFrame, ...]:
     """Messages as they are kept."""
     return tuple((type(message).__name__, encode(message)) for message in messages)
 
 
-def messages_in(frames: Iterable[Frame]) -> Iterator[Message]:
+def messages_in(frames: Iterable[StoredFrame]) -> Iterator[Message]:
     """The messages among the frames, in order. Raises CodecError for a damaged one."""
     for kind, content in frames:
         if kind in _TYPES:
             yield decode(_TYPES[kind], content)
 
 
-def packed(frames: Iterable[Frame]) -> bytes:
+def packed(frames: Iterable[StoredFrame]) -> bytes:
     """Frames as a file's bytes."""
     parts = [
         _FRAME_HEAD.pack(len(kind.encode()), len(content)) + kind.encode() + content
         for kind, content in frames
     ]
     body = zlib.compress(b"".join(parts), QUICK)
-    return KIND + struct.pack(">I", zlib.crc32(body)) + body
+    return STORE_HEADER + struct.pack(">I", zlib.crc32(body)) + body
 
 
-def unpacked(content: bytes) -> tuple[Frame, ...]:
+def unpacked(content: bytes) -> tuple[StoredFrame, ...]:
     """The frames of a file's bytes. Raises ValueError where these are damaged or something else."""
-    body = content[len(KIND) + 4 :]
-    checksum = content[len(KIND) : len(KIND) + 4]
-    if not content.startswith(KIND) or checksum != struct.pack(">I", zlib.crc32(body)):
+    body = content[len(STORE_HEADER) + 4 :]
+    checksum = content[len(STORE_HEADER) : len(STORE_HEADER) + 4]
+    if not content.startswith(STORE_HEADER) or checksum != struct.pack(">I", zlib.crc32(body)):
         raise ValueError("no whole result of an archive")
     return tuple(_frames(zlib.decompress(body)))
 
 
-def _frames(body: bytes) -> Iterator[Frame]:
+def _frames(body: bytes) -> Iterator[StoredFrame]:
     place = 0
     while place < len(body):
         kind_length, length = _FRAME_HEAD.unpack_from(body, place)

@@ -16,7 +16,13 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from pipeline.archive.store import FinishedResults, Frame, frames_of, key_of_result, messages_in
+from pipeline.archive.store import (
+    FinishedResults,
+    StoredFrame,
+    frames_of,
+    key_of_result,
+    messages_in,
+)
 from pipeline.messages import StreamGap
 from pipeline.recording.info import RecordingInfo, UnitInfo, recording_info
 from pipeline.transport.errors import CodecError
@@ -24,7 +30,7 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 
 SURVEY = "survey"  # kind of a kept survey
-PIECE = 2**20  # that is read of a file at a time for its fingerprint [bytes]
+HASHED_AT_ONCE = 2**20  # that is read of a file at a time for its fingerprint [bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +114,7 @@ def fingerprint_of(path: Path) -> str:
     """BLAKE2b of a file's bytes, 32 hexadecimal digits."""
     digest = hashlib.blake2b(digest_size=16)
     with path.open("rb") as file:
-        while piece := file.read(PIECE):
+        while piece := file.read(HASHED_AT_ONCE):
             digest.update(piece)
     return digest.hexdigest()
 
@@ -180,7 +186,7 @@ def _key(path: Path) -> str | None:
     return key_of_result(SURVEY, str(path.resolve()), f"{status.st_size} {status.st_mtime_ns}")
 
 
-def encoded_survey(survey: FileSurvey) -> tuple[Frame, ...]:
+def encoded_survey(survey: FileSurvey) -> tuple[StoredFrame, ...]:
     """A survey as it is kept: one table, then the gaps part by part, then the layouts."""
     table = {
         "fingerprint": survey.fingerprint,
@@ -196,7 +202,7 @@ def _part_table(part: Part) -> dict[str, Any]:
     return {**content, "gaps": len(part.gaps)}
 
 
-def decoded_survey(path: Path, frames: tuple[Frame, ...]) -> FileSurvey:
+def decoded_survey(path: Path, frames: tuple[StoredFrame, ...]) -> FileSurvey:
     """A survey that was kept. Raises CodecError, ValueError, KeyError, TypeError: it is damaged."""
     kind, content = frames[0]
     if kind != SURVEY:

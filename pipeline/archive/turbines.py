@@ -18,7 +18,7 @@ from pipeline.scenario import (
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout, joined_layout
 
-MOST_CHANNELS = 64  # that a file without a layout is expected to have
+MOST_CHANNELS_WITHOUT_LAYOUT = 64  # that a file without a layout is expected to have
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,9 @@ class TurbineArchive:
         """Every one that a window may have: of one unit, of units joined, of unknown layout."""
         named = [each for each in (self.layout, *self.layouts) if each is not None]
         names = [name for each in named for name in each.channel_names]
-        most = max((len(layout.channels) for layout in self.layouts), default=MOST_CHANNELS)
+        most = max(
+            (len(layout.channels) for layout in self.layouts), default=MOST_CHANNELS_WITHOUT_LAYOUT
+        )
         return tuple(dict.fromkeys([*names, *(f"channel {i + 1}" for i in range(most))]))
 
     @property

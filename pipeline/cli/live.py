@@ -248,14 +248,14 @@ def control(
 ) -> None:
     """Pause, play, seek or change the speed of a running replay."""
     from pipeline.monitoring.status import endpoint_of
-    from pipeline.sources.replay_control import KEY
+    from pipeline.sources.replay_control import REPLAY_KEY
     from pipeline.transport.zenoh_bus import asked
 
     endpoint: Any = zenoh_settings("peer", None, None, zenoh_config)
     if zenoh_config is None:
         endpoint = endpoint_of(out) if connect is None else connect
     request = json.dumps({"do": action, "value": value}).encode()
-    answers = [json.loads(each) for each in asked(endpoint, f"{KEY}/*", request)]
+    answers = [json.loads(each) for each in asked(endpoint, f"{REPLAY_KEY}/*", request)]
     if not answers:
         raise InputError("no replay runs there")
     for answer in answers:

@@ -59,9 +59,10 @@ def show(
     ] = None,
 ) -> None:
     """Draw a recorded session for the Rerun viewer, or open an existing .rrd file."""
-    from pipeline.offline.draw_recording import PICTURES, open_pictures
+    from pipeline.offline.draw_recording import open_pictures
+    from pipeline.recording.rotation import PICTURE_SUFFIX
 
-    if file.suffix != PICTURES:
+    if file.suffix != PICTURE_SUFFIX:
         _draw(file, out, view)
     elif view == "web":
         _serve(file)

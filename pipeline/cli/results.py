@@ -9,6 +9,7 @@ from pipeline.state.json_values import Json
 if TYPE_CHECKING:
     from pipeline.monitoring.summary import SessionSummary
     from pipeline.scenario import Scenario
+    from sensors.acquisition.layout import SensorLayout
 
 PRINTED_PER_CODE = 3  # warnings and rejected windows; all are in summary.json
 
@@ -18,6 +19,7 @@ def print_results(
     figures: Json,
     *,
     scenario: "Scenario",
+    layout: "SensorLayout",
     misfits: bool = False,
 ) -> None:
     """Print modes, posterior, changes, rejected windows, warnings.
@@ -28,6 +30,8 @@ def print_results(
         Content of summary.json.
     scenario : Scenario
         Scenario of the session; without a structural model there is no posterior.
+    layout : SensorLayout
+        Of the sensors that measured.
     misfits : bool, optional
         Whether to print the misfit of each mode; always printed for an untrusted posterior.
     """
@@ -35,18 +39,20 @@ def print_results(
     from pipeline.cli.tables.posteriors import misfit_table, posterior_table
     from pipeline.offline.model_modes import nearest_modes
 
-    output.print(identified_modes_table(summary.modes, figures["windows"]["identified"]))
+    output.print(identified_modes_table(summary.main.modes, figures["windows"]["identified"]))
     if not scenario.has_structure:
         output.print("Modes only: the scenario has no structural model.")
-    elif summary.posterior is None:
-        if summary.modes:
-            output.print(nearest_modes_table(nearest_modes(summary.modes, scenario)))
+    elif summary.main.posterior is None:
+        if summary.main.modes:
+            channels = summary.main.estimates[-1].channels
+            nearest = nearest_modes(summary.main.modes, scenario.structure, layout, channels)
+            output.print(nearest_modes_table(nearest))
         output.print("[bold]No posterior:[/] no window could be used.")
     else:
         output.print(posterior_table(figures["posterior"]))
-        if misfits or not summary.posterior.trusted:
-            output.print(misfit_table(summary.posterior))
-        if not summary.posterior.trusted:
+        if misfits or not summary.main.posterior.trusted:
+            output.print(misfit_table(summary.main.posterior))
+        if not summary.main.posterior.trusted:
             output.print("[bold red]NOT TRUSTED[/]: the data contradict the model.")
     for event in figures["events"]:
         output.print(f"[bold]change:[/] {escape_markup(event['text'])}")

@@ -141,7 +141,7 @@ def run(
         if as_json:
             output.print_json(json.dumps(session.figures))
         else:
-            _print_session(session, opened.scenario)
+            _print_session(session, opened)
             if len(opened.turbines) > 1:
                 shown_of = session.figures["turbine"]
                 output.print(
@@ -199,9 +199,9 @@ def farm_note(turbines: Sequence[str], shown: str, out: Path) -> str:
     )
 
 
-def _print_session(session: Any, scenario: Any) -> None:
+def _print_session(session: Any, source: Any) -> None:
     figures = session.figures
-    print_results(session.summary, figures, scenario=scenario)
+    print_results(session.summary, figures, scenario=source.scenario, layout=source.layout)
     stream, timing = figures["stream"], figures["timing"]
     output.print(
         f"{stream['published']} blocks published, {stream['recorded']} recorded, "

@@ -35,7 +35,7 @@ def status(
 ) -> None:
     """Ask a running session for its nodes, streams, gaps and last posteriors."""
     from pipeline.cli.tables.running import status_tables
-    from pipeline.monitoring.status import KEY, endpoint_of
+    from pipeline.monitoring.status import STATUS_KEY, endpoint_of
     from pipeline.transport.zenoh_bus import asked
     from sensors.errors import InputError
 
@@ -43,7 +43,7 @@ def status(
     place = str(zenoh_config)
     if zenoh_config is None:
         endpoint = place = endpoint_of(out) if connect is None else connect
-    answers = [json.loads(each) for each in asked(endpoint, f"{KEY}/*")]
+    answers = [json.loads(each) for each in asked(endpoint, f"{STATUS_KEY}/*")]
     if not answers:
         raise InputError(f"no session answers at {place}")
     if as_json:
@@ -153,7 +153,7 @@ def notices(
 
 def _answered(endpoint: Any, ids: list[int], name: str, out: Path) -> dict[str, Any]:
     """Ask the running session; read its file where none runs."""
-    from pipeline.monitoring.alarms.alarm_node import BOOK, FOLDER, KEY, acknowledged_in_file
+    from pipeline.monitoring.alarms.alarm_node import ALARMS_KEY, BOOK, FOLDER, acknowledged_in_file
     from pipeline.monitoring.status import ENDPOINT_FILE, endpoint_of
     from pipeline.transport.errors import TransportError
     from pipeline.transport.zenoh_bus import asked
@@ -163,7 +163,7 @@ def _answered(endpoint: Any, ids: list[int], name: str, out: Path) -> dict[str, 
     place = endpoint or endpoint_of(out)
     query = json.dumps({"acknowledge": ids, "by": name}).encode()
     try:
-        answers = [json.loads(each) for each in asked(place, f"{KEY}/*", query)]
+        answers = [json.loads(each) for each in asked(place, f"{ALARMS_KEY}/*", query)]
     except TransportError:
         if endpoint is not None:
             raise

@@ -48,7 +48,7 @@ def update(
         return
     if not again:
         stderr.print("From the recorded modes; --identify starts from the accelerations.")
-    print_results(summary, figures, scenario=source.scenario, misfits=True)
+    print_results(summary, figures, scenario=source.scenario, layout=source.layout, misfits=True)
 
 
 FIRST_SEED = 101

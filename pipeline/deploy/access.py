@@ -14,13 +14,11 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.deploy.certificates import AUTHORITY, Identity
+from pipeline.state.json_values import Json
 from pipeline.transport.bus import key_part_complaint
 from sensors.errors import InputError
-
-Json = dict[str, Any]
 
 SHORE = "shore"
 SAYS = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]

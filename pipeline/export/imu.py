@@ -81,7 +81,7 @@ class ImuFile:
         self.count += len(messages)
 
 
-AXES = np.eye(3)
+SENSOR_AXES = np.eye(3)
 FILE_NAME = "imu.mcap"
 
 
@@ -134,7 +134,7 @@ def _independent(layout: SensorLayout, columns: list[int]) -> bool:
 def _axes(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return readings to x, y, z, shape (n_channels, 3): a reading is direction · acceleration."""
     inverse = np.linalg.pinv(directions)  # (3, n_channels)
-    measured = np.isclose(inverse @ directions, AXES, atol=1e-6).all(axis=1)
+    measured = np.isclose(inverse @ directions, SENSOR_AXES, atol=1e-6).all(axis=1)
     inverse[~measured] = np.nan
     return np.asarray(inverse.T)
 

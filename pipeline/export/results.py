@@ -10,6 +10,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from pipeline.export.table_file import TIMESTAMP
 from pipeline.messages import (
     FoundationEvent,
     FoundationPosterior,
@@ -24,7 +25,6 @@ from pipeline.updating.prior import PARAMETER_NAMES, PARAMETER_UNITS
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 
-TIMESTAMP = pa.timestamp("ns", tz="UTC")
 Row = tuple[Any, ...]
 
 _TEXT, _WHOLE, _REAL, _YES = pa.string(), pa.int64(), pa.float64(), pa.bool_()

@@ -12,11 +12,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from pipeline.export.table_file import Format
+from pipeline.export.table_file import TIMESTAMP, Format
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-
-TIMESTAMP = pa.timestamp("ns", tz="UTC")
 
 
 def samples_schema(

@@ -12,6 +12,7 @@ from sensors.errors import InputError
 
 Format = Literal["csv", "parquet"]
 
+TIMESTAMP = pa.timestamp("ns", tz="UTC")
 ROW_GROUP = 16_384  # rows that are held and written together: seven minutes at 40 Hz
 
 

@@ -22,14 +22,14 @@ from pipeline.updating.population import SpringCoordinates, StiffnessPopulation
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.arrays import FloatArray
 
-OUTLYING = 0.8  # probability from which a turbine is reported to be unlike the others
-MOST_DRAWS = 1000  # of a turbine's springs, that are kept
+OUTLYING_PROBABILITY = 0.8  # probability from which a turbine is reported to be unlike the others
+MOST_FARM_DRAWS = 1000  # of a turbine's springs, that are kept
 POPULATION_DRAWS = 100  # of mean and spread, that make the prior of one more turbine
 FEWEST_TURBINES = 2
 
 
 @dataclass(frozen=True, slots=True)
-class FarmSettings:
+class PoolingSettings:
     """How a farm is pooled."""
 
     population: PopulationPrior = field(default_factory=PopulationPrior)
@@ -75,7 +75,7 @@ class PooledTurbine:
     @property
     def outlying(self) -> bool:
         """Whether it is reported to be unlike the others."""
-        return self.outlier_probability >= OUTLYING
+        return self.outlier_probability >= OUTLYING_PROBABILITY
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,14 +92,14 @@ class Farm:
 
 
 def pooled_farm(
-    posteriors: Sequence[FoundationPosterior], settings: FarmSettings | None = None
+    posteriors: Sequence[FoundationPosterior], settings: PoolingSettings | None = None
 ) -> Farm:
     """The farm of the latest posterior of each turbine. The same posteriors, in whatever order,
     give the same farm.
 
     Raises FarmError where fewer than two turbines can be pooled.
     """
-    settings = settings or FarmSettings()
+    settings = settings or PoolingSettings()
     members, left_out = members_of(posteriors)
     if len(members) < FEWEST_TURBINES:
         missing = "".join(f"; {each.turbine}: {each.reason}" for each in left_out)
@@ -196,7 +196,7 @@ def _pooled_turbine(
         deviations=deviations,
         outlier_probability=probability,
         text=_sentence(posterior.turbine, deviations, int(np.argmax(standing_out)), probability),
-        draws=stiffness[_evenly(len(stiffness), MOST_DRAWS)],
+        draws=stiffness[_evenly(len(stiffness), MOST_FARM_DRAWS)],
     )
 
 
@@ -206,7 +206,7 @@ def _sentence(turbine: str, deviations: Sequence[Interval], spring: int, probabi
     side, sign = ("below", -100) if off.median < 0 else ("above", 100)
     low, high = sorted((sign * off.p05, sign * off.p95))
     size = f"{name} {sign * off.median:.1f} % [{low:.1f}, {high:.1f}] {side} the farm's"
-    if probability >= OUTLYING:
+    if probability >= OUTLYING_PROBABILITY:
         return f"{turbine}: {size}, unlike the others with probability {_probability(probability)}"
     return f"{turbine}: {size}, like the others with probability {_probability(1 - probability)}"
 

@@ -19,8 +19,8 @@ from pipeline.farm.settings import PopulationPrior
 from pipeline.updating.population import log_gaussian
 from sensors.arrays import FloatArray
 
-STEPS = (0.2, 0.4, 0.8)  # of the walk, in ln Σ
-STRETCH = 1.5  # of one standard deviation, in its logarithm
+WALK_STEPS = (0.2, 0.4, 0.8)  # of the walk, in ln Σ
+SCALE_STEP = 1.5  # of one standard deviation, in its logarithm
 JOINT_STEPS = 2  # of all standard deviations with τ, and of τ alone
 
 
@@ -157,7 +157,7 @@ class Gibbs:
             trial, spread = step(state.covariance), state.spread
             here = self._accept(state, trial, spread, here, log_density(trial, spread))
         for _ in range(JOINT_STEPS):
-            factor = np.exp(STRETCH / 2 * self._generator.standard_normal(len(here)))
+            factor = np.exp(SCALE_STEP / 2 * self._generator.standard_normal(len(here)))
             trial, spread = factor[:, None, None] ** 2 * state.covariance, factor * state.spread
             here = self._accept(state, trial, spread, here, log_density(trial, spread))
 
@@ -165,7 +165,9 @@ class Gibbs:
         """τ given Σ, the state's in place; as often up as down in ln τ."""
         here = self._log_prior(state.covariance, state.spread)
         for _ in range(JOINT_STEPS):
-            spread = state.spread * np.exp(STEPS[1] * self._generator.standard_normal(len(here)))
+            spread = state.spread * np.exp(
+                WALK_STEPS[1] * self._generator.standard_normal(len(here))
+            )
             there = self._log_prior(state.covariance, spread)
             here = self._accept(state, state.covariance, spread, here, there)
 
@@ -184,11 +186,11 @@ class Gibbs:
         return np.where(taken, there, here)
 
     def _steps(self, n_chains: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
-        for length in STEPS:
+        for length in WALK_STEPS:
             yield partial(self._turned, length)
         for axis in range(self._d):
             stretch = np.ones((n_chains, self._d))
-            stretch[:, axis] = np.exp(STRETCH * self._generator.standard_normal(n_chains))
+            stretch[:, axis] = np.exp(SCALE_STEP * self._generator.standard_normal(n_chains))
             yield partial(np.multiply, stretch[:, :, None] * stretch[:, None, :])
 
     def _turned(self, length: float, covariance: FloatArray) -> FloatArray:

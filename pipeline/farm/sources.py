@@ -11,7 +11,7 @@ from pipeline.recording.reader import read_messages
 from pipeline.transport.bus import Bus, Inbox
 
 FIRST_PATIENCE = 10.0  # for the first posterior of a session that runs [s]
-QUIET = 1.0  # without a further one: all have come that were kept [s]
+QUIET_STORE = 1.0  # without a further one: all have come that were kept [s]
 
 
 def recorded_posteriors(paths: Sequence[Path]) -> list[FoundationPosterior]:
@@ -65,7 +65,7 @@ class RunningFarm:
         return list(self._latest.values())
 
     def rounds(
-        self, stopping: threading.Event, quiet: float = QUIET
+        self, stopping: threading.Event, quiet: float = QUIET_STORE
     ) -> Iterator[list[FoundationPosterior]]:
         """All latest posteriors, each time that new ones have come and, for `quiet` [s], no
         further one; until `stopping` is set."""
@@ -73,7 +73,7 @@ class RunningFarm:
             if self._take_all(0.2, quiet):
                 yield list(self._latest.values())
 
-    def _take_all(self, patience: float, quiet: float = QUIET) -> int:
+    def _take_all(self, patience: float, quiet: float = QUIET_STORE) -> int:
         """Wait for a posterior, then for more as long as they come; how many came."""
         count, deadline = 0, time.monotonic() + patience
         while (left := deadline - time.monotonic()) > 0:

@@ -9,7 +9,6 @@ listen. Figures that are not known yet are not there, rather than zero.
 import math
 import threading
 import time
-from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -18,21 +17,19 @@ from pipeline.messages import (
     FoundationEvent,
     FoundationPosterior,
     Message,
-    ModalEstimate,
-    StreamGap,
-    WindowRejected,
 )
 from pipeline.nodes.node import NodeStatistics
-from pipeline.state.health import Health, NodeHealth
+from pipeline.state.health import NodeHealth
+from pipeline.state.run_state import RunState
 from pipeline.streams import STREAMS
 from pipeline.transport.bus import Bus, Inbox
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.constants import LOOPBACK
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
 
-LOOPBACK = "127.0.0.1"
 LAST_PORT = 65_535
 QUANTILE_LEVELS = (
     ("0.05", "p05"),
@@ -56,40 +53,14 @@ class MetricsNode:
 
     def __init__(self, clock: Callable[[], int] = time.time_ns) -> None:
         self._clock = clock
-        self._health = Health()
+        self._run = RunState(kept=1)
         self._asked = threading.Lock()
-        self._messages: Counter[tuple[str, ...]] = Counter()  # turbine, message
-        self._samples: Counter[tuple[str, ...]] = Counter()  # turbine, unit
-        self._gaps: Counter[tuple[str, ...]] = Counter()  # turbine, unit
-        self._missing: dict[tuple[str, ...], float] = defaultdict(float)  # turbine, unit → [s]
-        self._rejections: Counter[tuple[str, ...]] = Counter()  # turbine, code
-        self._blocks: dict[tuple[str, ...], AccelerationBlock] = {}  # newest by turbine, unit
-        self._estimates: dict[str, ModalEstimate] = {}  # newest by turbine
-        self._posteriors: dict[str, FoundationPosterior] = {}
-        self._events: dict[str, FoundationEvent] = {}
         self.parts: list[Callable[[], Families]] = []  # figures of other nodes of this process
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Take note of a message. Gives nothing back."""
         with self._asked:
-            self._health.observe(message, self._clock())
-            self._messages[message.turbine, type(message).__name__] += 1
-            match message:
-                case AccelerationBlock():
-                    self._samples[message.turbine, message.unit] += len(message.samples)
-                    self._blocks[message.turbine, message.unit] = message
-                case StreamGap():
-                    self._gaps[message.turbine, message.unit] += 1
-                    duration = (message.end_ns - message.start_ns) / NANOSECONDS
-                    self._missing[message.turbine, message.unit] += duration
-                case WindowRejected():
-                    self._rejections[message.turbine, message.code] += 1
-                case ModalEstimate():
-                    self._estimates[message.turbine] = message
-                case FoundationPosterior():
-                    self._posteriors[message.turbine] = message
-                case FoundationEvent():
-                    self._events[message.turbine] = message
+            self._run.fold(message, self._clock())
         return ()
 
     @property
@@ -103,158 +74,204 @@ class MetricsNode:
     def collect(self) -> Iterator["Metric"]:
         """Every figure known now: what the Prometheus client's registry asks for."""
         with self._asked:
-            families = [*self._streams(), *self._nodes(), *self._modes(), *self._foundation()]
+            families = list(run_families(self._run, self._clock()))
         yield from families
         for part in self.parts:
             yield from part()
 
-    def _streams(self) -> Families:
-        now_ns = self._clock()
-        unit = ("turbine", "unit")
-        yield counter(
-            "messages", "Messages received.", ("turbine", "message"), self._messages.items()
-        )
-        yield counter("samples", "Samples a channel received.", unit, self._samples.items())
-        yield counter("gaps", "Gaps in the measurements.", unit, self._gaps.items())
-        yield counter(
-            "missing_seconds", "Measured time that is missing.", unit, self._missing.items()
-        )
-        yield gauge(
-            "lag_seconds",
-            "Age of the newest sample by this machine's clock; of a replay, of its recording.",
-            unit,
-            ((key, (now_ns - each.end_ns) / NANOSECONDS) for key, each in self._blocks.items()),
-        )
-        yield gauge(
-            "sampling_rate_hertz",
-            "Sampling rate of the unit.",
-            unit,
-            ((key, each.sampling_rate) for key, each in self._blocks.items()),
-        )
-        streams = self._health.streams(now_ns)
-        yield gauge(
-            "stream_rate_hertz",
-            "Messages a second on a key since its first.",
-            ("key",),
-            (((each.key,), each.rate) for each in streams),
-        )
-        yield gauge(
-            "stream_silence_seconds",
-            "Since the last message on a key.",
-            ("key",),
-            (((each.key,), each.silence) for each in streams),
-        )
 
-    def _nodes(self) -> Families:
-        nodes = self._health.nodes(self._clock())
-        labels = ("turbine", "node")
-        yield gauge(
-            "node_up",
-            "1: the node has spoken lately and not said that it stops.",
-            labels,
-            ((_of_node(each), float(each.condition == "alive")) for each in nodes),
-        )
-        yield counter(
-            "node_busy_seconds",
-            "Time that the node has worked.",
-            labels,
-            ((_of_node(each), each.status.busy_s) for each in nodes),
-        )
-        yield counter(
-            "node_blocks",
-            "Blocks by what became of them, beside those that were simply handled.",
-            (*labels, "fate"),
-            (
-                ((*_of_node(each), fate), float(getattr(each.status, fate)))
-                for each in nodes
-                for fate in COUNTED_BY_NODES
-            ),
-        )
+def run_families(run: RunState, now_ns: int) -> Families:
+    """Return the figures of a run at a moment of the listener's clock [ns]."""
+    yield from _streams(run, now_ns)
+    yield from _nodes(run, now_ns)
+    yield from _modes(run)
+    yield from _foundation(run)
 
-    def _modes(self) -> Families:
-        labels = ("turbine", "mode")
-        modes = [
-            ((turbine, mode.name), mode)
-            for turbine, estimate in self._estimates.items()
-            for mode in estimate.modes
-        ]
-        yield gauge(
-            "first_frequency_hertz",
-            "f1, the lowest frequency of the newest window.",
-            ("turbine",),
-            (((t,), e.modes[0].frequency) for t, e in self._estimates.items() if e.modes),
-        )
-        yield gauge(
-            "mode_frequency_hertz",
-            "Frequencies of the newest window.",
-            labels,
-            ((key, mode.frequency) for key, mode in modes),
-        )
-        yield gauge(
-            "mode_frequency_std_hertz",
-            "Their standard deviations.",
-            labels,
-            ((key, mode.frequency_std) for key, mode in modes),
-        )
-        yield gauge(
-            "mode_damping_ratio",
-            "Damping ratios of the newest window.",
-            labels,
-            ((key, mode.damping_ratio) for key, mode in modes),
-        )
-        yield counter(
-            "windows_rejected",
-            "Windows that were not used, by the reason's code.",
-            ("turbine", "code"),
-            self._rejections.items(),
-        )
 
-    def _foundation(self) -> Families:
-        posteriors = self._posteriors.items()
-        yield gauge(
-            "stiffness_ratio",
-            "Quantiles of k11, k22, k12 over their nominal values.",
-            ("turbine", "spring", "level"),
-            (
-                ((turbine, p.name, level), getattr(p, field) / p.nominal)
-                for turbine, posterior in posteriors
-                for p in posterior.parameters[:3]
-                for level, field in QUANTILE_LEVELS
-            ),
-        )
-        yield gauge(
-            "stiffness",
-            "Medians of k11, k22, k12 in the unit of the label.",
-            ("turbine", "spring", "unit"),
-            (
-                ((turbine, p.name, p.unit), p.median)
-                for turbine, posterior in posteriors
-                for p in posterior.parameters[:3]
-            ),
-        )
-        for name, text, figure in (
-            ("posterior_windows", "Windows that entered the posterior.", _n_windows),
-            ("posterior_trusted", "0: the data contradict the model.", _trusted),
-            ("posterior_effective_draws", "Smallest effective sample size.", _ess),
-            ("change_probability", "That the modes have changed since the last event.", _change),
-        ):
-            values = (((turbine,), figure(each)) for turbine, each in posteriors)
-            yield gauge(name, text, ("turbine",), values)
-        yield counter(
-            "events",
-            "Changes of the structure that were told.",
-            ("turbine",),
-            (
-                ((turbine,), float(self._messages[turbine, FoundationEvent.__name__]))
-                for turbine in self._posteriors
-            ),
-        )
-        yield gauge(
-            "event_timestamp_seconds",
-            "When the newest change was noticed.",
-            ("turbine", "kind"),
-            (((t, event.kind), event.time_ns / NANOSECONDS) for t, event in self._events.items()),
-        )
+def _streams(run: RunState, now_ns: int) -> Families:
+    unit = ("turbine", "unit")
+    units = [
+        ((turbine, name), each)
+        for turbine, state in run.turbines.items()
+        for name, each in state.units.items()
+    ]
+    heard = [(key, each) for key, each in units if each.end_ns is not None]
+    short = [(key, each) for key, each in units if each.gaps]
+    yield counter(
+        "messages",
+        "Messages received.",
+        ("turbine", "message"),
+        (
+            ((turbine, message), count)
+            for turbine, state in run.turbines.items()
+            for message, count in state.received.items()
+        ),
+    )
+    yield counter(
+        "samples",
+        "Samples a channel received.",
+        unit,
+        ((key, each.samples) for key, each in heard),
+    )
+    yield counter(
+        "gaps", "Gaps in the measurements.", unit, ((key, each.gaps) for key, each in short)
+    )
+    yield counter(
+        "missing_seconds",
+        "Measured time that is missing.",
+        unit,
+        ((key, each.missing_ns / NANOSECONDS) for key, each in short),
+    )
+    yield gauge(
+        "lag_seconds",
+        "Age of the newest sample by this machine's clock; of a replay, of its recording.",
+        unit,
+        ((key, (now_ns - (each.end_ns or 0)) / NANOSECONDS) for key, each in heard),
+    )
+    yield gauge(
+        "sampling_rate_hertz",
+        "Sampling rate of the unit.",
+        unit,
+        ((key, each.sampling_rate) for key, each in heard),
+    )
+    streams = run.health.streams(now_ns)
+    yield gauge(
+        "stream_rate_hertz",
+        "Messages a second on a key since its first.",
+        ("key",),
+        (((each.key,), each.rate) for each in streams),
+    )
+    yield gauge(
+        "stream_silence_seconds",
+        "Since the last message on a key.",
+        ("key",),
+        (((each.key,), each.silence) for each in streams),
+    )
+
+
+def _nodes(run: RunState, now_ns: int) -> Families:
+    nodes = run.health.nodes(now_ns)
+    labels = ("turbine", "node")
+    yield gauge(
+        "node_up",
+        "1: the node has spoken lately and not said that it stops.",
+        labels,
+        ((_of_node(each), float(each.condition == "alive")) for each in nodes),
+    )
+    yield counter(
+        "node_busy_seconds",
+        "Time that the node has worked.",
+        labels,
+        ((_of_node(each), each.status.busy_s) for each in nodes),
+    )
+    yield counter(
+        "node_blocks",
+        "Blocks by what became of them, beside those that were simply handled.",
+        (*labels, "fate"),
+        (
+            ((*_of_node(each), fate), float(getattr(each.status, fate)))
+            for each in nodes
+            for fate in COUNTED_BY_NODES
+        ),
+    )
+
+
+def _modes(run: RunState) -> Families:
+    labels = ("turbine", "mode")
+    estimates = [
+        (turbine, state.estimate) for turbine, state in run.turbines.items() if state.estimate
+    ]
+    modes = [
+        ((turbine, mode.name), mode) for turbine, estimate in estimates for mode in estimate.modes
+    ]
+    yield gauge(
+        "first_frequency_hertz",
+        "f1, the lowest frequency of the newest window.",
+        ("turbine",),
+        (((t,), e.modes[0].frequency) for t, e in estimates if e.modes),
+    )
+    yield gauge(
+        "mode_frequency_hertz",
+        "Frequencies of the newest window.",
+        labels,
+        ((key, mode.frequency) for key, mode in modes),
+    )
+    yield gauge(
+        "mode_frequency_std_hertz",
+        "Their standard deviations.",
+        labels,
+        ((key, mode.frequency_std) for key, mode in modes),
+    )
+    yield gauge(
+        "mode_damping_ratio",
+        "Damping ratios of the newest window.",
+        labels,
+        ((key, mode.damping_ratio) for key, mode in modes),
+    )
+    yield counter(
+        "windows_rejected",
+        "Windows that were not used, by the reason's code.",
+        ("turbine", "code"),
+        (
+            ((turbine, code), count)
+            for turbine, state in run.turbines.items()
+            for code, count in state.rejections.items()
+        ),
+    )
+
+
+def _foundation(run: RunState) -> Families:
+    posteriors = [
+        (turbine, state.posterior) for turbine, state in run.turbines.items() if state.posterior
+    ]
+    yield gauge(
+        "stiffness_ratio",
+        "Quantiles of k11, k22, k12 over their nominal values.",
+        ("turbine", "spring", "level"),
+        (
+            ((turbine, p.name, level), getattr(p, field) / p.nominal)
+            for turbine, posterior in posteriors
+            for p in posterior.parameters[:3]
+            for level, field in QUANTILE_LEVELS
+        ),
+    )
+    yield gauge(
+        "stiffness",
+        "Medians of k11, k22, k12 in the unit of the label.",
+        ("turbine", "spring", "unit"),
+        (
+            ((turbine, p.name, p.unit), p.median)
+            for turbine, posterior in posteriors
+            for p in posterior.parameters[:3]
+        ),
+    )
+    for name, text, figure in (
+        ("posterior_windows", "Windows that entered the posterior.", _n_windows),
+        ("posterior_trusted", "0: the data contradict the model.", _trusted),
+        ("posterior_effective_draws", "Smallest effective sample size.", _ess),
+        ("change_probability", "That the modes have changed since the last event.", _change),
+    ):
+        values = (((turbine,), figure(each)) for turbine, each in posteriors)
+        yield gauge(name, text, ("turbine",), values)
+    yield counter(
+        "events",
+        "Changes of the structure that were told.",
+        ("turbine",),
+        (
+            ((turbine,), float(run.turbine(turbine).received[FoundationEvent.__name__]))
+            for turbine, _ in posteriors
+        ),
+    )
+    yield gauge(
+        "event_timestamp_seconds",
+        "When the newest change was noticed.",
+        ("turbine", "kind"),
+        (
+            ((turbine, state.events[-1].kind), state.events[-1].time_ns / NANOSECONDS)
+            for turbine, state in run.turbines.items()
+            if state.events
+        ),
+    )
 
 
 def _of_node(health: NodeHealth) -> tuple[str, str]:

@@ -12,16 +12,16 @@ from pathlib import Path
 
 from pipeline.messages import FoundationPosterior, Message, StreamGap
 from pipeline.nodes.node import NodeStatistics
-from pipeline.state.books import Books
-from pipeline.state.health import Health, NodeHealth, StreamHealth
+from pipeline.state.health import NodeHealth, StreamHealth
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import posterior_summary
+from pipeline.state.run_state import RunState
 from pipeline.streams import STREAMS
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
 API = 1  # of the answer: a field may come, none goes or changes its meaning under one number
-KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @
+STATUS_KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @
 ENDPOINT_FILE = "endpoint"  # in a session's folder while it runs
 GAPS_TOLD = 20
 
@@ -40,21 +40,13 @@ class StatusNode:
         self.connections: Callable[[], Json] = dict  # → certificate's name or address → links
         self._source = source
         self._clock = clock
-        self._health = Health()
-        self._books = Books()
-        self._newest: dict[str, int] = {}  # turbine → number of its latest block
-        self._posteriors: dict[str, FoundationPosterior] = {}  # by turbine
+        self._run = RunState(kept=GAPS_TOLD)
         self._asked = threading.Lock()
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Take note of a message. Gives nothing back."""
         with self._asked:
-            self._health.observe(message, self._clock())
-            self._books.handle(message)
-            if isinstance(message, AccelerationBlock):
-                self._newest[message.turbine] = message.sequence
-            elif isinstance(message, FoundationPosterior):
-                self._posteriors[message.turbine] = message
+            self._run.fold(message, self._clock())
         return ()
 
     @property
@@ -67,45 +59,50 @@ class StatusNode:
 
     def as_json(self) -> Json:
         """Everything known now; names are stable."""
-        now_ns = self._clock()
         with self._asked:
-            return {
-                "api": API,
-                "source": self._source,
-                "connections": self.connections(),
-                "time_ns": now_ns,
-                "nodes": [self._node(each) for each in self._health.nodes(now_ns)],
-                "streams": [_stream(each) for each in self._health.streams(now_ns)],
-                "gaps": [_gap(each) for each in self._health.gaps[-GAPS_TOLD:]],
-                "books": self._books.as_json(),
-                "posteriors": [_posterior(each) for each in self._posteriors.values()],
-            }
+            about = {"api": API, "source": self._source, "connections": self.connections()}
+            return about | status_figures(self._run, self._clock())
 
     def answer(self, _asked: bytes = b"") -> bytes:
         """`as_json` as it travels: JSON knows no NaN and no ∞, which any sender may send."""
         return json.dumps(with_nulls(self.as_json()), allow_nan=False).encode()
 
-    def _node(self, health: NodeHealth) -> Json:
-        status = health.status
-        newest = self._newest.get(status.turbine)
-        behind = None
-        if newest is not None and status.last_sequence >= 0:
-            behind = max(0, newest - status.last_sequence)
-        return {
-            "node": status.node,
-            "turbine": status.turbine,
-            "condition": health.condition,
-            "silence_s": health.silence,
-            "behind_blocks": behind,
-            "received": sum(each.count for each in status.received),
-            "lost": status.lost,
-            "recovered": status.recovered,
-            "late": status.late,
-            "duplicate": status.duplicate,
-            "malformed": status.malformed,
-            "busy_s": status.busy_s,
-            "warnings": [doubt.text for doubt in status.warnings],
-        }
+
+def status_figures(run: RunState, now_ns: int) -> Json:
+    """Return how a run does at a moment of the listener's clock [ns]."""
+    turbines = run.turbines.values()
+    gaps = sorted((gap for each in turbines for gap in each.gaps), key=lambda gap: gap.end_ns)
+    return {
+        "time_ns": now_ns,
+        "nodes": [_node(run, each) for each in run.health.nodes(now_ns)],
+        "streams": [_stream(each) for each in run.health.streams(now_ns)],
+        "gaps": [_gap(each) for each in gaps[-GAPS_TOLD:]],
+        "books": run.books.as_json(),
+        "posteriors": [_posterior(each.posterior) for each in turbines if each.posterior],
+    }
+
+
+def _node(run: RunState, health: NodeHealth) -> Json:
+    status = health.status
+    newest = run.turbine(status.turbine).sequence
+    behind = None
+    if newest is not None and status.last_sequence >= 0:
+        behind = max(0, newest - status.last_sequence)
+    return {
+        "node": status.node,
+        "turbine": status.turbine,
+        "condition": health.condition,
+        "silence_s": health.silence,
+        "behind_blocks": behind,
+        "received": sum(each.count for each in status.received),
+        "lost": status.lost,
+        "recovered": status.recovered,
+        "late": status.late,
+        "duplicate": status.duplicate,
+        "malformed": status.malformed,
+        "busy_s": status.busy_s,
+        "warnings": [doubt.text for doubt in status.warnings],
+    }
 
 
 def _stream(health: StreamHealth) -> Json:

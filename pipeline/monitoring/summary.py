@@ -1,14 +1,11 @@
-"""SessionSummary: a sink that keeps what a person wants to know of a session in the end.
+"""The summary of a run: what a person wants to know in the end, a pure function of its state.
 
-`as_json` is the content of `summary.json`; its names are stable: more may come, none changes.
+`run_figures` gives the content of `summary.json`; its names are stable: none changes, more may
+come.
 """
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
 from typing import TypeVar
-
-import numpy as np
 
 from pipeline.messages import (
     FoundationEvent,
@@ -17,50 +14,42 @@ from pipeline.messages import (
     Message,
     ModalEstimate,
     NodeStatus,
-    QualityWarning,
     StreamGap,
     WindowRejected,
-    same_window,
 )
 from pipeline.nodes.by_turbine import of_kind
 from pipeline.nodes.node import NodeStatistics
-from pipeline.state.books import Books
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import empty_summary, posterior_summary
-from pipeline.state.run_modes import CombinedMode, combined_modes
+from pipeline.state.run_state import RunState
+from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
-KEPT = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
+KEPT_WINDOWS = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
 
-NO_FACTOR = np.empty((0, 0))  # frequencies, shapes and their stds are all that is reported
-M = TypeVar("M")
-T = TypeVar("T", StreamGap, WindowRejected)
+_T = TypeVar("_T", StreamGap, WindowRejected)
 
 
-@dataclass(slots=True)
 class SessionSummary:
-    """Collects results and accounts while the session runs; answers with nothing."""
+    """A sink that folds a session into its state and answers with nothing.
 
-    source: str
-    turbine: str
-    live: bool = False  # no count of the blocks given is sent: those that are received count
-    estimates: list[ModalEstimate] = field(default_factory=list)
-    rejected: list[WindowRejected] = field(default_factory=list)
-    gaps: list[StreamGap] = field(default_factory=list)
-    events: list[FoundationEvent] = field(default_factory=list)
-    gone: Counter[str] = field(default_factory=Counter)  # counts of what was let go of all this
-    posterior: FoundationPosterior | None = None
-    truth: FoundationTruth | None = None
-    statuses: dict[str, NodeStatus] = field(default_factory=dict)
-    first_ns: int | None = None  # of the first block that the source gave
-    last_ns: int | None = None
-    published: int = 0  # acceleration blocks
-    books: Books = field(default_factory=Books)
-    heard: dict[tuple[str, ...], int] = field(default_factory=dict)  # a unit's session → sequence
-
-    others: dict[str, "SessionSummary"] = field(default_factory=dict)  # of a farm, by turbine
+    Parameters
+    ----------
+    source : str
+        What the session listens to, for people.
+    turbine : str
+        The session's first turbine.
+    live : bool, optional
+        Whether the blocks that are received count, for want of a count of those that are sent.
+    """
 
     name = "summary"
+
+    def __init__(self, source: str, turbine: str, *, live: bool = False) -> None:
+        self.source = source
+        self.live = live
+        self.run = RunState(kept=KEPT_WINDOWS if live else None, once=live)
+        self.main = self.run.turbine(turbine)
 
     @property
     def inputs(self) -> tuple[type, ...]:
@@ -70,212 +59,172 @@ class SessionSummary:
         return (*results, *accounts, *((AccelerationBlock,) if self.live else ()))
 
     def handle(self, message: Message) -> Iterable[Message]:
-        self.books.handle(message)
-        if isinstance(message, AccelerationBlock):
-            self._hear(message)
-        turbine = getattr(message, "turbine", self.turbine)
-        if turbine != self.turbine:
-            return () if isinstance(message, AccelerationBlock) else self._of(turbine, message)
-        match message:
-            case ModalEstimate():
-                self._add_estimate(message)
-            case WindowRejected():
-                self._add_rejection(message)
-            case StreamGap():
-                self._add_gap(message)
-            case FoundationEvent():
-                self.events.append(message)
-                self._let_go(self.events, "events")
-            case FoundationPosterior():
-                self.posterior = message
-            case FoundationTruth():
-                self.truth = message
-            case NodeStatus():
-                self.statuses[message.node] = message
+        """Take note of a message. Gives nothing back."""
+        self.run.fold(message)
         return ()
 
-    def _of(self, turbine: str, message: Message) -> Iterable[Message]:
-        """Another turbine of the farm."""
-        return self._other(turbine).handle(message)
-
-    def _other(self, turbine: str) -> "SessionSummary":
-        return self.others.setdefault(turbine, SessionSummary(self.source, turbine, live=self.live))
-
-    def _hear(self, block: AccelerationBlock) -> None:
-        """A block of a live unit, whichever turbine's; one that comes again is the same one."""
-        unit = (block.turbine, block.unit, block.session)
-        newest = self.heard.pop(unit, -1)
-        self.heard[unit] = max(newest, block.sequence)
-        if len(self.heard) > KEPT:
-            del self.heard[next(iter(self.heard))]  # silent for longest
-        if block.sequence <= newest:
-            return
-        if block.turbine == self.turbine:
-            self.count(block)
-        else:
-            self.published += 1
-            self._other(block.turbine).count(block)
-
-    def _add_estimate(self, estimate: ModalEstimate) -> None:
-        """A window once, even where a restarted identification has seen it again."""
-        if all(not same_window(each, estimate) for each in self.estimates):
-            modes = tuple(replace(mode, covariance_factor=NO_FACTOR) for mode in estimate.modes)
-            self.estimates.append(replace(estimate, modes=modes))
-            self._let_go(self.estimates, "windows")
-
-    def _add_gap(self, gap: StreamGap) -> None:
-        """One that is reported again is the same one."""
-        if gap not in self.gaps:
-            self.gaps.append(gap)
-            for oldest in self._let_go(self.gaps, "gaps"):
-                self.gone["gap_ns"] += oldest.end_ns - oldest.start_ns
-
-    def _let_go(self, told: list[M], name: str) -> list[M]:
-        """Keep the latest of a live session, which may run for years; what went, counted."""
-        gone = told[: max(0, len(told) - KEPT)] if self.live else []
-        del told[: len(gone)]
-        self.gone[name] += len(gone)
-        return gone
-
-    def _add_rejection(self, rejected: WindowRejected) -> None:
-        """A window once; the identification, restarted, also rejects what it has identified
-        before, its samples no longer to be had. The updating may reject what was identified."""
-        again = any(
-            each.code == rejected.code and same_window(each, rejected) for each in self.rejected
-        )
-        seen = any(same_window(each, rejected) for each in self.estimates)
-        if not again and not (seen and rejected.code == "gap"):
-            self.rejected.append(rejected)
-            self._let_go(self.rejected, "rejected")
-
-    def _in_its_time(self, told: Sequence[T]) -> list[T]:
-        """Without what lies before the first block that was received of a live session: a
-        listener that joins a unit after months has not lost them."""
-        if not self.live or self.first_ns is None:
-            return list(told)
-        return [each for each in told if each.end_ns > self.first_ns]
+    def count(self, block: AccelerationBlock) -> None:
+        """Take note of a block that the source publishes."""
+        self.run.fold(block)
 
     @property
     def statistics(self) -> NodeStatistics:
-        """It counts nothing of its own."""
+        """It counts nothing of its own: it would publish in its status what it then receives."""
         return NodeStatistics()
 
     def close(self) -> None:
         """Nothing is held."""
 
-    def count(self, block: AccelerationBlock) -> None:
-        """A block that the source publishes."""
-        if not self.live:
-            self.books.handle(block)
-        self.published += 1
-        self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
-        self.last_ns = max(self.last_ns or 0, block.end_ns)
-        if block.turbine != self.turbine:
-            self._other(block.turbine).count(block)
-
-    @property
-    def modes(self) -> list[CombinedMode]:
-        return combined_modes(self.estimates, self.posterior)
-
-    @property
-    def doubts(self) -> list[QualityWarning]:
-        """Every warning once, in order of appearance: the last posterior's, the windows', the
-        nodes'. Not the summary's own `warnings`, which it would publish in its status and receive
-        again.
-        """
-        doubts = [*(self.posterior.warnings if self.posterior else ())]
-        doubts += [doubt for estimate in self.estimates for doubt in estimate.warnings]
-        doubts += [doubt for status in self.statuses.values() for doubt in status.warnings]
-        return list(dict.fromkeys(doubts))
-
-    @property
-    def duration(self) -> float:
-        """Of the measurements [s]."""
-        if self.first_ns is None or self.last_ns is None:
-            return 0.0
-        return (self.last_ns - self.first_ns) / NANOSECONDS
-
     def as_json(self, wall: float) -> Json:
-        """Of the session's first turbine; of a farm also each turbine's own under `turbines`.
+        """Return the content of `summary.json`; wall: how long the session took [s]."""
+        return run_figures(
+            self.run, self.main.turbine, source=self.source, wall=wall, live=self.live
+        )
 
-        wall: how long the session took [s].
-        """
-        figures = self._figures(wall)
-        if self.others:
-            members = {self.turbine: self, **self.others}
-            figures["turbines"] = [members[name]._figures(wall) for name in sorted(members)]
-        answer: Json = with_nulls(figures)
-        return answer
 
-    def _figures(self, wall: float) -> Json:
-        return {
-            "source": self.source,
-            "turbine": self.turbine,
-            "duration_s": self.duration,
-            "windows": {
-                "identified": len(self.estimates) + self.gone["windows"],
-                "rejected": [self._rejection(each) for each in self._in_its_time(self.rejected)],
-            },
-            "modes": [mode.as_json() for mode in self.modes],
-            "posterior": self._posterior(),
-            "events": [self._event(each) for each in self.events],
-            "warnings": [{"code": each.code, "text": each.text} for each in self.doubts],
-            "stream": self._stream(),
-            "books": self.books.as_json(),
-            "timing": {
-                "wall_s": wall,
-                "realtime_factor": self.duration / wall if wall > 0 else None,
-                "identify_s_per_window": self._busy("identification"),
-                "update_s_per_window": self._busy("updating"),
-            },
+def run_figures(
+    run: RunState, main: str, *, source: str, wall: float = 0.0, live: bool = False
+) -> Json:
+    """Return the figures of a run: its first turbine's; of a farm also each one's own.
+
+    Parameters
+    ----------
+    run : RunState
+        After the last message.
+    main : str
+        The first turbine.
+    source : str
+        What the run listened to, for people.
+    wall : float, optional
+        How long it took [s].
+    live : bool, optional
+        Whether it joined units that were running: what lies before its first block is not lost.
+    """
+
+    def figures(turbine: TurbineState, published: int, books: Json) -> Json:
+        return _figures(
+            turbine, source=source, wall=wall, live=live, published=published, books=books
+        )
+
+    first = run.turbine(main)
+    answer = figures(first, run.published, run.books.as_json())
+    if len(run.turbines) > 1:
+        others = {
+            name: figures(each, each.published, run.books.as_json(name))
+            for name, each in run.turbines.items()
+            if each is not first
         }
+        members = {main: dict(answer), **others}
+        answer["turbines"] = [members[name] for name in sorted(members)]
+    with_null: Json = with_nulls(answer)
+    return with_null
 
-    def _since_start(self, time_ns: int) -> float | None:
-        return None if self.first_ns is None else (time_ns - self.first_ns) / NANOSECONDS
 
-    def _event(self, event: FoundationEvent) -> Json:
-        return {
-            "kind": event.kind,
-            "probability": known(event.probability),
-            "noticed": self._since_start(event.time_ns),
-            "since": self._since_start(event.since_ns),
-            "text": event.text,
-        }
+def turbine_figures(run: RunState, turbine: str, *, source: str) -> Json:
+    """Return the figures of one turbine of a recorded run."""
+    state = run.turbine(turbine)
+    figures: Json = with_nulls(
+        _figures(
+            state,
+            source=source,
+            wall=0.0,
+            live=False,
+            published=state.published,
+            books=run.books.as_json(turbine),
+        )
+    )
+    return figures
 
-    def _rejection(self, rejected: WindowRejected) -> Json:
-        start = self._since_start(rejected.start_ns)
-        return {"start": start, "code": rejected.code, "reason": rejected.reason}
 
-    def _posterior(self) -> Json:
-        if self.posterior is None:
-            return empty_summary()
-        last = self.posterior
-        return posterior_summary(last, self.truth) | {
-            "trusted": last.trusted,
-            "windows": last.n_windows,
-            "sampler": last.sampler,
-            "reduced_chi_square": known(last.reduced_chi_square),
-            "paired_share": known(last.paired_share),
-            "pairing_cost": known(last.pairing_cost),
-        }
+def _figures(
+    state: TurbineState, *, source: str, wall: float, live: bool, published: int, books: Json
+) -> Json:
+    rejected = _in_its_time(state, state.rejected, live=live)
+    return {
+        "source": source,
+        "turbine": state.turbine,
+        "duration_s": state.duration,
+        "windows": {
+            "identified": len(state.estimates) + state.gone["windows"],
+            "rejected": [_rejection(state, each) for each in rejected],
+        },
+        "modes": [mode.as_json() for mode in state.modes],
+        "posterior": _posterior(state),
+        "events": [_event(state, each) for each in state.events],
+        "warnings": [{"code": each.code, "text": each.text} for each in state.warnings],
+        "stream": stream_figures(state, published=published, live=live),
+        "books": books,
+        "timing": {
+            "wall_s": wall,
+            "realtime_factor": state.duration / wall if wall > 0 else None,
+            "identify_s_per_window": _busy(state, "identification"),
+            "update_s_per_window": _busy(state, "updating"),
+        },
+    }
 
-    def _stream(self) -> Json:
-        recorder = self.statuses.get("recorder")
-        gaps = self._in_its_time(self.gaps)
-        takers = [status for node, status in self.statuses.items() if node != "source"]
-        return {
-            "published": self.published,
-            "recorded": None if recorder is None else recorder.recorded,
-            "lost": max((status.lost for status in takers), default=0),
-            "recovered": max((status.recovered for status in takers), default=0),
-            "late": max((status.late for status in takers), default=0),
-            "duplicate": max((status.duplicate for status in takers), default=0),
-            "gaps": len(gaps) + self.gone["gaps"],
-            "gap_s": (sum(gap.end_ns - gap.start_ns for gap in gaps) + self.gone["gap_ns"])
-            / NANOSECONDS,
-        }
 
-    def _busy(self, node: str) -> float | None:
-        shares = [each for name, each in self.statuses.items() if of_kind(name, node)]
-        windows = len(self.estimates)
-        return sum(each.busy_s for each in shares) / windows if shares and windows else None
+def _in_its_time(state: TurbineState, items: Sequence[_T], *, live: bool) -> list[_T]:
+    """Without what lies before the first block that was received of a live session.
+
+    A listener that joins a unit after months has not lost them.
+    """
+    if not live or state.first_ns is None:
+        return list(items)
+    return [each for each in items if each.end_ns > state.first_ns]
+
+
+def _since_start(state: TurbineState, time_ns: int) -> float | None:
+    return None if state.first_ns is None else (time_ns - state.first_ns) / NANOSECONDS
+
+
+def _event(state: TurbineState, event: FoundationEvent) -> Json:
+    return {
+        "kind": event.kind,
+        "probability": known(event.probability),
+        "noticed": _since_start(state, event.time_ns),
+        "since": _since_start(state, event.since_ns),
+        "text": event.text,
+    }
+
+
+def _rejection(state: TurbineState, rejected: WindowRejected) -> Json:
+    start = _since_start(state, rejected.start_ns)
+    return {"start": start, "code": rejected.code, "reason": rejected.reason}
+
+
+def _posterior(state: TurbineState) -> Json:
+    if state.posterior is None:
+        return empty_summary()
+    last = state.posterior
+    return posterior_summary(last, state.truth) | {
+        "trusted": last.trusted,
+        "windows": last.n_windows,
+        "sampler": last.sampler,
+        "reduced_chi_square": known(last.reduced_chi_square),
+        "paired_share": known(last.paired_share),
+        "pairing_cost": known(last.pairing_cost),
+    }
+
+
+def stream_figures(state: TurbineState, *, published: int, live: bool = False) -> Json:
+    """Return what became of a turbine's blocks, by the accounts of the nodes."""
+    recorder = state.statuses.get("recorder")
+    gaps = _in_its_time(state, state.gaps, live=live)
+    takers = [status for node, status in state.statuses.items() if node != "source"]
+    missing_ns = sum(gap.end_ns - gap.start_ns for gap in gaps) + state.gone["gap_ns"]
+    return {
+        "published": published,
+        "recorded": None if recorder is None else recorder.recorded,
+        "lost": max((status.lost for status in takers), default=0),
+        "recovered": max((status.recovered for status in takers), default=0),
+        "late": max((status.late for status in takers), default=0),
+        "duplicate": max((status.duplicate for status in takers), default=0),
+        "gaps": len(gaps) + state.gone["gaps"],
+        "gap_s": missing_ns / NANOSECONDS,
+    }
+
+
+def _busy(state: TurbineState, node: str) -> float | None:
+    shares = [each for name, each in state.statuses.items() if of_kind(name, node)]
+    windows = len(state.estimates)
+    return sum(each.busy_s for each in shares) / windows if shares and windows else None

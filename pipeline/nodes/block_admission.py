@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.oma.windows.unit_clock import CLOCK_ERROR, STEP
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from pipeline.oma.windows.unit_clock import CLOCK_ERROR
+from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock
 
 STUBBORN = 5  # blocks on end that follow each other and not the last one taken
 MOST_CANDIDATES = 4  # sessions whose blocks are held
 RETURNING = 1000  # the same, of a session that is over and whose stamps are of the past
-MOST_SAMPLES = 10**8  # that may be missing in between: a day at 1 kHz
+MOST_SKIPPED = 10**8  # that may be missing in between: a day at 1 kHz
 MOST_VALUES = 5e7  # of a window: ten minutes of eight channels at 10 kHz; in memory 200 MB
-MOST_CHANNELS = 100  # of a unit: the time for a window grows with their square
-REMEMBERED = 600  # blocks whose samples are recognised
-FEWEST_SAMPLES = 10  # of a block that is not like another by chance
+MOST_CHANNELS_IDENTIFIED = 100  # of a unit: the time for a window grows with their square
+REMEMBERED_CONTENTS = 600  # blocks whose samples are recognised
+FEWEST_RECOGNISABLE = 10  # of a block that is not like another by chance
 MOST_SESSION_NAMES = 64  # names of sessions whose boots are remembered
 
 # Codes of refusals, as they are counted in a NodeStatus.
@@ -215,13 +215,13 @@ class BlockAdmission:
         if known is not None:
             if known == content:
                 return None  # the same once more
-            self.conflicts = [*self.conflicts, block.first_sample][-REMEMBERED:]
+            self.conflicts = [*self.conflicts, block.first_sample][-REMEMBERED_CONTENTS:]
             return Refusal(
                 CONFLICT,
                 f"sample {block.first_sample} came twice with different values: two devices send "
                 "under one name",
             )
-        alive = len(block.samples) >= FEWEST_SAMPLES and np.ptp(block.samples, axis=0).all()
+        alive = len(block.samples) >= FEWEST_RECOGNISABLE and np.ptp(block.samples, axis=0).all()
         if content in self._samples and alive:
             return Refusal(
                 REPEATED,
@@ -230,7 +230,7 @@ class BlockAdmission:
             )
         self._contents[block.first_sample] = content
         self._samples[content] = block.first_sample
-        if len(self._contents) > REMEMBERED:
+        if len(self._contents) > REMEMBERED_CONTENTS:
             oldest = self._contents.pop(next(iter(self._contents)))
             self._samples.pop(oldest, None)
         return None
@@ -267,7 +267,7 @@ class BlockAdmission:
             return False
         blocks = block.sequence - last.sequence
         counted = (block.first_sample - last.first_sample) / last.n_samples
-        few = block.first_sample - last.first_sample <= MOST_SAMPLES
+        few = block.first_sample - last.first_sample <= MOST_SKIPPED
         return few and blocks > 0 and abs(counted - blocks) <= max(2.0, 0.5 * blocks)
 
     def _continued(self, blocks: tuple[AccelerationBlock, ...]) -> Admission:
@@ -333,8 +333,8 @@ def _apart(last: BlockMark, block: AccelerationBlock) -> tuple[float, float]:
 def _tight(last: BlockMark, block: AccelerationBlock) -> bool:
     """Whether stamps and samples agree on the time between two blocks."""
     since, clock = _apart(last, block)
-    few = max(abs(since), abs(clock)) * last.sampling_rate <= MOST_SAMPLES
-    return few and abs(clock - since) <= STEP + CLOCK_ERROR * abs(since)
+    few = max(abs(since), abs(clock)) * last.sampling_rate <= MOST_SKIPPED
+    return few and abs(clock - since) <= CLOCK_STEP + CLOCK_ERROR * abs(since)
 
 
 def window_refusal(block: AccelerationBlock, duration: float) -> Refusal | None:
@@ -346,10 +346,11 @@ def window_refusal(block: AccelerationBlock, duration: float) -> Refusal | None:
         Of a window [s].
     """
     n_channels = block.samples.shape[1]
-    if n_channels > MOST_CHANNELS:
+    if n_channels > MOST_CHANNELS_IDENTIFIED:
         return Refusal(
             TOO_MANY_CHANNELS,
-            f"{n_channels} channels; a unit has at most {MOST_CHANNELS} that are identified",
+            f"{n_channels} channels; "
+            f"a unit has at most {MOST_CHANNELS_IDENTIFIED} that are identified",
         )
     n_values = duration * block.sampling_rate * n_channels
     if n_values <= MOST_VALUES:

@@ -30,7 +30,7 @@ LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
 MARKS = 10_000  # of a unit's latest blocks: where a restart reads on
 SAID_AGAIN = 2  # answers that may not have reached a recording before a kill
 
-Session = UnitSession | JoinedSession
+IdentifiedSession = UnitSession | JoinedSession
 WindowAnswer = ModalEstimate | WindowRejected
 
 
@@ -79,7 +79,7 @@ class TurbineIdentification:
         self._compared = compared
         self._units: dict[str, _Unit] = {}
         self._names = LimitedMembers(MOST_UNITS)
-        self._session: Session | None = None
+        self._session: IdentifiedSession | None = None
         self._layouts: dict[str, SensorLayout] = {}  # of all units, by their ids
         self._log = OperationLog()
         self._channels = ChannelSwapMonitor()
@@ -199,7 +199,7 @@ class TurbineIdentification:
             return
         yield from self._finish_if_complete()
 
-    def _begun(self, unit: _Unit, block: AccelerationBlock) -> Session:
+    def _begun(self, unit: _Unit, block: AccelerationBlock) -> IdentifiedSession:
         session = self._session_for(unit, block)
         resumable, self._resumable = self._resumable, None
         if resumable is None or resumable.boots.get(block.unit) != unit.boot:
@@ -213,7 +213,7 @@ class TurbineIdentification:
             self.recall(answer)
         return session
 
-    def _session_for(self, unit: _Unit, block: AccelerationBlock) -> Session:
+    def _session_for(self, unit: _Unit, block: AccelerationBlock) -> IdentifiedSession:
         latest = {name: each.layout for name, each in self._units.items()}
         layouts = {name: layout for name, layout in latest.items() if layout is not None}
         if len(layouts) > 1 and block.unit in layouts:

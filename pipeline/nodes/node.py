@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from pipeline.messages import Message, QualityWarning
 
@@ -64,6 +64,15 @@ class Node(Protocol):
 
     def close(self) -> None:
         """Let go of what the node holds; called once, at the end."""
+        ...
+
+
+@runtime_checkable
+class PayloadNode(Node, Protocol):
+    """A node that keeps messages as they arrived."""
+
+    def handle_payload(self, message: Message, payload: bytes) -> Iterable[Message]:
+        """Take one message with the bytes that it came in."""
         ...
 
 

@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -9,10 +10,10 @@ from pipeline.messages import ModalEstimate, WindowRejected
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
 
-STATES = ("parked", "idling", "start", "operating", "stop")
+OPERATING_STATES = ("parked", "idling", "start", "operating", "stop")
 CHANGING = "changing"  # state of a window during which the state or the yaw changed
 STEADY_YAW = 2.0  # range of the yaw over a window whose axes are known [deg]
-KEPT = 10_000  # SCADA samples that are remembered: more than a day at 10 s
+KEPT_SAMPLES = 10_000  # SCADA samples that are remembered: more than a day at 10 s
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,13 +21,15 @@ class OperationSettings:
     """Which windows may update the foundation."""
 
     allowed_states: tuple[str, ...] = ("parked", "idling")  # "" (unknown) always may
-    unusable: tuple[str, ...] = ("duplicate-channel", "clipped")  # codes that spoil the shapes
+    unusable: ClassVar[tuple[str, ...]] = ("duplicate-channel", "clipped")
+    """Codes that spoil the shapes."""
 
     def __post_init__(self) -> None:
         for state in self.allowed_states:
-            if state not in STATES:
+            if state not in OPERATING_STATES:
                 raise InputError(
-                    f"[operation] allowed_states has {state!r}; states are {', '.join(STATES)}"
+                    f"[operation] allowed_states has {state!r}; "
+                    f"states are {', '.join(OPERATING_STATES)}"
                 )
 
 
@@ -38,7 +41,7 @@ class OperationLog:
 
     def note(self, sample: ScadaSample) -> None:
         """Remember a sample."""
-        self._samples.setdefault(sample.turbine, deque(maxlen=KEPT)).append(sample)
+        self._samples.setdefault(sample.turbine, deque(maxlen=KEPT_SAMPLES)).append(sample)
 
     def forget(self, turbine: str) -> None:
         """Let go of a turbine."""

@@ -1,16 +1,12 @@
 """NodeAccount: a node with its books, whichever runner serves it."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
-from pipeline.nodes.node import NodeStatistics
+from pipeline.nodes.node import Node, NodeStatistics, PayloadNode
 from sensors.acquisition.blocks import AccelerationBlock
-
-if TYPE_CHECKING:
-    from pipeline.nodes.node import Node
 
 
 class NodeAccount:
@@ -21,7 +17,7 @@ class NodeAccount:
     clock     → time [ns since 1970]; an argument, so that nodes and tests need none
     """
 
-    def __init__(self, node: "Node", turbine: str, clock: Callable[[], int]) -> None:
+    def __init__(self, node: Node, turbine: str, clock: Callable[[], int]) -> None:
         self.node = node
         self.last_sequence = -1  # of the acceleration blocks handled
         self._turbine = turbine
@@ -35,20 +31,28 @@ class NodeAccount:
         """Messages that the node has taken; statuses, which would beget statuses, do not count."""
         return self._received.total() - self._received[NodeStatus.__name__]
 
-    def handle(self, message: Message) -> Iterator[Message]:
+    def handle(self, message: Message, payload: bytes | None = None) -> Iterator[Message]:
         """The node's answers to one message, in order, each as soon as the node gives it.
+
+        payload   the bytes that it came in, where they are known
 
         What a node does after its last answer, such as writing a checkpoint, it does when that
         answer has been passed on. The message counts as taken when the answers are exhausted.
         """
         with self._busy():  # a node that answers nothing works here
-            answers = iter(self.node.handle(message))
+            answers = iter(self._answers(message, payload))
         while (answer := self._next(answers)) is not None:
             self._published[type(answer).__name__] += 1
             yield answer
         self._received[type(message).__name__] += 1
         if isinstance(message, AccelerationBlock):
             self.last_sequence = message.sequence
+
+    def _answers(self, message: Message, payload: bytes | None) -> Iterable[Message]:
+        node = self.node
+        if payload is not None and isinstance(node, PayloadNode):
+            return node.handle_payload(message, payload)
+        return node.handle(message)
 
     def _next(self, answers: Iterator[Message]) -> Message | None:
         with self._busy():

@@ -27,7 +27,7 @@ from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 
-LATEST = 10  # answers that are given again when their estimates come again
+LATEST_ANSWERS = 10  # answers that are given again when their estimates come again
 MOST_BOOTS = 256  # sets of units' boots whose last window is remembered
 MOST_LAYOUTS = 1000  # of turbines of which no estimate has come
 OLDER_REACH = 2 * 86_400  # before the last window of an older snapshot, in which windows count as
@@ -137,7 +137,7 @@ class TurbineUpdating:
         if message in self._answered:
             return tuple(each for each in self._answers if _is_of(each, message))
         answers = tuple(_identified(each, message) for each in self._answers_to(message))
-        self._answers = (*self._answers, *answers)[-LATEST:]
+        self._answers = (*self._answers, *answers)[-LATEST_ANSWERS:]
         self._answered.add(message)
         self.revision += 1
         return answers

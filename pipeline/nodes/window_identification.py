@@ -52,7 +52,7 @@ def stabilisation_diagram(
     )
 
 
-Columns = dict[str, list[int]]  # which channels are a unit's, of several
+ColumnsOfUnits = dict[str, list[int]]  # which channels are a unit's, of several
 Origins = Callable[[Window], tuple[UnitOrigin, ...]]
 
 MOST_CLOCK_STEPS = 8  # of joined units' clocks that are reported with a window
@@ -78,7 +78,7 @@ class WindowIdentification:
         settings: OmaSettings,
         layouts: dict[str, SensorLayout],
         *,
-        columns: Columns | None = None,
+        columns: ColumnsOfUnits | None = None,
         origins: Origins = no_origins,
     ):
         self._turbine, self._unit = turbine, unit

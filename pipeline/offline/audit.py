@@ -12,10 +12,10 @@ from pipeline.recording.rotation import RESULTS
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.runtime.snapshots import ANSWERS, FOLDER, checked
 from pipeline.scenario import scenario_from_metadata
-from pipeline.sources.session_files import SESSION
+from pipeline.sources.session_files import SESSION_FILE
 from pipeline.state.books import Books
 from pipeline.state.json_values import Json
-from pipeline.updating.serialisation import CheckpointError
+from pipeline.updating.state import CheckpointError
 from sensors.errors import InputError
 
 
@@ -86,8 +86,8 @@ def _messages(file: Path) -> Iterator[Message]:
 def recordings_of(folder: Path) -> list[Path]:
     """Every recording of the runs in a folder, in the order of writing; a part whose samples have
     gone is there by its results."""
-    stem = Path(SESSION).stem
-    found = {*folder.glob(f"{stem}*.mcap"), *files_of(folder / SESSION)}
+    stem = Path(SESSION_FILE).stem
+    found = {*folder.glob(f"{stem}*.mcap"), *files_of(folder / SESSION_FILE)}
     return sorted(found, key=lambda file: (file.stat().st_mtime_ns, RESULTS in file.name))
 
 

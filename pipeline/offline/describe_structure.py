@@ -13,7 +13,7 @@ from sensors.structure.description import Direction, TurbineDescription
 
 N_MODES = 6
 POINTS = 60  # of the tower at which its shapes are computed
-HIGHEST_FREQUENCY = 12.5  # of the modes [Hz]
+HIGHEST_DESCRIBED = 12.5  # of the modes [Hz]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +117,7 @@ def structure_figures(description: TurbineDescription) -> StructureFigures:
     layout = biaxial_layout(
         "description", turbine=description.name, unit="tower", elevations=tuple(elevations.tolist())
     )
-    modes = full_modes(description, layout, highest_frequency=HIGHEST_FREQUENCY)
+    modes = full_modes(description, layout, highest_frequency=HIGHEST_DESCRIBED)
     return StructureFigures(description, elevations, modes)
 
 

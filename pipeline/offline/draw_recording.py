@@ -8,14 +8,13 @@ from pathlib import Path
 
 from pipeline.messages import Message
 from pipeline.recording.reader import read_messages
+from pipeline.recording.rotation import PICTURE_SUFFIX
 from pipeline.sources.sources import replayed
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerError, ViewerOutput
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from sensors.structure.bare_mast import bare_mast
-
-PICTURES = ".rrd"
 
 
 def draw_recording(
@@ -68,7 +67,7 @@ def pictures_of(recording: Path, out: Path | None) -> RrdFile:
     InputError
         If that file exists: it may be another session's.
     """
-    path = out or recording.with_suffix(PICTURES)
+    path = out or recording.with_suffix(PICTURE_SUFFIX)
     if path.exists():
         raise InputError(f"{path} exists already; name another file with -o, or remove it")
     return RrdFile(path)

@@ -23,10 +23,9 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 from sensors.files.formats import read_file
 from sensors.files.layout_file import LayoutFile
-from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError, Quantity
+from sensors.files.table import EVERYTHING, STANDING_STAMPS, ChannelTable, FileError, Quantity
 
 JOINING = 5.0  # waiting time for a missing unit [s]
-RATE_TOLERANCE = 0.02  # between the sampling rate given and the time stamps, relative
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,7 +165,7 @@ def _read(
     if stamped is None and table.times is not None:  # they stand still
         table = replace(table, times=None)
         if sampling_rate is None:
-            raise FileError(STANDING.format(path=path))
+            raise FileError(STANDING_STAMPS.format(path=path))
     if sampling_rate is None and stamped is None:
         raise FileError(
             f"{path} has neither a sampling rate nor a time column (t, time or timestamp): give "

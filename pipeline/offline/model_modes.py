@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.scenario import DEFAULT_SCENARIO, Scenario, load_scenario
+from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
 from pipeline.state.run_modes import CombinedMode
+from sensors.acquisition.layout import SensorLayout
 from sensors.dynamics.modal_model import ModalModel, ModalParameters
 from sensors.errors import InputError
-from sensors.structure.description import load_turbine
+from sensors.structure.description import TurbineDescription, load_turbine
 from sensors.structure.foundation import SpringSign
 
 
@@ -102,20 +103,43 @@ class NearestMode:
     """MAC of both shapes [-]; NaN where the sensors differ from the model's."""
 
 
-def nearest_modes(modes: Sequence[CombinedMode], scenario: Scenario) -> list[NearestMode]:
-    """Return the nearest mode of the scenario's structure to each identified mode.
+def nearest_modes(
+    modes: Sequence[CombinedMode],
+    structure: TurbineDescription,
+    layout: SensorLayout,
+    channels: Sequence[str],
+) -> list[NearestMode]:
+    """Return the nearest mode of a structure to each identified mode.
 
     Of use where no modes are paired, so that there is no posterior.
+
+    Parameters
+    ----------
+    modes : sequence of CombinedMode
+        As identified.
+    structure : TurbineDescription
+        Whose modes are looked up, at its nominal foundation.
+    layout : SensorLayout
+        Of the sensors that measured.
+    channels : sequence of str
+        Of the shapes' components, in their order.
+
+    Returns
+    -------
+    list of NearestMode
     """
-    model = ModalModel(scenario.structure, scenario.layout)
+    model = ModalModel(structure, layout)
     at_nominal = model.modal(model.nominal[None])
     frequencies, shapes = at_nominal.frequencies[0], at_nominal.shapes[0]
+    names = [channel.name for channel in layout.channels]
+    places = [names.index(name) for name in channels if name in names]
     found = []
     for mode in modes:
         nearest = int(np.argmin(np.abs(np.log(frequencies / mode.frequency))))
         mac = float("nan")
-        if len(mode.shape) == shapes.shape[1]:
-            mac = modal_assurance_criterion(np.array([mode.shape]), shapes[[nearest]])[0, 0]
+        if len(mode.shape) == len(places):
+            model_shape = shapes[[nearest]][:, places]
+            mac = modal_assurance_criterion(np.array([mode.shape]), model_shape)[0, 0]
         label = model.labels[nearest]
         found.append(NearestMode(mode, label, float(frequencies[nearest]), float(mac)))
     return found

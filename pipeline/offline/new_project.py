@@ -17,7 +17,7 @@ from sensors.files.layout_file import load_layout
 from sensors.structure.description import load_turbine
 
 UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
-AXES: dict[str, tuple[tuple[float, float, float], str]] = {
+AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
     **dict.fromkeys(("fa", "foreaft", "x", "n"), (FORE_AFT, "fore-aft")),
     **dict.fromkeys(("ss", "sideside", "y", "e"), (SIDE_SIDE, "side-side")),
     **dict.fromkeys(("z", "v", "up", "vert"), (UP, "vertical")),
@@ -84,7 +84,7 @@ def guess_channel(name: str, place: int) -> GuessedChannel:
     """
     height, seen_height = _height(name)
     axis, seen_axis = _axis(name)
-    direction, axis_name = AXES[axis] if axis else (FORE_AFT, "fore-aft")
+    direction, axis_name = AXIS_OF_NAME[axis] if axis else (FORE_AFT, "fore-aft")
     reasons = [
         f"{height:g} m from {seen_height!r}" if height is not None else "height not in the name",
         f"{axis_name} from {seen_axis!r}" if axis else "axis not in the name",
@@ -110,12 +110,12 @@ def _height(name: str) -> tuple[float | None, str]:
 def _axis(name: str) -> tuple[str, str]:
     words = _WORD.findall(name)
     for word in reversed(words):
-        if word.lower() in AXES:
+        if word.lower() in AXIS_OF_NAME:
             return word.lower(), word
     last = words[-1] if words else ""
-    trailing = last[-2:].lower() if last[-2:].lower() in AXES else last[-1:].lower()
+    trailing = last[-2:].lower() if last[-2:].lower() in AXIS_OF_NAME else last[-1:].lower()
     is_suffix = bool(re.search(r"\d[XYZxyz]$", name))
-    return (trailing, trailing) if is_suffix and trailing in AXES else ("", "")
+    return (trailing, trailing) if is_suffix and trailing in AXIS_OF_NAME else ("", "")
 
 
 def start_project(

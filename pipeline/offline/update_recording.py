@@ -1,17 +1,15 @@
 """Compute the posterior of a recording in one thread: `pilewatch update`."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.app import Outputs, build
 from pipeline.messages import FoundationTruth, Message, ModalEstimate
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.recording.reader import read_messages
-from pipeline.runtime.runner import run_lock_step
+from pipeline.runtime.runner import BlockReport, run_lock_step
 from pipeline.sources.sources import Source, replayed
 from sensors.acquisition.blocks import AccelerationBlock
-
-Report = Callable[[AccelerationBlock], None]
 
 
 def recorded_source(path: Path, *, scenario: str | None, sampler: str | None) -> Source:
@@ -29,7 +27,9 @@ def holds_estimates(path: Path) -> bool:
     return next(iter(read_messages(path, (ModalEstimate,))), None) is not None
 
 
-def update_from(source: Source, *, identify: bool, report: Report | None = None) -> SessionSummary:
+def update_from(
+    source: Source, *, identify: bool, report: BlockReport | None = None
+) -> SessionSummary:
     """Return ehe summary after updating with every window of a recording.
 
     Parameters

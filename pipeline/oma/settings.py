@@ -1,8 +1,10 @@
 """OmaSettings: everything about identification that a scenario may set."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 from sensors.errors import InputError
+from sensors.settings import NO_KEY
 
 
 class OmaSettingsError(InputError):
@@ -23,17 +25,26 @@ class OmaSettings:
     lowest_frequency: float | None = None  # of the modes sought [Hz]; None: what the bands reach
     highest_frequency: float | None = None  # [Hz]; None: 0.45 × the sampling rate
     reference_channels: tuple[str, ...] | None = None  # names; None: all (see `references.py`)
-    n_blocks: int = 40  # time blocks for the uncertainty; std scatters by 1/sqrt(2(n_blocks − 1))
-    maximum_damping: float = 0.1  # ζ of a structural mode [-]
-    minimum_presence: float = 0.7  # share of the orders in which a mode must be stable [-]
-    minimum_collinearity: float = 0.6  # modal phase collinearity of a structural mode [-]
-    maximum_frequency_std: float = 0.03  # relative to the frequency [-]
-    maximum_bound_ratio: float = 10.0  # frequency std over the attainable bound √(ζ/(2π f T)) [-]
-    maximum_shape_std: float = 0.25  # of any component; a mixture of neighbours has more [-]
-    maximum_bandwidth_share: float = 0.6  # stds of f and ζ over the half bandwidth: ζ f and ζ [-]
+    n_blocks: int = field(default=40, metadata=NO_KEY)
+    """Time blocks for the uncertainty; std scatters by 1/sqrt(2(n_blocks − 1))."""
+
+    maximum_damping: ClassVar[float] = 0.1  # ζ of a structural mode [-]
+    minimum_presence: ClassVar[float] = 0.7
+    """Share of the orders in which a mode must be stable [-]."""
+
+    minimum_collinearity: ClassVar[float] = 0.6  # modal phase collinearity of a structural mode [-]
+    maximum_frequency_std: ClassVar[float] = 0.03  # relative to the frequency [-]
+    maximum_bound_ratio: ClassVar[float] = 10.0
+    """Frequency std over the attainable bound √(ζ/(2π f T)) [-]."""
+
+    maximum_shape_std: ClassVar[float] = 0.25
+    """Of any component; a mixture of neighbours has more [-]."""
+
+    maximum_bandwidth_share: ClassVar[float] = 0.6
+    """Stds of f and ζ over the half bandwidth: ζ f and ζ [-]."""
 
     def __post_init__(self) -> None:
-        for name in ("window_duration", "hop", "n_blocks", "maximum_damping"):
+        for name in ("window_duration", "hop"):
             if not getattr(self, name) > 0:
                 raise OmaSettingsError(f"[oma] {name} is {getattr(self, name)}; it must be > 0")
         if self.hop > self.window_duration:

@@ -46,7 +46,9 @@ from pipeline.oma.ssi.preprocessing import decimated, n_decimated
 from pipeline.oma.ssi.ssi_cov import SignalSubspace
 from sensors.arrays import FloatArray
 
-PIECE = 10.0  # that is filtered at once [s]: filters are longer than a block of one second
+FILTERED_AT_ONCE = (
+    10.0  # that is filtered at once [s]: filters are longer than a block of one second
+)
 
 
 class StreamingDecimator:
@@ -144,7 +146,9 @@ class StreamingIdentifier:
         whole = abs(settings.hop * sampling_rate - self._hop) < 1e-6
         shared = whole and all(self._hop % self._block(band) == 0 for band in bands)
         self._rings = [self._ring(band) for band in bands] if shared else []
-        self._piece = largest_piece(math.gcd(self._window, self._hop), PIECE * sampling_rate)
+        self._piece = largest_piece(
+            math.gcd(self._window, self._hop), FILTERED_AT_ONCE * sampling_rate
+        )
         self._held: list[FloatArray] = []  # samples on their way to the rings
         self._subspaces: list[SignalSubspace | None] = [None] * len(self._rings)
 

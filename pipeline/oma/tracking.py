@@ -20,7 +20,7 @@ DRIFT_PER_WINDOW = 0.001  # std of a frequency's own random walk, relative, a wi
 SHAPE_SCATTER = 0.15  # scale of 1 − MAC between an estimate and its track [-]
 REJECTION_COST = 16.0  # four standard deviations
 SHAPE_MEMORY = 0.2  # weight of a new shape in the track's mean
-ESTABLISHED = 5  # windows in which a track was seen before its loss or drift is worth a word
+ESTABLISHED_TRACK = 5  # windows in which a track was seen before its loss or drift is worth a word
 DIES_AFTER = 24  # windows without the mode
 NOTABLE_DRIFT = 0.01  # of a frequency since the track's birth, relative
 
@@ -181,7 +181,7 @@ class ModeTracker:
 
     def _birth_event(self, track: _Track) -> list[TrackEvent]:
         """While the first windows gather the modes, a birth is no news."""
-        if self._windows < ESTABLISHED:
+        if self._windows < ESTABLISHED_TRACK:
             return []
         text = f"a mode that was not seen before at {track.frequency:.4g} Hz: {track.name}"
         return [TrackEvent("birth", track.name, track.frequency, text)]
@@ -199,7 +199,7 @@ class ModeTracker:
                 f"{DIES_AFTER} windows",
             )
             for track in dead
-            if track.seen >= ESTABLISHED
+            if track.seen >= ESTABLISHED_TRACK
         ]
 
 
@@ -213,9 +213,9 @@ def _drift_event(track: _Track) -> list[TrackEvent]:
     """A frequency that has left its reference by a notable and a significant amount."""
     change = track.frequency / track.reference - 1
     std = np.sqrt(track.variance) / track.reference
-    if track.seen == ESTABLISHED:
+    if track.seen == ESTABLISHED_TRACK:
         track.reference = track.frequency  # the first estimate alone is a poor one
-    if track.seen <= ESTABLISHED or abs(change) < max(NOTABLE_DRIFT, 4 * std):
+    if track.seen <= ESTABLISHED_TRACK or abs(change) < max(NOTABLE_DRIFT, 4 * std):
         return []
     track.reference = track.frequency
     text = f"{track.name} has drifted by {100 * change:+.2g} % to {track.frequency:.4g} Hz"

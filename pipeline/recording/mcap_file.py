@@ -26,11 +26,11 @@ from pipeline.recording.errors import RecordingError
 from pipeline.streams import STREAMS
 from pipeline.transport.wire import full_name
 
-MAGIC = b"\x89MCAP0\r\n"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 _RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows [bytes]
 
 # What the mcap package raises where bytes are not what they should be.
-DAMAGE = (
+MCAP_DAMAGE = (
     McapError,
     struct.error,
     zstandard.ZstdError,
@@ -74,7 +74,7 @@ def open_recording(path: Path) -> BinaryIO:
         raise RecordingError(
             f"cannot read the recording {path}: {error.strerror or error}"
         ) from error
-    if file.read(len(MAGIC)) != MAGIC:
+    if file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
         file.close()
         raise RecordingError(
             f"{path} is not a recording: it does not begin as an MCAP file does; a file of "
@@ -85,10 +85,10 @@ def open_recording(path: Path) -> BinaryIO:
 
 def is_closed_properly(file: BinaryIO) -> bool:
     """Whether the file ends as a finished recording does."""
-    if file.seek(0, 2) < 2 * len(MAGIC):
+    if file.seek(0, 2) < 2 * len(MCAP_MAGIC):
         return False
-    file.seek(-len(MAGIC), 2)
-    return file.read() == MAGIC
+    file.seek(-len(MCAP_MAGIC), 2)
+    return file.read() == MCAP_MAGIC
 
 
 def counted_in_summary(path: Path, message_type: type) -> int | None:
@@ -100,7 +100,7 @@ def counted_in_summary(path: Path, message_type: type) -> int | None:
         file.seek(0)
         try:
             summary = SeekingReader(file).get_summary()
-        except DAMAGE:
+        except MCAP_DAMAGE:
             return None
     if summary is None or summary.statistics is None:
         return None
@@ -123,7 +123,7 @@ def complete_records(file: BinaryIO) -> Iterator[Record]:
 def record_offsets(file: BinaryIO) -> Iterator[tuple[int, int]]:
     """Offset and opcode of every complete record, the content of which is not read."""
     size = file.seek(0, 2)
-    offset = len(MAGIC)
+    offset = len(MCAP_MAGIC)
     while offset + _RECORD_HEAD.size <= size:
         file.seek(offset)
         opcode, length = _RECORD_HEAD.unpack(file.read(_RECORD_HEAD.size))
@@ -158,8 +158,8 @@ def checked_records(path: Path, file: BinaryIO) -> Iterator[Record]:
     Raises RecordingError after the last good record where the file is damaged, and at the end
     where its checksum does not hold.
     """
-    checksum = zlib.crc32(MAGIC)
-    end = len(MAGIC)
+    checksum = zlib.crc32(MCAP_MAGIC)
+    end = len(MCAP_MAGIC)
     for record in complete_records(file):
         if record.opcode == Opcode.DATA_END:
             (expected,) = struct.unpack_from("<I", record.content.ljust(4, b"\0"))
@@ -172,7 +172,7 @@ def checked_records(path: Path, file: BinaryIO) -> Iterator[Record]:
     raise RecordingError(f"{path} is damaged: what begins at byte {end} is no whole record")
 
 
-class ChannelTable:
+class McapChannels:
     """The schemas and channels met so far; makes sense of the messages that follow them."""
 
     def __init__(self) -> None:

@@ -9,8 +9,8 @@ from mcap.opcode import Opcode
 from pipeline.messages import Message
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import (
-    DAMAGE,
-    ChannelTable,
+    MCAP_DAMAGE,
+    McapChannels,
     RecordedMessage,
     checked_records,
     is_closed_properly,
@@ -70,7 +70,7 @@ def read_metadata(path: Path) -> dict[str, dict[str, str]]:
                 for record in checked_records(path, file)
                 if record.opcode == Opcode.METADATA
             )
-        except DAMAGE as error:
+        except MCAP_DAMAGE as error:
             raise RecordingError(f"{path} is damaged: its metadata cannot be read") from error
 
 
@@ -109,14 +109,14 @@ def _within(recorded: RecordedMessage, start_ns: int | None, end_ns: int | None)
 
 
 def _recorded(path: Path, file: BinaryIO) -> Iterator[RecordedMessage]:
-    channels = ChannelTable()
+    channels = McapChannels()
     with file:
         for record in checked_records(path, file):
             if record.opcode != Opcode.CHUNK:
                 continue
             try:
                 messages = channels.messages(record)
-            except DAMAGE as error:
+            except MCAP_DAMAGE as error:
                 raise RecordingError(
                     f"{path} is damaged: the chunk at byte {record.offset} fails its checksum; "
                     "the other chunks can be salvaged"

@@ -13,21 +13,25 @@ from pathlib import Path
 from mcap.opcode import Opcode
 
 from pipeline.recording.errors import RecordingError
-from pipeline.recording.mcap_file import MAGIC, complete_records, open_recording
+from pipeline.recording.mcap_file import MCAP_MAGIC, complete_records, open_recording
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.constants import DAY
 
 logger = logging.getLogger(__name__)
 
-PICTURES = ".rrd"  # how the names of the viewer's files end
+PICTURE_SUFFIX = ".rrd"  # how the names of the viewer's files end
 RESULTS = ".results"
-DAY = 86_400.0  # [s]
 _HEAD = struct.Struct("<BQ")  # opcode, length of what follows [bytes]
 # Data end without a checksum, footer without a summary. Source: https://mcap.dev/spec
 _ENDING = (
-    _HEAD.pack(Opcode.DATA_END, 4) + bytes(4) + _HEAD.pack(Opcode.FOOTER, 20) + bytes(20) + MAGIC
+    _HEAD.pack(Opcode.DATA_END, 4)
+    + bytes(4)
+    + _HEAD.pack(Opcode.FOOTER, 20)
+    + bytes(20)
+    + MCAP_MAGIC
 )
 
 
@@ -94,7 +98,7 @@ def closed_in_place(active: Path) -> Path:
 
 
 def _end_of_records(file: object) -> int:
-    end = len(MAGIC)
+    end = len(MCAP_MAGIC)
     for record in complete_records(file):  # type: ignore[arg-type]
         if record.opcode == Opcode.DATA_END or not 0 < record.opcode <= Opcode.DATA_END:
             break  # zeros, where the machine itself went down, are no record
@@ -142,7 +146,7 @@ def thin(path: Path, settings: RecordingSettings, now_ns: int, *, needed: int = 
 def _without_pictures(path: Path, keep_days: float, now_ns: int, needed: int) -> int:
     """Delete the viewer's files that are too old or in the way, but for the one in writing; gives
     how much room that made [bytes]."""
-    found = {each: each.stat() for each in path.parent.glob(f"{path.stem}*{PICTURES}")}
+    found = {each: each.stat() for each in path.parent.glob(f"{path.stem}*{PICTURE_SUFFIX}")}
     *past, _ = sorted(found, key=lambda each: found[each].st_mtime_ns) or [path]
     freed = 0
     for each in past:

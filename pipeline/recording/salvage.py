@@ -9,8 +9,8 @@ from mcap.opcode import Opcode
 
 from pipeline.messages import Message
 from pipeline.recording.mcap_file import (
-    DAMAGE,
-    ChannelTable,
+    MCAP_DAMAGE,
+    McapChannels,
     RecordedMessage,
     complete_records,
     metadata_section,
@@ -94,13 +94,13 @@ class _Remains:
         self._ends_ns: list[int] = []
 
     def messages(self, file: BinaryIO) -> Iterator[RecordedMessage]:
-        channels = ChannelTable()
+        channels = McapChannels()
         for record in complete_records(file):
             if record.opcode != Opcode.CHUNK:
                 continue
             try:
                 messages = channels.messages(record)
-            except DAMAGE:
+            except MCAP_DAMAGE:
                 self._damaged += 1
                 continue
             self._chunks += 1
@@ -135,7 +135,7 @@ def _metadata(file: BinaryIO) -> dict[str, dict[str, str]]:
         if record.opcode == Opcode.METADATA:
             try:
                 name, texts = metadata_section(record)
-            except DAMAGE:
+            except MCAP_DAMAGE:
                 continue
             sections[name] = texts
     return sections

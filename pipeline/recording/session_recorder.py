@@ -13,8 +13,8 @@ from pathlib import Path
 
 from pipeline.messages import FoundationTruth, Message, NodeStatus, QualityWarning
 from pipeline.nodes.node import NodeStatistics
-from pipeline.recording.deduplication import Repetition, latest_payloads
 from pipeline.recording.errors import RecordingError
+from pipeline.recording.latest_messages import Repetition, latest_payloads
 from pipeline.recording.mcap_file import counted_in_summary
 from pipeline.recording.reader import recorded_messages
 from pipeline.recording.rotation import (
@@ -35,7 +35,10 @@ from sensors.acquisition.layout import SensorLayout
 logger = logging.getLogger(__name__)
 
 ROOM_CHECKED_EVERY = 5.0  # [s]
-STANDING = (SensorLayout, FoundationTruth)  # hold until they are sent again; every part has them
+STANDING_MESSAGES = (
+    SensorLayout,
+    FoundationTruth,
+)  # hold until they are sent again; every part has them
 
 
 def free_bytes(folder: Path) -> int:
@@ -103,6 +106,7 @@ class SessionRecorder:
         earlier = parts_of(path)
         self._recorded_before = sum(map(blocks_said_to_be_in, earlier))  # … the part being written
         self._repetition = Repetition(latest_payloads(earlier))
+        self._arrived: tuple[Message | None, bytes] = (None, b"")  # the latest, and its bytes
         self._checked_ns = 0
         self._recorder: Recorder | None = self._begun(clock())
 
@@ -127,6 +131,11 @@ class SessionRecorder:
             warnings=self.warnings,
         )
 
+    def handle_payload(self, message: Message, payload: bytes) -> Iterable[Message]:
+        """Record one message as it arrived, unless it has been."""
+        self._arrived = message, payload
+        return self.handle(message)
+
     def handle(self, message: Message) -> Iterable[Message]:
         """Record one message, unless it has been. Gives nothing back."""
         if self._is_recorded(message):
@@ -135,10 +144,10 @@ class SessionRecorder:
         try:
             self._make_room()
             if self._recorder is not None:
-                self._recorder.handle(message)
+                self._recorder.handle_payload(message, self._bytes_of(message))
         except (OSError, RecordingError) as error:  # the latter: no next part can be started
             self._stop(getattr(error, "strerror", None) or str(error))
-        if isinstance(message, STANDING):
+        if isinstance(message, STANDING_MESSAGES):
             self._standing[key_of(message)] = message
         if self._recorder is None and isinstance(message, AccelerationBlock):
             self.lost += 1
@@ -146,10 +155,18 @@ class SessionRecorder:
 
     def _is_recorded(self, message: Message) -> bool:
         """Whether it has been. What stands until it is sent again may be sent again."""
-        if isinstance(message, (*STANDING, NodeStatus)):
+        if isinstance(message, (*STANDING_MESSAGES, NodeStatus)):
             return False
         kept = stream_of(type(message)).cached
-        return self._repetition.is_known(key_of(message), encode(message), kept=kept)
+        return self._repetition.is_known(key_of(message), self._bytes_of(message), kept=kept)
+
+    def _bytes_of(self, message: Message) -> bytes:
+        """What it came in; encoded where that is not known."""
+        arrived, payload = self._arrived
+        if arrived is message:
+            return payload
+        self._arrived = message, encode(message)
+        return self._arrived[1]
 
     def close(self) -> None:
         """Finish the part. A second call does nothing."""

@@ -73,7 +73,7 @@ class Recorder:
         self._channels: dict[str, int] = {}  # key → MCAP channel
         self._schemas: dict[type, int] = {}
         self._counts: dict[str, int] = {}  # key → messages
-        self._without_time: list[Message] = []
+        self._without_time: list[tuple[Message, bytes]] = []
         self._chunk_opened_ns: int | None = None
         self._active = path.with_name(path.name + ACTIVE_SUFFIX)
         self._file = _created(path, self._active)
@@ -91,15 +91,19 @@ class Recorder:
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Record one message. Gives nothing back."""
+        return self.handle_payload(message, encode(message))
+
+    def handle_payload(self, message: Message, payload: bytes) -> Iterable[Message]:
+        """Record one message as it arrived. Gives nothing back."""
         own_time = time_of(message)
         if self._clock is not None:
             log_time = self._clock()
-            self.record(message, log_time, log_time if own_time is None else own_time)
+            self.record(message, log_time, log_time if own_time is None else own_time, payload)
         elif own_time is None:
-            self._without_time.append(message)  # filed under the time of what follows
+            self._without_time.append((message, payload))  # filed under the time of what follows
         else:
             self._write_waiting(own_time)
-            self.record(message, own_time, own_time)
+            self.record(message, own_time, own_time, payload)
         return ()
 
     @property
@@ -135,10 +139,12 @@ class Recorder:
 
     def _write_waiting(self, time_ns: int) -> None:
         waiting, self._without_time = self._without_time, []
-        for message in waiting:
-            self.record(message, time_ns, time_ns)
+        for message, payload in waiting:
+            self.record(message, time_ns, time_ns, payload)
 
-    def record(self, message: Message, log_time: int, publish_time: int) -> None:
+    def record(
+        self, message: Message, log_time: int, publish_time: int, payload: bytes | None = None
+    ) -> None:
         """Record one message under times that are known [ns since 1970-01-01 UTC]."""
         self._close_old_chunk(log_time)
         key = key_of(message)
@@ -146,7 +152,7 @@ class Recorder:
             self._channel(key, type(message)),
             log_time=log_time,
             publish_time=publish_time,
-            data=encode(message),
+            data=encode(message) if payload is None else payload,
             sequence=self._sequence(key, message),
         )
         self.recorded[type(message)] += 1

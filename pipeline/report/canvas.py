@@ -14,7 +14,7 @@ from pipeline.viewer.pictures.colours import Colour
 from sensors.errors import InputError
 
 INK = "#010203"  # stands for the page's text colour until the SVG is written
-WIDTH = 4.2  # of a figure on a page [inch]: readable on a phone without zooming
+FIGURE_WIDTH = 4.2  # of a figure on a page [inch]: readable on a phone without zooming
 DOTS_PER_INCH = 200  # of what is drawn as pixels
 
 
@@ -51,7 +51,7 @@ def page_figure(height: float) -> Iterator["PageFigure"]:
     height : float
         Height of the figure [inch].
     """
-    figure = new_figure((WIDTH, height), "a report")
+    figure = new_figure((FIGURE_WIDTH, height), "a report")
     from matplotlib import rc_context
 
     with rc_context(_STYLE):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import (
+    HALF_INTERVAL,
     FoundationEvent,
     FoundationPosterior,
     ModalEstimate,
@@ -30,9 +31,8 @@ from sensors.arrays import FloatArray
 Times = NDArray[np.datetime64]
 _Spanned = ModalEstimate | WindowRejected | StreamGap
 
-QUANTILE = 1.6449  # of the standard normal distribution at 95 %
 MINUTES_NS = 600 * 10**9  # below this span, times have seconds [ns]
-FEW = 40  # windows that are drawn one by one, with bars; more are drawn as a band
+FEW_WINDOWS = 40  # windows that are drawn one by one, with bars; more are drawn as a band
 SHAPES = 12  # modes whose shapes are drawn
 TRACKS = 8  # modes with a panel of their own
 VECTOR_POINTS = 1500  # more of them are drawn as pixels
@@ -43,7 +43,7 @@ def stiffness_over_time(record: TurbineRecord) -> str:
 
     With the truth where it is known, and detected changes.
     """
-    history = sorted(record.posteriors.values(), key=lambda posterior: posterior.time_ns)
+    history = sorted(record.state.posteriors.values(), key=lambda posterior: posterior.time_ns)
     if not history:
         return ""
     times = datetimes([posterior.time_ns for posterior in history])
@@ -54,7 +54,7 @@ def stiffness_over_time(record: TurbineRecord) -> str:
             _band(axes, times, bands, colours.POSTERIOR)
             _mark_untrusted(axes, times, bands, [posterior.trusted for posterior in history])
             _mark_truth(axes, record, name, times)
-            _mark_events(axes, record.summary.events, axes is panels[0])
+            _mark_events(axes, record.state.events, axes is panels[0])
             axes.set_ylabel(f"{name} ÷ nominal")
         _legend(panels[0])
         _time_axis(panels[-1], record)
@@ -67,7 +67,7 @@ def joint_posterior(posterior: FoundationPosterior | None, record: TurbineRecord
         return ""
     nominal = np.array([posterior.parameter(name).nominal for name in PARAMETER_NAMES])
     draws = posterior.draws[:, : len(nominal)] / nominal
-    truth = record.summary.truth
+    truth = record.state.truth
     true = None if truth is None else np.array([truth.k11, truth.k22, truth.k12]) / nominal
     with page_figure(4.6) as page:
         grid = page.figure.subplots(3, 3, sharex="col")
@@ -121,7 +121,7 @@ def most_informative_frequencies(record: TurbineRecord) -> str:
         panels = page.figure.subplots(rows, 2, sharex=True, squeeze=False)
         for axes, track in zip(panels.flat, chosen, strict=False):
             _track_panel(axes, track)
-            _mark_events(axes, record.summary.events, named=False)
+            _mark_events(axes, record.state.events, named=False)
         for axes in panels.flat[len(chosen) :]:
             axes.remove()
         for axes in panels.flat[max(0, len(chosen) - 2) : len(chosen)]:
@@ -131,7 +131,7 @@ def most_informative_frequencies(record: TurbineRecord) -> str:
 
 
 def _track_panel(axes: Any, track: FrequencyTrack) -> None:
-    half = QUANTILE * track.stds
+    half = HALF_INTERVAL * track.stds
     bands = np.column_stack([track.frequencies, track.frequencies - half, track.frequencies + half])
     _band(axes, datetimes(track.times_ns), bands, colours.MEASURED)
     if np.isfinite(track.model_frequency):
@@ -161,7 +161,7 @@ def all_frequencies(record: TurbineRecord) -> str:
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter("")
         axes.set_ylabel("natural frequency [Hz]")
-        _mark_events(axes, record.summary.events, named=False)
+        _mark_events(axes, record.state.events, named=False)
         _time_axis(axes, record)
         return page.svg()
 
@@ -171,7 +171,7 @@ def mode_shapes(record: TurbineRecord) -> str:
     layout = record.layout
     modes = [
         mode
-        for mode in record.summary.modes
+        for mode in record.state.modes
         if layout is not None and len(mode.shape) == len(layout.channels)
     ][:SHAPES]
     if layout is None or not modes:
@@ -209,7 +209,7 @@ def _shape_panel(axes: Any, shape: Deflection) -> None:
 
 def windows_over_time(record: TurbineRecord) -> str:
     """Draw identified and rejected windows and gaps over time."""
-    summary = record.summary
+    summary = record.state
     rows: tuple[tuple[str, Sequence[_Spanned], colours.Colour], ...] = (
         ("identified", summary.estimates, colours.MEASURED),
         ("rejected", summary.rejected, colours.FAULT),
@@ -248,7 +248,7 @@ def _band(axes: Any, times: Times, bands: FloatArray, colour: colours.Colour) ->
         Middle, low, high. The band breaks where windows are missing.
     """
     middle, low, high = bands.T
-    if len(times) <= FEW:
+    if len(times) <= FEW_WINDOWS:
         axes.errorbar(
             times, middle, yerr=[middle - low, high - middle], fmt="o", markersize=2.5,
             elinewidth=1.2, color=css_colour(colour),
@@ -274,10 +274,10 @@ def _mark_untrusted(axes: Any, times: Times, bands: FloatArray, trusted: Sequenc
 
 def _mark_truth(axes: Any, record: TurbineRecord, name: str, times: Times) -> None:
     """Draw a step at every change of the truth."""
-    if not record.truths:
+    if not record.state.truths:
         return
-    truths = sorted(record.truths.values(), key=lambda truth: truth.time_ns)
-    posterior = record.summary.posterior
+    truths = sorted(record.state.truths.values(), key=lambda truth: truth.time_ns)
+    posterior = record.state.posterior
     nominal = posterior.parameter(name).nominal if posterior else float("nan")
     starts = datetimes([max(truth.time_ns, int(times[0].astype(np.int64))) for truth in truths])
     values = [getattr(truth, name) / nominal for truth in truths]

@@ -19,13 +19,13 @@ def session_json(session: RecordedSession) -> Json:
 
 def _turbine(record: TurbineRecord) -> Json:
     """Return `summary.json` without the timing, with sentences and values over time."""
-    summary = record.summary.as_json(wall=0.0)
+    summary = record.figures
     del summary["timing"], summary["source"]
     start_ns, end_ns = record.span_ns
     return summary | {
         "condition": condition(record),
         "headline": headline(record),
-        "distrust": reasons_for_distrust(record.summary.posterior),
+        "distrust": reasons_for_distrust(record.state.posterior),
         "findings": findings(record),
         "start_ns": start_ns,
         "end_ns": end_ns,
@@ -47,7 +47,7 @@ def _stiffness_over_time(record: TurbineRecord) -> list[Json]:
             for spring in posterior.parameters
             if spring.name != "sigma"
         }
-        for time_ns, posterior in sorted(record.posteriors.items())
+        for time_ns, posterior in sorted(record.state.posteriors.items())
     ]
 
 

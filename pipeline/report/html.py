@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-STYLE = """
+PAGE_STYLE = """
 :root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
 body { max-width: 62rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word; }
 h1 { line-height: 1.2; margin-bottom: .25rem; }
@@ -69,13 +69,13 @@ def document(title: str, body: str, style: str = "") -> str:
     body : str
         HTML of the page's body.
     style : str, optional
-        Rules beside `STYLE`.
+        Rules beside `PAGE_STYLE`.
     """
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>{html.escape(title)}</title>"
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"{_NO_ICON}<style>{STYLE}{style}</style></head>\n<body><h1>{html.escape(title)}</h1>\n"
+        f"{_NO_ICON}<style>{PAGE_STYLE}{style}</style></head>\n<body><h1>{html.escape(title)}</h1>\n"
         f"{body}</body></html>\n"
     )
 

@@ -40,7 +40,7 @@ from pipeline.viewer.pictures import colours
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
-STYLE = f"""
+REPORT_STYLE = f"""
 .verdict {{ font-size: 1.25rem; padding: .5rem .75rem; border-left: .4rem solid; }}
 .good {{ border-color: {css_colour(colours.TRUTH)}; }}
 .doubt {{ border-color: {css_colour(colours.MODEL)}; }}
@@ -96,7 +96,7 @@ def page(session: RecordedSession) -> str:
     parts.append(_settings(session))
     what = "Foundation" if any(record.has_structure for record in records) else "Modes"
     title = f"{what} of " + (f"{len(records)} turbines" if several else records[0].turbine)
-    return document(title, "".join(parts), STYLE)
+    return document(title, "".join(parts), REPORT_STYLE)
 
 
 def _anchor(number: int) -> str:
@@ -133,14 +133,14 @@ def _turbine(record: TurbineRecord, prior: PriorSettings | None, name: str, *, l
 
 def _verdict(record: TurbineRecord) -> str:
     kind = condition(record)
-    reasons = reasons_for_distrust(record.summary.posterior)
+    reasons = reasons_for_distrust(record.state.posterior)
     return paragraph(
         f"{CONDITION_MARKS[kind]} {headline(record)}", f"verdict {kind}"
     ) + bullet_list(reasons)
 
 
 def _key_figures(record: TurbineRecord) -> list[KeyFigure]:
-    summary, (start_ns, end_ns) = record.summary, record.span_ns
+    summary, (start_ns, end_ns) = record.state, record.span_ns
     cards: list[KeyFigure] = []
     if (posterior := summary.posterior) is not None:
         cards = [
@@ -188,7 +188,7 @@ def structure_sentence(posterior: FoundationPosterior) -> str:
 
 
 def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, level: int) -> str:
-    posterior = record.summary.posterior
+    posterior = record.state.posterior
     if posterior is None:
         return ""
     pictures = (
@@ -202,7 +202,7 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
             figures.joint_posterior(posterior, record),
             "Joint posterior of the springs",
             "The last posterior: pairs of springs, marginals on the diagonal"
-            + (", truth as lines." if record.summary.truth else "."),
+            + (", truth as lines." if record.state.truth else "."),
         ),
     )
     fit = (
@@ -238,15 +238,15 @@ def _pair(pictures: Sequence[tuple[str, str, str]], name: str) -> str:
 
 
 def _changes(record: TurbineRecord, level: int) -> str:
-    if not record.summary.events:
+    if not record.state.events:
         return ""
-    events = record.summary.events
+    events = record.state.events
     words = bullet_list(sentence(event.text) for event in events)
     return heading("Changes", level) + words + table_html(events_table(events))
 
 
 def _modes(record: TurbineRecord, name: str, level: int) -> str:
-    if not record.summary.estimates:
+    if not record.state.estimates:
         return ""
     pictures = (
         (
@@ -266,13 +266,13 @@ def _modes(record: TurbineRecord, name: str, level: int) -> str:
         ),
     )
     legend = []
-    if record.summary.posterior is not None:
+    if record.state.posterior is not None:
         legend = [
             "misfit: in standard deviations of the posterior's prediction",
             "information: share of the information on the stiffness",
             "– beside MAC: shape not used",
         ]
-    if any(mode.pair_id for mode in record.summary.modes):
+    if any(mode.pair_id for mode in record.state.modes):
         legend.append("≈: mean of two modes that cannot be separated")
     return (
         heading("Modes", level)
@@ -284,7 +284,7 @@ def _modes(record: TurbineRecord, name: str, level: int) -> str:
 
 def _frequency_captions(record: TurbineRecord) -> tuple[str, str]:
     """Return description and caption of the picture of the chosen frequencies."""
-    if record.summary.posterior is None:
+    if record.state.posterior is None:
         name = "Frequencies of the modes found most often"
         return name, f"{name}, with 90 % intervals."
     name = "Frequencies of the modes with most information on the stiffness"
@@ -299,7 +299,7 @@ def _quality(record: TurbineRecord, name: str, level: int) -> str:
         name=f"{name}-windows",
     )
     tables = (
-        rejected_table(record.summary.rejected),
+        rejected_table(record.state.rejected),
         gaps_table(record),
         warnings_table(record),
         nodes_table(record),
@@ -316,7 +316,7 @@ def _instruments(record: TurbineRecord) -> str:
     layout = record.layout
     if layout is None:
         return ""
-    rate = f" at {record.sampling_rate:g} Hz" if record.sampling_rate > 0 else ""
+    rate = f" at {record.state.sampling_rate:g} Hz" if record.state.sampling_rate > 0 else ""
     names = ", ".join(layout.channel_names)
     return paragraph(f"{count_noun(len(layout.channels), 'channel')}{rate}: {names}.", "quiet")
 

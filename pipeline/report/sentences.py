@@ -16,7 +16,7 @@ from pipeline.report.wording import count_noun, instant, join_with_and, percent,
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 
-SPRINGS = {
+SPRING_TEXTS = {
     "k11": "the foundation's lateral stiffness",
     "k22": "its rotational stiffness",
     "k12": "the coupling of both",
@@ -25,31 +25,31 @@ SPRINGS = {
 
 def headline(record: TurbineRecord) -> str:
     """Return the headline: one sentence on the state of the foundation."""
-    posterior = record.summary.posterior
+    posterior = record.state.posterior
     if not record.has_structure:
         return _modes_headline(record)
     if posterior is None:
         return f"The foundation's stiffness is not known: {_why_no_posterior(record)}."
     if not posterior.trusted:
         return "Do not use these stiffnesses: the data contradict the model."
-    found = [event for event in record.summary.events if event.kind == "foundation"]
+    found = [event for event in record.state.events if event.kind == "foundation"]
     if found:
         return "The foundation has changed; its stiffness since then is known."
-    if record.summary.events:
+    if record.state.events:
         return "The foundation's stiffness is known, but the structure's modes have changed."
     return "The foundation's stiffness is known, and no change was found."
 
 
 def condition(record: TurbineRecord) -> str:
     """Return whether the posterior is reliable: `good`, `doubt`, `bad` or `unknown`."""
-    posterior = record.summary.posterior
+    posterior = record.state.posterior
     if not record.has_structure:
-        return "good" if record.summary.estimates else "unknown"
+        return "good" if record.state.estimates else "unknown"
     if posterior is None:
         return "unknown"
     if not posterior.trusted:
         return "bad"
-    return "doubt" if record.summary.events else "good"
+    return "doubt" if record.state.events else "good"
 
 
 def findings(record: TurbineRecord) -> list[str]:
@@ -68,7 +68,7 @@ def change_sentences(record: TurbineRecord) -> list[str]:
     """Return one sentence for each event."""
     return [
         f"{event_sentence(event)}{_stiffness_before_and_after(record, event)}"
-        for event in record.summary.events
+        for event in record.state.events
     ]
 
 
@@ -93,15 +93,15 @@ def _stiffness_before_and_after(record: TurbineRecord, event: FoundationEvent) -
 
     These are the springs whose 90 % intervals before and after it are disjoint.
     """
-    before = [time for time in record.posteriors if time <= event.since_ns]
+    before = [time for time in record.state.posteriors if time <= event.since_ns]
     next_ns = min(
-        (each.since_ns for each in record.summary.events if each.since_ns > event.since_ns),
+        (each.since_ns for each in record.state.events if each.since_ns > event.since_ns),
         default=math.inf,
     )
-    since = [time for time in record.posteriors if event.since_ns < time <= next_ns]
+    since = [time for time in record.state.posteriors if event.since_ns < time <= next_ns]
     if event.kind == "foundation" or not before or not since:
         return ""
-    old, new = record.posteriors[max(before)], record.posteriors[max(since)]
+    old, new = record.state.posteriors[max(before)], record.state.posteriors[max(since)]
     moved = [
         f"{name} from {ratios(old.parameter(name))[0]:.3f} to {ratios(new.parameter(name))[0]:.3f}"
         for name in PARAMETER_NAMES
@@ -143,7 +143,7 @@ def _most_shifted(event: FoundationEvent) -> str:
 
 def stiffness_sentences(record: TurbineRecord) -> list[str]:
     """Return one sentence for each spring."""
-    posterior = record.summary.posterior
+    posterior = record.state.posterior
     if posterior is None:
         return []
     return [_stiffness(record, posterior.parameter(name)) for name in PARAMETER_NAMES]
@@ -152,11 +152,11 @@ def stiffness_sentences(record: TurbineRecord) -> list[str]:
 def _stiffness(record: TurbineRecord, spring: ParameterSummary) -> str:
     median, low, high = ratios(spring)
     text = (
-        f"{spring.name}, {SPRINGS[spring.name]}, is known to "
+        f"{spring.name}, {SPRING_TEXTS[spring.name]}, is known to "
         f"±{percent((high - low) / 2 / median)}: {median:.3f} × its nominal value, 90 % interval "
         f"{low:.3f} to {high:.3f}"
     )
-    truth = record.summary.truth
+    truth = record.state.truth
     if truth is None:
         return f"{text}."
     true = getattr(truth, spring.name) / spring.nominal
@@ -176,7 +176,7 @@ def measurement_sentences(record: TurbineRecord) -> list[str]:
 
 
 def _measured_duration(record: TurbineRecord) -> str:
-    summary, (start_ns, end_ns) = record.summary, record.span_ns
+    summary, (start_ns, end_ns) = record.state, record.span_ns
     windows = count_noun(len(summary.estimates), "window")
     measured = span((end_ns - start_ns) / NANOSECONDS)
     return (
@@ -186,9 +186,9 @@ def _measured_duration(record: TurbineRecord) -> str:
 
 
 def _rejected_windows(record: TurbineRecord) -> Iterator[str]:
-    identified = {estimate.start_ns for estimate in record.summary.estimates}
-    not_used = [each for each in record.summary.rejected if each.start_ns in identified]
-    failed = [each for each in record.summary.rejected if each.start_ns not in identified]
+    identified = {estimate.start_ns for estimate in record.state.estimates}
+    not_used = [each for each in record.state.rejected if each.start_ns in identified]
+    failed = [each for each in record.state.rejected if each.start_ns not in identified]
     if failed:
         windows = count_noun(len(failed), "window")
         yield f"{windows} could not be identified: {_counts_by_code(failed)}."
@@ -203,9 +203,9 @@ def _counts_by_code(rejected: Sequence[WindowRejected]) -> str:
 
 
 def _missing_samples(record: TurbineRecord) -> str:
-    if not record.summary.published:
+    if not record.state.published:
         return "The recording holds results only, no samples."
-    stream = record.summary.as_json(wall=0.0)["stream"]
+    stream = record.figures["stream"]
     if not stream["gaps"] and not stream["lost"]:
         return "No sample is missing."
     return (
@@ -216,7 +216,7 @@ def _missing_samples(record: TurbineRecord) -> str:
 
 def _modes_headline(record: TurbineRecord) -> str:
     """Return the headline of a session without a structural model."""
-    summary = record.summary
+    summary = record.state
     if not summary.estimates:
         return f"No modes are known: {_why_no_posterior(record)}."
     frequencies = [mode.frequency for mode in summary.modes]
@@ -230,9 +230,9 @@ def _modes_headline(record: TurbineRecord) -> str:
 
 
 def _why_no_posterior(record: TurbineRecord) -> str:
-    if record.summary.estimates:
+    if record.state.estimates:
         return "no identified window could be used"
-    return "no window could be identified" if record.summary.rejected else "no window was complete"
+    return "no window could be identified" if record.state.rejected else "no window was complete"
 
 
 def sentence(text: str) -> str:

@@ -13,7 +13,7 @@ from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
 LINES_PER_WINDOW = 20  # segments of the Welch spectrum in the window, halves overlapping
-DOTS_PER_INCH = 120
+DIAGRAM_DOTS_PER_INCH = 120
 LABEL_RATIO = 1.06  # between two frequencies that are written, so that they do not overlap
 
 
@@ -59,7 +59,7 @@ def draw_stabilisation(
     spectrum_axes.xaxis.set_major_locator(_log_ticks())
     spectrum_axes.xaxis.set_major_formatter("{x:g}")
     try:
-        figure.savefig(path, dpi=DOTS_PER_INCH, format=path.suffix[1:] or "png")
+        figure.savefig(path, dpi=DIAGRAM_DOTS_PER_INCH, format=path.suffix[1:] or "png")
     except (OSError, ValueError) as error:  # ValueError: a suffix that no picture has
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"cannot write the figure {path}: {reason}") from error

@@ -17,7 +17,7 @@ MOST_ROWS = 60  # of windows, gaps or warnings; of more, the newest
 
 def springs_table(record: TurbineRecord) -> TextTable:
     """Median and 90 % interval of each spring, over nominal and in its unit, and of σ."""
-    posterior, truth = record.summary.posterior, record.summary.truth
+    posterior, truth = record.state.posterior, record.state.truth
     assert posterior is not None
     rows = []
     for name in PARAMETER_NAMES:
@@ -75,7 +75,7 @@ def modes_table(record: TurbineRecord) -> TextTable:
         "mode", "f [Hz]", "± std", "ζ [%]", "± std", "windows", "model f [Hz]", "MAC", "misfit",
         "information",
     )  # fmt: skip
-    rows = tuple(_mode_row(mode) for mode in record.summary.modes)
+    rows = tuple(_mode_row(mode) for mode in record.state.modes)
     return without_blank_columns(TextTable("", head, rows))
 
 
@@ -127,7 +127,7 @@ def rejected_table(rejected: Sequence[WindowRejected]) -> TextTable:
 
 def gaps_table(record: TurbineRecord) -> TextTable:
     """Return the gaps, newest last."""
-    gaps = record.summary.gaps
+    gaps = record.state.gaps
     rows = tuple(
         (stamp(gap.start_ns), span((gap.end_ns - gap.start_ns) / NANOSECONDS), gap.unit,
          str(gap.n_blocks))
@@ -139,7 +139,7 @@ def gaps_table(record: TurbineRecord) -> TextTable:
 
 def warnings_table(record: TurbineRecord) -> TextTable:
     """Return every warning of a window, the posterior or a node, once."""
-    warnings = record.summary.doubts
+    warnings = record.state.warnings
     rows = tuple((warning.code, warning.text) for warning in warnings[:MOST_ROWS])
     left = len(warnings) - len(rows)
     title = "Warnings" + (f" (the first {MOST_ROWS} of {len(warnings)})" if left else "")
@@ -151,7 +151,7 @@ def nodes_table(record: TurbineRecord) -> TextTable:
     rows = tuple(
         (name, status.state, str(status.lost), str(status.late), str(status.duplicate),
          str(status.malformed), f"{status.busy_s:.1f}")
-        for name, status in sorted(record.summary.statuses.items())
+        for name, status in sorted(record.state.statuses.items())
     )  # fmt: skip
     head = ("node", "last state", "lost", "late", "duplicate", "malformed", "busy [s]")
     return TextTable("Last status of the nodes", head, rows)
@@ -164,11 +164,11 @@ def overview_table(records: Sequence[TurbineRecord]) -> TextTable:
 
 
 def _overview_row(record: TurbineRecord) -> tuple[str, ...]:
-    posterior = record.summary.posterior
+    posterior = record.state.posterior
     springs = ["unknown"] * len(PARAMETER_NAMES)
     if posterior is not None:
         springs = [plus_minus(posterior.parameter(name)) for name in PARAMETER_NAMES]
-    windows, changes = len(record.summary.estimates), len(record.summary.events)
+    windows, changes = len(record.state.estimates), len(record.state.events)
     return (record.turbine, *springs, str(windows), str(changes), headline(record))
 
 

@@ -42,7 +42,7 @@ def frequency_tracks(record: TurbineRecord) -> tuple[FrequencyTrack, ...]:
     Modes without a name are left out: they have no counterpart in other windows.
     """
     seen: dict[str, list[tuple[int, float, float]]] = {}
-    for estimate in sorted(record.summary.estimates, key=lambda estimate: estimate.start_ns):
+    for estimate in sorted(record.state.estimates, key=lambda estimate: estimate.start_ns):
         middle = (estimate.start_ns + estimate.end_ns) // 2
         for mode in estimate.modes:
             if mode.name:
@@ -54,7 +54,7 @@ def frequency_tracks(record: TurbineRecord) -> tuple[FrequencyTrack, ...]:
 
 def _pairs_by_track(record: TurbineRecord) -> dict[str, ModePair]:
     """Return two modes that cannot be separated have one pair, "m1+m2"."""
-    posterior = record.summary.posterior
+    posterior = record.state.posterior
     pairs = posterior.pairs if posterior else ()
     return {name: pair for pair in pairs for name in pair.identified.split("+")}
 

@@ -9,10 +9,10 @@ from pipeline.report.canvas import new_figure
 from pipeline.reproduction.example import Example
 from sensors.errors import InputError
 
-NAMES = ("k11 / K0 [-]", "k22 / K0 [-]", "k12 / K0 [-]", "σ [-]")
+PARAMETER_TITLES = ("k11 / K0 [-]", "k22 / K0 [-]", "k12 / K0 [-]", "σ [-]")
 PUBLISHED, CORRECTED, TRUTH = "#cc79a7", "#0072b2", "#009e73"  # Okabe and Ito (2008)
 SHOWN = 4000  # draws in a cloud
-DOTS_PER_INCH = 130
+CORNER_DOTS_PER_INCH = 130
 
 
 def draw_figure3(example: Example, path: Path) -> None:
@@ -41,7 +41,7 @@ def draw_figure3(example: Example, path: Path) -> None:
     _name_axes(grid)
     _legend(figure)
     try:
-        figure.savefig(path, dpi=DOTS_PER_INCH)
+        figure.savefig(path, dpi=CORNER_DOTS_PER_INCH)
     except OSError as error:
         raise InputError(f"cannot write the figure {path}: {error.strerror or error}") from error
 
@@ -69,10 +69,10 @@ def _marks(axes: Any, example: Example, row: int, column: int) -> None:
 
 def _name_axes(grid: Any) -> None:
     for i in range(4):
-        grid[3, i].set_xlabel(NAMES[i])
+        grid[3, i].set_xlabel(PARAMETER_TITLES[i])
         grid[3, i].tick_params(axis="x", rotation=45)
         if i > 0:
-            grid[i, 0].set_ylabel(NAMES[i])
+            grid[i, 0].set_ylabel(PARAMETER_TITLES[i])
         for j in range(1, i):
             grid[i, j].set_yticklabels([])
 

@@ -7,7 +7,6 @@ import numpy as np
 from pipeline.reproduction.example import Example, ExampleMode
 from pipeline.reproduction.paper import LABELS, MAP_ERRORS, MAP_SIGMA, TABLE_1, TABLE_2
 from pipeline.reproduction.study import (
-    PERCENT,
     Study,
     found_counts,
     lowest_start,
@@ -44,7 +43,7 @@ def findings(study: Study) -> list[str]:
 def _percent_apart(example: Example) -> list[float]:
     """Of the model's frequencies at K0 from the printed ones [%]."""
     return [
-        PERCENT * (ours.model_frequency / theirs.model_frequency - 1)
+        100.0 * (ours.model_frequency / theirs.model_frequency - 1)
         for ours, theirs in zip(example.modes, TABLE_1, strict=True)
     ]
 
@@ -83,7 +82,7 @@ def _why_missing(mode: ExampleMode, example: Example) -> str:
             f"{TEN_MINUTES_RESOLVE:.4f} Hz that ten minutes resolve"
         )
     if gap < MIXED * mode.model_frequency:
-        return f"it lies {PERCENT * gap / mode.model_frequency:.1f} % from mode {nearest.label}"
+        return f"it lies {100.0 * gap / mode.model_frequency:.1f} % from mode {nearest.label}"
     return "no identified mode was paired with it"
 
 
@@ -123,7 +122,7 @@ def _objective(example: Example) -> str:
 def _descents(example: Example) -> str:
     ends = "; ".join(
         f"γ = {d.start[0]:g} ends at J = {d.objective:.3f} with errors "
-        + ", ".join(f"{PERCENT * (r - 1):+.1f}" for r in d.end)
+        + ", ".join(f"{100.0 * (r - 1):+.1f}" for r in d.end)
         + " %"
         for d in example.descents
     )
@@ -150,7 +149,7 @@ def _map(example: Example) -> str:
     return (
         f"MAP errors of k11, k22, k12: {ours} %; printed {theirs} %. Both are one draw of the "
         f"measurement: the posterior's own std is "
-        + ", ".join(f"{PERCENT * std:.1f}" for std in example.corrected.stds)
+        + ", ".join(f"{100.0 * std:.1f}" for std in example.corrected.stds)
         + f" %. σ is {example.published.highest[3]:.1e} at the MAP draw, printed {MAP_SIGMA:.1e}: "
         "Eq. 11 sets each shape's largest component to 1, which has no variance; left in Eq. 9 it "
         "drives σ to zero, so it is dropped here. The 95 % bound of σ is "
@@ -160,7 +159,7 @@ def _map(example: Example) -> str:
 
 def _sampler_bias(example: Example) -> str:
     wider = example.published.stds / example.corrected.stds - 1
-    figures = ", ".join(f"{PERCENT * each:+.0f}" for each in wider)
+    figures = ", ".join(f"{100.0 * each:+.0f}" for each in wider)
     text = (
         "TMCMC as published makes one Metropolis step for each sample of a stage. The stds of k11, "
         f"k22 and k12 come out {figures} % against the corrected sampler's (importance sampling at "

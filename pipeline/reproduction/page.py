@@ -20,7 +20,7 @@ from pipeline.reproduction.example import Example
 from pipeline.reproduction.figures import draw_figure3
 from pipeline.reproduction.findings import findings, over_seeds
 from pipeline.reproduction.paper import MAP_ERRORS, MAP_SIGMA, TABLE_1, TABLE_2
-from pipeline.reproduction.study import PERCENT, Study, map_errors
+from pipeline.reproduction.study import Study, map_errors
 from sensors.errors import InputError
 
 TITLE = "The publication's numerical example, run again"
@@ -88,7 +88,7 @@ def table2(study: Study) -> TextTable:
         rows.append((name, "printed", *errors, f"{printed.objective:.3f}", ""))
         for example in _first_of_each_sign(study):
             descent = example.descents[place]
-            errors = tuple(f"{PERCENT * (ratio - 1):+.2f}" for ratio in descent.end)
+            errors = tuple(f"{100.0 * (ratio - 1):+.2f}" for ratio in descent.end)
             rows.append((name, example.sign, *errors, f"{descent.objective:.3f}", ""))
     errors = tuple(f"{error:+.2f}" for error in MAP_ERRORS)
     rows.append(("MAP, TMCMC", "printed", *errors, "", f"{MAP_SIGMA:.2e}"))

@@ -18,7 +18,6 @@ from sensors.structure.foundation import SPRING_SIGNS, SpringSign
 PROCESSES = 2
 STUDY_LOOKS = 1.0  # between two looks at how far they are [s]
 NOTABLE_STEP = 0.005  # of a run's share: smaller ones are not passed on [-]
-PERCENT = 100.0
 PEAK_GRID = 200  # points of a marginal's density
 NOTABLE_PEAK = 0.1  # of the highest peak, below which a local maximum is ignored
 
@@ -109,7 +108,7 @@ def _one(
 
 def map_errors(example: Example) -> FloatArray:
     """Return the errors of k11, k22, k12 at the published sampler's MAP, shape (3,) [%]."""
-    return PERCENT * (example.published.highest[:3] - 1)
+    return 100.0 * (example.published.highest[:3] - 1)
 
 
 def n_peaks(posterior: ExamplePosterior) -> int:

@@ -10,14 +10,14 @@ from pipeline.recording.rotation import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
-from pipeline.sources.session_files import SESSION
+from pipeline.sources.session_files import SESSION_FILE
 from pipeline.sources.sources import Source
 from pipeline.state.json_values import Json
 from sensors.errors import InputError
 
 logger = logging.getLogger(__name__)
 
-RECORDING, PICTURES, SUMMARY = SESSION, "session.rrd", "summary.json"
+RECORDING, PICTURES, SUMMARY = SESSION_FILE, "session.rrd", "summary.json"
 
 
 def make_folder(out: Path) -> None:

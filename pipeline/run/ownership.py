@@ -22,7 +22,7 @@ from pathlib import Path
 from sensors.errors import InputError
 
 LOCK = "lock"  # inside a session's folder
-PATIENCE = 20.0  # for the processes of a run that was killed to end [s]
+ENDING_PATIENCE = 20.0  # for the processes of a run that was killed to end [s]
 PAUSE = 0.1  # between two tries [s]
 
 
@@ -37,7 +37,9 @@ class Ownership:
 
 
 @contextmanager
-def owned(out: Path, what: str = "run", *, patience: float = PATIENCE) -> Iterator[Ownership]:
+def owned(
+    out: Path, what: str = "run", *, patience: float = ENDING_PATIENCE
+) -> Iterator[Ownership]:
     """Own a folder for as long as the context lasts.
 
     Parameters

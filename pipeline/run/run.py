@@ -12,14 +12,12 @@ from pathlib import Path
 from pipeline.app import Outputs, Plan, build
 from pipeline.deploy.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.messages import Message
+from pipeline.monitoring.alarms.alarm_node import ALARMS_KEY, AlarmNode, running_alarm_node
 from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
-from pipeline.monitoring.alarms.alarm_node import KEY as NOTICES_KEY
-from pipeline.monitoring.alarms.alarm_node import AlarmNode, running_alarm_node
 from pipeline.monitoring.alarms.channels import channels_of
 from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.metrics import MetricsNode, served
-from pipeline.monitoring.status import KEY as STATUS_KEY
-from pipeline.monitoring.status import StatusNode
+from pipeline.monitoring.status import STATUS_KEY, StatusNode
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.nodes.by_turbine import ShardedNode, parsed_shard
 from pipeline.nodes.node import Node
@@ -45,8 +43,7 @@ from pipeline.runtime.flow_control import UNACKNOWLEDGED_BLOCKS
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.sources.feed_publisher import FeedAccount
-from pipeline.sources.replay_control import KEY as REPLAY_KEY
-from pipeline.sources.replay_control import ReplayControl
+from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
 from pipeline.sources.sources import Source
 from pipeline.state.json_values import Json
 from pipeline.transport.bus import Bus
@@ -57,7 +54,7 @@ from sensors.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)
-class Session:
+class FinishedRun:
     """What came out."""
 
     summary: SessionSummary
@@ -73,7 +70,7 @@ def run_session(
     report: Callable[[AccelerationBlock], None] | None = None,
     scenario_option: str | None = None,
     stopping: threading.Event | None = None,
-) -> Session:
+) -> FinishedRun:
     """Run a source through the whole graph and write recording, pictures and summary.
 
     report            called with every block that the source gives
@@ -102,7 +99,7 @@ def _run_owned(
     report: Callable[[AccelerationBlock], None] | None,
     scenario_option: str | None,
     stopping: threading.Event | None,
-) -> Session:
+) -> FinishedRun:
     started = time.monotonic()
     source = prepare_folder(source, options.out)
     if options.fresh or not source.is_live:  # a replay is an experiment of its own
@@ -150,7 +147,7 @@ def _run_owned(
         figures = summary.as_json(wall=time.monotonic() - started)
         complete = write_summary(options.out / SUMMARY, figures)
     files = tuple(options.out / name for name in (RECORDING, PICTURES, SUMMARY))
-    return Session(summary, figures, tuple(path for path in files if path.exists()), complete)
+    return FinishedRun(summary, figures, tuple(path for path in files if path.exists()), complete)
 
 
 def session_outputs(
@@ -223,7 +220,7 @@ def _run(
         workers += [runner.NodeThread(each, open_bus, turbine) for each in (*desks, desk)]
         for told in desks:
             if isinstance(told, AlarmNode):
-                bus.answer(f"{NOTICES_KEY}/{turbine}", told.answer)
+                bus.answer(f"{ALARMS_KEY}/{turbine}", told.answer)
         if not source.is_live:
             bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
         runner.run_workers(

@@ -40,11 +40,15 @@ START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports f
 FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]
 SOURCE = "source"
 
-Report = Callable[[AccelerationBlock], None]
+BlockReport = Callable[[AccelerationBlock], None]
 
 
 def run_lock_step(
-    source: Iterable[Message], nodes: Sequence[Node], *, turbine: str, report: Report | None = None
+    source: Iterable[Message],
+    nodes: Sequence[Node],
+    *,
+    turbine: str,
+    report: BlockReport | None = None,
 ) -> None:
     """Every message through the whole graph before the next; deterministic, without transport."""
     accounts = [NodeAccount(node, turbine, time.time_ns) for node in nodes]
@@ -66,7 +70,7 @@ def _dispatch(message: Message, accounts: Sequence[NodeAccount]) -> None:
         payload = encode(message)
         for account in accounts:
             if type(message) in account.node.inputs:
-                waiting.extend(account.handle(decode(type(message), payload)))
+                waiting.extend(account.handle(decode(type(message), payload), payload))
 
 
 class Worker(Protocol):
@@ -102,7 +106,7 @@ def run_workers(
     *,
     turbine: str,
     unacknowledged_blocks: int | None,
-    report: Report | None = None,
+    report: BlockReport | None = None,
     stopping: threading.Event | None = None,
 ) -> None:
     """Start the workers, give them the source, and stop them in the order of the flow.
@@ -199,7 +203,7 @@ def serve(
         while True:
             message = inbox.get(timeout=0.05)
             if message is not None:
-                for answer in account.handle(message):
+                for answer in account.handle(message, inbox.payload):
                     bus.publish(answer)
             if beat.due(account, idle=message is None):
                 say("running")
@@ -266,7 +270,7 @@ class SourceFeed:
         source: Iterable[Message],
         turbine: str,
         unacknowledged_blocks: int | None,
-        report: Report | None,
+        report: BlockReport | None,
     ) -> None:
         """Publish all of the source and return when every message has been handled."""
         takers = [each.name for each in self._workers if AccelerationBlock in each.inputs]

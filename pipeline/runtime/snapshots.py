@@ -31,14 +31,14 @@ from pipeline.nodes.node import NodeSnapshot
 from pipeline.recording.rotation import sync_folder
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
-from pipeline.updating.serialisation import CheckpointError
+from pipeline.updating.state import CheckpointError
 from sensors.acquisition.layout import SensorLayout
 
 logger = logging.getLogger(__name__)
 
 FOLDER = "checkpoints"  # of the updating, inside a session's folder
 ANSWERS = "tracks"  # of the identification
-KEPT: dict[str, type[Message]] = {
+KEPT_MESSAGES: dict[str, type[Message]] = {
     each.__name__: each
     for each in (
         FoundationEvent,
@@ -48,10 +48,10 @@ KEPT: dict[str, type[Message]] = {
         SensorLayout,
     )
 }
-KIND = "pilewatch-node"
-VERSION = 3  # of the file's layout; one that is neither this nor OLDER is refused
+SNAPSHOT_HEADER = "pilewatch-node"
+SNAPSHOT_VERSION = 3  # of the file's layout; one that is neither this nor OLDER is refused
 OLDER = 2
-STATE = "state"
+STATE_SECTION = "state"
 MOST_FILES = 1000  # snapshots in a folder; of more, those not renewed for longest go
 LONGEST_NAME = 160  # of a turbine in a file's name; beyond it a checksum distinguishes them
 
@@ -150,7 +150,7 @@ def _epoch_in(path: Path) -> int:
     try:
         with path.open("rb") as file:
             words = file.readline(1000).split(b" ")
-        return int(words[2]) if words[1] == str(VERSION).encode() else 0
+        return int(words[2]) if words[1] == str(SNAPSHOT_VERSION).encode() else 0
     except (OSError, IndexError, ValueError):
         return 0
 
@@ -166,27 +166,30 @@ def _in_file_names(turbine: str) -> str:
 def written(turbine: str, snapshot: NodeSnapshot, epoch: int = 0) -> bytes:
     """A snapshot as a file's bytes."""
     sections = [(type(each).__name__, encode(each)) for each in snapshot.messages]
-    sections.append((STATE, snapshot.state))
+    sections.append((STATE_SECTION, snapshot.state))
     body = b"".join(f"{len(content)} {name}\n".encode() + content for name, content in sections)
     name = quote(turbine, safe=" ")  # on one line, whatever it is called
-    return f"{KIND} {VERSION} {epoch} {zlib.crc32(body):08x} {name}\n".encode() + body
+    return (
+        f"{SNAPSHOT_HEADER} {SNAPSHOT_VERSION} {epoch} {zlib.crc32(body):08x} {name}\n".encode()
+        + body
+    )
 
 
 def parsed(content: bytes, turbine: str, origin: str) -> NodeSnapshot:
     """The snapshot in a file's bytes. Raises CheckpointError."""
     head, _, body = content.partition(b"\n")
     words = head.decode(errors="replace").split(" ", 2)
-    if len(words) < 3 or words[0] != KIND:
+    if len(words) < 3 or words[0] != SNAPSHOT_HEADER:
         raise CheckpointError(
             f"{origin} begins with {content[:20]!r}: it is no checkpoint; move it away or start "
             "with --fresh"
         )
     if words[1] == str(OLDER):
         return _older(words[2], body, turbine, origin)
-    if words[1] != str(VERSION):
+    if words[1] != str(SNAPSHOT_VERSION):
         raise CheckpointError(
             f"{origin} has version {words[1]} of the checkpoint's layout; this pilewatch reads "
-            f"versions {OLDER} and {VERSION}; start with --fresh"
+            f"versions {OLDER} and {SNAPSHOT_VERSION}; start with --fresh"
         )
     _, checksum, name = [*words[2].split(" ", 2), "", ""][:3]
     _require_turbine(unquote(name), turbine, origin)
@@ -203,7 +206,7 @@ def checked(path: Path) -> None:
     content = path.read_bytes()
     head, _, _ = content.partition(b"\n")
     words = head.decode(errors="replace").split(" ")
-    name = " ".join(words[4:] if words[1:2] == [str(VERSION)] else words[3:])
+    name = " ".join(words[4:] if words[1:2] == [str(SNAPSHOT_VERSION)] else words[3:])
     parsed(content, unquote(name), str(path))
 
 
@@ -232,9 +235,9 @@ def _require_turbine(name: str, turbine: str, origin: str) -> None:
 def _body(body: bytes, origin: str) -> NodeSnapshot:
     try:
         *messages, (name, state) = _sections(body)
-        if name != STATE:
+        if name != STATE_SECTION:
             raise ValueError(f"it ends with {name!r}")
-        return NodeSnapshot(state, tuple(decode(KEPT[each], b) for each, b in messages))
+        return NodeSnapshot(state, tuple(decode(KEPT_MESSAGES[each], b) for each, b in messages))
     except (ValueError, KeyError, CodecError) as error:
         raise CheckpointError(f"{origin} is damaged: {error}; start with --fresh") from error
 

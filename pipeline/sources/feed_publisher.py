@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from pipeline.deploy.watchdog import Watchdog
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
-from pipeline.runtime.runner import STATUS_PERIOD, Report, open_session, with_end
+from pipeline.runtime.runner import STATUS_PERIOD, BlockReport, open_session, with_end
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 NODE = "feed"
-QUIET = 60.0  # of an instrument, before a link that is up is doubted [s]
+QUIET_INSTRUMENT = 60.0  # of an instrument, before a link that is up is doubted [s]
 NOTHING_CAME = "is the address right, is data sent, and may this user read it?"
 QUIET_CONTROLLER = 3600.0  # the same: they speak every few minutes
 
@@ -61,7 +61,7 @@ def publish_feed(
     settings: ZenohSettings,
     *,
     stopping: threading.Event,
-    report: Report | None = None,
+    report: BlockReport | None = None,
     connected: Callable[[], None] = lambda: None,
 ) -> FeedResult:
     """Publish what an instrument measures until `stopping` is set.
@@ -176,7 +176,7 @@ class FeedAccount:
         self._last_sequence = -1
         self._last_received = (0, clock())  # messages so far, and when the last of them came [ns]
         self._quiet = False
-        self._patience = QUIET if live.gives_blocks else QUIET_CONTROLLER
+        self._patience = QUIET_INSTRUMENT if live.gives_blocks else QUIET_CONTROLLER
         self._named: set[str] = set()  # channels that no layout lists, and that were logged
 
     def messages(self, stopping: threading.Event) -> Iterator[Message]:

@@ -23,7 +23,7 @@ from sensors.files.block_builder import (
     stamp_samples,
 )
 from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
-from sensors.files.table import EVERYTHING, STANDING, ChannelTable, FileError
+from sensors.files.table import EVERYTHING, STANDING_STAMPS, ChannelTable, FileError
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ def open_measurement(
     _require_one_quantity(table, files[0].path)
     rate = sampling_rate or files[0].sampling_rate
     if rate is None and first.times is not None:
-        raise FileError(STANDING.format(path=files[0].path))
+        raise FileError(STANDING_STAMPS.format(path=files[0].path))
     if rate is None:
         raise FileError(
             f"{files[0].path} says neither its sampling rate nor the time of its samples: give "

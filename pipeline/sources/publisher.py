@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from pipeline.runtime.runner import open_session, with_end
 from pipeline.sources.recorded_source import RecordedSource
 from pipeline.sources.recorded_stream import SourceError
-from pipeline.sources.replay_control import KEY, ReplayControl
+from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import AccelerationBlock
 
@@ -49,7 +49,7 @@ def publish_source(
     published = 0
     with open_session(lambda: ZenohBus(settings)) as bus:
         assert isinstance(bus, ZenohBus)
-        bus.answer(f"{KEY}/{source.layout.turbine}", control.answer)
+        bus.answer(f"{REPLAY_KEY}/{source.layout.turbine}", control.answer)
         for message in with_end(control.messages()):
             if stopping.is_set():
                 break

@@ -24,7 +24,7 @@ from sensors.errors import InputError
 if TYPE_CHECKING:
     from pipeline.sources.sources import Source
 
-KEY = "pilewatch/@replay"  # no stream's key expression matches what begins with @
+REPLAY_KEY = "pilewatch/@replay"  # no stream's key expression matches what begins with @
 ACTIONS = ("play", "pause", "seek", "speed", "state")
 LOOKS = 0.2  # the event that ends everything is looked for so often [s]
 

@@ -6,7 +6,7 @@ from pipeline.recording.rotation import next_part, part_of, results_of
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.sources.recorded_stream import recordings_in
 
-SESSION = "session.mcap"  # the first part of what `pilewatch run` records
+SESSION_FILE = "session.mcap"  # the first part of what `pilewatch run` records
 
 
 def session_files(path: Path) -> list[Path]:
@@ -29,7 +29,7 @@ def session_files(path: Path) -> list[Path]:
     """
     if not path.is_dir():
         return [path]
-    first = path / SESSION
+    first = path / SESSION_FILE
     parts = [part_of(first, number) for number in range(1, next_part(first))]
     found = [file for part in parts for file in (part, results_of(part)) if file.exists()]
     return found or recordings_in(path)
@@ -37,4 +37,4 @@ def session_files(path: Path) -> list[Path]:
 
 def unfinished_files(path: Path) -> list[Path]:
     """Return the parts in a session's folder that are still being written."""
-    return sorted(path.glob(f"{Path(SESSION).stem}*{ACTIVE_SUFFIX}")) if path.is_dir() else []
+    return sorted(path.glob(f"{Path(SESSION_FILE).stem}*{ACTIVE_SUFFIX}")) if path.is_dir() else []

@@ -287,15 +287,17 @@ class Books:
                 f"session {answer.origins[0].session} have no answer"
             )
 
-    def violations(self) -> list[str]:
-        """Where the books do not balance, in words; none: they do."""
+    def violations(self, only: str | None = None) -> list[str]:
+        """Where the books do not balance, in words; none: they do. only: of that turbine."""
         found = [
             f"unit {unit} of {turbine}, session {session}, boot {boot}: {text}"
             for (turbine, unit, session, boot), book in self._blocks.items()
-            if book.recorded
+            if book.recorded and only in (None, turbine)
             for text in book.violations()
         ]
         for turbine, book in self._turbines.items():
+            if only not in (None, turbine):
+                continue
             found += [f"{turbine}: {text}" for text in book.skipped]
             forgotten = sum(count >= UNANSWERED for count in book.pending.values())
             if forgotten:
@@ -304,9 +306,9 @@ class Books:
                 )
         return found
 
-    def as_json(self) -> Json:
-        """The books in figures; names are stable."""
-        violations = self.violations()
+    def as_json(self, only: str | None = None) -> Json:
+        """The books in figures; names are stable. only: of that turbine."""
+        violations = self.violations(only)
         return {
             "balanced": not violations,
             "violations": violations,
@@ -323,9 +325,13 @@ class Books:
                     "lost": book.lost,
                 }
                 for (turbine, unit, session, boot), book in self._blocks.items()
-                if book.recorded
+                if book.recorded and only in (None, turbine)
             ],
-            "refused": {node: dict(codes) for (_, node), codes in self._refused.items() if codes},
+            "refused": {
+                node: dict(codes)
+                for (turbine, node), codes in self._refused.items()
+                if codes and only in (None, turbine)
+            },
             "turbines": [
                 {
                     "turbine": turbine,
@@ -336,6 +342,7 @@ class Books:
                     "pending": len(book.pending),
                 }
                 for turbine, book in self._turbines.items()
+                if only in (None, turbine)
             ],
         }
 

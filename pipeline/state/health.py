@@ -1,15 +1,13 @@
 """Who is alive, what is late, what is missing: from the table of streams alone."""
 
-from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
-from pipeline.messages import Message, NodeStatus, StreamEnd, StreamGap
+from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.streams import key_of, stream_of
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 LATE_AFTER = 3.0  # a stream is late when so many of its periods have gone by in silence [-]
-LATEST_GAPS = 1000  # that are remembered
 
 Condition = Literal["alive", "late", "ended"]
 
@@ -57,7 +55,6 @@ class Health:
     def __init__(self) -> None:
         self._seen: dict[str, _Seen] = {}
         self._ended: dict[tuple[str, str], str] = {}  # (turbine, unit) → session
-        self._gaps: deque[StreamGap] = deque(maxlen=LATEST_GAPS)
 
     def observe(self, message: Message, now_ns: int) -> None:
         """Take note of one message that has just come."""
@@ -67,15 +64,8 @@ class Health:
         self._seen[key] = _Seen(message, now_ns, count + 1, first_ns)
         if isinstance(message, StreamEnd):
             self._ended[message.turbine, message.unit] = message.session
-        elif isinstance(message, StreamGap):
-            self._gaps.append(message)
         elif isinstance(message, AccelerationBlock):
             self._note_session(message)
-
-    @property
-    def gaps(self) -> tuple[StreamGap, ...]:
-        """The latest gaps that were reported, in the order of reporting."""
-        return tuple(self._gaps)
 
     def streams(self, now_ns: int) -> tuple[StreamHealth, ...]:
         """Every key on which something has come, statuses left out."""

@@ -86,10 +86,11 @@ class Inbox:
     """Bounded queue between a transport's threads and the one thread that takes messages out.
 
     When it is full, the oldest message makes room: what a late subscriber still needs is the end
-    of the stream. `dropped` and `malformed` count what was never handed out, and `refusal` gives of
-    the last malformed one where it came and what was wrong with it. Messages on more keys than
-    MOST_KEYS count as malformed too: an untrusted sender may make up keys for ever, of which
-    all that listen would remember something.
+    of the stream. `payload` is what the message came in that `get` gave last. `dropped` and
+    `malformed` count what was never handed out, and `refusal` gives of the last malformed one
+    where it came and what was wrong with it. Messages on more keys than MOST_KEYS count as
+    malformed too: an untrusted sender may make up keys for ever, of which all that listen would
+    remember something.
     """
 
     def __init__(
@@ -105,6 +106,7 @@ class Inbox:
         self._dropped: Counter[type] = Counter()
         self.malformed = 0
         self.refusal = ""
+        self.payload = b""
 
     def __len__(self) -> int:
         return len(self._deliveries)
@@ -143,7 +145,8 @@ class Inbox:
         """
         while (delivery := self._next(timeout)) is not None:
             try:
-                return self._opened(delivery)
+                message, self.payload = self._opened(delivery), delivery.payload
+                return message
             except CodecError as error:
                 self._reject(delivery, error)
         return None

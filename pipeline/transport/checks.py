@@ -29,8 +29,12 @@ from sensors.acquisition.scada import ScadaSample
 
 LOWEST_SAMPLING_RATE = 1e-3  # [Hz]
 HIGHEST_SAMPLING_RATE = 1e7  # [Hz]
-LATEST_NS = 2**62  # [ns since 1970], the year 2116: times and their differences fit into 64 bits
-LATEST_SAMPLE_NS = LATEST_NS - 2**59  # 18 years before: windows and gaps end later than samples
+LATEST_WIRE_NS = (
+    2**62
+)  # [ns since 1970], the year 2116: times and their differences fit into 64 bits
+LATEST_SAMPLE_NS = (
+    LATEST_WIRE_NS - 2**59
+)  # 18 years before: windows and gaps end later than samples
 LARGEST_CONDITION = 1e9  # of wind, power, water level and the like, in whatever unit
 LEAST_WEIGHT = 1e-6  # hop / window duration [-]
 SPRINGS = ("k11", "k22", "k12")  # of a pooled posterior, in this order
@@ -51,7 +55,8 @@ def _require(holds: bool, sentence: str) -> None:
 
 def _check_time(field: str, time_ns: int) -> None:
     _require(
-        0 <= time_ns < LATEST_NS, f"{field} is {time_ns} ns; sensor times are 0 to {LATEST_NS} ns"
+        0 <= time_ns < LATEST_WIRE_NS,
+        f"{field} is {time_ns} ns; sensor times are 0 to {LATEST_WIRE_NS} ns",
     )
 
 

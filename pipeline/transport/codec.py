@@ -32,7 +32,7 @@ LARGEST_PAYLOAD = 8 * 2**20  # [bytes]; an hour of eight channels at 40 Hz in on
 
 SCHEMA_NAMES = {"QualityWarning": "Warning"}  # types whose name in the schema is an older one
 
-M = TypeVar("M", bound=Message)
+_M = TypeVar("_M", bound=Message)
 
 
 def encode(message: Message) -> bytes:
@@ -49,7 +49,7 @@ def encode(message: Message) -> bytes:
         raise CodecError(f"{type(message).__name__} cannot be written: {error}") from error
 
 
-def decode(message_type: type[M], payload: bytes) -> M:
+def decode(message_type: type[_M], payload: bytes) -> _M:
     """The message of the given type that these bytes hold. Its arrays are read-only views.
 
     Raises CodecError for anything else, whatever the bytes.
@@ -60,7 +60,7 @@ def decode(message_type: type[M], payload: bytes) -> M:
             f"{LARGEST_PAYLOAD}"
         )
     try:
-        message: M = _read(message_type, wire_class(message_type.__name__).FromString(payload))
+        message: _M = _read(message_type, wire_class(message_type.__name__).FromString(payload))
         check(message)
     except (DecodeError, InputError, ValueError, TypeError, OverflowError) as error:
         raise CodecError(f"no {message_type.__name__}: {error}") from error

@@ -30,7 +30,7 @@ from pipeline.transport.zenoh_settings import without_source
 logger = logging.getLogger(__name__)
 
 HEARTBEAT = 0.5  # a publisher reports its position; misses are noticed then at the latest [s]
-MOST_KNOWN = 100_000  # publishers of a stream: each start of a unit is one more
+MOST_KNOWN_PUBLISHERS = 100_000  # publishers of a stream: each start of a unit is one more
 FETCH_TIMEOUT = 2.0  # for an answer to who asks for the beginning of a stream [s]
 PAUSES = (0.1, 0.3, 0.6)  # before it is asked for again, where it did not come [s]
 
@@ -83,7 +83,7 @@ class Arrivals:
         """The latest to begin are known; one that was forgotten begins again, with what it still
         keeps, and those who listen know that they have it."""
         self._known[publisher] = None
-        if len(self._known) > MOST_KNOWN:
+        if len(self._known) > MOST_KNOWN_PUBLISHERS:
             del self._known[next(iter(self._known))]
 
     def begin(self, publisher: Publisher, earlier: Iterable[zenoh.Sample]) -> None:

@@ -10,8 +10,8 @@ from typing import Any, Literal
 import zenoh
 
 from pipeline.transport.errors import TransportError
+from sensors.constants import LOOPBACK
 
-LOOPBACK = "127.0.0.1"
 ANY_LOCAL_PORT = f"tcp/{LOOPBACK}:0"
 LARGEST_MESSAGE = 16 * 2**20  # that a link takes in [bytes]: twice what the codec does
 FIRST_RETRY_MS = 100  # to connect to a hub that is not there yet

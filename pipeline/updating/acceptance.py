@@ -24,13 +24,15 @@ trusted.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
 from pipeline.messages import QualityWarning
 from pipeline.updating.prior import UpdatingError
 from sensors.arrays import FloatArray
+from sensors.settings import NO_KEY
 
 LARGEST_MISFIT = 3.0  # that one mode counts for [standard deviations]
 N_STIFFNESSES = 3
@@ -44,16 +46,25 @@ class AcceptanceSettings:
     reduced_chi_square: float = 3.0  # of the frequencies at σ = 0 [-]
     paired_share: float = 0.8  # least share of identified modes with a partner [-]
     pairing_cost: float = 2.0  # per identified mode [-]
-    refused_share: float = 0.5  # below, there is no posterior at all [-]
-    refused_cost: float = 4.5  # above, likewise [-]
+    refused_share: float = field(default=0.5, metadata=NO_KEY)
+    """Below, there is no posterior at all [-]."""
+
+    refused_cost: ClassVar[float] = 4.5  # above, likewise [-]
     rhat: float = 1.05  # chains that disagree more have not converged [-]
-    mode_misfit: float = 4.0  # of one mode's frequency: beyond, it is named [standard deviations]
-    unpredicted_share: float = 0.12  # of modes that others do not predict: beyond, untrusted [-]
-    figure_deviation: float = 4.0  # of a figure from its prior: beyond, untrusted and named [std]
-    interval_share: float = 0.8  # of the prior's 90 % interval: above, nothing was learned [-]
+    mode_misfit: ClassVar[float] = 4.0
+    """Of one mode's frequency: beyond, it is named [standard deviations]."""
+
+    unpredicted_share: ClassVar[float] = 0.12
+    """Of modes that others do not predict: beyond, untrusted [-]."""
+
+    figure_deviation: ClassVar[float] = 4.0
+    """Of a figure from its prior: beyond, untrusted and named [std]."""
+
+    interval_share: ClassVar[float] = 0.8
+    """Of the prior's 90 % interval: above, nothing was learned [-]."""
 
     def __post_init__(self) -> None:
-        for name in ("reduced_chi_square", "paired_share", "pairing_cost", "rhat", "refused_cost"):
+        for name in ("reduced_chi_square", "paired_share", "pairing_cost", "rhat"):
             if not getattr(self, name) > 0:
                 raise UpdatingError(f"guard {name} is {getattr(self, name)}; it must be positive")
         if not 0 <= self.refused_share <= self.paired_share:

@@ -13,7 +13,7 @@ from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
-    Observation,
+    ModeComparison,
     observations,
 )
 from pipeline.updating.likelihood.pairing import (
@@ -37,7 +37,7 @@ class Match:
 
     pairing: Pairing
     evidence: ModalEvidence  # at the water level that the model stands in
-    used: tuple[Observation, ...]
+    used: tuple[ModeComparison, ...]
     likelihood: ModalLikelihood
     all_modes: ForwardModel  # every visible mode, followed from the pairing's stiffness
     forward: ForwardModel  # only those that the likelihood asks for
@@ -129,7 +129,7 @@ class Matcher:
                 break
         return pairing, local, measured.at_model_level(_of_each(partners, pairing))
 
-    def _compared(self, found: Sequence[Observation]) -> tuple[Observation, ...]:
+    def _compared(self, found: Sequence[ModeComparison]) -> tuple[ModeComparison, ...]:
         """Those of the modes that the settings name; all where they name none."""
         named, labels = self._settings.modes, self._forward.labels
         return tuple(each for each in found if not named or labels[each.model_modes[0]] in named)

@@ -65,7 +65,7 @@ class SpringCoordinates:
 
 FORMAT = "pilewatch population 1"
 SAME_NOMINAL = 1e-6  # relative difference of springs that are one and the same
-CHUNK = 1000  # points evaluated at once
+CANDIDATES_AT_ONCE = 1000  # points evaluated at once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,8 +98,8 @@ class StiffnessPopulation:
     def log_density(self, ratios: FloatArray) -> FloatArray:
         """(n,) log p of (n, 3) ratios k / nominal, positive definite ones, with respect to dr."""
         points = self.coordinates.of_ratios(ratios)
-        starts = range(0, len(points), CHUNK)
-        in_x = [self._log_mixture(points[start : start + CHUNK]) for start in starts]
+        starts = range(0, len(points), CANDIDATES_AT_ONCE)
+        in_x = [self._log_mixture(points[start : start + CANDIDATES_AT_ONCE]) for start in starts]
         return np.concatenate([np.empty(0), *in_x]) - self.coordinates.log_jacobian(points)
 
     def _log_mixture(self, points: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from pipeline.updating.prior import PriorSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.registry import SamplingSettings
 from pipeline.updating.structural.settings import StructureSettings
-from sensors.settings import NO_KEY
+from sensors.settings import NEVER_A_KEY
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +25,6 @@ class UpdatingSettings:
     guards: AcceptanceSettings = field(default_factory=AcceptanceSettings)
     change: ChangeSettings = field(default_factory=ChangeSettings)
     structure: StructureSettings = field(
-        default_factory=StructureSettings, metadata=NO_KEY
+        default_factory=StructureSettings, metadata=NEVER_A_KEY
     )  # [structure]
     population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none

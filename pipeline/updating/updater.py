@@ -33,13 +33,13 @@ from pipeline.updating.posterior_message import posterior_message
 from pipeline.updating.prior import Prior, modal_where_supported
 from pipeline.updating.samplers.interface import PosteriorDraws
 from pipeline.updating.samplers.registry import sampler_of
-from pipeline.updating.serialisation import (
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.state import (
     CheckpointOwner,
+    UpdatingState,
     decoded_checkpoint,
     encoded_checkpoint,
 )
-from pipeline.updating.settings import UpdatingSettings
-from pipeline.updating.state import UpdatingState
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.joint_message import as_exact, joint_message, mode_labels
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh, model_at
@@ -86,7 +86,11 @@ class FoundationUpdater:
         self._seed = seed
         self._joint = joint
         self._prior = Prior(forward.nominal, self.settings.prior)
-        self._sampler = sampler_of(self.settings.sampling, self.settings.sampler)
+        self._sampler = sampler_of(
+            self.settings.sampling,
+            self.settings.sampler,
+            largest_rhat=self.settings.guards.rhat,
+        )
         self._detector = ChangeDetector(self.settings.change)
         self._exact_matcher: Matcher | None = None  # made where the structure is exact
         if joint is None:
@@ -260,15 +264,15 @@ class FoundationUpdater:
             state.evidence,
             state.joint,
             np.random.default_rng([self._seed, estimate.window]),
+            guards=self.settings.guards,
             reference=state.reference,
             last_fault=state.sensor_fault,
         )
         if found is None:
             raise without_partner(len(state.evidence.modes))
-        pairing = found.best.peak.comparison.pairing
-        against = refusal(pairing.paired_share, pairing.cost, self.settings.guards)
-        if against is not None:
-            return state, _rejected(estimate, EstimateRefused(against.code, against.text))
+        if found.refusal is not None:
+            refused = EstimateRefused(found.refusal.code, found.refusal.text)
+            return state, _rejected(estimate, refused)
         fit, u = found.best.fit, found.best.peak.u
         model = model_at(fit, u, self._layout)
         posterior = joint_message(

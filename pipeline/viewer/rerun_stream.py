@@ -36,7 +36,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.structure.description import TurbineDescription
 
-DAY = 86_400 * NANOSECONDS  # [ns]
+DAY_NS = 86_400 * NANOSECONDS  # [ns]
 FILE_TIMEOUT = 60.0  # for the last of the session to be written [s]
 VIEWER_TIMEOUT = 5.0  # to be taken by a viewer [s]
 
@@ -81,7 +81,7 @@ class RerunStream:
     def take(self, message: Message) -> None:
         """Draw one message in its turbine's view."""
         if isinstance(message, AccelerationBlock):
-            self._start_next_file(message.start_ns // DAY)
+            self._start_next_file(message.start_ns // DAY_NS)
             self._now_ns = max(self._now_ns, message.end_ns)
         view = self._view_of(message.turbine)
         match message:
@@ -136,7 +136,7 @@ class RerunStream:
         self._day = day
         self.finish()
         first = self._output.path
-        date = datetime.fromtimestamp(day * DAY // NANOSECONDS, UTC).date()
+        date = datetime.fromtimestamp(day * DAY_NS // NANOSECONDS, UTC).date()
         page = free_path(first.with_name(f"{first.stem}-{date}{first.suffix}"))
         self._recording = open_recording(RrdFile(page), recording_id=f"{self._session} {date}")
         self._views = {

@@ -22,7 +22,7 @@ NONE_FAULTY: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class FaultyChannels:
     """A change of the set of faulty channels of one acquisition unit."""
 
     time_ns: int
@@ -73,14 +73,14 @@ class SignalView:
         is_due = block.end_ns - unit.waiting[0].start_ns >= self._rates.signals * NANOSECONDS
         return is_due and time.monotonic() - self._handed_over >= self._rates.min_interval
 
-    def hand_over(self, name: str) -> list[Fault]:
+    def hand_over(self, name: str) -> list[FaultyChannels]:
         """Draw the buffered blocks of one unit; return the faults among them."""
         unit = self._units[name]
         blocks, unit.waiting = unit.waiting, []
         if not blocks:
             return []
         runs = list(join_runs(blocks))
-        faults: list[Fault] = []
+        faults: list[FaultyChannels] = []
         stated = any(block.status for block in blocks)
         if stated or unit.faulty != NONE_FAULTY or not all(map(_is_whole, runs)):
             faults = [fault for block in blocks for fault in self._faults_of(block, unit)]
@@ -89,7 +89,7 @@ class SignalView:
         self._handed_over = time.monotonic()
         return faults
 
-    def finish(self) -> list[Fault]:
+    def finish(self) -> list[FaultyChannels]:
         """Draw the buffered blocks of every unit; return the faults among them."""
         return [fault for name in self._units for fault in self.hand_over(name)]
 
@@ -113,7 +113,7 @@ class SignalView:
         picture = spectrum_picture(samples, unit.sampling_rate, layout, frequencies)
         plane_views.log_spectrum(self._recording, self._root, picture)
 
-    def _faults_of(self, block: AccelerationBlock, unit: _Unit) -> list[Fault]:
+    def _faults_of(self, block: AccelerationBlock, unit: _Unit) -> list[FaultyChannels]:
         """Colour the unit's sensors where their health changes with this block."""
         layout = self._layouts.named(block.layout_id)
         if layout is None:
@@ -127,7 +127,7 @@ class SignalView:
         if not (faulty or before):
             return []
         names = ", ".join(sorted(faulty)) or "none"
-        return [Fault(block.start_ns, f"faulty channels of unit {block.unit}: {names}")]
+        return [FaultyChannels(block.start_ns, f"faulty channels of unit {block.unit}: {names}")]
 
 
 def faulty_channels(block: AccelerationBlock, layout: SensorLayout) -> frozenset[str]:

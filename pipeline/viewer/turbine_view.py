@@ -33,7 +33,7 @@ from pipeline.viewer.pictures.status_text import (
     gap_text,
     posterior_text,
 )
-from pipeline.viewer.signal_view import Fault, SignalView
+from pipeline.viewer.signal_view import FaultyChannels, SignalView
 from pipeline.viewer.update_rates import UpdateRates
 from pipeline.viewer.view_parameters import ViewParameters
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -287,7 +287,7 @@ class TurbineView:
             named = f"{clock_time(self._at_ns)}  {self._turbine}: {text}"
             foundation_views.log_event(self._recording, FARM, named, level=level)
 
-    def _draw_faults(self, faults: list[Fault]) -> None:
+    def _draw_faults(self, faults: list[FaultyChannels]) -> None:
         for fault in faults:
             self._at(fault.time_ns)
             self._event(fault.text, level="WARN")

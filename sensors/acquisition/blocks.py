@@ -7,6 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 NANOSECONDS = 1_000_000_000  # [ns/s]
+BLOCK_DURATION = 1.0  # of the blocks that feeds and files are cut into [s]
+RATE_TOLERANCE = 1e-3  # between two values of one sampling rate, stated or by stamps, relative
+CLOCK_STEP = 0.5  # of the stamps against the sample count, beyond which the clock was set [s]
+RESTART_SILENCE = 600.0  # a unit that was silent that long begins a new session [s]
 
 
 class BlockStatus(IntFlag):

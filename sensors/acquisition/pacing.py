@@ -15,7 +15,7 @@ REAL_TIME = 1.0
 AT_ONCE = math.inf
 LONGEST_PAUSE = 3600.0  # of sensor time that is waited for; more is a clock that was set [s]
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 class Clock(Protocol):
@@ -64,7 +64,9 @@ class Pace:
             self._clock.wait(remaining)
 
 
-def paced(messages: Iterable[T], *, pace: Pace, time_of: Callable[[T], int | None]) -> Iterator[T]:
+def paced(
+    messages: Iterable[_T], *, pace: Pace, time_of: Callable[[_T], int | None]
+) -> Iterator[_T]:
     """The messages in their order, each when its sensor time has come.
 
     time_of   sensor time at which a message is due [ns], e.g. the end of a block; None: at once

@@ -10,24 +10,27 @@ decoupled group of the structure, and its derivatives the modal sums
 exact within the basis. Source of the sums: Fox and Kapoor, AIAA Journal 6 (1968) 2426.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, eigh
+from scipy.sparse import csr_array
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.dynamics.figure_terms import RELATIVE, FigureTerms, Term, figure_terms
 from sensors.dynamics.full_model_modes import decoupled_groups
 from sensors.dynamics.reference_modes import VISIBLE_SHARE
+from sensors.dynamics.snapshot_basis import SparseStack, snapshot_basis
 from sensors.structure.assembly import StructuralModel, assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import BY_NAME
 from sensors.structure.foundation import positive_definite, spring_matrix
-from sensors.structure.sensor_readings import Observation
+from sensors.structure.sensor_readings import ChannelReadings
 
 BladeMesh = Literal["described", "converged"]
 
@@ -37,8 +40,6 @@ LEVEL_REACH = 6.0  # of the water about the description's level [m]
 LEVEL_SPACING = 0.5  # between the tabulated levels; cubics between them [m]
 SNAPSHOTS = 160  # points whose modes span the basis
 SNAPSHOT_SPREAD = 2.5  # of the figures there, in default standard deviations, uniform
-SNAPSHOT_TOLERANCE = 1e-5  # of the basis: share of a mode left out [-]
-SLOW = 2.0  # below, modes are held the more closely the slower they are [Hz]
 BASIS_MARGIN = 1.12  # a basis holds the modes to this multiple of the highest frequency [-]
 
 
@@ -106,6 +107,61 @@ class _Group:
     """g ψ across them, (n_channels, m)"""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _SparseGroup:
+    """One decoupled group with all its coordinates."""
+
+    coordinates: csr_array
+    """(n_dofs, n)"""
+    mass: SparseStack
+    stiffness: SparseStack
+    water: SparseStack
+    inner_water: SparseStack
+    """One matrix."""
+    springs: SparseStack
+    """Of unit k11, k22 and k12."""
+
+    @classmethod
+    def of(
+        cls, model: StructuralModel, terms: FigureTerms, coordinates: FloatArray
+    ) -> "_SparseGroup":
+        Y = csr_array(coordinates)
+
+        def turned(matrices: Iterable[csr_array]) -> SparseStack:
+            return SparseStack([Y.T @ matrix @ Y for matrix in matrices])
+
+        return cls(
+            coordinates=Y,
+            mass=turned(term.matrix for term in terms.mass),
+            stiffness=turned(term.matrix for term in terms.stiffness),
+            water=turned(terms.water),
+            inner_water=turned([terms.inner_water]),
+            springs=turned(_unit_springs(model)),
+        )
+
+    def reduced(
+        self, basis: FloatArray, observation: ChannelReadings, across: ChannelReadings
+    ) -> _Group:
+        vectors = self.coordinates @ basis
+        water = self.water.congruent(basis)
+        slopes = water
+        if len(water):
+            slopes = np.gradient(water, LEVEL_SPACING, axis=0, edge_order=2)
+        return _Group(
+            basis=vectors,
+            mass=self.mass.congruent(basis),
+            stiffness=self.stiffness.congruent(basis),
+            water=water,
+            water_slopes=slopes,
+            inner_water=self.inner_water.congruent(basis)[0],
+            springs=self.springs.congruent(basis),
+            displacement=observation.displacement @ vectors,
+            slope=observation.gravity_slope @ vectors,
+            across=across.displacement @ vectors,
+            across_slope=across.gravity_slope @ vectors,
+        )
+
+
 class _Monomials:
     """c_j(x) = Π v_i^n_ij of a list of terms, and its derivatives by the departures."""
 
@@ -164,8 +220,8 @@ class FigureModel:
         turbine = converged(turbine, blades)
         model = assemble(turbine)
         self._model = model
-        self._observation = Observation.of(model, layout)
-        self._across = Observation.of(model, _turned(layout))
+        self._observation = ChannelReadings.of(model, layout)
+        self._across = ChannelReadings.of(model, _turned(layout))
         levels = np.arange(-LEVEL_REACH, LEVEL_REACH + LEVEL_SPACING / 2, LEVEL_SPACING)
         if turbine.water is not None:
             lowest = turbine.mudline + 1.0 - turbine.water.level
@@ -191,30 +247,17 @@ class FigureModel:
         self, model: StructuralModel, terms: FigureTerms, generator: np.random.Generator
     ) -> tuple[_Group, ...]:
         points = self._snapshot_points(generator)
-        masses = np.array([term.matrix for term in terms.mass])
-        stiffnesses = np.array([term.matrix for term in terms.stiffness])
-        slopes = terms.water
-        if len(terms.levels):
-            slopes = np.gradient(terms.water, LEVEL_SPACING, axis=0, edge_order=2)
         groups = []
         for coordinates in decoupled_groups(model):
-            full = _Group(
-                basis=coordinates,
-                mass=_congruent(masses, coordinates),
-                stiffness=_congruent(stiffnesses, coordinates),
-                water=_congruent(terms.water, coordinates),
-                water_slopes=_congruent(slopes, coordinates),
-                inner_water=coordinates.T @ terms.inner_water @ coordinates,
-                springs=_unit_springs(model, coordinates),
-                displacement=self._observation.displacement @ coordinates,
-                slope=self._observation.gravity_slope @ coordinates,
-                across=self._across.displacement @ coordinates,
-                across_slope=self._across.gravity_slope @ coordinates,
-            )
-            if np.abs(full.displacement).max() < 1e-9:
+            if np.abs(self._observation.displacement @ coordinates).max() < 1e-9:
                 continue
-            basis = self._snapshot_basis(full, points)
-            groups.append(_reduced(full, basis))
+            full = _SparseGroup.of(model, terms, coordinates)
+            basis = snapshot_basis(
+                partial(self._sparse_matrices, full, points),
+                SNAPSHOTS,
+                highest_frequency=BASIS_MARGIN * self.highest_frequency,
+            )
+            groups.append(full.reduced(basis, self._observation, self._across))
         return tuple(groups)
 
     def _snapshot_points(
@@ -233,29 +276,19 @@ class FigureModel:
         theta[0], departures[0], levels[0] = self.nominal, 0.0, 0.0
         return theta, departures, levels
 
-    def _snapshot_basis(
-        self, full: _Group, points: tuple[FloatArray, FloatArray, FloatArray]
-    ) -> FloatArray:
-        """(n, m) of coordinates of the group that hold the modes at all points."""
-        theta, departures, levels = points
-        lowest = (2 * np.pi * BASIS_MARGIN * self.highest_frequency) ** -2
-        found = []
-        for row in range(len(theta)):
-            level, fill = float(levels[row]), row % 3 / 2
-            K, M = self._matrices(full, theta[row], departures[row], level, fill)
-            try:
-                flexibilities, vectors = eigh(M, K, subset_by_value=(lowest, np.inf))
-            except LinAlgError:
-                continue
-            # a slow mode's ω² is the small rest of what springs and weight do: it needs more digits
-            slowness = np.maximum(1.0, 2 * np.pi * SLOW * np.sqrt(flexibilities))
-            found.append(vectors / np.sqrt(flexibilities) * slowness)
-        snapshots = np.hstack(found)
-        _, M = self._matrices(full, theta[0], departures[0], 0.0)
-        upper = np.linalg.cholesky(M).T
-        left, strength, _ = np.linalg.svd(upper @ snapshots, full_matrices=False)
-        kept = strength > SNAPSHOT_TOLERANCE * np.sqrt(len(found))
-        return np.linalg.solve(upper, left[:, kept])
+    def _sparse_matrices(
+        self, full: "_SparseGroup", points: tuple[FloatArray, FloatArray, FloatArray], row: int
+    ) -> tuple[csr_array, csr_array]:
+        """K and M at a snapshot: dry, half full and full of water inside in turn."""
+        theta, departures, levels = (each[row] for each in points)
+        mass, stiffness, added = self._coefficients(departures[None])
+        M = full.mass.summed(mass[0]) + row % 3 / 2 * full.inner_water.summed(np.ones(1))
+        if len(self._levels):
+            place = np.clip((levels - self._levels[0]) / LEVEL_SPACING, 0, len(self._levels) - 1)
+            nearest = np.maximum(0.0, 1.0 - np.abs(np.arange(len(self._levels)) - place))
+            M += full.water.summed(added[0] * nearest)
+        K = full.stiffness.summed(stiffness[0]) + full.springs.summed(theta)
+        return K, M
 
     # ---- one point -------------------------------------------------------------------------
 
@@ -276,12 +309,10 @@ class FigureModel:
         theta: FloatArray,
         departures: FloatArray,
         level: float,
-        fill: float | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """K and M of a group at one point; fill: share of the inner water, None: as it is."""
-        fill = float(self.flooded) if fill is None else fill
+        """K and M of a group at one point."""
         mass, stiffness, added = self._coefficients(departures[None])
-        M = np.tensordot(mass[0], group.mass, axes=1) + fill * group.inner_water
+        M = np.tensordot(mass[0], group.mass, axes=1) + self.flooded * group.inner_water
         if len(self._levels):
             M += added[0] * self._water(group, np.array([level]))[0][0]
         K = np.tensordot(stiffness[0], group.stiffness, axes=1)
@@ -430,7 +461,8 @@ class FigureModel:
         level: float,
         slopes: tuple[FloatArray, FloatArray],
     ) -> tuple[FloatArray, ...] | None:
-        """λ (m,), dλ (m, p), readings (m, c), their derivatives (m, c, p), vectors (m, n_dofs)."""
+        """Of the modes that the sensors see: λ (m,), dλ (m, p), readings (m, c), their derivatives
+        (m, c, p), vectors (m, n_dofs)."""
         K, M = self._matrices(group, theta, departures, level)
         try:
             values, vectors = eigh(K, M, check_finite=False)
@@ -438,25 +470,27 @@ class FigureModel:
             return None
         if not values[0] > 0:
             return None
-        kept = int(np.searchsorted(values, (2 * np.pi * self.highest_frequency) ** 2))
-        lam, V = values[:kept], vectors[:, :kept]
+        H, G = group.displacement @ vectors, group.slope @ vectors  # (c, m)
+        below = np.searchsorted(values, (2 * np.pi * self.highest_frequency) ** 2)
+        motion = np.abs(H[:, :below] + G[:, :below] / values[:below]).max(axis=0)
+        kept = np.flatnonzero(motion >= VISIBLE_SHARE * motion.max(initial=0.0))
+        lam, V = values[kept], vectors[:, kept]
         dK, dM = self._matrix_slopes(group, departures, level, slopes)
         dKV = dK @ V  # (p, m, kept)
         dMV = dM @ V
         coupling = vectors.T @ (dKV - lam * dMV)  # φ_nᵀ (dK − λ_m dM) φ_m, (p, n, kept)
-        diagonal = np.arange(kept)
-        dlam = coupling[:, diagonal, diagonal].T.copy()  # (kept, p)
+        itself = (kept, np.arange(len(kept)))
+        dlam = coupling[:, *itself].T.copy()  # (kept, p)
         gaps = lam[None, :] - values[:, None]
-        gaps[diagonal, diagonal] = np.inf
+        gaps[itself] = np.inf
         tiny = 1e-9 * lam[None, :]
         gaps = np.where(np.abs(gaps) < tiny, np.copysign(tiny, gaps), gaps)
         mixing = coupling / gaps  # (p, n, kept)
         own = np.einsum("jm,pjm->pm", V, dMV)
-        mixing[:, diagonal, diagonal] = -0.5 * own
-        H, G = group.displacement @ vectors, group.slope @ vectors  # (c, m)
-        readings = (H[:, :kept] + G[:, :kept] / lam).T
+        mixing[:, *itself] = -0.5 * own
+        readings = (H[:, kept] + G[:, kept] / lam).T
         moved = np.matmul(H, mixing) + np.matmul(G, mixing) / lam  # (p, c, kept)
-        moved -= G[:, :kept][None] * (dlam.T / lam**2)[:, None, :]
+        moved -= G[:, kept][None] * (dlam.T / lam**2)[:, None, :]
         across = (group.across @ V + group.across_slope @ V / lam).T
         by_height = (group.slope @ V).T / (self.turbine.gravity or 1.0)  # without weight no slope
         moved = np.moveaxis(moved, 0, 2).swapaxes(0, 1)
@@ -508,29 +542,12 @@ def _right_angle(direction: tuple[float, float, float]) -> tuple[float, float, f
     return (-y, x, z)
 
 
-def _congruent(matrices: FloatArray, basis: FloatArray) -> FloatArray:
-    """Vᵀ A V of a stack."""
-    return np.asarray(basis.T @ matrices @ basis)
-
-
-def _unit_springs(model: StructuralModel, coordinates: FloatArray) -> FloatArray:
-    """(3, m, m) stiffness of unit k11, k22 and k12 in both planes."""
-    springs = spring_matrix(np.eye(3), model.description.foundation.sign)
-    Y = coordinates[model.spring_dofs]
-    return np.asarray(np.einsum("pia,nij,pjb->nab", Y, springs, Y, optimize=True))
-
-
-def _reduced(full: _Group, basis: FloatArray) -> _Group:
-    return _Group(
-        basis=full.basis @ basis,
-        mass=_congruent(full.mass, basis),
-        stiffness=_congruent(full.stiffness, basis),
-        water=_congruent(full.water, basis),
-        water_slopes=_congruent(full.water_slopes, basis),
-        inner_water=basis.T @ full.inner_water @ basis,
-        springs=_congruent(full.springs, basis),
-        displacement=full.displacement @ basis,
-        slope=full.slope @ basis,
-        across=full.across @ basis,
-        across_slope=full.across_slope @ basis,
-    )
+def _unit_springs(model: StructuralModel) -> list[csr_array]:
+    """Stiffness of unit k11, k22 and k12 in both planes, (n_dofs, n_dofs) each."""
+    found = []
+    for springs in spring_matrix(np.eye(3), model.description.foundation.sign):
+        whole = np.zeros((model.n_dofs, model.n_dofs))
+        for dofs in model.spring_dofs:
+            whole[np.ix_(dofs, dofs)] += springs
+        found.append(csr_array(whole))
+    return found

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from sensors.arrays import FloatArray
 from sensors.structure.assembly import StructuralModel, assemble
@@ -29,7 +30,7 @@ LENGTH_STEP = 0.5  # of heights and of growth, likewise [m]
 class Term:
     """One matrix and the powers of the figures that multiply it."""
 
-    matrix: FloatArray
+    matrix: csr_array
     """(n_dofs, n_dofs), SI."""
     powers: Powers
     """Figure → exponent of its v; empty for what no figure changes."""
@@ -45,10 +46,10 @@ class FigureTerms:
     """Elastic and gravity."""
     levels: FloatArray
     """Of the water above the description's, rising, (n_levels,) [m]; (0,) on land."""
-    water: FloatArray
-    """Mass of the water that moves along at those levels and C_a as described, (n_levels, n_dofs,
-    n_dofs)."""
-    inner_water: FloatArray
+    water: tuple[csr_array, ...]
+    """Mass of the water that moves along at those levels and C_a as described, (n_dofs, n_dofs)
+    each."""
+    inner_water: csr_array
     """Mass of the water inside a flooded structure, (n_dofs, n_dofs); zero where it is described as
     flooded already, or on land."""
 
@@ -70,42 +71,54 @@ class _Parts:
     def __init__(self, turbine: TurbineDescription, names: frozenset[str]) -> None:
         self._names = names
         self._turbine = turbine
-        dry = turbine if turbine.water is None else _dried(turbine)
-        self._dry = dry
-        self._model = self._matrices(dry)
-        self._floating = self._matrices(replace(dry, gravity=0.0))
+        self._dry = turbine if turbine.water is None else _dried(turbine)
+        self._model = self._matrices(self._dry)
+        self._n = self._model[0].shape[0]
+        # what does not concern the blades is found without them, whose mesh is the finest
+        self._bare = replace(turbine, blades=None)
+        self._tower = replace(self._dry, blades=None)
+        self._tower_model = self._matrices(self._tower)
 
     def terms(self, levels: FloatArray) -> FigureTerms:
         mass, stiffness = self._tube_terms()
         for more_mass, more_stiffness in (self._nacelle_terms(), self._blade_terms()):
             mass, stiffness = mass + more_mass, stiffness + more_stiffness
         if "transition_piece" in self._names:
-            heavier = self._matrices(varied(self._dry, {"transition_piece": 1.0}))
-            mass.append(Term(heavier[0] - self._model[0], {"transition_piece": 1}))
-            stiffness.append(Term(heavier[1] - self._model[1], {"transition_piece": 1}))
+            heavier = self._matrices(varied(self._tower, {"transition_piece": 1.0}))
+            mass.append(Term(heavier[0] - self._tower_model[0], {"transition_piece": 1}))
+            stiffness.append(Term(heavier[1] - self._tower_model[1], {"transition_piece": 1}))
+        mass, stiffness = self._whole(mass), self._whole(stiffness)
         mass.append(Term(self._model[0] - _sum(mass, self._described), {}))
         stiffness.append(Term(self._model[1] - _sum(stiffness, self._described), {}))
         return FigureTerms(
-            mass=tuple(mass + self._growth_terms()),
+            mass=tuple(mass + self._whole(self._growth_terms())),
             stiffness=tuple(stiffness),
             levels=levels if self._turbine.water is not None else np.zeros(0),
-            water=self._water_at(levels),
-            inner_water=self._inner_water(),
+            water=tuple(self._padded(matrix) for matrix in self._water_at(levels)),
+            inner_water=self._padded(self._inner_water()),
         )
+
+    def _whole(self, terms: Sequence[Term]) -> list[Term]:
+        return [replace(term, matrix=self._padded(term.matrix)) for term in terms]
+
+    def _padded(self, matrix: csr_array) -> csr_array:
+        """Zero for the blades, whose degrees of freedom come after the tower's."""
+        entries = matrix.tocoo()
+        return csr_array((entries.data, entries.coords), shape=(self._n, self._n))
 
     @property
     def _described(self) -> Mapping[str, float]:
         """v of every figure as described."""
         return {name: 1.0 if name in RELATIVE else 0.0 for name in self._names}
 
-    def _matrices(self, turbine: TurbineDescription) -> tuple[FloatArray, FloatArray]:
+    def _matrices(self, turbine: TurbineDescription) -> tuple[csr_array, csr_array]:
         """Mass and stiffness without springs."""
         model: StructuralModel = assemble(turbine)
         stiffness = model.stiffness.copy()
         springs = spring_matrix(model.theta, turbine.foundation.sign)
         for dofs in model.spring_dofs:
             stiffness[np.ix_(dofs, dofs)] -= springs
-        return model.mass, stiffness
+        return csr_array(model.mass), csr_array(stiffness)
 
     def _named(self, powers: Powers) -> Powers:
         return {name: n for name, n in powers.items() if name in self._names and n}
@@ -116,7 +129,7 @@ class _Parts:
         steps = [-WALL_STEP, 0.0, WALL_STEP]
         elastic, heavy, weight = [], [], []
         for step in steps:
-            thinner = varied(self._dry, {"wall_thickness": step})
+            thinner = varied(self._tower, {"wall_thickness": step})
             stiffer = varied(thinner, {"steel_modulus": 1.0})
             denser = varied(thinner, {"steel_density": 1.0})
             standing, floating = self._matrices(thinner), self._floated(thinner)
@@ -140,14 +153,14 @@ class _Parts:
         for axis in ("roll", "pitch", "yaw"):
             name = f"nacelle_{axis}_inertia"
             if name in self._names:
-                more = self._matrices(varied(self._dry, {name: 1.0}))
-                mass.append(Term(more[0] - self._model[0], {name: 1}))
+                more = self._matrices(varied(self._tower, {name: 1.0}))
+                mass.append(Term(more[0] - self._tower_model[0], {name: 1}))
         if not {"rna_mass", "rna_height"} & self._names:
             return mass, stiffness
         steps = [-LENGTH_STEP, 0.0, LENGTH_STEP]
         masses, weights = [], []
         for step in steps:
-            raised = self._dry
+            raised = self._tower
             if "rna_height" in self._names:
                 raised = varied(raised, {"rna_height": step})
             twice, once = self._matrices(varied(raised, {"rna_mass": 1.0})), self._matrices(raised)
@@ -169,7 +182,8 @@ class _Parts:
         for name in ("flap_stiffness", "edge_stiffness"):
             if name in self._names:
                 stiffer = self._floated(varied(self._dry, {name: 1.0}))
-                stiffness.append(Term(stiffer[1] - self._floating[1], {name: 1}))
+                floating = self._floated(self._dry)
+                stiffness.append(Term(stiffer[1] - floating[1], {name: 1}))
         return mass, stiffness
 
     def _growth_terms(self) -> list[Term]:
@@ -178,15 +192,15 @@ class _Parts:
             return []
         bare = replace(self._turbine.water, growth=0.0)
 
-        def grown(water_weight: float, growth_weight: float, h: float) -> FloatArray:
+        def grown(water_weight: float, growth_weight: float, h: float) -> csr_array:
             water = replace(
                 bare,
                 growth=h,
                 added_mass_coefficient=water_weight * bare.added_mass_coefficient,
                 growth_density=growth_weight * bare.growth_density,
             )
-            with_growth = self._matrices(replace(self._turbine, water=water))[0]
-            without = self._matrices(replace(self._turbine, water=replace(water, growth=0.0)))[0]
+            with_growth = self._matrices(replace(self._bare, water=water))[0]
+            without = self._matrices(replace(self._bare, water=replace(water, growth=0.0)))[0]
             return with_growth - without
 
         described = self._turbine.water.growth
@@ -199,28 +213,27 @@ class _Parts:
                 found.append(Term(_coefficient(matrices, steps, power), own))
         return found
 
-    def _water_at(self, levels: FloatArray) -> FloatArray:
-        """(n_levels, n_dofs, n_dofs) of the water outside, and inside where that is described."""
-        water, n = self._turbine.water, len(self._model[0])
+    def _water_at(self, levels: FloatArray) -> list[csr_array]:
+        """Of the water outside, and inside where that is described, at each level."""
+        water = self._turbine.water
         if water is None:
-            return np.zeros((0, n, n))
-        bare = replace(self._turbine, water=replace(water, growth=0.0, inside=False))
-        found = [
-            self._matrices(bare.with_water_level(water.level + rise))[0] - self._model[0]
+            return []
+        around = replace(self._bare, water=replace(water, growth=0.0, inside=False))
+        return [
+            self._matrices(around.with_water_level(water.level + rise))[0] - self._tower_model[0]
             for rise in levels.tolist()
         ]
-        return np.array(found)
 
-    def _inner_water(self) -> FloatArray:
+    def _inner_water(self) -> csr_array:
         """At the mean level, where it stands, whatever the sea outside does."""
         water = self._turbine.water
         if water is None:
-            return np.zeros_like(self._model[0])
-        empty = replace(self._turbine, water=replace(water, inside=False, level=0.0))
-        full = replace(self._turbine, water=replace(water, inside=True, level=0.0))
+            return csr_array(self._tower_model[0].shape)
+        empty = replace(self._bare, water=replace(water, inside=False, level=0.0))
+        full = replace(self._bare, water=replace(water, inside=True, level=0.0))
         return self._matrices(full)[0] - self._matrices(empty)[0]
 
-    def _floated(self, turbine: TurbineDescription) -> tuple[FloatArray, FloatArray]:
+    def _floated(self, turbine: TurbineDescription) -> tuple[csr_array, csr_array]:
         return self._matrices(replace(turbine, gravity=0.0))
 
 
@@ -244,16 +257,15 @@ def _dried(turbine: TurbineDescription) -> TurbineDescription:
     return replace(turbine, water=None)
 
 
-def _coefficient(values: Sequence[FloatArray], steps: Sequence[float], power: int) -> FloatArray:
+def _coefficient(values: Sequence[csr_array], steps: Sequence[float], power: int) -> csr_array:
     """Coefficient of step^power of the parabola through three values."""
-    weights = np.linalg.inv(np.vander(np.array(steps), 3, increasing=True))[power]
-    return np.asarray(sum(w * value for w, value in zip(weights, values, strict=True)))
+    weights = np.linalg.inv(np.vander(np.array(steps), 3, increasing=True))[power].tolist()
+    return weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2]
 
 
-def _sum(terms: Sequence[Term], at: Mapping[str, float]) -> FloatArray:
-    return np.asarray(
-        sum(
-            float(np.prod([at[name] ** n for name, n in term.powers.items()])) * term.matrix
-            for term in terms
-        )
-    )
+def _sum(terms: Sequence[Term], at: Mapping[str, float]) -> csr_array:
+    total = csr_array(terms[0].matrix.shape)
+    for term in terms:
+        weight = float(np.prod([at[name] ** n for name, n in term.powers.items()]))
+        total = total + weight * term.matrix
+    return total

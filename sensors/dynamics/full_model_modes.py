@@ -16,10 +16,10 @@ from scipy.sparse.csgraph import connected_components
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-from sensors.structure.assembly import PLANE, StructuralModel, assemble
+from sensors.structure.assembly import PLANE_COLUMNS, StructuralModel, assemble
 from sensors.structure.description import Direction, TurbineDescription
 from sensors.structure.foundation import TurbineError
-from sensors.structure.sensor_readings import Observation
+from sensors.structure.sensor_readings import ChannelReadings
 
 _COUPLED = 1e-11  # relative size of a matrix entry below which two coordinates do not couple [-]
 
@@ -74,12 +74,12 @@ def full_modes(
         If the springs are not positive definite or the structure would fall.
     """
     model = assemble(description, stiffness=theta, tube_refinement=tube_refinement)
-    observation = Observation.of(model, layout)
+    observation = ChannelReadings.of(model, layout)
     return solved_modes(model, observation, highest_frequency=highest_frequency)
 
 
 def solved_modes(
-    model: StructuralModel, observation: Observation, *, highest_frequency: float
+    model: StructuralModel, observation: ChannelReadings, *, highest_frequency: float
 ) -> FullModes:
     """`full_modes` of a structure that is already assembled."""
     parts = [_modes_of_group(model, basis, highest_frequency) for basis in decoupled_groups(model)]
@@ -161,7 +161,7 @@ def _directions(model: StructuralModel, vectors: FloatArray) -> tuple[Direction,
     """The plane in which the tower's nodes move most, for each mode."""
     motion: dict[Direction, FloatArray] = {
         plane: (vectors[model.tower_dofs[:, columns.start]] ** 2).sum(axis=0)
-        for plane, columns in PLANE.items()
+        for plane, columns in PLANE_COLUMNS.items()
     }
     return tuple(
         "FA" if fa >= ss else "SS" for fa, ss in zip(motion["FA"], motion["SS"], strict=True)

@@ -29,10 +29,10 @@ from sensors.dynamics.mudline_condensation import (
 )
 from sensors.dynamics.reference_modes import ReferenceModes, visible_modes
 from sensors.dynamics.water_level import modes_in_water
-from sensors.structure.assembly import PLANE, StructuralModel, assemble
+from sensors.structure.assembly import PLANE_COLUMNS, StructuralModel, assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import positive_definite, spring_matrix
-from sensors.structure.sensor_readings import Observation
+from sensors.structure.sensor_readings import ChannelReadings
 
 __all__ = ["FullModes", "ModalModel", "ModalParameters", "followed_by_overlap", "full_modes"]
 
@@ -72,7 +72,7 @@ class _ReducedGroup:
     channels: IndexArray
     """Channels, (n_read,): channels of the layout that see the group."""
 
-    observation: Observation
+    observation: ChannelReadings
     """Observation of these channels, in the solver's coordinates."""
 
     overlap: FloatArray
@@ -123,7 +123,10 @@ def followed_by_overlap(overlap: FloatArray) -> IndexArray:
 
 
 def _reduced_group(
-    model: StructuralModel, basis: FloatArray, observation: Observation, reference: ReferenceModes
+    model: StructuralModel,
+    basis: FloatArray,
+    observation: ChannelReadings,
+    reference: ReferenceModes,
 ) -> _ReducedGroup | None:
     """The group's reduced model, at the θ of the reference; None where it has no mode to follow."""
     mass, stiffness = basis.T @ model.mass @ basis, basis.T @ model.stiffness @ basis
@@ -224,7 +227,7 @@ class ModalModel:
         self.blade_energy_share = reference.blade_energy_share
         self._reference = reference
         model = assemble(description, stiffness=reference.theta)
-        observation = Observation.of(model, layout)
+        observation = ChannelReadings.of(model, layout)
         self._gravity = mudline_gravity_stiffness(model)
         groups = (
             _reduced_group(model, basis, observation, reference)
@@ -258,7 +261,7 @@ class ModalModel:
         held = positive_definite(theta)
         total = np.tile(self._gravity, (int(held.sum()), 1, 1))
         springs = spring_matrix(theta[held], self.description.foundation.sign)
-        for plane in PLANE.values():
+        for plane in PLANE_COLUMNS.values():
             total[:, plane, plane] += springs
         held[held] = np.linalg.eigvalsh(total)[:, 0] > 0
         return held
@@ -339,7 +342,7 @@ class ModalModel:
         model = assemble(self.description, stiffness=theta_reference)
         modes = solved_modes(
             model,
-            Observation.of(model, self.layout),
+            ChannelReadings.of(model, self.layout),
             highest_frequency=_BASIS_MARGIN * self.highest_frequency,
         )
         overlap = (self._reference.vectors.T @ model.mass @ modes.vectors) ** 2

@@ -11,7 +11,7 @@ from sensors.dynamics.full_model_modes import FullModes, solved_modes
 from sensors.structure.assembly import StructuralModel
 from sensors.structure.description import Direction, ReferenceMode
 from sensors.structure.foundation import TurbineError
-from sensors.structure.sensor_readings import Observation
+from sensors.structure.sensor_readings import ChannelReadings
 
 VISIBLE_SHARE = 0.01  # of the largest sensor motion of any mode, all at unit modal mass [-]
 REFERENCE_WINDOW = 0.05  # a published mode is looked for within this relative distance [-]
@@ -52,7 +52,7 @@ def visible_modes(
     unit modal mass, reaches VISIBLE_SHARE of the largest of all modes. First the description's
     reference modes under their own names, then the others, numbered on by frequency.
     """
-    observation = Observation.of(model, layout)
+    observation = ChannelReadings.of(model, layout)
     modes = solved_modes(model, observation, highest_frequency=highest_frequency)
     largest = modes.sensor_motion.max(initial=0.0)
     visible = np.flatnonzero(modes.sensor_motion >= VISIBLE_SHARE * largest).tolist()

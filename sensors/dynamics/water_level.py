@@ -8,7 +8,7 @@ from sensors.arrays import FloatArray
 from sensors.dynamics.reference_modes import ReferenceModes
 from sensors.structure.assembly import StructuralModel, assemble
 from sensors.structure.description import TurbineDescription
-from sensors.structure.sensor_readings import Observation
+from sensors.structure.sensor_readings import ChannelReadings
 
 
 def modes_in_water(
@@ -39,7 +39,7 @@ def modes_in_water(
     freedom whose mass changes. Of first order the change is Δ ln f = −½ φᵀ ΔM φ; shapes mix.
     """
     model = assemble(description, stiffness=reference.theta)
-    observation = Observation.of(model, layout)
+    observation = ChannelReadings.of(model, layout)
     squares = (2 * np.pi * frequencies) ** 2
     if description.water is None or rise == 0:
         return frequencies, observation.shapes(reference.vectors.T, squares)

@@ -19,14 +19,14 @@ from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import FeedAddress
 from sensors.feeds.payloads.json_samples import MessageError
 from sensors.feeds.payloads.scada import RisingTimes, ScadaReader
-from sensors.feeds.protocol import FeedCounts, Inbox
+from sensors.feeds.protocol import ArrivalQueue, FeedCounts
 from sensors.feeds.reconnect import LinkError, kept_connected
 
 logger = logging.getLogger(__name__)
 
 POLL = 0.2  # how often the file is looked at [s]
 LONGEST_ROW = 2**16  # [bytes]
-CHUNK = 2**20  # read at once [bytes]
+READ_AT_ONCE = 2**20  # read at once [bytes]
 _SEPARATORS = (";", "\t", ",")  # the first that a header has
 
 
@@ -44,7 +44,7 @@ class CsvTailFeed:
         self._rows = Rows(reader, self.counts)
         self._once = once
 
-    async def run(self, inbox: Inbox) -> None:
+    async def run(self, inbox: ArrivalQueue) -> None:
         """Raises FeedError where there is no such file and `once` is asked for."""
 
         async def session() -> None:
@@ -52,7 +52,7 @@ class CsvTailFeed:
 
         await kept_connected(session, self.name, self.counts, once=self._once)
 
-    async def _follow(self, inbox: Inbox) -> None:
+    async def _follow(self, inbox: ArrivalQueue) -> None:
         """Until the file is gone."""
         try:
             with self._path.open("rb") as file:
@@ -68,7 +68,7 @@ class CsvTailFeed:
         except OSError as error:
             raise LinkError(f"{error.strerror or error}") from error
 
-    async def _take(self, file: BinaryIO, inbox: Inbox) -> None:
+    async def _take(self, file: BinaryIO, inbox: ArrivalQueue) -> None:
         if os.fstat(file.fileno()).st_size < file.tell():
             self._rows.begin(file, from_start=True)  # it was emptied
         for line in self._rows.lines(file):
@@ -111,7 +111,7 @@ class Rows:
 
     def lines(self, file: BinaryIO) -> Iterator[bytes]:
         """The rows that have been finished since."""
-        while chunk := file.read(CHUNK):
+        while chunk := file.read(READ_AT_ONCE):
             *lines, self._part = (self._part + chunk).split(b"\n")
             for line in lines:
                 if self._overlong or len(line) > LONGEST_ROW:

@@ -8,7 +8,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.assembly.assembler import Assembler
 from sensors.feeds.position import FeedPosition
-from sensors.feeds.protocol import Arrival, ChannelSamples, Feed, FeedCounts, Inbox
+from sensors.feeds.protocol import Arrival, ArrivalQueue, ChannelSamples, Feed, FeedCounts
 
 TICK = 0.1  # how often the clock may be looked at, when nothing comes [s]
 
@@ -93,7 +93,7 @@ def batches(feed: Feed, stopping: threading.Event) -> Iterator[list[Arrival]]:
 
     The feed runs in this thread, whenever the next batch is asked for, and is closed at the end.
     """
-    inbox = Inbox()
+    inbox = ArrivalQueue()
     with asyncio.Runner() as runner:
         running = runner.get_loop().create_task(feed.run(inbox))
         try:
@@ -112,7 +112,7 @@ def batches(feed: Feed, stopping: threading.Event) -> Iterator[list[Arrival]]:
         yield _waiting(inbox)
 
 
-async def _next_batch(inbox: Inbox) -> list[Arrival]:
+async def _next_batch(inbox: ArrivalQueue) -> list[Arrival]:
     try:
         first = await asyncio.wait_for(inbox.get(), TICK)
     except TimeoutError:
@@ -120,7 +120,7 @@ async def _next_batch(inbox: Inbox) -> list[Arrival]:
     return [first, *_waiting(inbox)]
 
 
-def _waiting(inbox: Inbox) -> list[Arrival]:
+def _waiting(inbox: ArrivalQueue) -> list[Arrival]:
     taken = []
     while not inbox.empty():
         taken.append(inbox.get_nowait())

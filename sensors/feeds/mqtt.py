@@ -24,13 +24,13 @@ from typing import Any, Protocol
 from sensors.feeds.address import FeedAddress
 from sensors.feeds.lru import LruCache
 from sensors.feeds.payloads.cpsens import CpSensReader, is_cpsens
-from sensors.feeds.payloads.frame import MAGIC
+from sensors.feeds.payloads.frame import FRAME_MAGIC
 from sensors.feeds.payloads.frame_reader import FrameReader
 from sensors.feeds.payloads.json_samples import JsonReader, MessageError, json_of
 from sensors.feeds.payloads.mapped_reader import MappedReader
 from sensors.feeds.payloads.mapping import mapping_named
 from sensors.feeds.payloads.scada import RisingTimes, ScadaReader
-from sensors.feeds.protocol import Arrival, FeedCounts, FeedError, Inbox
+from sensors.feeds.protocol import Arrival, ArrivalQueue, FeedCounts, FeedError
 from sensors.feeds.reconnect import LinkError, kept_connected
 
 logger = logging.getLogger(__name__)
@@ -38,10 +38,10 @@ logger = logging.getLogger(__name__)
 FORMATS = ("auto", "json", "float32", "cpsens")
 KEEP_ALIVE = 10  # a silent broker is given up after one and a half of it [s]
 WAITING_MESSAGES = 20_000  # between the socket and the inbox
-REFUSED = 128  # SUBACK: from here on there is no subscription
+REFUSED_SUBSCRIPTION = 128  # SUBACK: from here on there is no subscription
 _REFUSED = {4, 5, 134, 135}  # CONNACK: bad user name or password, not authorised (MQTT 3.1.1, 5)
 LONGEST_TOPIC = 1000  # [characters]
-LARGEST_PAYLOAD = 2**22  # [bytes]: a second of 100 channels at 10 kHz
+LARGEST_MQTT_PAYLOAD = 2**22  # [bytes]: a second of 100 channels at 10 kHz
 
 
 _CODE = re.compile(r"^\[[^\]]*\] | \(_ssl\.c:\d+\)$")
@@ -85,7 +85,7 @@ class MqttFeed:
         self._tls = _tls(address)
         self._password = address.secret("password") if address.user else ""
 
-    async def run(self, inbox: Inbox) -> None:
+    async def run(self, inbox: ArrivalQueue) -> None:
         """Raises FeedError for a user or a password that the broker refuses at the start."""
         logging.getLogger("mqtt").setLevel(logging.CRITICAL)  # its own words on what is logged here
 
@@ -94,7 +94,7 @@ class MqttFeed:
 
         await kept_connected(session, self.name, self.counts, once=self._once)
 
-    async def _session(self, inbox: Inbox) -> None:
+    async def _session(self, inbox: ArrivalQueue) -> None:
         try:
             async with self._client() as client:
                 await self._subscribe(client)
@@ -143,7 +143,7 @@ class MqttFeed:
             raise FeedError(
                 f"{self.name}: {topic!r} is no topic; + stands for a level, # for all at the end"
             ) from error
-        if any(getattr(code, "value", code) >= REFUSED for code in granted):
+        if any(getattr(code, "value", code) >= REFUSED_SUBSCRIPTION for code in granted):
             if self.counts.connections:
                 raise LinkError(f"the broker refuses the topic {topic!r}")
             raise FeedError(f"{self.name}: the broker refuses this user the topic {topic!r}")
@@ -173,8 +173,8 @@ class MqttFeed:
         try:
             if len(topic) > LONGEST_TOPIC:
                 raise MessageError(f"a topic of {len(topic)} letters; at most {LONGEST_TOPIC}")
-            if len(payload) > LARGEST_PAYLOAD:
-                raise MessageError(f"{len(payload)} bytes; at most {LARGEST_PAYLOAD}")
+            if len(payload) > LARGEST_MQTT_PAYLOAD:
+                raise MessageError(f"{len(payload)} bytes; at most {LARGEST_MQTT_PAYLOAD}")
             yield from self._reader.read(topic, payload, retained=message.retain)
         except MessageError as error:
             self.counts.refuse(f"{topic}: {error}")
@@ -241,7 +241,7 @@ class SamplesReader:
 
 def kind_of(topic: str, payload: bytes) -> str:
     """The format of a message. Raises MessageError where it is of none."""
-    if payload.startswith(MAGIC):
+    if payload.startswith(FRAME_MAGIC):
         return "float32"
     if is_cpsens(topic, payload):
         return "cpsens"

@@ -85,7 +85,7 @@ def printable(text: str, longest: int) -> str:
     return "".join(letter if letter.isprintable() else "�" for letter in text)
 
 
-class Inbox(asyncio.Queue[Arrival]):
+class ArrivalQueue(asyncio.Queue[Arrival]):
     """Bounded queue between a feed and the consumer of its arrivals."""
 
     def __init__(self, capacity: int = INBOX_ARRIVALS) -> None:
@@ -109,4 +109,4 @@ class Feed(Protocol):
     @property
     def counts(self) -> FeedCounts: ...
 
-    async def run(self, inbox: Inbox) -> None: ...
+    async def run(self, inbox: ArrivalQueue) -> None: ...

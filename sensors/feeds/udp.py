@@ -12,14 +12,14 @@ import asyncio
 import logging
 import socket
 
+from sensors.constants import LOOPBACK
 from sensors.feeds.address import FeedAddress
 from sensors.feeds.payloads.frame_reader import FrameReader
-from sensors.feeds.protocol import FeedCounts, FeedError, Inbox
+from sensors.feeds.protocol import ArrivalQueue, FeedCounts, FeedError
 
 logger = logging.getLogger(__name__)
 
 RECEIVE_BUFFER = 4 * 2**20  # asked of the system for datagrams that wait [bytes]
-LOOPBACK = "127.0.0.1"
 
 
 class UdpFeed:
@@ -36,7 +36,7 @@ class UdpFeed:
         self.bound = asyncio.Event()  # set when the port is open
         self.port = address.port  # that is listened on; another one where 0 was asked for
 
-    async def run(self, inbox: Inbox) -> None:
+    async def run(self, inbox: ArrivalQueue) -> None:
         """Raises FeedError where the port cannot be had."""
         link = await self._bind(inbox)
         try:
@@ -48,7 +48,7 @@ class UdpFeed:
             link.close()
             self.counts.connected = False
 
-    async def _bind(self, inbox: Inbox) -> asyncio.DatagramTransport:
+    async def _bind(self, inbox: ArrivalQueue) -> asyncio.DatagramTransport:
         loop = asyncio.get_running_loop()
         try:
             link, _ = await loop.create_datagram_endpoint(
@@ -65,7 +65,7 @@ class UdpFeed:
 
 
 class _Receiver(asyncio.DatagramProtocol):
-    def __init__(self, reader: FrameReader, inbox: Inbox) -> None:
+    def __init__(self, reader: FrameReader, inbox: ArrivalQueue) -> None:
         self._reader, self._inbox = reader, inbox
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:

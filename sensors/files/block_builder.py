@@ -14,17 +14,20 @@ from pathlib import Path
 
 import numpy as np
 
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import (
+    BLOCK_DURATION,
+    NANOSECONDS,
+    RATE_TOLERANCE,
+    RESTART_SILENCE,
+    AccelerationBlock,
+)
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.formats import read_chunks
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
 
-BLOCK = 1.0  # [s]
-RATE_TOLERANCE = 1e-3  # between two files, or a rate that is stated and the stamps', relative
 GAP = 0.5  # a clock that is so far behind for good has lost a sample [samples]
 LATE_STAMPS = 16  # so many stamps in a row may be late without a sample being lost
-RESTARTED = 600.0  # a unit that was silent that long begins a new session [s]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,7 +217,7 @@ class BlockCutter:
     def __init__(self, layout: SensorLayout, sampling_rate: float) -> None:
         self._layout = layout
         self._rate = sampling_rate
-        self._size = max(1, round(BLOCK * sampling_rate))
+        self._size = max(1, round(BLOCK_DURATION * sampling_rate))
         self._held: StampedSamples | None = None  # not yet in a block
         self._session = ""
         self._first_sample = 0  # of what is held
@@ -271,7 +274,7 @@ class BlockCutter:
         return times_ns - late, lost
 
     def _skip(self, lost: int) -> None:
-        if lost / self._rate > RESTARTED:
+        if lost / self._rate > RESTART_SILENCE:
             self._session = ""
         elif lost:
             self._first_sample += lost

@@ -21,7 +21,7 @@ from sensors.files.readers.openfast import read_outb
 from sensors.files.readers.parquet import read_parquet_chunks
 from sensors.files.readers.tdms import read_tdms
 from sensors.files.readers.uff import read_uff
-from sensors.files.sep005 import Channel, join_channels, list_channels
+from sensors.files.sep005 import Sep005Channel, join_channels, list_channels
 from sensors.files.table import (
     EVERYTHING,
     ChannelTable,
@@ -35,7 +35,7 @@ from sensors.files.text.csv import read_csv_chunks
 GROUP = "pilewatch.files"  # of entry points
 
 ChunkReader = Callable[[Path, Wanted], Iterable[ChannelTable]]
-ChannelReader = Callable[[Path], list[Channel]]
+ChannelReader = Callable[[Path], list[Sep005Channel]]
 
 CHUNK_READERS: dict[str, ChunkReader] = {
     "csv": read_csv_chunks,
@@ -131,7 +131,7 @@ def channels_in(path: Path, reader: str | None = None) -> ChannelTable:
     return list_channels(channels, path)
 
 
-def _channels(path: Path, reader: str | None) -> list[Channel] | None:
+def _channels(path: Path, reader: str | None) -> list[Sep005Channel] | None:
     """The channels of a file that is not read in chunks."""
     suffix = path.suffix.lower().removeprefix(".")
     entries = [each for each in entry_points(group=GROUP) if each.name == suffix]
@@ -142,7 +142,7 @@ def _channels(path: Path, reader: str | None) -> list[Channel] | None:
     return CHANNEL_READERS[suffix](path) if suffix in CHANNEL_READERS else None
 
 
-def _by_entry(entry: EntryPoint, path: Path) -> list[Channel]:
+def _by_entry(entry: EntryPoint, path: Path) -> list[Sep005Channel]:
     """Read a file by a plugged-in reader; any exception of it becomes one line."""
     try:
         read = entry.load()

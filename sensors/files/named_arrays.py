@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.files.sep005 import Channel, timestamp_ns
+from sensors.files.sep005 import Sep005Channel, timestamp_ns
 from sensors.files.table import FileError
 from sensors.files.text.column_titles import is_time_title, split_unit, time_unit
 from sensors.files.text.columns import log_once
@@ -37,11 +37,11 @@ Notes = Mapping[str, Any]
 
 RATE = ("fs", "sampling_rate", "sampling_rate_hz", "sampling_frequency", "sample_rate", "rate",
         "samplerate", "samplingrate", "sampling_freq")  # fmt: skip
-STEP = ("dt", "sampling_interval", "sample_interval", "wf_increment", "delta_t")
+STEP_NOTES = ("dt", "sampling_interval", "sample_interval", "wf_increment", "delta_t")
 START = ("start_timestamp", "start_time", "wf_start_time", "start", "t0", "starttime")
 OFFSET = ("wf_start_offset",)  # of the first sample behind `START` [s]
-UNIT = ("unit_str", "unit_string", "unit", "units")
-NAMES = ("names", "channel_names", "channels", "columns")
+UNIT_NOTES = ("unit_str", "unit_string", "unit", "units")
+NAME_NOTES = ("names", "channel_names", "channels", "columns")
 NEARLY = 0.99  # channels of one rate that are so much alike in length belong together
 
 _FREQUENCY = {"hz": 1.0, "khz": 1e3, "s/s": 1.0, "sps": 1.0, "1/s": 1.0, "": 1.0}
@@ -77,7 +77,7 @@ class NamedArray:
         return self.values.ndim == 1 and is_time_title(split_unit(self.title)[0])
 
 
-def find_channels(arrays: list[NamedArray], path: Path) -> list[Channel]:
+def find_channels(arrays: list[NamedArray], path: Path) -> list[Sep005Channel]:
     """Return the channels among the arrays.
 
     Returns
@@ -141,7 +141,7 @@ def _orient(array: NamedArray, stamps: list[NamedArray]) -> NamedArray:
 
 
 def _find_names(notes: Notes) -> NDArray[Any]:
-    names = _find_note(notes, NAMES)
+    names = _find_note(notes, NAME_NOTES)
     return np.array([]) if names is None else np.asarray(names)
 
 
@@ -155,17 +155,19 @@ def _belongs(array: NamedArray, longest: int, stamps: list[NamedArray], path: Pa
 
 def _channels(
     array: NamedArray, name: str, stamps: list[NamedArray], path: Path
-) -> Iterator[Channel]:
+) -> Iterator[Sep005Channel]:
     """The channels of one array: itself, or its columns."""
     values = array.values
     if values.ndim == 1:
         bare, unit = split_unit(name)
-        stated = unit or str(_find_note(array.notes, UNIT) or "")
+        stated = unit or str(_find_note(array.notes, UNIT_NOTES) or "")
         yield _channel(values, bare, stated, array, stamps, path)
         return
     count = values.shape[1]
-    names = _listed(array.notes, NAMES, count, path) or [f"{name}{i + 1}" for i in range(count)]
-    units = _listed(array.notes, UNIT, count, path) or [""] * count
+    names = _listed(array.notes, NAME_NOTES, count, path) or [
+        f"{name}{i + 1}" for i in range(count)
+    ]
+    units = _listed(array.notes, UNIT_NOTES, count, path) or [""] * count
     for column, title, unit in zip(values.T, names, units, strict=True):
         bare, in_brackets = split_unit(title)
         yield _channel(column, bare, in_brackets or unit, array, stamps, path)
@@ -178,8 +180,8 @@ def _channel(
     array: NamedArray,
     stamps: list[NamedArray],
     path: Path,
-) -> Channel:
-    channel = Channel(data=values, name=name, unit_str=unit)
+) -> Sep005Channel:
+    channel = Sep005Channel(data=values, name=name, unit_str=unit)
     stamp = _find_time(stamps, array)
     start = None
     if stamp is not None:
@@ -198,7 +200,7 @@ def _rate(array: NamedArray, path: Path) -> float | None:
     rate = _find_note(array.notes, RATE)
     if rate is not None:
         return _number(rate, "the sampling rate", _FREQUENCY, path)
-    step = _find_note(array.notes, STEP)
+    step = _find_note(array.notes, STEP_NOTES)
     if step is None:
         return None
     factors = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "": 1.0}
@@ -251,12 +253,12 @@ def _seconds(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | 
 
 
 def _convert_numbers(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | None]:
-    values, noted = stamp.values, str(_find_note(stamp.own, UNIT) or "")
+    values, noted = stamp.values, str(_find_note(stamp.own, UNIT_NOTES) or "")
     if values.dtype.kind == "u":
         values = values.astype(np.int64)
     since = _SINCE.fullmatch(noted.strip())
     name, unit = split_unit(stamp.title)
-    around = str(_find_note(stamp.notes, UNIT) or "")
+    around = str(_find_note(stamp.notes, UNIT_NOTES) or "")
     unit = (
         unit or time_unit(name) or (since["unit"] if since else noted)
         or (around if known_unit(around) is not None else "")

@@ -24,7 +24,7 @@ from sensors.files.table import (
     in_standard_unit,
 )
 from sensors.files.text.column_titles import distinct
-from sensors.files.text.time_column import ABSOLUTE, Clock, ClockError, iso
+from sensors.files.text.time_column import ABSOLUTE, ClockError, TextClock, iso
 
 TOGETHER = 0.05  # channels whose samples lie less apart are sampled together [samples]
 MOST_PADDED = 100  # times the samples that a file has: more is a wrong start, and no gap [-]
@@ -37,7 +37,7 @@ _QUANTITIES: dict[str, Quantity] = {
 }
 
 
-class Channel(TypedDict):
+class Sep005Channel(TypedDict):
     """One measured channel as SEP005 has it. With neither `fs` nor `time` its rate is unknown."""
 
     data: Any
@@ -59,7 +59,7 @@ class Channel(TypedDict):
 
 
 def join_channels(
-    channels: Sequence[Channel], path: Path, wanted: Wanted = EVERYTHING
+    channels: Sequence[Sep005Channel], path: Path, wanted: Wanted = EVERYTHING
 ) -> ChannelTable:
     """Return the channels of one file side by side.
 
@@ -101,7 +101,7 @@ def join_channels(
     )
 
 
-def list_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
+def list_channels(channels: Sequence[Sep005Channel], path: Path) -> ChannelTable:
     """Return names and units, without samples.
 
     Returns
@@ -124,7 +124,9 @@ def list_channels(channels: Sequence[Channel], path: Path) -> ChannelTable:
     )
 
 
-def _with_time(channels: Sequence[Channel], time: TimeColumn, path: Path) -> list[Channel]:
+def _with_time(
+    channels: Sequence[Sep005Channel], time: TimeColumn, path: Path
+) -> list[Sep005Channel]:
     """Return the other channels, stamped by the one that is stated to be the time."""
     names = [str(channel.get("name") or "") for channel in channels]
     if time.column not in names:
@@ -132,20 +134,20 @@ def _with_time(channels: Sequence[Channel], time: TimeColumn, path: Path) -> lis
             f"{path}: no series {time.column!r} to be the time; it has {', '.join(names)}"
         )
     place = names.index(time.column)
-    clock = Clock(time.column, time.unit or str(channels[place].get("unit_str") or ""))
+    clock = TextClock(time.column, time.unit or str(channels[place].get("unit_str") or ""))
     try:
         seconds = clock.seconds(pa.array(np.asarray(channels[place]["data"])))
     except (ClockError, pa.ArrowException) as error:
         raise FileError(f"{path}: the time {time.column!r} {error}") from error
     begin = iso(clock.start_ns) if clock.start_ns else channels[place].get("start_timestamp")
     return [
-        _convert_numbers(channel) | Channel(time=seconds, start_timestamp=begin)  # type: ignore[typeddict-item]
+        _convert_numbers(channel) | Sep005Channel(time=seconds, start_timestamp=begin)  # type: ignore[typeddict-item]
         for channel in (*channels[:place], *channels[place + 1 :])
     ]
 
 
-def _convert_numbers(channel: Channel) -> Channel:
-    return Channel(
+def _convert_numbers(channel: Sep005Channel) -> Sep005Channel:
+    return Sep005Channel(
         data=channel["data"],
         name=channel["name"],
         unit_str=channel.get("unit_str", ""),
@@ -154,7 +156,7 @@ def _convert_numbers(channel: Channel) -> Channel:
     )
 
 
-def _samples(channel: Channel, path: Path) -> FloatArray:
+def _samples(channel: Sep005Channel, path: Path) -> FloatArray:
     name = channel.get("name")
     try:
         samples = np.ma.filled(np.ma.asarray(channel["data"], dtype=np.float64), np.nan)
@@ -168,7 +170,7 @@ def _samples(channel: Channel, path: Path) -> FloatArray:
 
 
 def _on_one_clock(
-    channels: Sequence[Channel], columns: list[FloatArray], path: Path
+    channels: Sequence[Sep005Channel], columns: list[FloatArray], path: Path
 ) -> tuple[FloatArray | None, int, FloatArray]:
     """Return times, start and samples of all channels on one clock.
 
@@ -198,7 +200,7 @@ def _on_one_clock(
     return times - times[0], begin_ns, np.column_stack(columns)
 
 
-def _rates_in_words(channels: Sequence[Channel]) -> str:
+def _rates_in_words(channels: Sequence[Sep005Channel]) -> str:
     first: dict[Any, str] = {}
     for channel in channels:
         first.setdefault(channel.get("fs"), channel["name"])
@@ -209,7 +211,9 @@ def _rates_in_words(channels: Sequence[Channel]) -> str:
     return ", ".join(rates)
 
 
-def _require_alike(channels: Sequence[Channel], columns: list[FloatArray], path: Path) -> None:
+def _require_alike(
+    channels: Sequence[Sep005Channel], columns: list[FloatArray], path: Path
+) -> None:
     first = channels[0]
     for channel, column in zip(channels, columns, strict=True):
         stamps = channel.get("time")
@@ -228,7 +232,7 @@ def _equal(a: Any, b: Any) -> bool:
 
 
 def _on_grid(
-    channels: Sequence[Channel], columns: list[FloatArray], rate: float, path: Path
+    channels: Sequence[Sep005Channel], columns: list[FloatArray], rate: float, path: Path
 ) -> tuple[FloatArray, int, FloatArray]:
     starts = [timestamp_ns(channel.get("start_timestamp"), path) for channel in channels]
     start_ns = min(starts)

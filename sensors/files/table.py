@@ -10,9 +10,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.constants import STANDARD_GRAVITY
 from sensors.errors import InputError
 
-STANDARD_GRAVITY = 9.80665  # [m/s²], by definition (CGPM 1901)
 ROUNDING = 1e-9  # relative uncertainty of a rate whose stamps are exact: rounding of doubles [-]
 
 # Every unit as `plain_unit` writes it: lower case, no blanks, powers as digits, "u" for micro.
@@ -109,7 +109,9 @@ class Wanted:
 
 
 EVERYTHING = Wanted()
-STANDING = "{path}: its time stamps stand still; --sampling-rate HZ counts the samples instead"
+STANDING_STAMPS = (
+    "{path}: its time stamps stand still; --sampling-rate HZ counts the samples instead"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

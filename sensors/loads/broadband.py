@@ -13,7 +13,7 @@ from sensors.arrays import FloatArray, IndexArray
 from sensors.loads.filtered import RandomLoad, spectral_kernel, white_kernel
 from sensors.loads.load import LoadError, RandomStream, require_not_negative
 from sensors.loads.spectra import jonswap, wave_number
-from sensors.structure.assembly import PLANE, StructuralModel
+from sensors.structure.assembly import PLANE_COLUMNS, StructuralModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ def tower_pattern(model: StructuralModel, rms: float) -> FloatArray:
     ndarray, shape (n_dofs, 2n)
         Fore-aft nodes from the mudline up, then side-side ones [N].
     """
-    dofs = np.concatenate([model.tower_dofs[:, plane.start] for plane in PLANE.values()])
+    dofs = np.concatenate([model.tower_dofs[:, plane.start] for plane in PLANE_COLUMNS.values()])
     return _one_force_each(model, dofs, rms / np.sqrt(len(model.elevations)))
 
 
@@ -159,8 +159,8 @@ def wave_pattern(model: StructuralModel, waves: WaveBandLoad) -> FloatArray:
         period=waves.peak_period,
     )
     pattern = np.zeros((model.n_dofs, 2))
-    pattern[model.tower_dofs[:, PLANE["FA"].start], 0] = waves.fore_aft_rms * profile
-    pattern[model.tower_dofs[:, PLANE["SS"].start], 1] = waves.side_side_rms * profile
+    pattern[model.tower_dofs[:, PLANE_COLUMNS["FA"].start], 0] = waves.fore_aft_rms * profile
+    pattern[model.tower_dofs[:, PLANE_COLUMNS["SS"].start], 1] = waves.side_side_rms * profile
     return pattern
 
 

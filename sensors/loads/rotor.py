@@ -21,7 +21,7 @@ from sensors.structure.assembly import StructuralModel
 from sensors.structure.rotor_nacelle import apex, rigid_displacement
 
 ROTOR_RADIUS = 120.0  # of the IEA 15 MW [m]
-HIGHEST_FREQUENCY = 2.0  # of the thrust's turbulence; the rotor averages what is faster [Hz]
+HIGHEST_TURBULENCE = 2.0  # of the thrust's turbulence; the rotor averages what is faster [Hz]
 CURVE_STEP = 1.0  # [s] between points of the slow curves
 
 
@@ -118,7 +118,7 @@ class RotorLoad:
         speed = self.speed_at(0.0)
         slope = thrust_slope(self.rotor, self.steady_at(0.0), speed)
         power = (slope * np.abs(gains[:, :, 0])) ** 2
-        inside = np.asarray(frequencies) <= HIGHEST_FREQUENCY
+        inside = np.asarray(frequencies) <= HIGHEST_TURBULENCE
         return power * (self._gusts(np.asarray(frequencies), speed) * inside)[:, None]
 
     def _gusts(self, frequencies: FloatArray, speed: float) -> FloatArray:
@@ -128,7 +128,7 @@ class RotorLoad:
         return density * averaging(frequencies, speed)
 
     def _segments(self, seed: int) -> Iterator[FloatArray]:
-        frequencies = harmonics(HIGHEST_FREQUENCY)
+        frequencies = harmonics(HIGHEST_TURBULENCE)
 
         def coloured(time: float, white: ComplexArray) -> ComplexArray:
             return white * np.sqrt(self._gusts(frequencies, self.speed_at(time)))

@@ -29,8 +29,8 @@ from sensors.structure.rotor_nacelle import apex, blade_axes, rigid_displacement
 # Chord of the IEA 15 MW blade at even shares of its length, root to tip [m].
 # Source: IEAWindTask37/IEA-15-240-RWT (Apache-2.0), OpenFAST/IEA-15-240-RWT_AeroDyn15_blade.dat.
 IEA15_CHORDS = (5.20, 5.45, 5.76, 5.32, 4.65, 4.10, 3.62, 3.16, 2.69, 2.17, 0.50)
-SCALE = 42.0  # Λ₁ of IEC 61400-1 at heights of 60 m and more [m]
-ALONG_LENGTH, ACROSS_LENGTH = 8.1 * SCALE, 2.7 * SCALE  # integral scales [m]
+TURBULENCE_SCALE = 42.0  # Λ₁ of IEC 61400-1 at heights of 60 m and more [m]
+ALONG_LENGTH, ACROSS_LENGTH = 8.1 * TURBULENCE_SCALE, 2.7 * TURBULENCE_SCALE  # integral scales [m]
 ACROSS_SHARE = 0.8  # σ₂ / σ₁ of IEC 61400-1 [-]
 LEAST_COHERENCE = 1e-4  # below this between all points they are drawn independently [-]
 _ALONG, _ACROSS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -76,7 +76,7 @@ class Wind:
     blade_points: int = field(default=6, metadata=NO_KEY)
     """On each blade, at most."""
 
-    highest_frequency: float = 12.5
+    highest_frequency: float = field(default=12.5, metadata=NO_KEY)
     """Highest frequency of the turbulence [Hz]."""
 
     def __post_init__(self) -> None:

@@ -12,8 +12,10 @@ from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE, SensorLayout
 from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
-PASS_BAND = 0.45  # end of the pass band over the output rate, as in delta-sigma converters [-]
-STOP_BAND = 0.5  # begin of the stop band over the output rate: nothing folds back [-]
+CONVERTER_PASS_BAND = (
+    0.45  # end of the pass band over the output rate, as in delta-sigma converters [-]
+)
+CONVERTER_STOP_BAND = 0.5  # begin of the stop band over the output rate: nothing folds back [-]
 ATTENUATION = 80.0  # of the stop band [dB]; the pass band's ripple is then 1e-4
 
 
@@ -68,9 +70,9 @@ def anti_alias_taps(factor: int) -> FloatArray:
     if factor == 1:
         return np.ones(1)
     nyquist = factor / 2.0  # of the input, over the output rate
-    n_taps, beta = kaiserord(ATTENUATION, (STOP_BAND - PASS_BAND) / nyquist)
+    n_taps, beta = kaiserord(ATTENUATION, (CONVERTER_STOP_BAND - CONVERTER_PASS_BAND) / nyquist)
     half = n_taps // 2
-    cutoff = 0.5 * (PASS_BAND + STOP_BAND) / nyquist
+    cutoff = 0.5 * (CONVERTER_PASS_BAND + CONVERTER_STOP_BAND) / nyquist
     return firwin(2 * half + 1, cutoff, window=("kaiser", beta))
 
 

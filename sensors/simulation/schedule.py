@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from sensors.arrays import FloatArray
+from sensors.constants import DAY
 from sensors.errors import InputError
 from sensors.loads.operating_states import OperatingState, SteadyState, steady_state
-
-DAY = 86_400.0  # [s]
+from sensors.settings import NO_KEY
 
 
 class ScheduleError(InputError):
@@ -81,7 +81,7 @@ class FoundationSchedule:
     softening: float = 0.0
     """Loss of all three at `softening_displacement` of rms motion [-]."""
 
-    softening_displacement: float = 0.01
+    softening_displacement: float = field(default=0.01, metadata=NO_KEY)
     """Rms of the mudline over a minute [m]."""
 
     def __post_init__(self) -> None:

@@ -57,7 +57,7 @@ class SimulationSettings:
     sampling_rate: float = 40.0
     """Sampling rate [Hz]."""
 
-    block_duration: float = 1.0
+    block_duration: float = field(default=1.0, metadata=NO_KEY)
     """Block duration [s]."""
 
     noise_share: float = 0.03
@@ -80,7 +80,7 @@ class SimulationSettings:
     session: str = field(default="", metadata=NO_KEY)
     """Name of the session; empty: "simulated-" and the seed."""
 
-    tube_refinement: int = 2
+    tube_refinement: int = field(default=2, metadata=NO_KEY)
     """Elements in each of the description's tubes."""
 
     def __post_init__(self) -> None:

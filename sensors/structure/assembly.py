@@ -41,7 +41,10 @@ from sensors.structure.rotor_nacelle import (
 
 Interpolation = Callable[[float, float], FloatArray]  # (ξ, element length [m]) → (4,)
 
-PLANE: dict[Direction, slice] = {"FA": slice(0, 2), "SS": slice(2, 4)}  # (u, ψ) of a tower node
+PLANE_COLUMNS: dict[Direction, slice] = {
+    "FA": slice(0, 2),
+    "SS": slice(2, 4),
+}  # (u, ψ) of a tower node
 HEAVE, TWIST = 4, 5
 BLADE_PLANE: dict[BladeDirection, slice] = {"flap": slice(0, 2), "edge": slice(2, 4)}
 FIXED = -1  # index of a degree of freedom that is held
@@ -157,7 +160,7 @@ class StructuralModel:
         self, elevation: float, plane: Direction, interpolation: Interpolation
     ) -> FloatArray:
         element, xi, length = self._element_at(elevation)
-        dofs = self.tower_dofs[element : element + 2, PLANE[plane]].ravel()
+        dofs = self.tower_dofs[element : element + 2, PLANE_COLUMNS[plane]].ravel()
         row = np.zeros(self.n_dofs)
         row[dofs] = interpolation(xi, length)
         return row
@@ -283,7 +286,7 @@ def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IndexAr
         mass += beam.bending_mass(added_mass(tube, turbine.water), tube.length, end=wet)
         overgrown = overgrown_share(tube, turbine.water)
         mass += beam.bending_mass(growth_mass(tube, turbine.water), tube.length, end=overgrown)
-        for plane in PLANE.values():
+        for plane in PLANE_COLUMNS.values():
             system.add(tower_dofs[i : i + 2, plane].ravel(), mass=mass, stiffness=bending)
         system.add(
             tower_dofs[i : i + 2, HEAVE],
@@ -304,7 +307,7 @@ def _add_point_masses(system: _System, turbine: TurbineDescription, tower_dofs: 
         tube = turbine.tubes[number]
         xi = (point.elevation - tube.bottom) / tube.length
         N, along = beam.hermite(xi, tube.length), np.array([1 - xi, xi])
-        for plane in PLANE.values():
+        for plane in PLANE_COLUMNS.values():
             dofs = tower_dofs[number : number + 2, plane].ravel()
             system.add(dofs, mass=point.mass * np.outer(N, N))
         system.add(tower_dofs[number : number + 2, HEAVE], mass=point.mass * np.outer(along, along))
@@ -381,7 +384,7 @@ def _add_springs(
     system: _System, turbine: TurbineDescription, theta: FloatArray, tower_dofs: IndexArray
 ) -> None:
     springs = spring_matrix(theta, turbine.foundation.sign)
-    for plane in PLANE.values():
+    for plane in PLANE_COLUMNS.values():
         system.add(tower_dofs[0, plane], stiffness=springs)
 
 

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sensors.arrays import FloatArray
+from sensors.constants import STANDARD_GRAVITY
 from sensors.settings import settings_from_table
 from sensors.structure.foundation import FoundationSprings, SpringSign, TurbineError
 
@@ -23,7 +24,6 @@ Direction = Literal["FA", "SS"]
 Vector = tuple[float, float, float]
 
 SHIPPED = ("iea15mw_monopile", "iea15mw_detailed")
-STANDARD_GRAVITY = 9.80665  # [m/s²]
 LONGEST_ELEMENT = 1 / 12  # of the tower: the first ten frequencies of a mast are then exact to .2 %
 TOUCHING = 1e-6  # two elevations closer than this are the same [m]
 

@@ -11,7 +11,7 @@ from sensors.structure.assembly import StructuralModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Observation:
+class ChannelReadings:
     """What the channels of a layout read from the model's coordinates.
 
     An axis reads u'' − g ψ. In a mode of circular frequency ω that is −ω² (φ + g ψ / ω²), times
@@ -28,7 +28,7 @@ class Observation:
     """Corner frequencies of AC-coupled channels, 0 for DC, (n_channels,) [Hz]."""
 
     @classmethod
-    def of(cls, model: StructuralModel, layout: SensorLayout) -> "Observation":
+    def of(cls, model: StructuralModel, layout: SensorLayout) -> "ChannelReadings":
         """Return what a layout reads of a model's degrees of freedom.
 
         Returns
@@ -56,15 +56,15 @@ class Observation:
         ]
         return cls(displacement, model.description.gravity * slope, np.array(corners))
 
-    def in_basis(self, basis: FloatArray) -> "Observation":
+    def in_basis(self, basis: FloatArray) -> "ChannelReadings":
         """Return the same for coordinates of a basis, (n_coordinates, n_basis)."""
-        return Observation(
+        return ChannelReadings(
             self.displacement @ basis, self.gravity_slope @ basis, self.corner_frequencies
         )
 
-    def of_channels(self, channels: IndexArray) -> "Observation":
+    def of_channels(self, channels: IndexArray) -> "ChannelReadings":
         """Return the same for some of the channels."""
-        return Observation(
+        return ChannelReadings(
             self.displacement[channels],
             self.gravity_slope[channels],
             self.corner_frequencies[channels],

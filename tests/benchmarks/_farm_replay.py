@@ -115,7 +115,7 @@ def replay(case: ReplayCase, recording: Path, out: Path) -> ReplayOutcome:
         rejected=tuple(
             f"{e.turbine}: {e.reason}" for e in rejected if isinstance(e, WindowRejected)
         ),
-        busy={name: status.busy_s for name, status in session.summary.statuses.items()},
+        busy={name: status.busy_s for name, status in session.summary.main.statuses.items()},
         cpu=cpu,
         wall=wall,
         lost=session.figures["stream"]["lost"],

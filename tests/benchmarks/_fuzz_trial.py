@@ -30,7 +30,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from pipeline.messages import Message, ModalEstimate, Mode
-from pipeline.monitoring.status import KEY
+from pipeline.monitoring.status import STATUS_KEY
 from pipeline.run.folder import SUMMARY
 from pipeline.streams import STREAMS, Stream, key_of
 from pipeline.transport.codec import encode
@@ -135,7 +135,7 @@ def wait_for_nodes(endpoint: str, *, nodes: int = 4) -> None:
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         try:
-            answers = asked(endpoint, f"{KEY}/*")
+            answers = asked(endpoint, f"{STATUS_KEY}/*")
         except InputError:
             answers = []
         if answers and len(json.loads(answers[0])["nodes"]) >= nodes:
@@ -150,7 +150,7 @@ def settled(endpoint: str) -> dict[str, Any]:
     before: list[int] = []
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
-        status: dict[str, Any] = json.loads(asked(endpoint, f"{KEY}/*")[0])
+        status: dict[str, Any] = json.loads(asked(endpoint, f"{STATUS_KEY}/*")[0])
         nodes = own_nodes(status)
         now = [each["messages"] for each in status["streams"]]
         now += [nodes[name]["received"] for name in ("identification", "updating")]
@@ -172,7 +172,7 @@ def until_heard(sender: "zenoh.Session", endpoint: str) -> None:
     deadline = time.monotonic() + PATIENCE
     for sequence in range(1000):
         sender.put(key_of(block(sequence)), encode(block(sequence)))
-        status = json.loads(asked(endpoint, f"{KEY}/*")[0])
+        status = json.loads(asked(endpoint, f"{STATUS_KEY}/*")[0])
         counts = {each["key"]: each["messages"] for each in status["streams"]}
         if counts.get(key_of(block(0)), 0) >= GOOD or time.monotonic() > deadline:
             return

@@ -28,6 +28,7 @@ from pipeline.recording.writer import Recorder
 from pipeline.run.folder import SUMMARY
 from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
+from pipeline.runtime.snapshots import FOLDER, SnapshotFolder, parsed
 from pipeline.scenario import Scenario
 from pipeline.sources.sources import replayed
 from pipeline.transport.zenoh_bus import free_endpoint
@@ -81,7 +82,7 @@ def kill_trial(
                 killed = unit.kill_and_replace() if name == SOURCE else kill_node(session.pid, name)
                 done += [name] if killed else []
             last = end_of_last_window(published, replayed(recording).scenario)
-            wait_until(lambda: last_answer(out) >= last)
+            assert wait_until(lambda: last_answer(out, published[0].turbine) >= last)
         session.send_signal(signal.SIGTERM)
         exit_code = session.wait(PATIENCE)
     return _outcome(folder, recording, done, speed, exit_code)
@@ -256,11 +257,15 @@ def wait_until(condition: Callable[[], bool]) -> bool:
     return so
 
 
-def last_answer(out: Path) -> int:
-    """End of the last window that the updating has answered, by its checkpoint [ns]."""
-    for path in (out / "checkpoints").glob("*.checkpoint"):
-        return int(path.read_bytes().split(b" ", 3)[2])
-    return 0
+def last_answer(out: Path, turbine: str) -> int:
+    """End of the last window that the updating has answered, by its snapshot [ns]."""
+    path = SnapshotFolder(out / FOLDER).file_of(turbine)
+    if not path.exists():
+        return 0
+    kept = parsed(path.read_bytes(), turbine, str(path)).messages
+    posteriors = [each.time_ns for each in kept if isinstance(each, FoundationPosterior)]
+    rejections = [each.end_ns for each in kept if isinstance(each, WindowRejected)]
+    return max(posteriors + rejections, default=0)
 
 
 def _blocks(paths: Sequence[Path]) -> Iterator[AccelerationBlock]:

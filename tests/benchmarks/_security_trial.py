@@ -20,7 +20,7 @@ from typing import Any
 
 from pipeline.deploy.access import parse_unit, write_configurations
 from pipeline.deploy.certificates import Identity, make_certificates
-from pipeline.monitoring.status import ENDPOINT_FILE, KEY
+from pipeline.monitoring.status import ENDPOINT_FILE, STATUS_KEY
 from pipeline.transport.bus import Inbox
 from pipeline.transport.errors import TransportError
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, asked
@@ -163,7 +163,7 @@ def _until(out: Path, condition: Callable[[dict[str, Any]], bool]) -> dict[str, 
     told: dict[str, Any] = {}
     while time.monotonic() < deadline:
         try:
-            (answer,) = asked((out / ENDPOINT_FILE).read_text().strip(), f"{KEY}/*")
+            (answer,) = asked((out / ENDPOINT_FILE).read_text().strip(), f"{STATUS_KEY}/*")
             told = json.loads(answer)
         except (OSError, InputError, ValueError):
             pass

@@ -37,7 +37,11 @@ from scipy.stats import chisquare
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.laplace import laplace_peak
-from pipeline.updating.likelihood.likelihood import LikelihoodSettings, ModalLikelihood, Observation
+from pipeline.updating.likelihood.likelihood import (
+    LikelihoodSettings,
+    ModalLikelihood,
+    ModeComparison,
+)
 from pipeline.updating.likelihood.pairing import PairingSearch, PairingSettings, PairingTargets
 from pipeline.updating.likelihood.posterior_density import StiffnessDensity
 from pipeline.updating.prior import PARAMETER_NAMES, Prior, PriorSettings
@@ -101,7 +105,7 @@ class Posteriors:
         return ModalLikelihood(
             evidence,
             [
-                Observation(row, (mode,), shape_used=True, gap=0.0)
+                ModeComparison(row, (mode,), shape_used=True, gap=0.0)
                 for row, mode in enumerate(partners)
             ],
             model_columns=range(len(self.model.labels)),

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.farm.evidence import StackedEvidence, evidence_of
-from pipeline.farm.farm import OUTLYING, equal_spreads
+from pipeline.farm.farm import OUTLYING_PROBABILITY, equal_spreads
 from pipeline.farm.pooling import PooledDraws, pooled
 from pipeline.farm.settings import GibbsSettings, PopulationPrior
 from pipeline.updating.population import SpringCoordinates
@@ -159,7 +159,9 @@ def softened(lib: Library, turbines: int, seeds: Sequence[int]) -> dict[str, flo
         truths = np.exp(SPREADS[0] * generator.standard_normal((turbines, 3)))
         truths[0] = [truths[0, 0], SOFT, truths[0, 2]]
         means, covariances = drawn(lib, truths, WINDOWS, generator)
-        outlying = draws(lib, means, covariances, seed).outlier_probabilities >= OUTLYING
+        outlying = (
+            draws(lib, means, covariances, seed).outlier_probabilities >= OUTLYING_PROBABILITY
+        )
         told, false = told + int(outlying[0]), false + int(outlying[1:].sum())
         regular += turbines - 1
     return {

@@ -26,7 +26,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from pipeline.archive.cluster import local_workers
-from pipeline.archive.reprocessing import ArchiveReport, Report, reprocessed
+from pipeline.archive.reprocessing import ArchiveReport, ProgressReport, reprocessed
 from pipeline.archive.work import ThisProcess, Workers
 from pipeline.scenario import scenario_from_text
 from pipeline.sources.sources import record_simulation, simulated
@@ -120,16 +120,16 @@ def tables_of(results: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(results.glob("*.parquet"))}
 
 
-def _series(archive: list[Path], out: Path, _: int, follow: Report) -> ArchiveReport:
+def _series(archive: list[Path], out: Path, _: int, follow: ProgressReport) -> ArchiveReport:
     return reprocessed(archive, out, ThisProcess(), report=follow)
 
 
-def _parallel(archive: list[Path], out: Path, count: int, follow: Report) -> ArchiveReport:
+def _parallel(archive: list[Path], out: Path, count: int, follow: ProgressReport) -> ArchiveReport:
     with local_workers(count) as workers:
         return reprocessed(archive, out, workers, report=follow)
 
 
-def _trouble(archive: list[Path], out: Path, count: int, follow: Report) -> ArchiveReport:
+def _trouble(archive: list[Path], out: Path, count: int, follow: ProgressReport) -> ArchiveReport:
     try:
         with local_workers(count) as workers:
             reprocessed(archive, out, workers, report=_troubled(workers))
@@ -138,7 +138,7 @@ def _trouble(archive: list[Path], out: Path, count: int, follow: Report) -> Arch
     return _parallel(archive, out, count, follow)
 
 
-def _troubled(workers: Workers) -> Report:
+def _troubled(workers: Workers) -> ProgressReport:
     """Kills a worker at a quarter of the identification and stops it at half."""
     killed: list[int] = []
 
@@ -158,7 +158,7 @@ def _troubled(workers: Workers) -> Report:
 
 def _measured(
     kept: Path,
-    run: Callable[[list[Path], Path, int, Report], ArchiveReport],
+    run: Callable[[list[Path], Path, int, ProgressReport], ArchiveReport],
     archive: list[Path],
     out: Path,
     options: argparse.Namespace,

@@ -14,7 +14,6 @@ import numpy as np
 
 from pipeline.reproduction.example import Example
 from pipeline.reproduction.study import (
-    PERCENT,
     found_counts,
     lowest_start,
     map_errors,
@@ -56,7 +55,7 @@ def _print_posteriors(examples: Sequence[Example]) -> None:
         posteriors = [getattr(example, name) for example in examples]
         _print(
             f"{name}: half width of the 90 % interval, median [%]",
-            PERCENT * np.median([half_widths(p.draws) for p in posteriors], axis=0),
+            100.0 * np.median([half_widths(p.draws) for p in posteriors], axis=0),
         )
         _print(f"{name}: covers", np.sum([p.covers for p in posteriors], axis=0))
         correlations = np.array([p.correlations for p in posteriors])
@@ -64,16 +63,14 @@ def _print_posteriors(examples: Sequence[Example]) -> None:
         _print(f"{name}: correlations, least", correlations.min(axis=0))
         print(f"{name}: peaks {sorted(n_peaks(p) for p in posteriors)}")
     wider = [e.published.stds / e.corrected.stds - 1 for e in examples]
-    _print(
-        "std of TMCMC as published above the corrected, median [%]", PERCENT * np.median(wider, 0)
-    )
+    _print("std of TMCMC as published above the corrected, median [%]", 100.0 * np.median(wider, 0))
 
 
 def _print_descents(examples: Sequence[Example]) -> None:
     print(f"J(K0) median {np.median([e.objective_at_truth for e in examples]):.4f}")
     for place, descent in enumerate(examples[0].descents):
         ends = [example.descents[place] for example in examples]
-        errors = np.median([np.abs(PERCENT * (end.end - 1)) for end in ends], axis=0)
+        errors = np.median([np.abs(100.0 * (end.end - 1)) for end in ends], axis=0)
         least = np.median([end.objective for end in ends])
         _print(f"from γ = {descent.start[0]:g}: J median {least:.4f}, |error| median [%]", errors)
     starts, counts = np.unique([lowest_start(e) for e in examples], return_counts=True)

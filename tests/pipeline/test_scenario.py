@@ -80,3 +80,26 @@ def test_a_stored_scenario_may_have_keys_of_an_earlier_version() -> None:
     assert scenario_from_metadata(metadata, "recording").name == "parked"
     with pytest.raises(ScenarioError, match="unknown key 'flow'"):
         scenario_from_text(text, "own.toml")
+
+
+def test_keys_that_are_constants_now_are_ignored_in_a_recording_and_refused_in_a_file(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    text = (
+        "[oma]\nmaximum_damping = 0.2\nhop = 300.0\n"
+        "[updating.pairing]\ntolerances = [0.02, 0.01]\n"
+        "[[simulation.faults]]\nkind = 'stuck'\nchannel = 'x'\nstart = 1.0\nduration = 9.0\n"
+    )
+    metadata = scenario_metadata(load_scenario("parked")) | {"toml": text}
+    for _ in range(2):
+        loaded = scenario_from_metadata(metadata, "scenario in old.mcap")
+    assert loaded.oma.hop == 300.0
+    assert loaded.oma.maximum_damping == 0.1
+    (note,) = [each.message for each in caplog.records]
+    assert note == (
+        "scenario in old.mcap: ignored, now constants: oma.maximum_damping, "
+        "updating.pairing.tolerances"
+    )
+    with pytest.raises(ScenarioError, match=r"own.toml \[oma\]: 'maximum_damping' is no key") as no:
+        scenario_from_text(text, "own.toml")
+    assert "always 0.1" in str(no.value)

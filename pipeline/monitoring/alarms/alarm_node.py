@@ -20,9 +20,9 @@ from pipeline.monitoring.alarms.alarm_log import (
     encoded_notices,
 )
 from pipeline.monitoring.alarms.alarm_rules import AlarmCondition, AlarmRules
-from pipeline.monitoring.alarms.channels import Channel
+from pipeline.monitoring.alarms.channels import AlarmChannel
 from pipeline.monitoring.alarms.heartbeat import AlarmHeartbeat, Pulse
-from pipeline.monitoring.alarms.outbox import Delivery, DeliveryState, Outbox
+from pipeline.monitoring.alarms.outbox import DeliveryState, DeliveryThread, Outbox
 from pipeline.monitoring.alarms.settings import AlarmLogSettings, HeartbeatSettings
 from pipeline.nodes.node import NodeStatistics
 from pipeline.recording.atomic_write import written_whole
@@ -32,10 +32,10 @@ from sensors.errors import InputError
 logger = logging.getLogger(__name__)
 
 FOLDER, BOOK = "notices", "notices.json"  # within a session's folder
-KEY = "pilewatch/@notices"  # no stream's key expression matches what begins with @
-PATIENCE = 5.0  # at the end, for what is on its way [s]
+ALARMS_KEY = "pilewatch/@notices"  # no stream's key expression matches what begins with @
+DELIVERY_PATIENCE = 5.0  # at the end, for what is on its way [s]
 CHECKED_EVERY = 1_000_000_000  # the log for ends and reminders, the channels for failures [ns]
-SESSION = "session"  # in place of a turbine, for alarms about the session itself
+WHOLE_SESSION = "session"  # in place of a turbine, for alarms about the session itself
 
 
 class AlarmNode:
@@ -67,7 +67,7 @@ class AlarmNode:
         self,
         folder: Path,
         settings: AlarmLogSettings,
-        channels: Sequence[Channel],
+        channels: Sequence[AlarmChannel],
         clock: Callable[[], int] = time.time_ns,
         heartbeats: Sequence[HeartbeatSettings] = (),
     ) -> None:
@@ -82,7 +82,7 @@ class AlarmNode:
         self._checked_ns, self._heard_ns = 0, clock()
         self._outboxes = [Outbox(folder / channel.name, clock=clock) for channel in channels]
         self._deliveries = [
-            Delivery(channel, outbox, clock=clock)
+            DeliveryThread(channel, outbox, clock=clock)
             for channel, outbox in zip(channels, self._outboxes, strict=True)
         ]
         self._heartbeats = [
@@ -114,7 +114,7 @@ class AlarmNode:
         for heartbeat in self._heartbeats:
             heartbeat.stop()
         for delivery in self._deliveries:
-            delivery.stop(PATIENCE)
+            delivery.stop(DELIVERY_PATIENCE)
 
     @property
     def delivery_states(self) -> tuple[DeliveryState, ...]:
@@ -178,8 +178,8 @@ class AlarmNode:
         for delivery in self._deliveries:
             text = self._undelivered(delivery.state()) if delivery.problem else ""
             name = delivery.channel
-            key = f"{SESSION}/delivery/{name}"
-            yield AlarmCondition(key, "delivery", SESSION, text, over=not text, counted=False)
+            key = f"{WHOLE_SESSION}/delivery/{name}"
+            yield AlarmCondition(key, "delivery", WHOLE_SESSION, text, over=not text, counted=False)
 
     def _undelivered(self, state: DeliveryState) -> str:
         """The sentence on a channel whose messages wait for too long; "" if they do not."""
@@ -232,7 +232,7 @@ def listed(log: AlarmLog, unknown: Sequence[int] = ()) -> dict[str, Any]:
 def running_alarm_node(
     folder: Path,
     settings: AlarmLogSettings,
-    channels: Sequence[Channel],
+    channels: Sequence[AlarmChannel],
     heartbeats: Sequence[HeartbeatSettings] = (),
 ) -> Iterator[AlarmNode]:
     """An alarm node that is closed whatever happens."""

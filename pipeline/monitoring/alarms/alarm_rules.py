@@ -15,9 +15,8 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.monitoring.alarms.settings import AlarmLogSettings
-from pipeline.state.health import Health
+from pipeline.state.run_state import RunState
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.acquisition.layout import SensorLayout
 
 SENSOR = (  # codes of windows that concern an instrument
     "constant",
@@ -31,7 +30,11 @@ SENSOR = (  # codes of windows that concern an instrument
     "unsynchronised-clock",
     "unsynchronised-units",
 )
-REFUSED = ("few-pairs", "pairing-cost", "no-paired-mode")  # codes of posteriors that were not made
+REFUSAL_CODES = (
+    "few-pairs",
+    "pairing-cost",
+    "no-paired-mode",
+)  # codes of posteriors that were not made
 SILENT_AFTER = 30.0  # without a block of a unit whose stream has not ended [s]
 LOST_AFTER = 60.0  # without a status of a node; one that works on a window has no time for any [s]
 LINK = ("link-down", "quiet")  # codes of a feed that explain the silence of its unit
@@ -73,20 +76,15 @@ class AlarmRules:
 
     def __init__(self, settings: AlarmLogSettings) -> None:
         self._settings = settings
-        self._health = Health()
+        self._run = RunState(kept=1)
         self._looked_ns = 0
         self._sensor_keys: dict[str, set[str]] = {}  # by turbine: keys of conditions that last
-        self._channels: dict[str, set[str]] = {}  # by turbine: names of its channels
-        self._links: dict[tuple[str, str], str] = {}  # turbine, unit: why its feed is silent
 
     def causes(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
         """The conditions that one message starts or ends."""
-        self._health.observe(message, now_ns)
+        self._run.fold(message, now_ns)
         found: Iterable[AlarmCondition] = ()
         match message:
-            case SensorLayout():
-                names = (channel.name for channel in message.channels)
-                self._channels.setdefault(message.turbine, set()).update(names)
             case FoundationEvent():
                 found = _change(message)
             case StreamGap():
@@ -98,7 +96,7 @@ class AlarmRules:
             case FoundationPosterior():
                 found = _posterior(message)
             case NodeStatus():
-                found = self._status(message)
+                found = _recorder(message)
         for cause in (*found, *self._silences(now_ns)):
             if cause.kind in self._settings.kinds:
                 yield cause
@@ -136,13 +134,14 @@ class AlarmRules:
             key = self._sensor_key(turbine, window.code, window.reason)
             yield AlarmCondition(key, "sensor", turbine, f"{window.reason} ({begin}, not used)")
             self._sensor_keys.setdefault(turbine, set()).add(key)
-        elif window.code in REFUSED:
+        elif window.code in REFUSAL_CODES:
             text = f"no posterior of the {begin}: {window.reason}"
             yield AlarmCondition(f"{turbine}/refused", "refused", turbine, text)
 
     def _sensor_key(self, turbine: str, code: str, text: str) -> str:
         """One fault of certain channels; the same fault of another channel has another key."""
-        channels = self._channels.get(turbine, set())
+        layouts = self._run.turbine(turbine).layouts.values()
+        channels = {channel.name for layout in layouts for channel in layout.channels}
         named = sorted({name for name in _NAME.findall(text) if name in channels})
         return "/".join([turbine, "sensor", code, *named])
 
@@ -151,30 +150,33 @@ class AlarmRules:
         if now_ns - self._looked_ns < LOOKED_EVERY * NANOSECONDS:
             return
         self._looked_ns = now_ns
-        for stream in self._health.streams(now_ns):
+        for stream in self._run.health.streams(now_ns):
             _, turbine, *unit = stream.key.split("/")
             if stream.key.endswith("/acceleration"):
                 silent = stream.condition == "late" and stream.silence > SILENT_AFTER
-                link = self._links.get((turbine, unit[0]), "")
+                link = _link(self._run.turbine(turbine).statuses.get(f"feed-{unit[0]}"))
                 why = f"; its feed says: {link}" if link else ""
                 text = f"unit {unit[0]} has been silent for {_spoken(stream.silence)}{why}"
                 yield _state(f"{turbine}/silence/{unit[0]}", "silence", turbine, text, silent)
-        for node in self._health.nodes(now_ns):
+        for node in self._run.health.nodes(now_ns):
             status = node.status
             lost = node.condition == "late" and node.silence > LOST_AFTER
             text = f"node {status.node} has not been heard of for {_spoken(node.silence)}"
             yield _state(f"{status.turbine}/node/{status.node}", "node", status.turbine, text, lost)
 
-    def _status(self, status: NodeStatus) -> Iterator[AlarmCondition]:
-        unit = status.node.removeprefix("feed-")
-        if unit != status.node:
-            link = "; ".join(each.text for each in status.warnings if each.code in LINK)
-            self._links[status.turbine, unit] = link
-        stopped = [each for each in status.warnings if each.code == "recording-stopped"]
-        if status.node == "recorder":
-            text = stopped[0].text if stopped else ""
-            key = f"{status.turbine}/recorder"
-            yield _state(key, "recorder", status.turbine, text, bool(stopped))
+
+def _link(feed: NodeStatus | None) -> str:
+    """Why a feed is silent, in its own words; "" where it gives no reason."""
+    warnings = () if feed is None else feed.warnings
+    return "; ".join(each.text for each in warnings if each.code in LINK)
+
+
+def _recorder(status: NodeStatus) -> Iterator[AlarmCondition]:
+    stopped = [each for each in status.warnings if each.code == "recording-stopped"]
+    if status.node == "recorder":
+        text = stopped[0].text if stopped else ""
+        key = f"{status.turbine}/recorder"
+        yield _state(key, "recorder", status.turbine, text, bool(stopped))
 
 
 _NAME = re.compile(r"[^\s,;:()]+")  # what may be the name of a channel

@@ -40,8 +40,8 @@ LONGEST_SUBJECT = 160  # [characters]
 LONGEST_REASON = 200  # of a failure, some of which the receiver writes [characters]
 REFUSES_MESSAGE = frozenset({400, 413, 415, 422})  # HTTP: another message may be accepted
 
-Json = Mapping[str, Any]
-T = TypeVar("T")
+JsonBody = Mapping[str, Any]
+_T = TypeVar("_T")
 
 
 class DeliveryFailed(Exception):  # noqa: N818  # a state of the delivery, not a fault of the program
@@ -66,7 +66,7 @@ class DeliveryFailed(Exception):  # noqa: N818  # a state of the delivery, not a
         self.remaining = remaining
 
 
-class Channel(Protocol):
+class AlarmChannel(Protocol):
     """One way to the receiver."""
 
     @property
@@ -74,7 +74,7 @@ class Channel(Protocol):
         """Unique among the channels and the same from run to run: names the outbox's folder."""
         ...
 
-    def send(self, message: Json, recipients: tuple[str, ...] = ()) -> None:
+    def send(self, message: JsonBody, recipients: tuple[str, ...] = ()) -> None:
         """Deliver one message.
 
         Parameters
@@ -100,13 +100,13 @@ class Webhook:
         self.name = name
         self._settings = settings
 
-    def send(self, message: Json, recipients: tuple[str, ...] = ()) -> None:
-        """See `Channel`. 2xx alone is a delivery."""
+    def send(self, message: JsonBody, recipients: tuple[str, ...] = ()) -> None:
+        """See `AlarmChannel`. 2xx alone is a delivery."""
         key = f"{message['turbine']}-{message['id']}-{message['serial']}"
         post_json(self._settings, message, {"Idempotency-Key": key})
 
 
-def post_json(settings: WebhookSettings, content: Json, headers: Mapping[str, str]) -> None:
+def post_json(settings: WebhookSettings, content: JsonBody, headers: Mapping[str, str]) -> None:
     """POST to the origin of the settings and to no other host.
 
     Raises
@@ -159,8 +159,8 @@ class Mail:
         self.name = name
         self._settings = settings
 
-    def send(self, message: Json, recipients: tuple[str, ...] = ()) -> None:
-        """See `Channel`. Each recipient is confirmed or refused on its own."""
+    def send(self, message: JsonBody, recipients: tuple[str, ...] = ()) -> None:
+        """See `AlarmChannel`. Each recipient is confirmed or refused on its own."""
         settings = self._settings
         place = f"{settings.host}:{settings.port}"
         wanted = recipients or settings.recipients
@@ -178,7 +178,7 @@ class Mail:
                 f"{place} refuses {reasons}", message_only=True, remaining=tuple(refused)
             )
 
-    async def _sent(self, message: Json, recipients: tuple[str, ...]) -> dict[str, str]:
+    async def _sent(self, message: JsonBody, recipients: tuple[str, ...]) -> dict[str, str]:
         """The refused recipients, each with the server's reason."""
         settings = self._settings
         client = aiosmtplib.SMTP(
@@ -200,7 +200,7 @@ class Mail:
             client.close()  # without QUIT: an odd answer to it undoes no delivery
         return {who: f"{answer.code} {answer.message}" for who, answer in refused.items()}
 
-    def _message(self, message: Json) -> EmailMessage:
+    def _message(self, message: JsonBody) -> EmailMessage:
         mail = EmailMessage()
         mail["Subject"] = " ".join(f"[pilewatch] {message['text']}".split())[:LONGEST_SUBJECT]
         mail["From"] = self._settings.sender
@@ -238,8 +238,8 @@ class Mqtt:
         self.name = name
         self._settings = settings
 
-    def send(self, message: Json, recipients: tuple[str, ...] = ()) -> None:
-        """See `Channel`. The broker's PUBACK is the delivery."""
+    def send(self, message: JsonBody, recipients: tuple[str, ...] = ()) -> None:
+        """See `AlarmChannel`. The broker's PUBACK is the delivery."""
         from aiomqtt import MqttError
 
         logging.getLogger("mqtt").setLevel(logging.CRITICAL)  # its own lines on a failed link
@@ -249,7 +249,7 @@ class Mqtt:
         except (MqttError, OSError, ValueError) as error:
             raise DeliveryFailed(f"{place}: {_system_reason(error)}") from error
 
-    async def _publish(self, message: Json) -> None:
+    async def _publish(self, message: JsonBody) -> None:
         from aiomqtt import Client, MqttError
 
         settings = self._settings
@@ -282,10 +282,10 @@ def tls_context(authority: str) -> ssl.SSLContext:
     return ssl.create_default_context(cafile=authority or None)
 
 
-def _finished(delivery: Coroutine[Any, Any, T], seconds: float, place: str) -> T:
+def _finished(delivery: Coroutine[Any, Any, _T], seconds: float, place: str) -> _T:
     """Run a delivery to its end within one deadline for all of it [s]."""
 
-    async def bounded() -> T:
+    async def bounded() -> _T:
         asyncio.get_running_loop().set_exception_handler(_in_a_callback)
         async with asyncio.timeout(seconds):
             return await delivery
@@ -315,7 +315,7 @@ def _system_reason(error: BaseException) -> str:
     return str(error) or type(error).__name__
 
 
-def channels_of(settings: AlarmSettings) -> tuple[Channel, ...]:
+def channels_of(settings: AlarmSettings) -> tuple[AlarmChannel, ...]:
     """Every channel of the settings.
 
     Raises

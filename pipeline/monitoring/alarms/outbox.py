@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.monitoring.alarms.channels import Channel, DeliveryFailed
+from pipeline.monitoring.alarms.channels import AlarmChannel, DeliveryFailed
 from pipeline.recording.atomic_write import written_whole
 from sensors.acquisition.blocks import NANOSECONDS
 
@@ -26,7 +26,7 @@ logger = logging.getLogger(__name__)
 MOST_WAITING = 1000  # messages of one channel
 MOST_REFUSALS = 12  # of one message: with the pauses about half an hour, longer than greylisting
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 300.0  # between attempts [s]
-REFUSED = "refused"
+REFUSED_DELIVERY = "refused"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class Outbox:
     ) -> None:
         self._folder, self._most, self._clock = folder, most, clock
         folder.mkdir(parents=True, exist_ok=True)
-        kept = [*self.waiting(), *(folder / REFUSED).glob("*.json")]
+        kept = [*self.waiting(), *(folder / REFUSED_DELIVERY).glob("*.json")]
         self._next = max((int(path.stem) for path in kept), default=0) + 1
         self.dropped = 0  # beyond `most`
 
@@ -119,8 +119,8 @@ class Outbox:
 
     def set_aside(self, path: Path) -> None:
         """Keep a refused message where it is not tried again."""
-        (self._folder / REFUSED).mkdir(exist_ok=True)
-        path.replace(self._folder / REFUSED / path.name)
+        (self._folder / REFUSED_DELIVERY).mkdir(exist_ok=True)
+        path.replace(self._folder / REFUSED_DELIVERY / path.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +147,7 @@ class DeliveryState:
     """Why the last attempt failed; "" if it did not."""
 
 
-class Delivery(threading.Thread):
+class DeliveryThread(threading.Thread):
     """Delivers what waits in one channel's outbox until it is stopped.
 
     Parameters
@@ -164,7 +164,7 @@ class Delivery(threading.Thread):
 
     def __init__(
         self,
-        channel: Channel,
+        channel: AlarmChannel,
         outbox: Outbox,
         pause: float = FIRST_PAUSE,
         clock: Callable[[], int] = time.time_ns,

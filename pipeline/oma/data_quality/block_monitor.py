@@ -11,12 +11,12 @@ from pipeline.messages import QualityWarning
 from pipeline.oma.windows.unit_clock import fit_clock
 from sensors.acquisition.blocks import AccelerationBlock
 
-REMEMBERED = 600  # blocks by which a repeated one is recognised
+REMEMBERED_BLOCKS = 600  # blocks by which a repeated one is recognised
 CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps better than 1
 CLOCK_JITTER = 1e-3  # std of the blocks' stamps about a straight line [s]
 STILL_BLOCKS = 2  # blocks on end in which a channel that is alive never keeps one value
 REMEMBERED_STAMPS = 100_000  # blocks: a day of them without an estimate that asks
-FEWEST_SAMPLES = 10  # of a block that is checked
+FEWEST_OF_BLOCK = 10  # of a block that is checked
 
 
 class BlockMonitor:
@@ -35,7 +35,7 @@ class BlockMonitor:
         self._session = session
         self._newest: AccelerationBlock | None = None
         self._rate = 1.0  # [Hz]
-        self._seen: deque[int] = deque(maxlen=REMEMBERED)
+        self._seen: deque[int] = deque(maxlen=REMEMBERED_BLOCKS)
         # first sample and start [ns] of blocks
         self._stamps: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_STAMPS)
         # first sample of a block, its still channel
@@ -63,7 +63,7 @@ class BlockMonitor:
         self._follow_still_channels(block)
 
     def _follow_still_channels(self, block: AccelerationBlock) -> None:
-        if len(block.samples) < FEWEST_SAMPLES:
+        if len(block.samples) < FEWEST_OF_BLOCK:
             return
         for channel, span in enumerate(np.ptp(block.samples, axis=0)):
             self._still[channel] = self._still.get(channel, 0) + 1 if span == 0 else 0

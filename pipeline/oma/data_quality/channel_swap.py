@@ -10,8 +10,8 @@ from sensors.arrays import FloatArray
 
 SAME_MODE = 0.01  # relative distance of frequencies of one mode in two windows [-]
 CLEAR_SHAPE = 0.05  # largest std of a component that can show a swap [-]
-FEWEST_MODES = 3  # whose shapes a swap changes
-CHANGED = 0.05  # of a MAC by the exchange of two channels [-]
+FEWEST_SWAPPED_MODES = 3  # whose shapes a swap changes
+CHANGED_MAC = 0.05  # of a MAC by the exchange of two channels [-]
 BAD, GOOD = 0.9, 0.95  # mean MAC of those modes below which a swap is sought, and with it [-]
 
 
@@ -32,14 +32,14 @@ class ChannelSwapMonitor:
             self._reference = estimate
             return None
         now, before = _shapes_of_same_modes(estimate, reference)
-        if len(now) < FEWEST_MODES:
+        if len(now) < FEWEST_SWAPPED_MODES:
             return None
         as_it_is = _mac(now, before)
         found = []
         for i, j in combinations(range(now.shape[1]), 2):
             exchanged = _mac(_exchanged(now, i, j), before)
-            changed = np.abs(exchanged - as_it_is) > CHANGED
-            if changed.sum() >= FEWEST_MODES:
+            changed = np.abs(exchanged - as_it_is) > CHANGED_MAC
+            if changed.sum() >= FEWEST_SWAPPED_MODES:
                 gain = float((exchanged - as_it_is).mean())
                 before_it, with_it = as_it_is[changed].mean(), exchanged[changed].mean()
                 found.append((gain, int(changed.sum()), before_it, with_it, (i, j)))

@@ -26,11 +26,11 @@ from sensors.arrays import ComplexArray, FloatArray
 NOTABLE = 0.5e-3  # offset that is worth a warning [s]
 UNUSABLE = 5e-3  # offset beyond which shapes over both units are wrong [s]
 CERTAIN = 3.0  # standard deviations that an offset must have to be one
-LARGEST = 50e-3  # offset looked for [s]
+LARGEST_OFFSET = 50e-3  # offset looked for [s]
 LAGS = 400  # that the shapes are fitted to
-FEWEST_MODES = 4
+FEWEST_PHASES = 4
 CLEAR = 0.2  # least share of a mode's motion that each unit must see [-]
-OUTLYING = 3.0  # standard deviations beyond which a mode's phase counts no more
+OUTLYING_PHASE = 3.0  # standard deviations beyond which a mode's phase counts no more
 LEAST_SCATTER = 0.01  # of the phases, std: true shapes are a little complex themselves [rad]
 
 
@@ -61,14 +61,14 @@ def unit_offset(
 
     None where fewer than four modes are seen by both units.
     """
-    if len(modes) < FEWEST_MODES:
+    if len(modes) < FEWEST_PHASES:
         return None
     shapes = complex_shapes(samples, sampling_rate, modes)
     first = _motion(shapes, modes, reference)
     second = _motion(shapes, modes, other)
     whole = np.linalg.norm(shapes, axis=1)
     clear = np.minimum(abs(first), abs(second)) >= CLEAR**2 * whole
-    if clear.sum() < FEWEST_MODES:
+    if clear.sum() < FEWEST_PHASES:
         return None
     omega = 2 * np.pi * np.array([mode.frequency for mode in modes])[clear]
     return _fitted(omega, -np.angle(second[clear] / first[clear]))
@@ -109,12 +109,12 @@ def _motion(shapes: ComplexArray, modes: Sequence[Mode], own: Sequence[int]) -> 
 def _fitted(omega: FloatArray, phases: FloatArray) -> UnitOffset | None:
     """The offset that fits the phases, each known but for half turns, outlying ones left out."""
     step = 0.2 / float(omega.max())
-    grid = np.arange(-LARGEST, LARGEST + step, step)
+    grid = np.arange(-LARGEST_OFFSET, LARGEST_OFFSET + step, step)
     coarse = float(grid[np.argmax(np.cos(2 * (phases - np.outer(grid, omega))).sum(axis=1))])
     residual = np.angle(np.exp(2j * (phases - omega * coarse))) / 2
     scatter = max(1.4826 * float(np.median(abs(residual))), LEAST_SCATTER)
-    used = abs(residual) <= OUTLYING * scatter
-    if used.sum() < FEWEST_MODES:
+    used = abs(residual) <= OUTLYING_PHASE * scatter
+    if used.sum() < FEWEST_PHASES:
         return None
     information = float(np.sum(omega[used] ** 2)) / scatter**2
     correction = float(omega[used] @ residual[used]) / scatter**2 / information

@@ -17,17 +17,17 @@ from pipeline.messages import QualityWarning
 from pipeline.oma.data_quality.transients import loudest_octave
 from pipeline.oma.ssi.preprocessing import without_drift
 from pipeline.oma.windows.missing_samples import MOST_MISSING, filled
+from sensors.acquisition.blocks import RATE_TOLERANCE
 from sensors.arrays import FloatArray
 
 Action = Literal["warn", "mend", "reject"]
 
-FEWEST_SAMPLES = 100  # below, nothing can be identified
+FEWEST_OF_WINDOW = 100  # below, nothing can be identified
 DUPLICATE_CORRELATION = 1 - 1e-9  # two real sensors never agree to nine digits
 CLIPPED_COUNT = 5  # so many samples at a channel's extreme value,
 CLIPPED_EXCESS = 3  # and so many times more than at the value next to it, are a converter's limit
 UNEVEN_STEP = 0.01  # a step this far from the mean one, relative to it, is uneven
 GAP_STEPS = 3.0  # a step longer than this many nominal ones is a gap; shorter are interpolated
-RATE_TOLERANCE = 1e-3  # stated rate against the stamps': beyond, frequencies would be wrong
 DRIFT_SHARE = 1.0  # a straight line's rise over the window, relative to the rms about it
 FLAT_CREST = 3  # equal samples in a row at a crest that is cut off
 SPIKE_SIZE = 10.0  # of a lone sample over its neighbours, in robust std of that difference
@@ -61,10 +61,10 @@ def check_samples(
 
     samples   (n, n_channels)
     """
-    if len(samples) < FEWEST_SAMPLES:
+    if len(samples) < FEWEST_OF_WINDOW:
         text = (
             f"{len(samples)} samples ({len(samples) / sampling_rate:.3g} s) are too few to "
-            f"identify a mode; {FEWEST_SAMPLES} are the least"
+            f"identify a mode; {FEWEST_OF_WINDOW} are the least"
         )
         return (Finding("short", text, "reject"),)
     not_a_number = check_finite(samples, sampling_rate, channel_names)

@@ -19,7 +19,7 @@ from pipeline.oma.ssi.ssi_cov import SystemModes
 
 ALIKE = 0.005  # twins' frequencies differ by less: by chance, or hardly, relative
 PLACE = 0.003  # and stand in every order where they stand in the others, relative
-PLANE = 0.3  # of the third to the first singular value of their real and imaginary parts
+FLAT_SHAPE = 0.3  # of the third to the first singular value of their real and imaginary parts
 LARGEST_DAMPING = 0.05  # [-]
 
 
@@ -77,4 +77,4 @@ def _in_a_plane(shapes: NDArray[np.complexfloating]) -> bool:
     """Whether two complex shapes mix two real ones. shapes: (n_channels, 2)"""
     unit = shapes / np.linalg.norm(shapes, axis=0)
     values = np.linalg.svd(np.hstack([unit.real, unit.imag]), compute_uv=False)
-    return len(values) < 3 or bool(values[2] <= PLANE * values[0])
+    return len(values) < 3 or bool(values[2] <= FLAT_SHAPE * values[0])

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 
-FEWEST_SAMPLES = 1000  # fewer say nothing about phases
-MOST_SAMPLES = 100_000  # more say nothing new
+FEWEST_FOR_PHASES = 1000  # fewer say nothing about phases
+MOST_FOR_PHASES = 100_000  # more say nothing new
 SHARPNESS = 3  # power of the coherence that lines are weighted by
 CLEARLY = 0.7  # mean −cos 2φ of two groups that differ by a quarter of a period
 
@@ -60,9 +60,9 @@ def guessed_quantities(samples: FloatArray, sampling_rate: float) -> tuple[Quant
     both kinds were distinguished from the others, 16 in the right order.
     """
     n, n_channels = samples.shape
-    if n_channels < 2 or n < FEWEST_SAMPLES or not np.isfinite(samples).all():
+    if n_channels < 2 or n < FEWEST_FOR_PHASES or not np.isfinite(samples).all():
         return None
-    scaled = (samples[:MOST_SAMPLES] - samples.mean(axis=0)).T
+    scaled = (samples[:MOST_FOR_PHASES] - samples.mean(axis=0)).T
     from scipy.signal import csd  # slow to load, and few records measure several quantities
 
     f, spectra = csd(

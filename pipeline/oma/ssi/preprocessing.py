@@ -12,8 +12,10 @@ from scipy import fft
 from sensors.arrays import FloatArray
 
 STOP_BAND_ATTENUATION = 70.0  # [dB]: aliases stay below the noise of a good accelerometer
-PASS_BAND = 0.44  # of the decimated rate: flat to here,
-STOP_BAND = 0.56  # and shut from here, so that aliases fold back above the pass band only
+DECIMATION_PASS_BAND = 0.44  # of the decimated rate: flat to here,
+DECIMATION_STOP_BAND = (
+    0.56  # and shut from here, so that aliases fold back above the pass band only
+)
 HIGH_STOP_BAND = 0.06  # of a high-passed band's rate: shut to here,
 HIGH_PASS_BAND = 0.10  # and flat from here
 HIGH_STOP_BAND_ATTENUATION = 60.0  # [dB]: a sea's response is no stronger than modes beside it
@@ -29,7 +31,9 @@ def anti_alias_taps(decimation: int) -> FloatArray:
     """
     if decimation == 1:
         return np.ones(1)
-    return _low_pass(PASS_BAND / decimation, STOP_BAND / decimation, STOP_BAND_ATTENUATION)
+    return _low_pass(
+        DECIMATION_PASS_BAND / decimation, DECIMATION_STOP_BAND / decimation, STOP_BAND_ATTENUATION
+    )
 
 
 @lru_cache(maxsize=1)

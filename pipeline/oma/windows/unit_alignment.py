@@ -23,13 +23,13 @@ from sensors.acquisition.resampling import HALF_LENGTH, interpolated
 from sensors.arrays import FloatArray
 
 FITTED_STAMPS = 120  # blocks whose stamps a unit's clock is fitted to: the newest
-FEWEST_STAMPS = 10  # below them the nominal rate is taken
+FEWEST_FOR_RATE = 10  # below them the nominal rate is taken
 GRID_BLOCK = 1.0  # of the joined stream [s]
 LONGEST_HELD = 10_000  # missing samples that are laid out; after more of them a unit starts again
 RATES_APART = 100.0  # between units that are joined, at most: what reading one on the other costs
 BELOW_GRID = 2.0  # times that the rate of a unit that comes later may be below the grid's
 MOST_SESSIONS = 8  # boots of a unit whose samples are held
-REMEMBERED = 10_000  # grid blocks whose beginnings are known in the units' own counts
+REMEMBERED_BEGINNINGS = 10_000  # grid blocks whose beginnings are known in the units' own counts
 
 
 class UnitStream:
@@ -122,7 +122,7 @@ class UnitStream:
     def _true_rate(self, seconds: FloatArray, counted: FloatArray) -> float:
         """The converter's rate by least squares [Hz]; the nominal one where no stamps show it."""
         steps = seconds - seconds.mean()
-        if len(seconds) < FEWEST_STAMPS or not steps.any():
+        if len(seconds) < FEWEST_FOR_RATE or not steps.any():
             return self.sampling_rate
         rate = float(steps @ counted / (steps @ steps))
         plausible = abs(rate / self.sampling_rate - 1.0) <= CLOCK_ERROR
@@ -154,7 +154,7 @@ class UnitJoiner:
         self._sequence = 0
         # first grid sample of a block given, and where that is in each unit's count
         self._refilling = False  # after a restart: samples before the grid fit the units' clocks
-        self._beginnings: deque[tuple[int, dict[str, float]]] = deque(maxlen=REMEMBERED)
+        self._beginnings: deque[tuple[int, dict[str, float]]] = deque(maxlen=REMEMBERED_BEGINNINGS)
 
     def restart(self, unit: str) -> None:
         """The unit's next block begins a boot, or follows a time in which it was left out."""

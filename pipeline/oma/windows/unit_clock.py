@@ -13,12 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock
 
-STEP = 0.5  # between two blocks, beyond which stamps have stepped [s]
 CLOCK_ERROR = 0.01  # of a converter's rate, at most [-]
-FEWEST_STAMPS = 20  # that a line is fitted to
-OUTLYING = 5.0  # median deviations beyond which a stamp does not count
+FEWEST_FOR_LINE = 20  # that a line is fitted to
+OUTLYING_STAMP = 5.0  # median deviations beyond which a stamp does not count
 LEAST_STAMP_SCATTER = 1e-6  # of stamps about the line [s]
 
 
@@ -60,7 +59,7 @@ def clock_step(before: tuple[int, int], after: tuple[int, int], sampling_rate: f
     """
     counted = (after[0] - before[0]) / sampling_rate
     step = (after[1] - before[1]) / NANOSECONDS - counted
-    return step if abs(step) > STEP + CLOCK_ERROR * abs(counted) else 0.0
+    return step if abs(step) > CLOCK_STEP + CLOCK_ERROR * abs(counted) else 0.0
 
 
 def fit_clock(stamps: Sequence[tuple[int, int]], sampling_rate: float) -> ClockFit | None:
@@ -76,16 +75,16 @@ def fit_clock(stamps: Sequence[tuple[int, int]], sampling_rate: float) -> ClockF
     Returns
     -------
     ClockFit or None
-        None for fewer than `FEWEST_STAMPS` stamps.
+        None for fewer than `FEWEST_FOR_LINE` stamps.
     """
-    if len(stamps) < FEWEST_STAMPS:
+    if len(stamps) < FEWEST_FOR_LINE:
         return None
     due = np.array([(number - stamps[0][0]) / sampling_rate for number, _ in stamps])
     off = np.array([(stamp - stamps[0][1]) / NANOSECONDS for _, stamp in stamps]) - due
     slope, offset = np.polyfit(due, off, 1)
     residual = off - slope * due - offset
     scale = max(1.4826 * float(np.median(abs(residual - np.median(residual)))), LEAST_STAMP_SCATTER)
-    sound = abs(residual - np.median(residual)) <= OUTLYING * scale
+    sound = abs(residual - np.median(residual)) <= OUTLYING_STAMP * scale
     if 2 < sound.sum() < len(sound):
         slope, offset = np.polyfit(due[sound], off[sound], 1)
     scatter = float(np.std(off - slope * due - offset))

@@ -21,16 +21,16 @@ from typing import Literal
 import numpy as np
 
 from pipeline.updating.change.likelihood_ratio import log_mean, log_step
-from pipeline.updating.change.modal_drift import LARGEST, SHIFTS, log_drift
+from pipeline.updating.change.modal_drift import LARGEST_LOG_RATIO, SHIFTS, log_drift
 from pipeline.updating.change.settings import ChangeSettings
 from pipeline.updating.change.stiffness_change import ITERATIONS, STIFFNESS_SHIFTS
 from pipeline.updating.change.sufficient_statistics import Steps
 from sensors.arrays import FloatArray
 
-Kind = Literal["foundation", "modal-drift", "undecided"]
+ChangeKind = Literal["foundation", "modal-drift", "undecided"]
 
 MISTAKEN = 1e-6  # p of a mode that moves on its own while the foundation changes [-]
-MISTAKE = float(SHIFTS[-1])  # τ_o of its ln f [-]
+PAIRING_MISTAKE = float(SHIFTS[-1])  # τ_o of its ln f [-]
 
 
 def foundation_probability(step: Steps, stiffness: FloatArray, settings: ChangeSettings) -> float:
@@ -45,7 +45,7 @@ def foundation_probability(step: Steps, stiffness: FloatArray, settings: ChangeS
     return float(np.exp(foundation - np.logaddexp(foundation, drift)))
 
 
-def kind_of(probability: float, settings: ChangeSettings) -> Kind:
+def kind_of(probability: float, settings: ChangeSettings) -> ChangeKind:
     """What to call a change that is the foundation's with this probability."""
     if probability >= settings.certainty:
         return "foundation"
@@ -70,7 +70,7 @@ def log_foundation_with_mistakes(step: Steps, stiffness: FloatArray) -> float:
 
 def _log_unpaired(g: FloatArray, h: FloatArray, variance: float) -> float:
     """The same of modes that move by steps of this variance with the foundation."""
-    along, alone = log_step(g, h, np.array([variance, MISTAKE**2]))
+    along, alone = log_step(g, h, np.array([variance, PAIRING_MISTAKE**2]))
     return float(np.logaddexp(np.log1p(-MISTAKEN) + along, np.log(MISTAKEN) + alone).sum())
 
 
@@ -85,9 +85,9 @@ def _log_integral(g: FloatArray, h: FloatArray, stiffness: FloatArray, size: flo
         hessian = (stiffness.T * (weights * h)) @ stiffness + np.eye(3) / size**2
         ratios = np.linalg.solve(hessian, stiffness.T @ (weights * g))
         steps = stiffness @ ratios
-        mistaken = log_step(g - h * steps, h, np.array([MISTAKE**2]))[0]
-        own = MISTAKEN * np.exp(np.minimum(mistaken, LARGEST))
-        weights = (1 - MISTAKEN + own / (1 + MISTAKE**2 * h)) / (1 - MISTAKEN + own)
+        mistaken = log_step(g - h * steps, h, np.array([PAIRING_MISTAKE**2]))[0]
+        own = MISTAKEN * np.exp(np.minimum(mistaken, LARGEST_LOG_RATIO))
+        weights = (1 - MISTAKEN + own / (1 + PAIRING_MISTAKE**2 * h)) / (1 - MISTAKEN + own)
     logs = (
         g * steps
         - 0.5 * h * steps**2

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pipeline.updating.change.classification import Kind, foundation_probability, kind_of
+from pipeline.updating.change.classification import ChangeKind, foundation_probability, kind_of
 from pipeline.updating.change.likelihood_ratio import log_sum
 from pipeline.updating.change.modal_drift import log_drift
 from pipeline.updating.change.random_walk import WalkState, wandered
@@ -62,7 +62,7 @@ class Verdict:
 class Change:
     """A change that was noticed: when, which kind, how large."""
 
-    kind: Kind
+    kind: ChangeKind
     foundation_probability: float  # given that there was a change [-]
     candidate: int  # index of the most probable start
     restart: int  # index of the first candidate that lies after the change almost surely

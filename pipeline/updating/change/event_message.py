@@ -5,7 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.messages import FoundationEvent, FrequencyShift, ModalEstimate, StiffnessChange
+from pipeline.messages import (
+    HALF_INTERVAL,
+    FoundationEvent,
+    FrequencyShift,
+    ModalEstimate,
+    StiffnessChange,
+)
 from pipeline.updating.change.detector import Change, ChangeState, Verdict
 from pipeline.updating.change.random_walk import deviation
 from pipeline.updating.change.sufficient_statistics import (
@@ -18,8 +24,6 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
-
-QUANTILE = 1.6449  # of the standard normal distribution at 95 %
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,8 +116,8 @@ def _stiffness_changes(
         StiffnessChange(
             name=name,
             median=float(ratios[i] / before[i]),
-            p05=float((ratios[i] - QUANTILE * stds[i]) / before[i]),
-            p95=float((ratios[i] + QUANTILE * stds[i]) / before[i]),
+            p05=float((ratios[i] - HALF_INTERVAL * stds[i]) / before[i]),
+            p95=float((ratios[i] + HALF_INTERVAL * stds[i]) / before[i]),
             random_walk=float(walked.mean[i] / before[i]),
             random_walk_std=float(walk_stds[i] / before[i]),
         )

@@ -15,14 +15,20 @@ from sensors.arrays import FloatArray
 
 SHIFTS = np.array([0.001, 0.004, 0.016])  # τ of ln f [-]
 FAMILY = 0.25  # p of a family of modes [-]
-LARGEST = 300.0  # log L of one mode, beyond which exp overflows and 1 − p is nothing beside it
+LARGEST_LOG_RATIO = (
+    300.0  # log L of one mode, beyond which exp overflows and 1 − p is nothing beside it
+)
 
 
 def log_drift(steps: Steps) -> FloatArray:
     """(K,) log likelihood ratio of a modal drift that began with each candidate."""
     each = log_step(steps.g, steps.h, SHIFTS**2)  # (n_τ, K, J); 0 of a mode not seen before
-    ratios = np.exp(np.minimum(each, LARGEST))
-    beyond = np.maximum(each - LARGEST, 0.0).sum(axis=2) if each.max(initial=0) > LARGEST else 0.0
+    ratios = np.exp(np.minimum(each, LARGEST_LOG_RATIO))
+    beyond = (
+        np.maximum(each - LARGEST_LOG_RATIO, 0.0).sum(axis=2)
+        if each.max(initial=0) > LARGEST_LOG_RATIO
+        else 0.0
+    )
     shares = (1 / max(int(np.count_nonzero(steps.h.any(axis=0))), 1), FAMILY)
     some = [np.log(p * ratios + (1 - p)).sum(axis=2) + beyond for p in shares]
     return log_mean(np.concatenate([each.sum(axis=2), *some]))

@@ -36,18 +36,20 @@ from pipeline.updating.change.sufficient_statistics import (
 )
 from sensors.arrays import FloatArray
 
-STEPS = np.repeat([0.0, 0.0005, 0.002, 0.008], 2)  # q, a window of weight 1 [-]
+DRIFT_STEPS = np.repeat([0.0, 0.0005, 0.002, 0.008], 2)  # q, a window of weight 1 [-]
 RIDES = np.tile([False, True], 4)
 EXPECTED = np.log(np.repeat([0.7, 0.1, 0.1, 0.1], 2) / 2)  # log probability beforehand
 RIDE_TOGETHER = 0.015  # standard deviation of α that all springs share [1/m]
 RIDE_APART = 0.005  # and of each spring's own [1/m]
-MEMORY = 100.0  # windows over which the answers are compared
-WALKED = STEPS[:, None, None] ** 2 * np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # a window's noise
+COMPARED_WINDOWS = 100.0  # windows over which the answers are compared
+WALKED = DRIFT_STEPS[:, None, None] ** 2 * np.diag(
+    [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+)  # a window's noise
 
 
 def _at_rest() -> FloatArray:
     """(H, 6, 6) no deviation; α as expected beforehand where it rides."""
-    covariance = np.zeros((len(STEPS), 6, 6))
+    covariance = np.zeros((len(DRIFT_STEPS), 6, 6))
     ride = RIDE_TOGETHER**2 * np.ones((3, 3)) + RIDE_APART**2 * np.eye(3)
     covariance[RIDES, 3:, 3:] = ride
     return covariance
@@ -57,9 +59,9 @@ def _at_rest() -> FloatArray:
 class WalkState:
     """Every answer's filter: the walk's deviation from its mean, and α [1/m]."""
 
-    means: FloatArray = field(default_factory=lambda: np.zeros((len(STEPS), 6)))
+    means: FloatArray = field(default_factory=lambda: np.zeros((len(DRIFT_STEPS), 6)))
     covariances: FloatArray = field(default_factory=_at_rest)  # (H, 6, 6)
-    evidence: FloatArray = field(default_factory=lambda: np.zeros(len(STEPS)))  # (H,) log
+    evidence: FloatArray = field(default_factory=lambda: np.zeros(len(DRIFT_STEPS)))  # (H,) log
     level: float = 0.0  # of the last window, from the mean of all [m]
 
 
@@ -138,7 +140,7 @@ def wandered(
     return WalkState(
         means=means * keep,
         covariances=covariances * keep * keep[:, None],
-        evidence=state.evidence * (1 - window.weight / MEMORY) + gained,
+        evidence=state.evidence * (1 - window.weight / COMPARED_WINDOWS) + gained,
         level=float(kept * (window.water_level - mean_level)),
     )
 

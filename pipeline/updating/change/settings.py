@@ -1,8 +1,10 @@
 """How much may be missed for how much quiet, and what is expected beforehand."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 from pipeline.updating.prior import UpdatingError
+from sensors.settings import NO_KEY
 
 SECONDS_PER_YEAR = 365.25 * 86400.0
 
@@ -13,9 +15,10 @@ class ChangeSettings:
 
     years_between_false_alarms: float = 3.0  # on average, of all kinds together [a]
     changes_per_year: float = 1.0  # expected beforehand; only the stated probability knows it
-    foundation_share: float = 0.5  # of these, changes of the foundation [-]
+    foundation_share: ClassVar[float] = 0.5  # of these, changes of the foundation [-]
     certainty: float = 0.95  # from which a change is called by its kind [-]
-    candidates: int = 32  # windows that a change may have started with; older ones are thinned out
+    candidates: int = field(default=32, metadata=NO_KEY)
+    """Windows that a change may have started with; older ones are thinned out."""
 
     def __post_init__(self) -> None:
         smallest = min(self.years_between_false_alarms, self.changes_per_year)
@@ -23,10 +26,6 @@ class ChangeSettings:
             raise UpdatingError(
                 "years_between_false_alarms and changes_per_year must be positive; one is "
                 f"{smallest}"
-            )
-        if not 0 < self.foundation_share < 1:
-            raise UpdatingError(
-                f"foundation_share is {self.foundation_share}; it must lie between 0 and 1"
             )
         if not 0.5 < self.certainty < 1:
             raise UpdatingError(f"certainty is {self.certainty}; it must lie between 0.5 and 1")

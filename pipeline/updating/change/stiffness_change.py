@@ -17,7 +17,7 @@ from sensors.arrays import FloatArray
 
 STIFFNESS_SHIFTS = np.array([0.01, 0.05, 0.2])  # τ of the ratios k / nominal [-]
 UPPER = np.triu_indices(3)  # (0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)
-UNIT = np.eye(3)[UPPER][:, None, None]
+UNIT_DIRECTIONS = np.eye(3)[UPPER][:, None, None]
 ITERATIONS = 10  # of least squares
 TAIL_DEGREES = 4  # ν of Student's t
 
@@ -38,7 +38,7 @@ def log_foundation(steps: Steps, stiffness: FloatArray) -> FloatArray:
     gradient = (steps.g @ stiffness).T  # G, (3, K)
     hessian = (steps.h @ (stiffness[:, UPPER[0]] * stiffness[:, UPPER[1]])).T  # (6, K)
     size = (STIFFNESS_SHIFTS**2)[:, None]
-    determinant, square = _solved(hessian[:, None] * size + UNIT, gradient)
+    determinant, square = _solved(hessian[:, None] * size + UNIT_DIRECTIONS, gradient)
     return log_mean(0.5 * (size * square - np.log(determinant)))
 
 

@@ -35,7 +35,7 @@ FOLLOWING_REJECTION = 9.0  # three standard deviations: beyond, it is another mo
 
 JUMP = 0.05  # largest relative change of f by which a mode may be the same after a jump [-]
 JUMP_MAC = 0.9  # least MAC for that
-ESTABLISHED = 3  # windows from which a mode can be missed
+ESTABLISHED_MODE = 3  # windows from which a mode can be missed
 
 
 def jumped_from(
@@ -51,7 +51,7 @@ def jumped_from(
     missed = [
         number
         for number, mode in enumerate(modes)
-        if number not in followed and mode.n_windows >= ESTABLISHED
+        if number not in followed and mode.n_windows >= ESTABLISHED_MODE
     ]
     found = [-1] * len(seen)
     waiting = [row for row, number in enumerate(followed) if number < 0]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipeline.updating.evidence.observations import ModeObservation
 from sensors.arrays import FloatArray
 
-PATIENCE = 144  # windows without a mode for each window with it, after which it is forgotten
+MISSED_WINDOWS = 144  # windows without a mode for each window with it, after which it is forgotten
 LONGEST_PATIENCE = 4320  # windows, a month of ten minutes each
 
 
@@ -138,7 +138,7 @@ class ModeEvidence:
     def forgotten(self, n_windows: int) -> bool:
         """Whether it has not been seen for so long, after n_windows in all, that it was a mistake
         or has gone for good."""
-        patience = min(PATIENCE * self.n_windows, LONGEST_PATIENCE)
+        patience = min(MISSED_WINDOWS * self.n_windows, LONGEST_PATIENCE)
         return n_windows - self.last_window > patience
 
     @property

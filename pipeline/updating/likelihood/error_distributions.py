@@ -13,7 +13,7 @@ from scipy.linalg import cholesky, solve_triangular
 from sensors.arrays import FloatArray
 
 TAIL_NODES = 5  # of the distribution of λ
-CHUNK = 256  # rows at once: (rows, σ, λ) must stay within the processor's cache
+ROWS_AT_ONCE = 256  # rows at once: (rows, σ, λ) must stay within the processor's cache
 
 
 class ErrorModel(Protocol):
@@ -110,8 +110,10 @@ class StudentErrors:
 
     def log_density(self, squares: FloatArray) -> FloatArray:
         """Σ_g log Σ_λ p(λ) N(η_g; 0, S + λ (σ² R + F))"""
-        starts = range(0, max(len(squares), 1), CHUNK)
-        return np.concatenate([self._rows(squares[start : start + CHUNK]) for start in starts])
+        starts = range(0, max(len(squares), 1), ROWS_AT_ONCE)
+        return np.concatenate(
+            [self._rows(squares[start : start + ROWS_AT_ONCE]) for start in starts]
+        )
 
     def _rows(self, squares: FloatArray) -> FloatArray:
         """The sum over λ as the largest λ's term times 1 + the others' ratios to it: an error, as

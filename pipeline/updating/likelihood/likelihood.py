@@ -15,8 +15,8 @@ got wrong by 1 % must not drag the stiffness by 20 % (`tails`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from pipeline.updating.likelihood.error_distributions import (
 from pipeline.updating.likelihood.pairing import Pairing
 from pipeline.updating.prior import UpdatingError
 from sensors.arrays import FloatArray
+from sensors.settings import NO_KEY
 
 SMALLEST_SIGMA_STEP = 2e-4  # where σ's grid turns from even to geometric steps [-]
 
@@ -43,25 +44,27 @@ class LikelihoodSettings:
 
     frequency_floor: float = 0.0005  # systematic, share of f [-]
     shape_floor: float = 0.005  # systematic, share of the shape's largest component [-]
-    resolution: float = 1.5  # model modes nearer than this many 1/T cannot be distinguished [-]
-    shape_mixing: float = 0.012  # model modes nearer than this share of f mix their shapes [-]
-    least_mac: float = 0.95  # with the partner's shape; below, only the frequency is compared [-]
+    resolution: ClassVar[float] = 1.5
+    """Model modes nearer than this many 1/T cannot be distinguished [-]."""
+
+    shape_mixing: ClassVar[float] = 0.012
+    """Model modes nearer than this share of f mix their shapes [-]."""
+
+    least_mac: ClassVar[float] = 0.95
+    """With the partner's shape; below, only the frequency is compared [-]."""
+
     joint_covariance: bool = False  # keep correlations between the components of one mode
-    sigma_points: int = 60  # of the grid over which σ is integrated
+    sigma_points: int = field(default=60, metadata=NO_KEY)  # of the grid over which σ is integrated
     tails: Literal["gaussian", "student-t"] = "student-t"  # of each mode's discrepancy and floor
-    degrees_of_freedom: float = 4.0  # of Student's t; fewer forgive an outlying mode more
+    degrees_of_freedom: ClassVar[float] = 4.0  # of Student's t; fewer forgive an outlying mode more
     modes: tuple[str, ...] = ()  # labels of the model's that are compared; empty: all it has
 
     def __post_init__(self) -> None:
-        smallest = min(self.frequency_floor, self.shape_floor, self.resolution, self.shape_mixing)
+        smallest = min(self.frequency_floor, self.shape_floor)
         if not smallest >= 0:
             raise UpdatingError(f"likelihood settings must not be negative; one is {smallest}")
         if self.sigma_points < 20:
             raise UpdatingError(f"sigma_points is {self.sigma_points}; at least 20 are needed")
-        if not self.degrees_of_freedom >= 1:
-            raise UpdatingError(
-                f"degrees_of_freedom is {self.degrees_of_freedom}; at least 1 is needed"
-            )
         if self.tails == "student-t" and self.joint_covariance:
             raise UpdatingError(
                 "tails are 'student-t' and joint_covariance is true; heavy tails are a mode's own "
@@ -70,7 +73,7 @@ class LikelihoodSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Observation:
+class ModeComparison:
     """How one identified mode enters: which model modes it is compared with, and in what."""
 
     identified: int  # index in ModalEvidence.modes
@@ -86,7 +89,7 @@ def observations(
     settings: LikelihoodSettings,
     *,
     mac: FloatArray | None = None,
-) -> tuple[Observation, ...]:
+) -> tuple[ModeComparison, ...]:
     """One observation a paired mode.
 
     model_frequencies   (n_model,) of all visible modes at the pairing's stiffness [Hz]
@@ -110,13 +113,13 @@ def observations(
         gap = float(gaps[neighbour]) if neighbour >= 0 else np.inf
         if evidence.modes[identified].close_pair:
             both = (model, neighbour) if gap < resolved else (model,)
-            found.append(Observation(identified, both, shape_used=False, gap=0.0))
+            found.append(ModeComparison(identified, both, shape_used=False, gap=0.0))
         elif gap < resolved:
-            found.append(Observation(identified, (model,), shape_used=False, gap=gap))
+            found.append(ModeComparison(identified, (model,), shape_used=False, gap=gap))
         else:
             separate = bool(gap >= settings.shape_mixing * model_frequencies[model])
             alike = mac is None or bool(mac[identified, model] >= settings.least_mac)
-            found.append(Observation(identified, (model,), separate and alike, gap=0.0))
+            found.append(ModeComparison(identified, (model,), separate and alike, gap=0.0))
     return tuple(found)
 
 
@@ -146,7 +149,7 @@ class ModalLikelihood:
     def __init__(
         self,
         evidence: ModalEvidence,
-        used: Sequence[Observation],
+        used: Sequence[ModeComparison],
         *,
         model_columns: Sequence[int],
         settings: LikelihoodSettings,
@@ -254,7 +257,7 @@ class ModalLikelihood:
         return self.sigma[cell] + share * (self.sigma[cell + 1] - self.sigma[cell])
 
 
-def _averaging(used: Sequence[Observation], column: dict[int, int]) -> FloatArray:
+def _averaging(used: Sequence[ModeComparison], column: dict[int, int]) -> FloatArray:
     """(n_observations, n_model) that turns model frequencies into the compared ones."""
     averaging = np.zeros((len(used), len(column)))
     for number, each in enumerate(used):

@@ -7,7 +7,8 @@ searched first; the best few are refined with a tolerance that shrinks; the chea
 
 from bisect import insort
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -17,6 +18,7 @@ from pipeline.updating.evidence.mode_evidence import ModeEvidence
 from pipeline.updating.forward_model import ForwardModel, ModesOfStiffness
 from pipeline.updating.prior import Prior, UpdatingError, modal_where_supported
 from sensors.arrays import FloatArray
+from sensors.settings import NO_KEY
 
 STEP_LENGTHS = np.array([1.0, 0.5, 0.2, 0.05])  # of a Gauss-Newton step, tried in one batch [-]
 SURELY_WITHIN_REACH = 0.94  # share of the model's highest frequency at nominal stiffness [-]
@@ -28,20 +30,25 @@ class PairingSettings:
     """Weights and extent of the search."""
 
     search_draws: int = 500  # of the prior box
-    tried: int = 12  # best draws that are followed at the widest tolerance
+    tried: int = field(default=12, metadata=NO_KEY)
+    """Best draws that are followed at the widest tolerance."""
+
     refined: int = 4  # best of these that are followed to the narrowest
-    tolerances: tuple[float, ...] = (0.03, 0.015, 0.008, 0.004)  # s_f of ln f, in turn [-]
-    steps: int = 3  # Gauss-Newton steps at each tolerance
-    mac_scale: float = 0.15  # of 1 − MAC [-]
-    rejection: float = 9.0  # cost at which an identified mode is better left alone [-]
+    tolerances: tuple[float, ...] = field(default=(0.03, 0.015, 0.008, 0.004), metadata=NO_KEY)
+    """Standard deviations s_f of ln f, in turn [-]."""
+
+    steps: ClassVar[int] = 3  # Gauss-Newton steps at each tolerance
+    mac_scale: ClassVar[float] = 0.15  # of 1 − MAC [-]
+    rejection: float = field(default=9.0, metadata=NO_KEY)
+    """Cost at which an identified mode is better left alone [-]."""
 
     def __post_init__(self) -> None:
         if min(self.search_draws, self.tried, self.refined, len(self.tolerances)) < 1:
             raise UpdatingError(
                 "pairing needs search_draws, tried, refined and tolerances of at least 1"
             )
-        if not min(*self.tolerances, self.mac_scale, self.rejection) > 0:
-            raise UpdatingError("pairing tolerances, mac_scale and rejection must be positive")
+        if not min(*self.tolerances, self.rejection) > 0:
+            raise UpdatingError("pairing tolerances and rejection must be positive")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

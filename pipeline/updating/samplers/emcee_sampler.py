@@ -1,6 +1,6 @@
 """Markov chains through emcee: an ensemble that proposes from a density fitted to itself."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,9 @@ from pipeline.updating.samplers.convergence import (
     split_rhat,
 )
 from pipeline.updating.samplers.interface import LogDensity
+from pipeline.updating.samplers.student_t import DEGREES_OF_FREEDOM
 from sensors.arrays import FloatArray
-
-DEGREES_OF_FREEDOM = 5.0  # of the proposal: tails heavy enough to fetch a walker that lags behind
+from sensors.settings import NO_KEY
 
 
 def fitted_student_proposal(
@@ -65,10 +65,16 @@ class SamplerSettings:
     """How long the chains are."""
 
     walkers: int = 40
-    burn_in: int = 25  # steps that are thrown away
-    block: int = 25  # steps between two looks at the autocorrelation
-    most_steps: int = 600  # where a chain that is still too short is given up
-    chain_in_autocorrelation_times: float = 50.0  # shortest chain that is trusted [τ]
+    burn_in: int = field(default=25, metadata=NO_KEY)  # steps that are thrown away
+    block: int = field(default=25, metadata=NO_KEY)
+    """Steps between two looks at the autocorrelation."""
+
+    most_steps: int = field(default=600, metadata=NO_KEY)
+    """Where a chain that is still too short is given up."""
+
+    chain_in_autocorrelation_times: float = field(default=50.0, metadata=NO_KEY)
+    """Shortest chain that is trusted [τ]."""
+
     effective_draws: float = 1000.0
 
     def __post_init__(self) -> None:

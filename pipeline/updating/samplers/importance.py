@@ -7,7 +7,8 @@ share that survives the weighting (Kish ESS / N) measures how well the mixture f
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from pipeline.updating.samplers.student_t import (
     weighted_moments,
 )
 from sensors.arrays import FloatArray
+from sensors.settings import NO_KEY
 
 logger = logging.getLogger(__name__)
 
@@ -46,17 +48,13 @@ class ImportanceSettings:
     """How many draws, and when importance sampling is given up."""
 
     effective_draws: float = 1000.0  # Kish ESS at which sampling stops
-    least_efficiency: float = 0.1  # Kish ESS / N below which chains take over [-]
-    pilot: int = 200  # draws of one pilot round
-    most_pilots: int = 8  # rounds
-    components: int = 8  # at most, of the mixture
+    least_efficiency: ClassVar[float] = 0.1  # Kish ESS / N below which chains take over [-]
+    pilot: int = field(default=200, metadata=NO_KEY)  # draws of one pilot round
+    most_pilots: int = field(default=8, metadata=NO_KEY)  # rounds
+    components: int = field(default=8, metadata=NO_KEY)  # at most, of the mixture
     draws: int = 4000  # of equal weight, resampled from the weighted ones
 
     def __post_init__(self) -> None:
-        if not 0 < self.least_efficiency < 1:
-            raise UpdatingError(
-                f"least_efficiency is {self.least_efficiency}; it must lie between 0 and 1"
-            )
         if min(self.effective_draws, self.pilot, self.draws) < 50 or self.most_pilots < 1:
             raise UpdatingError(
                 f"importance sampling needs effective_draws ({self.effective_draws:g}), pilot "

@@ -14,7 +14,9 @@ from pipeline.messages import QualityWarning
 from pipeline.updating.prior import Prior
 from sensors.arrays import FloatArray
 
-CHUNK = 2048  # points evaluated at once: the model's arrays stay within the processor's cache
+POINTS_AT_ONCE = (
+    2048  # points evaluated at once: the model's arrays stay within the processor's cache
+)
 VOLUME_NODES = 1000  # a side, of the midpoint rule for the prior's volume
 
 LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -79,8 +81,8 @@ class CountedDensity:
     def __call__(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n,) log densities and (n,) companions at points, (n, n_dim)."""
         self.evaluations += len(points)
-        starts = range(0, max(len(points), 1), CHUNK)
-        parts = [self.log_density(points[start : start + CHUNK]) for start in starts]
+        starts = range(0, max(len(points), 1), POINTS_AT_ONCE)
+        parts = [self.log_density(points[start : start + POINTS_AT_ONCE]) for start in starts]
         return (
             np.concatenate([values for values, _ in parts]),
             np.concatenate([companions for _, companions in parts]),

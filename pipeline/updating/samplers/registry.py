@@ -29,7 +29,6 @@ SamplerName = Literal["importance", "emcee", "tmcmc", "tmcmc-published"]
 
 WARM_DISTANCE = 5.0  # of the peak from an earlier ensemble, in its standard deviations
 START_SPREAD = 1.5  # of cold starting points, in the peak's standard deviations
-LARGEST_RHAT = 1.05  # chains that disagree more have not converged
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +46,11 @@ class SamplingSettings:
             raise UpdatingError(f"sampler {self.method!r} is not one of {words}")
 
 
-def sampler_of(settings: SamplingSettings, chains: SamplerSettings) -> PosteriorSampler:
+def sampler_of(
+    settings: SamplingSettings, chains: SamplerSettings, *, largest_rhat: float = 1.05
+) -> PosteriorSampler:
     """The sampler that the settings name. chains: emcee's own settings."""
-    ensemble = EnsembleSampler(chains)
+    ensemble = EnsembleSampler(chains, largest_rhat)
     if settings.method == "importance":
         return ImportanceSampler(settings.importance, chains=ensemble)
     if settings.method == "tmcmc":
@@ -64,6 +65,8 @@ class EnsembleSampler:
     """Markov chains of an ensemble through emcee (`sampler.walked`)."""
 
     settings: SamplerSettings
+    largest_rhat: float = 1.05
+    """Chains that disagree more have not converged."""
 
     def __call__(self, target: Target, generator: np.random.Generator) -> PosteriorDraws:
         """Draws of the chains after burn-in; `doubts` where they are short or disagree."""
@@ -78,7 +81,7 @@ class EnsembleSampler:
             ess=chains.ess,
             rhat=chains.rhat,
             autocorrelation_time=chains.autocorrelation_time,
-            doubts=_doubts(chains),
+            doubts=_doubts(chains, self.largest_rhat),
         )
 
 
@@ -119,7 +122,7 @@ def _among(peak: Peak, ensemble: FloatArray) -> bool:
     return bool(offset @ np.linalg.pinv(np.cov(ensemble.T)) @ offset < WARM_DISTANCE**2)
 
 
-def _doubts(chains: Chains) -> tuple[QualityWarning, ...]:
+def _doubts(chains: Chains, largest_rhat: float) -> tuple[QualityWarning, ...]:
     doubts = []
     if not chains.long_enough:
         doubts.append(
@@ -130,11 +133,11 @@ def _doubts(chains: Chains) -> tuple[QualityWarning, ...]:
                 f"long with {chains.ess:.0f} effective draws; its quantiles are rough",
             )
         )
-    if not chains.rhat <= LARGEST_RHAT:
+    if not chains.rhat <= largest_rhat:
         doubts.append(
             QualityWarning(
                 "not-converged",
-                f"the chains disagree (split R-hat {chains.rhat:.3f}, at most {LARGEST_RHAT:g} "
+                f"the chains disagree (split R-hat {chains.rhat:.3f}, at most {largest_rhat:g} "
                 "expected)",
             )
         )

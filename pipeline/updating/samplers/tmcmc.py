@@ -8,7 +8,8 @@ where the population only shows an importance sampler where the posterior is.
 Source: Ching and Chen (2007), Journal of Engineering Mechanics 133(7), 816–832.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from pipeline.updating.samplers.importance import (
 from pipeline.updating.samplers.interface import CountedDensity, PosteriorDraws, Target
 from pipeline.updating.samplers.student_t import fitted_mixture, kish_size, weighted_moments
 from sensors.arrays import FloatArray
+from sensors.settings import NO_KEY
 
 MOST_STAGES = 200
 GOOD_ACCEPTANCE = 0.3  # of a random walk in a few dimensions [-]
@@ -38,13 +40,11 @@ class PublishedSettings:
     """TMCMC with the constants of Ching and Chen (2007)."""
 
     samples: int = 20_000  # of every stage; [foundation-updating] §4.2 has 100 000
-    variation: float = 1.0  # coefficient of variation of a stage's weights [-]
-    scale: float = 0.2  # β, of the proposal's standard deviations to the stage's [-]
+    variation: ClassVar[float] = 1.0  # coefficient of variation of a stage's weights [-]
+    scale: ClassVar[float] = 0.2  # β, of the proposal's standard deviations to the stage's [-]
 
     def __post_init__(self) -> None:
-        _check(self.samples, self.variation)
-        if not self.scale > 0:
-            raise UpdatingError(f"scale is {self.scale}; it must be positive")
+        _check(self.samples)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,28 +52,24 @@ class TemperingSettings:
     """TMCMC, corrected."""
 
     samples: int = 20_000  # of the final importance sampling, and of equal weight at the end
-    particles: int = 1000  # of every stage
-    variation: float = 0.5  # coefficient of variation of a stage's weights [-]
-    remembered: float = 0.6  # correlation with a stage's start at which its steps end [-]
-    most_steps: int = 8  # of a stage
-    pilot: int = 4000  # draws of one pilot round of the importance sampling
-    most_pilots: int = 4  # rounds
-    components: int = 8  # at most, of the mixture
-    least_efficiency: float = 0.1  # Kish ESS / N below which the answer is doubted [-]
+    particles: int = field(default=1000, metadata=NO_KEY)  # of every stage
+    variation: ClassVar[float] = 0.5  # coefficient of variation of a stage's weights [-]
+    remembered: ClassVar[float] = 0.6  # correlation with a stage's start at which its steps end [-]
+    most_steps: ClassVar[int] = 8  # of a stage
+    pilot: int = field(default=4000, metadata=NO_KEY)
+    """Draws of one pilot round of the importance sampling."""
+
+    most_pilots: ClassVar[int] = 4  # rounds
+    components: ClassVar[int] = 8  # at most, of the mixture
+    least_efficiency: ClassVar[float] = 0.1  # Kish ESS / N below which the answer is doubted [-]
 
     def __post_init__(self) -> None:
-        _check(min(self.samples, self.particles, self.pilot), self.variation)
-        if not 0 < self.remembered < 1:
-            raise UpdatingError(f"remembered is {self.remembered}; it must lie between 0 and 1")
-        if min(self.most_steps, self.most_pilots, self.components) < 1:
-            raise UpdatingError("tempering needs most_steps, most_pilots, components of at least 1")
+        _check(min(self.samples, self.particles, self.pilot))
 
 
-def _check(samples: int, variation: float) -> None:
+def _check(samples: int) -> None:
     if samples < 100:
         raise UpdatingError(f"{samples} samples are too few for tempering; at least 100 are needed")
-    if not variation > 0:
-        raise UpdatingError(f"variation is {variation}; it must be positive")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

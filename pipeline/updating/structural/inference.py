@@ -1,6 +1,7 @@
 """The joint inference of one turbine from its description, layout and settings."""
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,7 +62,7 @@ def joint_inference(
     likelihood = replace(settings.likelihood, shape_floor=floor)
     fits = []
     for mesh, mesh_probability in _meshes(turbine, exact=structure.is_exact("blade_model")):
-        model = FigureModel(turbine, layout, prior.names, blades=mesh)
+        model = _figure_model(turbine, layout, prior.names, mesh)
         for flooded, probability in _floodings(turbine, exact=structure.is_exact("flooding")):
             fit = JointFit(
                 model.with_flooding(flooded),
@@ -80,6 +81,15 @@ def joint_inference(
         prior=prior,
         highest_sigma=settings.prior.highest_sigma,
     )
+
+
+@lru_cache(maxsize=4)
+def _figure_model(
+    turbine: TurbineDescription, layout: SensorLayout, names: tuple[str, ...], mesh: BladeMesh
+) -> FigureModel:
+    """Built once a process for each structure: sessions, refreshes and turbines of one type share
+    it."""
+    return FigureModel(turbine, layout, names, blades=mesh)
 
 
 def _meshes(turbine: TurbineDescription, *, exact: bool) -> list[tuple[BladeMesh, float]]:

@@ -24,7 +24,7 @@ from sensors.structure.figures import (
 N_SPRINGS = 3
 SPRING_STDS = np.array([1.0, 1.0, 2.0])  # of a normal prior so wide that it only bounds what no
 # mode reports: a posterior of 10 % moves by 1 % of its distance from nominal [-]
-FARTHEST = 6.0  # |z| to which a figure is followed [-]
+FARTHEST_FIGURE = 6.0  # |z| to which a figure is followed [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +185,7 @@ class JointCoordinates:
     def departures(self, u: FloatArray) -> FloatArray:
         """(…, q) of the figures."""
         z = u[..., N_SPRINGS : self._level]
-        folded = ndtri((1 + ndtr(np.clip(z, -FARTHEST, FARTHEST))) / 2)
+        folded = ndtri((1 + ndtr(np.clip(z, -FARTHEST_FIGURE, FARTHEST_FIGURE))) / 2)
         return np.where(self._half, folded, z) * self._stds
 
     def level(self, u: FloatArray) -> FloatArray:
@@ -206,7 +206,7 @@ class JointCoordinates:
         k11, k22, k12 = self.springs(u)
         found[0, 0], found[1, 1] = k11, k22
         found[2, :3] = k12 / 2 * np.array([1.0, 1.0, 1 - expit(u[2])])
-        z = np.clip(u[N_SPRINGS : self._level], -FARTHEST, FARTHEST)
+        z = np.clip(u[N_SPRINGS : self._level], -FARTHEST_FIGURE, FARTHEST_FIGURE)
         folded = ndtri((1 + ndtr(z)) / 2)
         half = np.exp(-(z**2) / 2 + folded**2 / 2) / 2  # φ(z) / (2 φ(x))
         figures = np.arange(N_SPRINGS, self._level)

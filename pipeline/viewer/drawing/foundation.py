@@ -19,8 +19,6 @@ from pipeline.viewer.pictures.corner import CornerPlot, corner_plot
 from pipeline.viewer.pictures.pile import PilePicture
 from pipeline.viewer.pictures.status_text import STIFFNESSES
 
-PERCENT = 100.0
-
 
 def log_foundation_styles(recording: rr.RecordingStream, root: str) -> None:
     """Names, units and colours of the posterior's bands; static."""
@@ -80,7 +78,7 @@ def log_posterior_widths(
     """Draw each parameter's posterior width over its prior width, 90 % intervals [%]."""
     for parameter in posterior.parameters:
         if np.isfinite(parameter.contraction):
-            left = PERCENT * (1.0 - parameter.contraction)
+            left = 100.0 * (1.0 - parameter.contraction)
             recording.log(width_path(root, parameter.name), rr.Scalars(left))
 
 
@@ -118,7 +116,7 @@ def log_change(recording: rr.RecordingStream, root: str, event: FoundationEvent)
     """Draw a change's probability and size at the end of the window that detected it."""
     recording.log(f"{root}/change/noticed", rr.Scalars(event.probability))
     for change in event.changes:
-        sizes = PERCENT * np.array([change.p05, change.median, change.p95])
+        sizes = 100.0 * np.array([change.p05, change.median, change.p95])
         recording.log(f"{root}/change/size/{change.name}", rr.Scalars(sizes))
 
 

@@ -19,7 +19,6 @@ from pipeline.viewer.pictures.display_signals import DisplaySignal
 from pipeline.viewer.pictures.scene import deflection
 from sensors.acquisition.layout import SensorLayout
 
-PERCENT = 100.0
 BAND = 2.0  # standard deviations either side
 
 
@@ -91,7 +90,7 @@ def _log_change(
         name = f"{mode.name}, {mode.frequency:.3g} Hz [%]"
         log_line_style(recording, path, name, colour, width=1.5)
     reference = first.setdefault(mode.name, mode.frequency)
-    recording.log(path, rr.Scalars(PERCENT * (mode.frequency / reference - 1.0)))
+    recording.log(path, rr.Scalars(100.0 * (mode.frequency / reference - 1.0)))
 
 
 def _direction(mode: Mode, estimate: ModalEstimate, layout: SensorLayout | None) -> str:
@@ -139,7 +138,7 @@ def log_identified(recording: rr.RecordingStream, root: str, label: str, mode: M
     """An identified mode over the model's of that label: frequency with its band, and damping."""
     path = mode_path(root, label)
     recording.log(f"{path}/identified", _band(mode.frequency, mode.frequency_std))
-    recording.log(f"{path}/damping", rr.Scalars(mode.damping_ratio * PERCENT))
+    recording.log(f"{path}/damping", rr.Scalars(mode.damping_ratio * 100.0))
 
 
 def _band(value: float, std: float) -> rr.Scalars:

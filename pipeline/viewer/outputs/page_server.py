@@ -20,6 +20,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
+from sensors.constants import LOOPBACK
+
 if TYPE_CHECKING:
     from _typeshed import SupportsRead
 
@@ -29,7 +31,6 @@ PAGE_FILES = {  # path → file of this package, its type
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
 }
 VIEWER_FILES = ("/re_viewer.js", "/re_viewer_bg.wasm")  # the viewer itself, from Rerun's own server
-LOOPBACK = "127.0.0.1"
 HOST_NAMES = (LOOPBACK, "localhost")  # by which a browser on this machine may call the page
 ANSWER_TIMEOUT = 10.0  # for Rerun's server to answer [s]
 _log = logging.getLogger(__name__)

@@ -25,7 +25,7 @@ from sensors.acquisition.layout import SensorLayout
 
 PERIOD = 2.0  # between two checks for the viewer, by the machine's clock [s]
 CHECK_TIMEOUT = 1.0  # for an answer to a check [s]
-REMEMBERED = 2000  # results kept for a late viewer: a week of one turbine, some 40 MB
+REMEMBERED_RESULTS = 2000  # results kept for a late viewer: a week of one turbine, some 40 MB
 RENEWAL = 10.0  # age at which the probe reconnects: Rerun's server closes idle connections at 30 s
 _log = logging.getLogger(__name__)
 
@@ -76,7 +76,7 @@ class ViewerProbe:
 class RememberedResults:
     """What a late viewer gets first; bounded, however long the session."""
 
-    def __init__(self, size: int = REMEMBERED) -> None:
+    def __init__(self, size: int = REMEMBERED_RESULTS) -> None:
         self._layouts: dict[tuple[str, str], SensorLayout] = {}
         self._truths: dict[str, FoundationTruth] = {}
         self._diagrams: dict[str, StabilisationDiagram] = {}

@@ -22,9 +22,12 @@ from pipeline.viewer.outputs.outputs import (
     WebPage,
     require_rerun,
 )
-from pipeline.viewer.outputs.page_server import LOOPBACK, run_page_server
+from pipeline.viewer.outputs.page_server import run_page_server
+from sensors.constants import LOOPBACK
 
-MEMORY = "1GiB"  # of messages kept for browsers that come late: about ten days of one turbine
+SERVER_MEMORY = (
+    "1GiB"  # of messages kept for browsers that come late: about ten days of one turbine
+)
 VIEWER_START_TIMEOUT = 20.0  # for a viewer to come up [s]
 SERVER_STOP_TIMEOUT = 5.0  # for a page's server to end [s]
 ALTERNATIVE = "a session is written to session.rrd without --view"
@@ -70,7 +73,7 @@ def serve_page(page: WebPage, *pictures: Path) -> Iterator[ServedPage]:
     port, page_port, assets_port = free_port(page.port), free_port(page.page_port), free_port(0)
     # The pictures are not for this server: given a file, that of 0.41 keeps a core busy for ever.
     options = ["--serve-web", "--port", str(port), "--web-viewer-port", str(assets_port)]
-    server = _start_process([*options, "--server-memory-limit", MEMORY])
+    server = _start_process([*options, "--server-memory-limit", SERVER_MEMORY])
     session = proxy_address(port)
     try:
         for each in (port, assets_port):

@@ -13,7 +13,7 @@ from sensors.arrays import FloatArray
 Point = tuple[float, float]
 
 PITCH = 1.35  # from one panel's corner to the next one's [panel widths]
-BINS = 24
+HISTOGRAM_BINS = 24
 PEAK = 0.92  # height of a marginal's highest bin [panel heights]
 
 
@@ -130,7 +130,7 @@ def _frame(row: int, column: int) -> FloatArray:
 
 
 def _histogram(values: FloatArray, axis: Axis, i: int) -> FloatArray:
-    counts, edges = np.histogram(values, bins=BINS, range=(axis.low, axis.high))
+    counts, edges = np.histogram(values, bins=HISTOGRAM_BINS, range=(axis.low, axis.high))
     heights = np.repeat(counts / max(counts.max(), 1) * PEAK, 2)
     x = np.repeat(axis.position(edges), 2)
     return _panel_point(i, i, x, np.concatenate([[0.0], heights, [0.0]]))
@@ -153,7 +153,7 @@ def _flat_prior(values: FloatArray, axis: Axis, i: int, contraction: float) -> F
     The prior's 90 % interval is w = (q₉₅ − q₀₅) / (1 − contraction) wide, so its density 0.9 / w.
     It is drawn over the whole panel, though its support may end inside it.
     """
-    counts, edges = np.histogram(values, bins=BINS, range=(axis.low, axis.high))
+    counts, edges = np.histogram(values, bins=HISTOGRAM_BINS, range=(axis.low, axis.high))
     highest = counts.max() / len(values) / (edges[1] - edges[0])  # the histogram's density
     low, high = np.quantile(values, [0.05, 0.95])
     density = 0.9 * (1.0 - contraction) / (high - low)

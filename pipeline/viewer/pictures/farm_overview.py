@@ -17,7 +17,7 @@ from pipeline.viewer.pictures.status_text import (
     count_noun,
 )
 
-ROWS = 24  # of indicators in a column of turbines
+ROWS_OF_TURBINES = 24  # of indicators in a column of turbines
 INDICATOR_X = (3.0, 4.4, 6.1)  # measurements, modes, foundation [picture units]
 COLUMN = 8.5  # from one column of turbines to the next [picture units]
 HEADS = ("data", "modes", "foundation")
@@ -36,7 +36,7 @@ class StatusIndicators:
 def status_indicators(statuses: Sequence[SessionStatus]) -> StatusIndicators:
     """Return three indicators per turbine: measurements, modes, foundation."""
     places = [_position(number) for number in range(len(statuses))]
-    columns = range(1 + (len(statuses) - 1) // ROWS)
+    columns = range(1 + (len(statuses) - 1) // ROWS_OF_TURBINES)
     heads = [
         Text((column * COLUMN + x, -1.0), head)
         for column in columns
@@ -55,12 +55,12 @@ def status_indicators(statuses: Sequence[SessionStatus]) -> StatusIndicators:
 
 def board_bounds(n_turbines: int) -> tuple[list[float], list[float]]:
     """Return x and y range of the indicators of all turbines."""
-    columns = 1 + (n_turbines - 1) // ROWS
-    return [-0.8, columns * COLUMN - 1.5], [-1.8, max(3.0, min(n_turbines, ROWS) - 0.2)]
+    columns = 1 + (n_turbines - 1) // ROWS_OF_TURBINES
+    return [-0.8, columns * COLUMN - 1.5], [-1.8, max(3.0, min(n_turbines, ROWS_OF_TURBINES) - 0.2)]
 
 
 def _position(number: int) -> tuple[float, float]:
-    return (number // ROWS) * COLUMN, float(number % ROWS)
+    return (number // ROWS_OF_TURBINES) * COLUMN, float(number % ROWS_OF_TURBINES)
 
 
 def farm_markdown(statuses: Sequence[SessionStatus]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.viewer.pictures.corner import Text
 from sensors.arrays import FloatArray
 
-WIDTH = 2.6  # of a panel [picture units]
+PANEL_WIDTH = 2.6  # of a panel [picture units]
 LOWEST = 0.1  # left end [Hz]
 LABEL_DISTANCE = 0.2  # between two frequencies written above a panel [picture units]
 
@@ -25,7 +25,7 @@ class FrequencyAxis:
     def position(self, frequency: FloatArray | float) -> FloatArray:
         """Return the position of a frequency [Hz] on the axis [picture units]."""
         share = np.log(np.asarray(frequency) / self.low) / np.log(self.high / self.low)
-        return WIDTH * share
+        return PANEL_WIDTH * share
 
     @property
     def ticks(self) -> list[float]:
@@ -53,7 +53,9 @@ class FrequencyAxis:
 
 def frame(top: float, bottom: float) -> FloatArray:
     """Return the outline of a panel over the whole axis, shape (5, 2)."""
-    return np.array([[0, top], [WIDTH, top], [WIDTH, bottom], [0, bottom], [0, top]], dtype=float)
+    return np.array(
+        [[0, top], [PANEL_WIDTH, top], [PANEL_WIDTH, bottom], [0, bottom], [0, top]], dtype=float
+    )
 
 
 def vertical_line(axis: FrequencyAxis, frequency: float, top: float, bottom: float) -> FloatArray:

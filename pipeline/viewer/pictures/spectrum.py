@@ -15,7 +15,7 @@ from scipy.fft import rfft, rfftfreq
 from pipeline.viewer.pictures.corner import Text
 from pipeline.viewer.pictures.frequency_axis import (
     LOWEST,
-    WIDTH,
+    PANEL_WIDTH,
     FrequencyAxis,
     frame,
     vertical_line,
@@ -26,10 +26,10 @@ from sensors.arrays import FloatArray
 
 HEIGHT, PITCH = 1.0, 1.25  # of a panel, and from one to the next [picture units]
 SEGMENT = 100.0  # of Welch's method [s]: a resolution of 0.01 Hz
-BINS = 400  # of the logarithmic axis; the highest value of each is drawn
+FREQUENCY_BINS = 400  # of the logarithmic axis; the highest value of each is drawn
 DECADES = 6.0  # of spectral density shown below the highest
-KEPT = 3600.0  # of samples held for windows still to come [s]
-AXES = ("fore-aft", "side-side")
+KEPT_DURATION = 3600.0  # of samples held for windows still to come [s]
+AXIS_TITLES = ("fore-aft", "side-side")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ class RecentSamples:
     def push(self, block: AccelerationBlock) -> None:
         """Add a block and drop those that are too old."""
         self._blocks.append(block)
-        while self._blocks[0].start_ns < block.start_ns - KEPT * NANOSECONDS:
+        while self._blocks[0].start_ns < block.start_ns - KEPT_DURATION * NANOSECONDS:
             self._blocks.popleft()
 
     def between(self, start_ns: int, end_ns: int) -> NDArray[np.float32] | None:
@@ -146,7 +146,7 @@ def _curves(
     axis: FrequencyAxis, f: FloatArray, densities: NDArray[np.float32], top: float
 ) -> list[FloatArray]:
     """Return every channel's spectrum in the first panel: the highest value in each bin."""
-    edges = np.geomspace(axis.low, axis.high, BINS + 1)
+    edges = np.geomspace(axis.low, axis.high, FREQUENCY_BINS + 1)
     inside = (f >= axis.low) & (f < axis.high)
     bins, first = np.unique(np.digitize(f[inside], edges) - 1, return_index=True)
     highest = np.maximum(np.maximum.reduceat(densities[inside], first, axis=0), 1e-30)
@@ -162,8 +162,8 @@ def _axis_texts(axis: FrequencyAxis, top: float, unit: str) -> tuple[Text, ...]:
         for panel in range(2)
         for below in range(0, int(DECADES), 2)
     ]
-    for panel, name in enumerate(AXES):
-        middle = (WIDTH / 2, panel * PITCH + HEIGHT + 0.13)
+    for panel, name in enumerate(AXIS_TITLES):
+        middle = (PANEL_WIDTH / 2, panel * PITCH + HEIGHT + 0.13)
         density = f"({unit})²/Hz" if unit else "1/Hz, unscaled"
         texts.append(Text(middle, f"frequency [Hz], {name}; density [{density}]"))
     return tuple(texts)

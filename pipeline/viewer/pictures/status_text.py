@@ -1,6 +1,5 @@
 """A running summary of one turbine as text and status indicators. No rerun here."""
 
-from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -9,7 +8,6 @@ from typing import Literal
 from pipeline.messages import (
     FoundationEvent,
     FoundationPosterior,
-    FoundationTruth,
     Message,
     ModalEstimate,
     Mode,
@@ -17,10 +15,11 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
+from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS
 
 STIFFNESSES = ("k11", "k22", "k12")
-CHANGED = {  # text of the indicator by kind of change
+CHANGE_TEXTS = {  # text of the indicator by kind of change
     "foundation": "foundation: changed",
     "modal-drift": "foundation: known, but the modes changed",
     "undecided": "foundation: perhaps changed",
@@ -44,66 +43,47 @@ class SessionStatus:
         self._has_structure = has_structure
         self.turbine = turbine
         self._heading = f"{title} ({turbine})" if title and title != turbine else turbine
-        self._n_identified = 0
-        self._rejections: Counter[str] = Counter()  # rejected windows by code
-        self._n_gaps = 0
-        self._missing_s = 0.0
-        self._estimate: ModalEstimate | None = None
-        self._posterior: FoundationPosterior | None = None
-        self._truth: FoundationTruth | None = None
-        self._rejected: deque[WindowRejected] = deque(maxlen=_LISTED)
-        self._gaps: deque[StreamGap] = deque(maxlen=_LISTED)
-        self._nodes: dict[str, NodeStatus] = {}
-        self._last_rejected = False  # whether the latest window was
-        self._event: FoundationEvent | None = None
+        self._state = TurbineState(turbine, kept=_LISTED)
 
     def take(self, message: Message) -> None:
-        """Take one message into account; types that do not affect the state are ignored."""
-        match message:
-            case ModalEstimate():
-                self._n_identified += 1
-                self._estimate = message
-                self._last_rejected = False
-            case WindowRejected():
-                self._rejections[message.code] += 1
-                self._last_rejected = message.code != CUT_SHORT
-                self._rejected.append(message)
-            case FoundationPosterior():
-                self._posterior = message
-            case FoundationTruth():
-                self._truth = message
-            case FoundationEvent():
-                self._event = message
-            case StreamGap():
-                self._n_gaps += 1
-                self._missing_s += (message.end_ns - message.start_ns) / NANOSECONDS
-                self._gaps.append(message)
+        """Take one message of the turbine into account."""
+        self._state.fold(message)
 
     def take_node(self, node: NodeStatus) -> bool:
         """Keep a node's status; return whether its state, losses or kinds of warnings changed."""
-        before = self._nodes.get(node.node)
-        self._nodes[node.node] = node
+        before = self._state.statuses.get(node.node)
+        self._state.fold(node)
         return before is None or _reported_state(before) != _reported_state(node)
 
     @property
     def posterior(self) -> FoundationPosterior | None:
         """The latest posterior."""
-        return self._posterior
+        return self._state.posterior
 
     @property
     def modes(self) -> tuple[Mode, ...]:
         """Modes of the latest identified window."""
-        return () if self._estimate is None else self._estimate.modes
+        return () if self._state.estimate is None else self._state.estimate.modes
 
     @property
     def n_rejected(self) -> int:
         """Number of rejected windows."""
-        return self._rejections.total()
+        return self._state.rejections.total()
 
     @property
     def n_gaps(self) -> int:
         """Number of gaps in the stream."""
-        return self._n_gaps
+        return self._state.received[StreamGap.__name__]
+
+    @property
+    def _event(self) -> FoundationEvent | None:
+        """The latest change."""
+        return self._state.events[-1] if self._state.events else None
+
+    @property
+    def _missing(self) -> float:
+        """Measured time that is missing [s]."""
+        return sum(unit.missing_ns for unit in self._state.units.values()) / NANOSECONDS
 
     @property
     def indicators(self) -> tuple[StatusIndicator, StatusIndicator, StatusIndicator]:
@@ -125,42 +105,45 @@ class SessionStatus:
         return "\n\n".join([*self._windows(), *self._node_table()])
 
     def _measurements_indicator(self) -> StatusIndicator:
-        lost = sum(node.lost for node in self._nodes.values())
-        if self._n_gaps or lost:
+        lost = sum(node.lost for node in self._state.statuses.values())
+        if self.n_gaps or lost:
             return StatusIndicator(
-                "warning", f"measurements: {count_noun(self._n_gaps, 'gap')}, {lost} lost"
+                "warning", f"measurements: {count_noun(self.n_gaps, 'gap')}, {lost} lost"
             )
-        if self._estimate is None and not self._rejections:
+        if self._state.estimate is None and not self._state.rejections:
             return StatusIndicator("unknown", "measurements: no complete window yet")
         return StatusIndicator("good", "measurements: complete")
 
     def _modes_indicator(self) -> StatusIndicator:
-        if self._last_rejected:
+        last = self._state.last_answer
+        if isinstance(last, WindowRejected) and last.code != CUT_SHORT:
             return StatusIndicator("bad", "modes: the last window was rejected")
-        if self._estimate is None:
+        if self._state.estimate is None:
             return StatusIndicator("unknown", "modes: none yet")
-        found = count_noun(len(self._estimate.modes), "mode")
-        if self._estimate.warnings:
+        found = count_noun(len(self._state.estimate.modes), "mode")
+        if self._state.estimate.warnings:
             return StatusIndicator("warning", f"{found}, with a warning")
         return StatusIndicator("good", f"{found} in the last window")
 
     def _foundation_indicator(self) -> StatusIndicator:
         if not self._has_structure:
             return StatusIndicator("unknown", "foundation: no structural model")
-        if self._posterior is None:
+        if self._state.posterior is None:
             return StatusIndicator("unknown", "foundation: no posterior yet")
-        if not self._posterior.trusted:
+        if not self._state.posterior.trusted:
             return StatusIndicator("bad", "foundation: NOT TRUSTED")
         if self._event is not None:
-            return StatusIndicator("warning", CHANGED.get(self._event.kind, CHANGED["undecided"]))
+            return StatusIndicator(
+                "warning", CHANGE_TEXTS.get(self._event.kind, CHANGE_TEXTS["undecided"])
+            )
         return StatusIndicator("good", "foundation: known")
 
     def _summary(self) -> str:
-        posterior = self._posterior
+        posterior = self._state.posterior
         if not self._has_structure:
-            if self._estimate is None:
+            if self._state.estimate is None:
                 return "Modes only: no window is identified yet."
-            found = frequencies_text([mode.frequency for mode in self._estimate.modes])
+            found = frequencies_text([mode.frequency for mode in self._state.estimate.modes])
             return f"Modes only: {found} in the last window."
         if posterior is None:
             return "No posterior yet: it comes with the first window whose modes are paired."
@@ -174,13 +157,15 @@ class SessionStatus:
         )
 
     def _foundation(self) -> list[str]:
-        posterior = self._posterior
+        posterior = self._state.posterior
         if posterior is None:
             return []
         rows = ["| ÷ nominal | median | 90 % interval | truth |", "|---|---|---|---|"]
         for name in STIFFNESSES:
             k = posterior.parameter(name)
-            truth = f"{getattr(self._truth, name) / k.nominal:.3f}" if self._truth else "–"
+            truth = (
+                f"{getattr(self._state.truth, name) / k.nominal:.3f}" if self._state.truth else "–"
+            )
             interval = f"{k.p05 / k.nominal:.3f} … {k.p95 / k.nominal:.3f}"
             rows.append(f"| {name} | {k.median / k.nominal:.3f} | {interval} | {truth} |")
         sigma = posterior.parameter("sigma")
@@ -195,25 +180,32 @@ class SessionStatus:
         return ["\n".join(rows), fit]
 
     def _windows(self) -> list[str]:
-        found = f", {len(self._estimate.modes)} modes in the last" if self._estimate else ""
-        lines = [f"- {self._n_identified} identified{found}", self._rejected_line()]
+        found = (
+            f", {len(self._state.estimate.modes)} modes in the last" if self._state.estimate else ""
+        )
+        lines = [
+            f"- {self._state.received[ModalEstimate.__name__]} identified{found}",
+            self._rejected_line(),
+        ]
         lines += [
-            f"  - {clock_time(window.start_ns)}: {window.reason}" for window in self._rejected
+            f"  - {clock_time(window.start_ns)}: {window.reason}" for window in self._state.rejected
         ]
         lines.append(
-            f"- {count_noun(self._n_gaps, 'gap')} in the stream, {self._missing_s:.1f} s in all"
+            f"- {count_noun(self.n_gaps, 'gap')} in the stream, {self._missing:.1f} s in all"
         )
-        lines += [f"  - {gap_text(gap)}" for gap in self._gaps]
+        lines += [f"  - {gap_text(gap)}" for gap in self._state.gaps]
         return ["#### Windows", "\n".join(lines)]
 
     def _rejected_line(self) -> str:
         """'- 7 rejected: 3 × gap, 4 × constant; the last 5:'."""
-        reasons = ", ".join(f"{count} × {code}" for code, count in self._rejections.most_common())
+        reasons = ", ".join(
+            f"{count} × {code}" for code, count in self._state.rejections.most_common()
+        )
         listed = f"; the last {_LISTED}:" if self.n_rejected > _LISTED else ""
         return f"- {self.n_rejected} rejected" + (f": {reasons}{listed}" if reasons else "")
 
     def _warnings(self) -> list[str]:
-        results = (self._estimate, self._posterior)
+        results = (self._state.estimate, self._state.posterior)
         warnings = [warning for result in results if result for warning in result.warnings]
         if not warnings:
             return []
@@ -223,17 +215,17 @@ class SessionStatus:
         ]
 
     def _node_table(self) -> list[str]:
-        if not self._nodes:
+        if not self._state.statuses:
             return []
         rows = ["| node | state | lost | late | duplicate | malformed | busy |", "|---" * 7 + "|"]
         rows += [
             f"| {node.node} | {node.state} | {node.lost} | {node.late} | {node.duplicate} "
             f"| {node.malformed} | {node.busy_s:.1f} s |"
-            for _, node in sorted(self._nodes.items())
+            for _, node in sorted(self._state.statuses.items())
         ]
         listed = [  # as code: untrusted text makes neither links nor pictures
             f"- {node.node}: `{warning.text.replace('`', '´')}`"
-            for _, node in sorted(self._nodes.items())
+            for _, node in sorted(self._state.statuses.items())
             for warning in node.warnings
         ]
         return ["#### Nodes", "\n".join(rows), *(["\n".join(listed)] if listed else [])]

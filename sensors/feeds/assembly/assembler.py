@@ -11,9 +11,9 @@ Decisions depend on the stamps alone, never on when a message arrived.
 import logging
 from collections.abc import Iterator
 
-from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.blocks import BLOCK_DURATION, AccelerationBlock
 from sensors.feeds.assembly.block_builder import SessionNames
-from sensors.feeds.assembly.channel_map import Columns
+from sensors.feeds.assembly.channel_map import LayoutColumns
 from sensors.feeds.assembly.clock_estimate import (
     SET_ANEW,
     STAMPS,
@@ -27,7 +27,6 @@ from sensors.files.layout_file import LayoutFile
 
 logger = logging.getLogger(__name__)
 
-BLOCK = 1.0  # [s]
 WAIT = 2.0  # of sensor time, for a channel that is late [s]
 MOST_EARLY = 10_000  # pieces that wait for a rate
 LONGEST_PIECE = 120.0  # of one message [s], however slow the sampling
@@ -51,10 +50,10 @@ class Assembler:
         counts: FeedCounts,
         *,
         sampling_rate: float | None = None,
-        block: float = BLOCK,
+        block: float = BLOCK_DURATION,
         wait: float = WAIT,
     ) -> None:
-        self._columns = Columns(layout)
+        self._columns = LayoutColumns(layout)
         self._counts = counts
         self._given, self._rate = sampling_rate, sampling_rate
         self._block, self._wait = block, wait

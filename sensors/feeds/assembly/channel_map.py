@@ -11,11 +11,11 @@ from sensors.files.layout_file import LayoutFile, MappedChannel
 from sensors.files.table import in_standard_unit
 
 FeedLayout = LayoutFile
-LARGEST = float(np.finfo(np.float32).max)  # that a block can hold, in its unit
+LARGEST_SAMPLE = float(np.finfo(np.float32).max)  # that a block can hold, in its unit
 UNSAID = "m/s²"  # what samples are in where neither layout nor message states it
 
 
-class Columns:
+class LayoutColumns:
     """The channels of a layout as the columns of a unit's blocks."""
 
     def __init__(self, layout: FeedLayout) -> None:
@@ -54,7 +54,7 @@ class Columns:
         factors = [factor_of(self._channels[name], piece.unit) for name in piece.names]
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = piece.samples * np.array(factors)
-            scaled[~(np.abs(scaled) <= LARGEST)] = np.nan
+            scaled[~(np.abs(scaled) <= LARGEST_SAMPLE)] = np.nan
         return [self._numbers[name] for name in piece.names], scaled
 
 

@@ -8,14 +8,13 @@ import math
 
 import numpy as np
 
-from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS, RATE_TOLERANCE
 from sensors.feeds.lru import LruCache
 from sensors.files.table import rate_of_stamps
 
 # Samples over which the clock follows the stamps: a drift of 100 ppm is followed within a tenth of
 # a sample, jitter of half a sample moves it by a fiftieth. At first all stamps count alike.
 FOLLOWED = 1000.0
-RATE_TOLERANCE = 1e-3  # between reported values of a sampling rate, relative
 SET_ANEW = 10  # messages in a row that report another rate
 STAMPS = 64  # single samples whose stamps give their rate
 

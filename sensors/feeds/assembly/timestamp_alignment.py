@@ -8,20 +8,18 @@ while the numbers go on) begins another session.
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, RESTART_SILENCE, AccelerationBlock
 from sensors.feeds.assembly.block_builder import RowCutter, SessionNames
-from sensors.feeds.assembly.channel_map import Columns
+from sensors.feeds.assembly.channel_map import LayoutColumns
 from sensors.feeds.assembly.channel_source import ChannelSources
 from sensors.feeds.assembly.clock_estimate import UnitClock
 from sensors.feeds.assembly.row_buffer import WaitingRows
 from sensors.feeds.lru import LruCache
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
-AGREEING = 3  # messages in a row whose stamps leap to the same place
+AGREEING_LEAPS = 3  # messages in a row whose stamps leap to the same place
 JITTER = 0.5  # of a stamp [samples]
-FEW = 64  # samples, before which the first stamp's own jitter is still in the clock
-CLOCK_STEP = 0.5  # of the stamps, while the numbers go on: the clock was set [s]
-RESTARTED = 600.0  # a unit that was silent that long begins a new session [s]
+FEW_SAMPLES = 64  # samples, before which the first stamp's own jitter is still in the clock
 
 
 @dataclass(slots=True)
@@ -48,7 +46,7 @@ class TimestampAligner:
     def __init__(
         self,
         first: ChannelSamples,
-        columns: Columns,
+        columns: LayoutColumns,
         counts: FeedCounts,
         *,
         rate: float,
@@ -86,7 +84,7 @@ class TimestampAligner:
         if stream.held and not self._agree(stream.held[-1], piece):
             self._drop_held(stream)
         stream.held.append(piece)
-        if len(stream.held) >= AGREEING:
+        if len(stream.held) >= AGREEING_LEAPS:
             yield from self._believe(stream)
 
     def _stream(self, name: str) -> _Stream:
@@ -147,7 +145,7 @@ class TimestampAligner:
         position = self._clock.position(piece.start_ns)
         if stream.next is None or piece.start_ns == stream.last_ns:
             return round(position)
-        near = JITTER if stream.next > FEW else 2 * JITTER - 0.05
+        near = JITTER if stream.next > FEW_SAMPLES else 2 * JITTER - 0.05
         return (
             stream.next if piece.follows or abs(position - stream.next) <= near else round(position)
         )
@@ -156,7 +154,7 @@ class TimestampAligner:
         """What the stamps of a stream have leapt to is so."""
         first = stream.held[0]
         ahead = self._clock.position(first.start_ns) - self._rows.newest
-        if first.follows or not 0 < ahead <= RESTARTED * self._rate:
+        if first.follows or not 0 < ahead <= RESTART_SILENCE * self._rate:
             yield from self._rows.part(self._clock)
             self._begin(first)
         else:

@@ -50,7 +50,7 @@ _ENDINGS = ("/data", "/metadata")
 
 
 @dataclass(frozen=True, slots=True)
-class Metadata:
+class ChannelMetadata:
     """What a channel reports of itself."""
 
     sampling_rate: float  # [Hz]
@@ -97,9 +97,9 @@ class CpSensReader:
     ) -> None:
         self._listed = frozenset(listed)
         self._numbers = SenderNumbers(counts)
-        self._default = Metadata(sampling_rate) if sampling_rate else None
+        self._default = ChannelMetadata(sampling_rate) if sampling_rate else None
         self._clock = clock
-        self._metadata: LruCache[Metadata] = LruCache()  # by channel's topic
+        self._metadata: LruCache[ChannelMetadata] = LruCache()  # by channel's topic
         self._arrival: LruCache[tuple[int, int]] = LruCache()  # a sample's number, its time [ns]
 
     def read(self, payload: bytes, topic: str) -> ChannelSamples | None:
@@ -136,7 +136,7 @@ class CpSensReader:
             status,
         )
 
-    def _names(self, base: str, metadata: Metadata, columns: int) -> tuple[str, ...]:
+    def _names(self, base: str, metadata: ChannelMetadata, columns: int) -> tuple[str, ...]:
         """What the layout calls the channel, or else its topic."""
         channel = _without(base, ("/acc/raw",))
         topics = named_by(channel, self._listed)
@@ -147,7 +147,7 @@ class CpSensReader:
         return tuple(f"{channel}/{number + 1}" for number in range(columns))
 
     def _time(
-        self, base: str, descriptor: Descriptor, metadata: Metadata
+        self, base: str, descriptor: Descriptor, metadata: ChannelMetadata
     ) -> tuple[int, BlockStatus]:
         since = round(descriptor.first_sample * NANOSECONDS / metadata.sampling_rate)
         if descriptor.time_ns is not None:
@@ -161,14 +161,14 @@ class CpSensReader:
         return time_ns + since, BlockStatus.CLOCK_UNSYNCHRONISED
 
 
-def metadata_of(said: Any) -> Metadata:
+def metadata_of(said: Any) -> ChannelMetadata:
     """What a metadata message reports. Raises MessageError where it gives no sampling rate."""
     if not isinstance(said, dict):
         raise MessageError("metadata that is no object")
     rate = _rate(said)
     data, sensor = _part(said, "Data"), _part(said, "Sensor")
     names = (_part(said, "Engineering").get("channelName"), sensor.get("S/N"))
-    return Metadata(
+    return ChannelMetadata(
         rate,
         _dtype(str(data.get("Type", "float"))),
         str(data.get("Unit", "")),
@@ -233,7 +233,7 @@ def _order(payload: bytes) -> str | None:
     return None
 
 
-def _samples(payload: bytes, descriptor: Descriptor, metadata: Metadata) -> Any:
+def _samples(payload: bytes, descriptor: Descriptor, metadata: ChannelMetadata) -> Any:
     """(n_samples, n_columns)"""
     order = "<" if descriptor.length >= DESCRIPTOR_BYTES + 4 else descriptor.order
     dtype = np.dtype(order + metadata.dtype)

@@ -28,7 +28,7 @@ from sensors.acquisition.blocks import BlockStatus
 from sensors.arrays import FloatArray
 from sensors.feeds.payloads.timestamps import LATEST_NS
 
-MAGIC = b"PWB1"
+FRAME_MAGIC = b"PWB1"
 HEADER = struct.Struct("<4sHHHHIQQQd")
 SIGNED = 1
 SIGNATURE_BYTES = 32
@@ -62,7 +62,7 @@ def encoded(frame: Frame, key: bytes = b"") -> bytes:
     names = ",".join(frame.names).encode()
     n_samples, n_channels = frame.samples.shape
     header = HEADER.pack(
-        MAGIC,
+        FRAME_MAGIC,
         SIGNED if key else 0,
         int(frame.status),
         len(names),
@@ -84,7 +84,7 @@ def decoded(payload: bytes, key: bytes = b"") -> Frame:
     the signature is missing or another.
     """
     _require(len(payload) <= LARGEST_FRAME, f"{len(payload)} bytes; at most {LARGEST_FRAME}")
-    _require(payload[:4] == MAGIC, f"begins with {payload[:4]!r}, not with {MAGIC!r}")
+    _require(payload[:4] == FRAME_MAGIC, f"begins with {payload[:4]!r}, not with {FRAME_MAGIC!r}")
     _require(len(payload) >= HEADER.size, f"{len(payload)} bytes; a header has {HEADER.size}")
     _, flags, status, names_length, n_channels, n_samples, *numbers, rate = HEADER.unpack_from(
         payload

@@ -25,7 +25,7 @@ from sensors.feeds.payloads.sequence_numbers import SenderNumbers
 from sensors.feeds.payloads.timestamps import moment_ns
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
-LARGEST_MESSAGE = 2**20  # [bytes]
+LARGEST_JSON = 2**20  # [bytes]
 _TIMES = ("time", "timestamp", "t")
 _RATES = ("rate", "sampling_rate", "fs")
 _SEQUENCES = ("sequence", "seq")
@@ -39,8 +39,8 @@ class MessageError(ValueError):
 
 def json_of(payload: bytes) -> Any:
     """What a payload holds. Raises MessageError where it is no JSON, or a megabyte and more."""
-    if len(payload) > LARGEST_MESSAGE:
-        raise MessageError(f"{len(payload)} bytes; at most {LARGEST_MESSAGE}")
+    if len(payload) > LARGEST_JSON:
+        raise MessageError(f"{len(payload)} bytes; at most {LARGEST_JSON}")
     try:
         return json.loads(payload)
     except (ValueError, RecursionError) as error:

@@ -18,10 +18,10 @@ from sensors.feeds.payloads.json_samples import MessageError
 from sensors.feeds.payloads.timestamps import moment_ns
 from sensors.feeds.protocol import FeedCounts, FeedError
 
-STATES = ("parked", "idling", "start", "operating", "stop", "")
-LARGEST = 1e9  # of any figure, in whatever unit
+REPORTED_STATES = ("parked", "idling", "start", "operating", "stop", "")
+LARGEST_FIGURE = 1e9  # of any figure, in whatever unit
 LEAP = 86_400.0  # between two reports: a stamp farther ahead is believed when others agree [s]
-AGREEING = 3  # reports in a row
+AGREEING_REPORTS = 3  # reports in a row
 _FIGURES = tuple(
     field.name
     for field in dataclasses.fields(ScadaSample)
@@ -68,8 +68,8 @@ class ScadaReader:
         if not any(name in said for name in self.names[1:]):
             raise MessageError(f"none of {', '.join(self.names[1:])} in it")
         state = str(said.get(self._state, "") or "").strip().lower()
-        if state not in STATES:
-            raise MessageError(f"{self._state} is {state!r:.20}; {', '.join(STATES[:-1])}")
+        if state not in REPORTED_STATES:
+            raise MessageError(f"{self._state} is {state!r:.20}; {', '.join(REPORTED_STATES[:-1])}")
         figures = {name: _figure(each, said) for name, each in self._figures.items()}
         return ScadaSample(self._turbine, time_ns, state, **figures)
 
@@ -95,11 +95,11 @@ class RisingTimes:
             return self._take([sample])
         if self._held and not _follows(sample.time_ns, self._held[-1].time_ns):
             self._drop_held()
-        if sample.time_ns <= self._newest_ns and self._shown >= AGREEING:
+        if sample.time_ns <= self._newest_ns and self._shown >= AGREEING_REPORTS:
             self._count(sample)
             return []
         self._held.append(sample)
-        if len(self._held) < AGREEING:
+        if len(self._held) < AGREEING_REPORTS:
             return []
         held, self._held, self._shown = self._held, [], 0
         return self._take(held)
@@ -148,4 +148,4 @@ def _figure(mapped: _Mapped, said: Mapping[str, Any]) -> float:
         value = float(written) * mapped.factor
     except (TypeError, ValueError, OverflowError) as error:
         raise MessageError(f"{mapped.name} is {written!r:.40}, which is no number") from error
-    return value if abs(value) <= LARGEST else math.nan
+    return value if abs(value) <= LARGEST_FIGURE else math.nan

@@ -6,7 +6,7 @@ from sensors.feeds.lru import LruCache
 from sensors.feeds.protocol import FeedCounts
 
 WATCHED = 4096  # newest numbers of which it is known one by one whether they came
-FARTHEST = 1_000_000  # a number so far ahead is no loss but nonsense, or another start
+FARTHEST_AHEAD = 1_000_000  # a number so far ahead is no loss but nonsense, or another start
 
 
 class Place(Enum):
@@ -50,7 +50,7 @@ class SequenceMonitor:
             self._begin(session, sequence, time_ns)
             return Place.AHEAD
         step = sequence - self._newest
-        if step > FARTHEST:
+        if step > FARTHEST_AHEAD:
             return Place.OLD
         if step > 0:
             self._advance(sequence, time_ns)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from sensors.feeds.lru import LruCache
-from sensors.feeds.payloads.json_samples import LARGEST_MESSAGE, MessageError
+from sensors.feeds.payloads.json_samples import LARGEST_JSON, MessageError
 
 NAMESPACE = "spBv1.0"
 MOST_ALIASES = 10_000  # of one node
@@ -42,8 +42,8 @@ class SparkplugDecoder:
         MessageError
             If it is no Sparkplug B payload.
         """
-        if len(payload) > LARGEST_MESSAGE:
-            raise MessageError(f"{len(payload)} bytes; at most {LARGEST_MESSAGE}")
+        if len(payload) > LARGEST_JSON:
+            raise MessageError(f"{len(payload)} bytes; at most {LARGEST_JSON}")
         levels = topic.split("/")
         kind = levels[2] if len(levels) > 3 and levels[0] == NAMESPACE else ""
         if kind not in ("NBIRTH", "DBIRTH", "NDATA", "DDATA"):

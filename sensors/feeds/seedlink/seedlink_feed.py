@@ -43,13 +43,13 @@ from sensors.feeds.address import FeedAddress
 from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.timestamps import LATEST_NS
 from sensors.feeds.position import FeedPosition
-from sensors.feeds.protocol import ChannelSamples, FeedCounts, FeedError, Inbox
+from sensors.feeds.protocol import ArrivalQueue, ChannelSamples, FeedCounts, FeedError
 from sensors.feeds.reconnect import LinkError, kept_connected
 from sensors.feeds.seedlink.packets import packet_3, packet_4
 
 logger = logging.getLogger(__name__)
 
-QUIET = 30.0  # after so long without a packet the server is asked whether it lives [s]
+QUIET_SERVER = 30.0  # after so long without a packet the server is asked whether it lives [s]
 ANSWER = 10.0  # for the server's answers [s]
 LONGEST_LINE = 1024  # [bytes]
 
@@ -130,7 +130,7 @@ class SeedLinkFeed:
         address: FeedAddress,
         *,
         once: bool,
-        quiet: float = QUIET,
+        quiet: float = QUIET_SERVER,
         position: FeedPosition | None = None,
     ) -> None:
         self.name = address.text
@@ -145,7 +145,7 @@ class SeedLinkFeed:
         self._version = 3
         self._once, self._quiet = once, quiet
 
-    async def run(self, inbox: Inbox) -> None:
+    async def run(self, inbox: ArrivalQueue) -> None:
         """Raises FeedError for stations that the server refuses at the start."""
 
         async def session() -> None:
@@ -153,7 +153,7 @@ class SeedLinkFeed:
 
         await kept_connected(session, self.name, self.counts, once=self._once)
 
-    async def _session(self, inbox: Inbox) -> None:
+    async def _session(self, inbox: ArrivalQueue) -> None:
         async with _connection(self._host, self._port, self._tls) as (reader, writer):
             await self._negotiate(reader, writer)
             if self.counts.connect():

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.files.named_arrays import NamedArray, find_channels
-from sensors.files.sep005 import Channel
+from sensors.files.sep005 import Sep005Channel
 from sensors.files.table import FileError, require_file, require_module
 
-SCALE = ("scale_factor", "scale")
+SCALE_NOTES = ("scale_factor", "scale")
 SHIFT = ("add_offset", "offset")
 FILL = ("_FillValue", "missing_value")
 
 
-def read_hdf5(path: Path) -> list[Channel]:
+def read_hdf5(path: Path) -> list[Sep005Channel]:
     """Return the channels of an HDF5 file.
 
     Returns
@@ -85,7 +85,7 @@ def _in_units(values: NDArray[Any], notes: dict[str, Any], place: str) -> NDArra
     """Counts as what they stand for; NaN where the file marks a missing value."""
     if values.dtype.kind not in "iuf":
         return values
-    scale, shift, fill = (_factor(notes, names, place) for names in (SCALE, SHIFT, FILL))
+    scale, shift, fill = (_factor(notes, names, place) for names in (SCALE_NOTES, SHIFT, FILL))
     if scale is None and fill is None and "add_offset" not in notes:
         return values
     missing = values == fill if fill is not None else np.zeros(values.shape, dtype=bool)

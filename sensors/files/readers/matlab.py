@@ -19,18 +19,18 @@ from scipy.io.matlab import MatReadError, MatReadWarning
 
 from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.readers.hdf5 import read_hdf5
-from sensors.files.sep005 import Channel
+from sensors.files.sep005 import Sep005Channel
 from sensors.files.table import FileError, require_file
 
 HDF5_OFFSET = 512  # MATLAB puts a text before the HDF5 of version 7.3 [bytes]
 HDF5_MAGIC = b"\x89HDF"
-DAMAGE = (
+MATLAB_DAMAGE = (
     *(OSError, ValueError, LookupError, EOFError, struct.error, NotImplementedError),
     *(AttributeError, TypeError, ArithmeticError, MemoryError, MatReadError, zlib.error),
 )
 
 
-def read_mat(path: Path) -> list[Channel]:
+def read_mat(path: Path) -> list[Sep005Channel]:
     """Read the channels of a MAT file of any version.
 
     Parameters
@@ -57,7 +57,7 @@ def read_mat(path: Path) -> list[Channel]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", MatReadWarning)  # of one name that is used twice
             content = loadmat(path, simplify_cells=True)
-    except DAMAGE as error:
+    except MATLAB_DAMAGE as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise FileError(f"{path}: no readable MATLAB file: {reason}") from error
     variables = {name: each for name, each in content.items() if not name.startswith("__")}

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.files.sep005 import Channel
+from sensors.files.sep005 import Sep005Channel
 from sensors.files.table import FileError, require_file, require_module
 
 INSTRUMENTS = {"N": "a", "H": "v", "L": "v", "P": "v"}
 
 
-def read_miniseed(path: Path) -> list[Channel]:
+def read_miniseed(path: Path) -> list[Sep005Channel]:
     """Return the channels of a miniSEED file.
 
     Returns
@@ -61,10 +61,10 @@ def _read(obspy: Any, path: Path) -> Any:
     return stream
 
 
-def _channel(trace: Any) -> Channel:
+def _channel(trace: Any) -> Sep005Channel:
     stats = trace.stats
     start = np.datetime64(int(stats.starttime.ns), "ns")
-    return Channel(
+    return Sep005Channel(
         data=np.ma.asarray(trace.data, dtype=np.float64),
         name=trace.id,
         unit_str="",

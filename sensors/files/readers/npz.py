@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.files.named_arrays import NamedArray, find_channels
-from sensors.files.sep005 import Channel
+from sensors.files.sep005 import Sep005Channel
 from sensors.files.table import FileError, require_file
 
 # What numpy raises of files that are no such archive: a broken header is read as Python's grammar.
-DAMAGE = (
+NPZ_DAMAGE = (
     *(OSError, ValueError, EOFError, KeyError, TypeError, MemoryError, NotImplementedError),
     *(RuntimeError, SyntaxError, tokenize.TokenError, zipfile.BadZipFile, zlib.error),
 )
 
 
-def read_npz(path: Path) -> list[Channel]:
+def read_npz(path: Path) -> list[Sep005Channel]:
     """Return the channels of an NPZ file.
 
     Returns
@@ -42,7 +42,7 @@ def read_npz(path: Path) -> list[Channel]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             arrays: dict[str, NDArray[Any]] = dict(archive)
-    except DAMAGE as error:
+    except NPZ_DAMAGE as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise FileError(f"{path}: no readable NPZ file: {reason}") from error
     notes = {
@@ -52,7 +52,7 @@ def read_npz(path: Path) -> list[Channel]:
     return find_channels(series, path)
 
 
-def read_npy(path: Path) -> list[Channel]:
+def read_npy(path: Path) -> list[Sep005Channel]:
     """Return the channels of an NPY file.
 
     Returns
@@ -67,7 +67,7 @@ def read_npy(path: Path) -> list[Channel]:
     require_file(path)
     try:
         values = np.load(path, allow_pickle=False)
-    except DAMAGE as error:
+    except NPZ_DAMAGE as error:
         reason = " ".join(str(error).split())
         raise FileError(f"{path}: no readable NPY file: {reason}") from error
     if not isinstance(values, np.ndarray):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from sensors.arrays import FloatArray
-from sensors.files.sep005 import Channel
+from sensors.files.sep005 import Sep005Channel
 from sensors.files.table import FileError, require_file
 
 WITH_TIME, WITHOUT_TIME, UNCOMPRESSED, LONG_NAMES = 1, 2, 3, 4  # values of the format
@@ -58,7 +58,7 @@ class _Bytes:
         return self.array("u1", length).tobytes().decode("latin-1").strip()
 
 
-def read_outb(path: Path) -> list[Channel]:
+def read_outb(path: Path) -> list[Sep005Channel]:
     """Read the channels of a binary output file of OpenFAST.
 
     Parameters
@@ -87,7 +87,7 @@ def read_outb(path: Path) -> list[Channel]:
         raise FileError(f"{path}: no readable OpenFAST output: {error}") from error
 
 
-def _channels(source: _Bytes) -> list[Channel]:
+def _channels(source: _Bytes) -> list[Sep005Channel]:
     kind = source.integer("<i2")
     if kind not in (WITH_TIME, WITHOUT_TIME, UNCOMPRESSED, LONG_NAMES):
         raise ValueError(f"its format is {kind}; 1 to 4 are known")
@@ -107,7 +107,7 @@ def _channels(source: _Bytes) -> list[Channel]:
     samples = source.array("<f8" if kind == UNCOMPRESSED else "<i2", count * steps)
     values = (samples.reshape(steps, count).astype(np.float64) - offset) / scale
     return [
-        Channel(data=column, name=name, unit_str="" if unit == "-" else unit, time=times)
+        Sep005Channel(data=column, name=name, unit_str="" if unit == "-" else unit, time=times)
         for column, name, unit in zip(values.T, names, units, strict=True)
     ]
 

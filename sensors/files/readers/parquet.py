@@ -17,7 +17,7 @@ from sensors.files.text.column_titles import distinct, split_unit
 from sensors.files.text.columns import Column, ColumnKind, convert_batches, sort_columns
 from sensors.files.text.dates import kind_of_text
 
-ROWS = 2**16  # that are read at a time
+ROWS_OF_BATCH = 2**16  # that are read at a time
 LOOKED_AT = 60  # of the first rows, to find the kind of a column
 
 
@@ -35,7 +35,7 @@ def read_parquet_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[Cha
     """
     try:
         with parquet.ParquetFile(path) as file:
-            batches = file.iter_batches(batch_size=ROWS)
+            batches = file.iter_batches(batch_size=ROWS_OF_BATCH)
             first = next(batches, None)
             if first is None:
                 raise FileError(f"{path}: 0 sample(s); at least two are needed")

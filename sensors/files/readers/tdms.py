@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 
 from sensors.files.named_arrays import NamedArray, find_channels
-from sensors.files.sep005 import Channel
+from sensors.files.sep005 import Sep005Channel
 from sensors.files.table import FileError, require_file, require_module
 
-DAMAGE = (
+TDMS_DAMAGE = (
     *(OSError, ValueError, LookupError, EOFError, struct.error, NotImplementedError),
     *(AttributeError, TypeError, ArithmeticError, MemoryError),
 )
 
 
-def read_tdms(path: Path) -> list[Channel]:
+def read_tdms(path: Path) -> list[Sep005Channel]:
     """Return the channels of a TDMS file.
 
     Returns
@@ -43,7 +43,7 @@ def read_tdms(path: Path) -> list[Channel]:
             cut = file.file_status.incomplete_final_segment
     except FileError:
         raise
-    except DAMAGE as error:
+    except TDMS_DAMAGE as error:
         reason = " ".join(str(error).split())
         raise FileError(f"{path}: no readable TDMS file: {reason}") from error
     if cut:

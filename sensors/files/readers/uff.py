@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sensors.files.sep005 import Channel
+from sensors.files.sep005 import Sep005Channel
 from sensors.files.table import FileError, require_file, require_module
 
 DELIMITER = b"    -1"  # before and behind every dataset
@@ -25,7 +25,7 @@ DIRECTIONS = {
 QUANTITIES = {8: "d", 11: "v", 12: "a"}  # `ordinate_spec_data_type`
 
 
-def read_uff(path: Path) -> list[Channel]:
+def read_uff(path: Path) -> list[Sep005Channel]:
     """Read the time responses of a universal file.
 
     Parameters
@@ -66,10 +66,10 @@ def read_uff(path: Path) -> list[Channel]:
     return channels
 
 
-def _channel(dataset: dict[str, Any]) -> Channel:
+def _channel(dataset: dict[str, Any]) -> Sep005Channel:
     name = f"{dataset['rsp_node']}{DIRECTIONS.get(int(dataset['rsp_dir']), '')}"
     unit = str(dataset["ordinate_axis_units_lab"]).strip()
-    channel = Channel(
+    channel = Sep005Channel(
         data=np.asarray(dataset["data"]),
         name=name,
         unit_str="" if unit.upper() == "NONE" else unit,

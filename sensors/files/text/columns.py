@@ -26,7 +26,7 @@ from sensors.files.table import (
     in_standard_unit,
 )
 from sensors.files.text.column_titles import distinct, is_number_title, is_time_title, time_unit
-from sensors.files.text.time_column import Clock, ClockError
+from sensors.files.text.time_column import ClockError, TextClock
 
 logger = logging.getLogger(__name__)
 
@@ -59,7 +59,7 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Columns:
+class SortedColumns:
     """Which columns of a table are what."""
 
     all: tuple[Column, ...]
@@ -79,7 +79,9 @@ class Columns:
         return tuple(sorted((*self.clock, *self.channels)))
 
 
-def sort_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING) -> Columns:
+def sort_columns(
+    columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING
+) -> SortedColumns:
     """Find time, channels, and what is left out, which is logged once a file.
 
     Returns
@@ -112,7 +114,7 @@ def sort_columns(columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTH
         )
     if times:
         log_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
-    return Columns(tuple(columns), channels, clock if wanted.stamps else ())
+    return SortedColumns(tuple(columns), channels, clock if wanted.stamps else ())
 
 
 def _stated_clock(
@@ -199,7 +201,7 @@ def log_once(text: str) -> None:
 
 
 def convert_batches(
-    batches: Iterable[pa.RecordBatch], columns: Columns, path: Path
+    batches: Iterable[pa.RecordBatch], columns: SortedColumns, path: Path
 ) -> Iterator[ChannelTable]:
     """Yield the batches of a file as chunks; `times` of all count from the file's first sample.
 
@@ -240,14 +242,14 @@ def convert_batches(
 
 
 def _seconds_of(
-    columns: Columns, place: dict[int, int], path: Path
+    columns: SortedColumns, place: dict[int, int], path: Path
 ) -> Callable[[ChannelTable, pa.RecordBatch], ChannelTable]:
     """What puts the times beside the samples of a batch."""
     if not columns.clock:
         return lambda chunk, _: replace(chunk, start_ns=columns.start_ns)
     titles = [columns.all[i] for i in columns.clock]
     unit = titles[0].unit or time_unit(titles[0].name)
-    clock = Clock(" and ".join(each.name for each in titles), unit)
+    clock = TextClock(" and ".join(each.name for each in titles), unit)
 
     def timed(chunk: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
         stamps = [batch.column(place[i]) for i in columns.clock]

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-Kind = Literal["moment", "date", "time of day"]
+DateKind = Literal["moment", "date", "time of day"]
 Order = Literal["ymd", "dmy", "mdy"]
 
 MONTHS = ("jan", "feb", "m[aä]r", "apr", "ma[yi]", "jun", "jul", "aug", "sep", "o[ck]t", "nov",
@@ -28,7 +28,7 @@ _YEAR_LAST = r"\d{1,2}(?:\. |[-/. ])(?:\d{1,2}|[^\W\d]{3,9}\.?)[-/. ](?:\d{4}|\d
 _DATE = rf"(?:{_YEAR_FIRST}|{_YEAR_LAST})"
 _TIME = r"\d{1,2}:\d{1,2}(?::\d{1,2}(?:[.,:]\d+)?|[.,]\d+)?"
 _ENDING = r"(?:\s*(?:[AaPp][Mm]|UTC|GMT|Z|[+-]\d{2}:?\d{2}))?"
-_KINDS: dict[Kind, re.Pattern[str]] = {
+_KINDS: dict[DateKind, re.Pattern[str]] = {
     "moment": re.compile(rf"{_DATE}[T _,;]+{_TIME}{_ENDING}"),
     "date": re.compile(_DATE),
     "time of day": re.compile(_TIME + _ENDING),
@@ -40,7 +40,7 @@ class DateError(ValueError):
     """A text that is no time, or an order of day and month that nothing shows."""
 
 
-def kind_of_text(text: str) -> Kind | None:
+def kind_of_text(text: str) -> DateKind | None:
     """Return whether a text is a moment, a date or a time of day; None where it is none of them."""
     return next((kind for kind, form in _KINDS.items() if form.fullmatch(text.strip())), None)
 

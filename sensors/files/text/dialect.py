@@ -18,7 +18,7 @@ from typing import TypeVar
 
 from sensors.files.table import EVERYTHING, FileError, Wanted
 from sensors.files.text.column_titles import distinct, is_time_title, is_unit, split_unit
-from sensors.files.text.columns import Column, ColumnKind, Columns, sort_columns
+from sensors.files.text.columns import Column, ColumnKind, SortedColumns, sort_columns
 from sensors.files.text.dates import kind_of_text
 from sensors.files.text.decoding import UNREADABLE, detect_encoding, open_unpacked
 from sensors.files.text.preamble import stated_rate, stated_start_ns
@@ -60,7 +60,7 @@ class TextHead:
     skipped: int
     """Lines before the first sample."""
 
-    columns: Columns
+    columns: SortedColumns
     missing: tuple[str, ...]
     """How a cell without a value is written."""
 

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
+from sensors.constants import DAY
 from sensors.files.text.dates import DateError, DateStyle, kind_of_text
 
-DAY = 86400  # [s]
 SECONDS_PER_UNIT = {
     "": 1.0,
     "s": 1.0,
@@ -44,7 +44,7 @@ _SPELLED = {
     **dict.fromkeys(("day", "days"), "d"),
 }
 ABSOLUTE = 1e8  # seconds that count from 1970, not from a start: later than 1973 [s]
-LATEST = 4_102_444_800  # 2100-01-01: a later one has another unit [s since 1970]
+LATEST_STAMP = 4_102_444_800  # 2100-01-01: a later one has another unit [s since 1970]
 COUNTED_FROM_1970 = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # larger numbers than these
 # Days since another date, if they step by less than two seconds: (from, to, of 1970-01-01)
 SPREADSHEET_DAYS = (25_569, 73_050, 25_569)  # 1970 to 2100, since 1899-12-30
@@ -118,7 +118,7 @@ class Scale:
         since_1970 = (first - scale.origin) * scale.seconds
         if scale.origin == 0 and since_1970 <= ABSOLUTE:
             return scale
-        if since_1970 > LATEST:
+        if since_1970 > LATEST_STAMP:
             raise ClockError(
                 f"begins at {first:.12g}{f' {unit}' if unit else ''}, which would be after the "
                 "year 2100; is its unit right?"
@@ -138,7 +138,7 @@ def _convert_numbers(first: float, step: float | None) -> Scale | None:
 
 
 @dataclass(slots=True)
-class Clock:
+class TextClock:
     """The time column of a file, batch by batch.
 
     title   of the column, for errors

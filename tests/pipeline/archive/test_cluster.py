@@ -80,7 +80,7 @@ def test_calls_are_pulled_only_when_there_is_room(two_workers: Workers) -> None:
 
 def test_a_worker_that_nobody_restarts_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that dies while it starts takes its guard with it."""
-    monkeypatch.setattr(cluster, "QUIET", 0.5)
+    monkeypatch.setattr(cluster, "QUIET_WORKERS", 0.5)
     with local_workers(1) as workers:
         client = workers._client  # type: ignore[attr-defined]
         (guard,) = client.cluster.workers.values()

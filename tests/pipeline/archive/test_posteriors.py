@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from pipeline.archive.posteriors import (
-    STRETCH,
+    WINDOWS_OF_CALL,
     PosteriorPass,
     StretchCall,
     UpdatingPlan,
     _made,
     posteriors,
 )
-from pipeline.archive.store import Frame, messages_in, packed, unpacked
+from pipeline.archive.store import StoredFrame, messages_in, packed, unpacked
 from pipeline.archive.work import Call
 from pipeline.messages import FoundationEvent, FoundationPosterior, Message, ModalEstimate
 from pipeline.nodes.operating_state import OperationSettings
@@ -23,7 +23,7 @@ from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.structure.description import load_turbine
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
-from tests.pipeline.updating.test_serialisation import SETTINGS
+from tests.pipeline.updating.test_state import SETTINGS
 
 SEED = 5
 BEFORE, AFTER = np.array([1.1, 0.9, 1.0]), np.array([1.1, 0.81, 1.0])
@@ -60,7 +60,9 @@ class Kept:
         self.results: dict[str, bytes] = {}
         self.made = 0
 
-    def __call__(self, key: str, make: Callable[[], tuple[Frame, ...]]) -> tuple[Frame, ...]:
+    def __call__(
+        self, key: str, make: Callable[[], tuple[StoredFrame, ...]]
+    ) -> tuple[StoredFrame, ...]:
         if key not in self.results:
             self.made += 1
             self.results[key] = packed(make())
@@ -172,7 +174,7 @@ def test_most_posteriors_are_left_to_others(passed: tuple[list[Message], list[Ca
     apart = sum(len(call.argument.estimates) for call in passed[1])
 
     assert apart >= 0.5 * N_WINDOWS
-    assert all(len(call.argument.estimates) <= STRETCH for call in passed[1])
+    assert all(len(call.argument.estimates) <= WINDOWS_OF_CALL for call in passed[1])
 
 
 def test_other_windows_before_or_another_seed_are_another_result() -> None:

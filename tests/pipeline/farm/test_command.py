@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.farm import farm, sources
-from pipeline.farm.farm import FarmSettings, pooled_farm
+from pipeline.farm.farm import PoolingSettings, pooled_farm
 from pipeline.farm.results import pooled_posterior
 from pipeline.farm.settings import FarmError, GibbsSettings
 from pipeline.farm.sources import RunningFarm, recorded_posteriors
@@ -24,13 +24,13 @@ from tests.pipeline.example_messages import same
 from tests.pipeline.farm.farms import drawn_farm, untrusted
 from tests.pipeline.transport.memory_bus import MemoryBus
 
-BRIEF = FarmSettings(gibbs=GibbsSettings(chains=8, burn_in=10, sweeps=20, rounds=1))
+BRIEF = PoolingSettings(gibbs=GibbsSettings(chains=8, burn_in=10, sweeps=20, rounds=1))
 
 
 @pytest.fixture(autouse=True)
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """Chains that say little, and say it at once."""
-    monkeypatch.setattr(farm, "FarmSettings", lambda: BRIEF)
+    monkeypatch.setattr(farm, "PoolingSettings", lambda: BRIEF)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.farm.farm import FarmSettings, pooled_farm
+from pipeline.farm.farm import PoolingSettings, pooled_farm
 from pipeline.farm.members import in_order
 from pipeline.farm.settings import FarmError, GibbsSettings
 from tests.pipeline.farm.farms import (
@@ -16,8 +16,8 @@ from tests.pipeline.farm.farms import (
     untrusted,
 )
 
-QUICK = FarmSettings(gibbs=GibbsSettings(chains=16, burn_in=60, sweeps=80, rounds=1))
-BRIEF = FarmSettings(gibbs=GibbsSettings(chains=16, burn_in=30, sweeps=30, rounds=1))
+QUICK = PoolingSettings(gibbs=GibbsSettings(chains=16, burn_in=60, sweeps=80, rounds=1))
+BRIEF = PoolingSettings(gibbs=GibbsSettings(chains=16, burn_in=30, sweeps=30, rounds=1))
 
 
 @pytest.fixture(scope="module")

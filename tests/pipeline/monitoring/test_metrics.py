@@ -25,7 +25,7 @@ from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint,
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, block, rejection, status
-from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
+from tests.pipeline.updating.test_state import estimate_of, updater_of
 
 SECOND = 10**9  # [ns]
 NO_TURBINE = TurbineSettings(description=NO_STRUCTURE)

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from pipeline.cli.tables.running import status_tables
-from pipeline.messages import QualityWarning, StreamGap
-from pipeline.monitoring.status import KEY, StatusNode, endpoint_of
+from pipeline.messages import FoundationPosterior, QualityWarning, StreamGap
+from pipeline.monitoring.status import STATUS_KEY, StatusNode, endpoint_of
 from pipeline.transport.errors import TransportError
 from pipeline.transport.zenoh_bus import ZenohBus, asked, free_endpoint, hub
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, block, status
-from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
+from tests.pipeline.updating.test_state import estimate_of, updater_of
 
 SECOND = 10**9  # [ns]
 
@@ -39,6 +39,12 @@ def metrics_node() -> StatusNode:
     metrics_node.handle(posterior)
     metrics_node.handle(status("recorder", last_sequence=2, lost=1))
     return metrics_node
+
+
+def posterior_of_node(node: StatusNode) -> FoundationPosterior:
+    """The only posterior that it knows."""
+    (known,) = [each.posterior for each in node._run.turbines.values() if each.posterior]
+    return known
 
 
 def test_the_desk_knows_rates_lags_gaps_and_posteriors(metrics_node: StatusNode) -> None:
@@ -93,7 +99,7 @@ def test_no_number_that_somebody_sends_keeps_the_desk_from_answering(
 
 
 def test_of_several_turbines_the_posteriors_are_one_table(metrics_node: StatusNode) -> None:
-    (known,) = metrics_node._posteriors.values()
+    known = posterior_of_node(metrics_node)
     metrics_node.handle(replace(known, turbine="t2", trusted=False, change_probability=0.25))
     springs = tuple(replace(each, median=float("nan")) for each in known.parameters)
     metrics_node.handle(replace(known, turbine="[forged]", parameters=springs))
@@ -106,7 +112,7 @@ def test_of_several_turbines_the_posteriors_are_one_table(metrics_node: StatusNo
 
 
 def test_a_posterior_of_no_number_is_unknown(metrics_node: StatusNode) -> None:
-    (known,) = metrics_node._posteriors.values()
+    known = posterior_of_node(metrics_node)
     springs = tuple(replace(each, p05=float("nan")) for each in known.parameters)
     metrics_node.handle(replace(known, parameters=springs, ess=float("nan"), trusted=False))
     *_, table, _ = status_tables(json.loads(metrics_node.answer()))
@@ -118,8 +124,8 @@ def test_whoever_connects_can_ask(metrics_node: StatusNode) -> None:
     endpoint = free_endpoint()
     bus = ZenohBus(hub(endpoint))
     try:
-        bus.answer(f"{KEY}/t1", metrics_node.answer)
-        (reply,) = asked(endpoint, f"{KEY}/*")
+        bus.answer(f"{STATUS_KEY}/t1", metrics_node.answer)
+        (reply,) = asked(endpoint, f"{STATUS_KEY}/*")
     finally:
         bus.close()
     assert json.loads(reply) == metrics_node.as_json()
@@ -127,6 +133,6 @@ def test_whoever_connects_can_ask(metrics_node: StatusNode) -> None:
 
 def test_nobody_there_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(TransportError, match="no Zenoh session answers"):
-        asked(free_endpoint(), f"{KEY}/*")
+        asked(free_endpoint(), f"{STATUS_KEY}/*")
     with pytest.raises(InputError, match="no session runs in"):
         endpoint_of(tmp_path)

@@ -80,19 +80,19 @@ def test_blocks_of_a_live_session_are_counted_by_hearing_and_once() -> None:
         live.handle(block(sequence))
     other = replace(block(0), session="after a restart", start_ns=block(9).start_ns)
     live.handle(other)
-    assert live.published == 5
-    assert live.duration == pytest.approx(10.0)
+    assert live.main.published == 5
+    assert live.main.duration == pytest.approx(10.0)
 
 
 def test_a_farms_blocks_are_all_counted_and_the_time_is_of_the_own_turbine(monkeypatch) -> None:
-    monkeypatch.setattr("pipeline.monitoring.summary.KEPT", 3)
+    monkeypatch.setattr("pipeline.state.run_state.MOST_UNITS_HEARD", 3)
     live = SessionSummary("live", "t1", live=True)
     for turbine in ("t1", "t2", "t2", "t3", "t4", "t5"):
         live.handle(replace(block(0), turbine=turbine))
     live.handle(replace(block(7), turbine="t5"))
-    assert live.published == 6
-    assert live.duration == pytest.approx(1.0)
-    assert len(live.heard) == 3
+    assert live.run.published == 6
+    assert live.main.duration == pytest.approx(1.0)
+    assert len(live.run._newest) == 3
 
 
 def test_every_doubt_is_told_once() -> None:
@@ -120,7 +120,7 @@ def test_what_each_node_dropped_is_told_once_however_many_statuses_came() -> Non
 def test_the_truth_is_kept_for_the_summary() -> None:
     summary = SessionSummary("replay:x", "t1")
     summary.handle(FoundationTruth("t1", 0, k11=1.0, k22=2.0, k12=3.0))
-    assert summary.truth is not None
+    assert summary.main.truth is not None
 
 
 def test_a_change_is_told_with_its_time_from_the_first_sample() -> None:
@@ -164,12 +164,12 @@ def test_who_joins_a_unit_that_runs_is_not_told_that_all_before_is_missing() -> 
 
 
 def test_a_live_session_of_years_keeps_the_latest_and_counts_all(monkeypatch) -> None:
-    monkeypatch.setattr("pipeline.monitoring.summary.KEPT", 3)
+    monkeypatch.setattr("pipeline.monitoring.summary.KEPT_WINDOWS", 3)
     summary = SessionSummary("live", "t1", live=True)
     for window in range(10):
         summary.handle(estimate(window, mode("m1", 1.0, 0.1)))
         summary.handle(gap(2 * window, 2 * window + 1))
-    assert [each.window for each in summary.estimates] == [7, 8, 9]
+    assert [each.window for each in summary.main.estimates] == [7, 8, 9]
     figures = summary.as_json(wall=1.0)
     assert figures["windows"]["identified"] == 10
     assert (figures["stream"]["gaps"], figures["stream"]["gap_s"]) == (10, 10.0)

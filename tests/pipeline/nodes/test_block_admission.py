@@ -15,7 +15,7 @@ from pipeline.messages import (
 )
 from pipeline.nodes.block_admission import (
     CONFLICT,
-    MOST_CHANNELS,
+    MOST_CHANNELS_IDENTIFIED,
     OTHER_SESSION,
     REPEATED,
     STUBBORN,
@@ -199,7 +199,8 @@ def test_block_numbers_that_jump_where_no_sample_is_missing_are_warned_of(blocks
 
 def test_a_unit_of_very_many_channels_is_refused_in_one_line_and_counted(blocks) -> None:
     wide = [
-        replace(b, unit="wide", samples=np.tile(b.samples, (1, MOST_CHANNELS))) for b in blocks[:3]
+        replace(b, unit="wide", samples=np.tile(b.samples, (1, MOST_CHANNELS_IDENTIFIED)))
+        for b in blocks[:3]
     ]
     node = IdentificationNode(SETTINGS)
     answers(node, [*blocks, *wide])

@@ -10,12 +10,15 @@ from pathlib import Path
 import pytest
 
 from pipeline.messages import WindowRejected
+from pipeline.nodes.statistics import NodeAccount
 from pipeline.recording.errors import RecordingError
+from pipeline.recording.latest_messages import latest_payloads
 from pipeline.recording.mcap_file import counted_in_summary
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.rotation import next_part, parts_of, raw_files, thin
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
+from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.example_messages import LAYOUT, START_NS, all_same, block, rejection
@@ -283,3 +286,25 @@ def test_a_next_part_that_cannot_be_begun_ends_the_recording_and_not_the_session
     written = sequences([tmp_path / "session.mcap"])
     assert written == list(range(len(written)))
     assert 20 < len(written) == recorder.recorded == 60 - recorder.lost
+
+
+def test_the_scenario_says_how_much_of_the_disk_stays_free(tmp_path: Path) -> None:
+    for name, free_megabytes in (("kept", 2.0), ("used", 0.5)):
+        (tmp_path / name).mkdir()
+        recorder = recorded(
+            tmp_path / name, 60, free=lambda _: 10**6, free_megabytes=free_megabytes
+        )
+        stopped = "recording-stopped" in [warning.code for warning in recorder.warnings]
+        assert stopped == (name == "kept")
+
+
+def test_what_is_recorded_is_what_arrived_byte_by_byte(tmp_path: Path) -> None:
+    recorder = SessionRecorder(tmp_path / "session.mcap", metadata=METADATA, clock=Clock())
+    of_a_later_version = encode(block(0)) + b"\xfa\x7f\x03new"  # field 2047, unknown today
+    account = NodeAccount(recorder, "t1", Clock())
+    list(account.handle(block(0), of_a_later_version))
+    list(account.handle(block(0), of_a_later_version))
+    recorder.close()
+    (payload,) = latest_payloads([tmp_path / "session.mcap"])
+    assert payload == of_a_later_version
+    assert recorder.duplicate == 1

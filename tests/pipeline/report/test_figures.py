@@ -6,7 +6,6 @@ import warnings
 import pytest
 
 from pipeline.messages import StreamGap
-from pipeline.monitoring.summary import SessionSummary
 from pipeline.report.figures import windows_over_time
 from pipeline.report.recorded_session import TurbineRecord
 from sensors.acquisition.blocks import NANOSECONDS
@@ -17,14 +16,14 @@ HOUR = 3600 * NANOSECONDS
 
 def record(hours: float) -> TurbineRecord:
     """The example session, of that duration, with one gap of two seconds."""
-    made = TurbineRecord("t1", SessionSummary("s", "t1"))
+    made = TurbineRecord("t1")
     for message in session():
         if not isinstance(message, StreamGap):
-            made.take(message)
-    start = min(each.start_ns for each in made.summary.estimates)
-    made.summary.first_ns, made.summary.last_ns = start, start + round(hours * HOUR)
+            made.run.fold(message)
+    start = min(each.start_ns for each in made.state.estimates)
+    made.state.first_ns, made.state.last_ns = start, start + round(hours * HOUR)
     middle = start + round(hours * HOUR / 2)
-    made.take(StreamGap("t1", "tower", "s1", middle, middle + 2 * NANOSECONDS, 0, 2))
+    made.run.fold(StreamGap("t1", "tower", "s1", middle, middle + 2 * NANOSECONDS, 0, 2))
     return made
 
 

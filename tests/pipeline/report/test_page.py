@@ -84,7 +84,7 @@ def test_the_parts_of_a_session_are_read_as_one(tmp_path: Path) -> None:
     recorded(tmp_path / "session.part2.mcap", [messages[0], *messages[9:]])
     read = read_session(tmp_path)
     assert len(read.files) == 2
-    assert len(read.turbines[0].posteriors) == 6
+    assert len(read.turbines[0].state.posteriors) == 6
 
 
 def test_the_figures_for_machines_are_those_of_the_page(one: Path) -> None:
@@ -130,8 +130,7 @@ def modes_only(tmp_path: Path, *, start_ns: int) -> RecordedSession:
     window = replace(first, start_ns=start_ns, end_ns=start_ns + 500 * NANOSECONDS)
     path = recorded(tmp_path / "modes.mcap", [LAYOUT, window])
     (record,) = read_session(path).turbines
-    record.has_structure = False
-    return replace(read_session(path), turbines=(record,))
+    return replace(read_session(path), turbines=(replace(record, has_structure=False),))
 
 
 def test_without_a_structure_the_report_is_of_modes_and_has_no_sentence_on_stiffness(

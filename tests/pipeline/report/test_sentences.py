@@ -101,9 +101,9 @@ def test_without_a_posterior_the_headline_gives_the_reason(
 def test_a_record_knows_each_window_once_and_the_truth_that_held_then(tmp_path: Path) -> None:
     repeated: list[Message] = [*session(), posterior(5, k22=0.912)]
     record = record_of(tmp_path, repeated)
-    assert list(record.posteriors) == [START_NS + (n + 1) * WINDOW_NS for n in range(6)]
-    assert isinstance(record.summary.posterior, FoundationPosterior)
-    nominal = record.summary.posterior.parameter("k22").nominal
+    assert list(record.state.posteriors) == [START_NS + (n + 1) * WINDOW_NS for n in range(6)]
+    assert isinstance(record.state.posterior, FoundationPosterior)
+    nominal = record.state.posterior.parameter("k22").nominal
     before, after = START_NS + WINDOW_NS, START_NS + 5 * WINDOW_NS
     assert record.true_stiffness("k22", before) == pytest.approx(nominal)
     assert record.true_stiffness("k22", after) == pytest.approx(0.91 * nominal)

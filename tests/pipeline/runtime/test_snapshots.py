@@ -11,12 +11,12 @@ import pytest
 from pipeline.messages import FoundationPosterior, Message
 from pipeline.nodes.node import NodeSnapshot
 from pipeline.nodes.statistics import NodeAccount
-from pipeline.nodes.updating import LATEST, TurbineUpdating, UpdatingNode
+from pipeline.nodes.updating import LATEST_ANSWERS, TurbineUpdating, UpdatingNode
 from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.transport.codec import encode
-from pipeline.updating.serialisation import CheckpointError
+from pipeline.updating.state import CheckpointError
 from tests.pipeline.updating.small_tower import LAYOUT
-from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
+from tests.pipeline.updating.test_state import estimate_of, updater_of
 
 TURBINE = estimate_of(0).turbine
 
@@ -76,10 +76,14 @@ def test_what_went_down_with_the_process_is_said_again_in_the_same_words(tmp_pat
     """As many windows as the node's publisher would still have had, for a recorder that was down
     too; nothing of those before."""
     node = node_in(tmp_path)
-    said = [encode(a) for window in range(LATEST + 1) for a in node.handle(estimate_of(window))]
+    said = [
+        encode(a) for window in range(LATEST_ANSWERS + 1) for a in node.handle(estimate_of(window))
+    ]
     restarted = node_in(tmp_path)
     again = [
-        encode(a) for window in range(LATEST + 1) for a in restarted.handle(estimate_of(window))
+        encode(a)
+        for window in range(LATEST_ANSWERS + 1)
+        for a in restarted.handle(estimate_of(window))
     ]
     assert again == said[1:]
 

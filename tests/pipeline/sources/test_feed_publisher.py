@@ -221,4 +221,4 @@ def test_a_session_listens_to_an_instrument_itself(
     session = run_session(source, SessionOptions(out=tmp_path, rrd=False), stopping=stopping)
     assert session.figures["stream"]["published"] == session.figures["stream"]["recorded"] == 19
     assert session.figures["stream"]["lost"] == 0
-    assert [(gap.first_sequence, gap.n_blocks) for gap in session.summary.gaps] == [(7, 1)]
+    assert [(gap.first_sequence, gap.n_blocks) for gap in session.summary.main.gaps] == [(7, 1)]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.sources.publisher import publish_source
-from pipeline.sources.replay_control import KEY, ReplayControl
+from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
 from pipeline.sources.sources import replayed, simulated
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, asked, free_endpoint, hub, peer_of
@@ -128,7 +128,7 @@ def test_a_source_that_publishes_can_be_controlled_from_elsewhere(short_recordin
     try:
         assert isinstance(inbox.get(PATIENCE), AccelerationBlock)
         request = json.dumps({"do": "seek", "value": 239.0}).encode()
-        (answer,) = asked(endpoint, f"{KEY}/*", request)
+        (answer,) = asked(endpoint, f"{REPLAY_KEY}/*", request)
         assert json.loads(answer)["playing"] is True
         sought = inbox.get(PATIENCE)
         while isinstance(sought, AccelerationBlock) and "@2" not in sought.session:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from pipeline.messages import StreamEnd, StreamGap
+from pipeline.messages import StreamEnd
 from pipeline.state.health import Health
 from tests.pipeline.example_messages import START_NS, block, rejection, status
 
@@ -62,11 +62,6 @@ def test_messages_are_counted_by_key() -> None:
         for stream in watched(block(0), block(1), block(0, turbine="t2")).streams(START_NS)
     }
     assert counts == {"pilewatch/t1/tower/acceleration": 2, "pilewatch/t2/tower/acceleration": 1}
-
-
-def test_reported_gaps_are_kept() -> None:
-    gap = StreamGap("t1", "tower", "session-1", START_NS, START_NS + 4 * SECOND, 3, 4)
-    assert watched(block(0), gap).gaps == (gap,)
 
 
 def test_a_rate_counts_the_intervals_between_messages() -> None:

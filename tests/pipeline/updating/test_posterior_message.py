@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import FoundationPosterior
+from pipeline.updating.acceptance import AcceptanceSettings
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.likelihood.pairing import PairingSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
@@ -114,3 +115,12 @@ def test_chains_that_are_too_short_are_not_to_be_trusted_although_all_modes_fit(
     assert not codes & {"misfit", "few-pairs", "pairing-cost"}
     assert not posterior.trusted
     assert posterior_of(SETTINGS).trusted
+
+
+def test_chains_that_disagree_more_than_the_guard_allows_are_named():
+    chained = replace(SETTINGS, sampling=SamplingSettings(method="emcee"))
+    strict = replace(chained, guards=AcceptanceSettings(rhat=1.0))
+    posterior = posterior_of(strict)
+    assert 1.0 < posterior.rhat < 1.05
+    assert "not-converged" in {warning.code for warning in posterior.warnings}
+    assert "not-converged" not in {warning.code for warning in posterior_of(chained).warnings}

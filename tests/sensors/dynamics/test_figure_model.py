@@ -10,7 +10,7 @@ from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
 from sensors.structure.figures import BY_NAME, LEVEL, figures_of, varied
 from sensors.structure.foundation import positive_definite
-from sensors.structure.sensor_readings import Observation
+from sensors.structure.sensor_readings import ChannelReadings
 
 LAYOUT = biaxial_layout("t", turbine="t", unit="u", elevations=(41.0, 80.0, 106.0, 145.0))
 TURBINE = load_turbine("iea15mw_monopile")
@@ -39,7 +39,7 @@ def test_every_mode_is_that_of_the_full_model_with_the_same_departures(model: Fi
     for row in np.flatnonzero(found.admissible):
         off = dict(zip(NAMES, departures[row], strict=True)) | {LEVEL: float(levels[row])}
         full = assemble(converged(varied(TURBINE, off)), stiffness=theta[row])
-        modes = solved_modes(full, Observation.of(full, LAYOUT), highest_frequency=12.6)
+        modes = solved_modes(full, ChannelReadings.of(full, LAYOUT), highest_frequency=12.6)
         frequencies = found.frequencies[row][np.isfinite(found.frequencies[row])]
         nearest = np.abs(modes.frequencies / frequencies[:, None] - 1).min(axis=1)
         assert nearest.max() < 1e-5

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from sensors.feeds.live import LiveFeed, Measured
-from sensors.feeds.protocol import Arrival, FeedCounts, Inbox
+from sensors.feeds.protocol import Arrival, ArrivalQueue, FeedCounts
 
 PATIENCE = 90.0  # before a test gives up [s]
 
@@ -21,7 +21,7 @@ class ScriptedFeed:
         self.counts = FeedCounts()
         self._arrivals, self._then = arrivals, then
 
-    async def run(self, inbox: Inbox) -> None:
+    async def run(self, inbox: ArrivalQueue) -> None:
         self.counts.connected = True
         for arrival in self._arrivals:
             self.counts.received += 1

@@ -13,7 +13,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.address import parsed
 from sensors.feeds.open_feed import open_feed
 from sensors.feeds.payloads.frame import Frame, encoded
-from sensors.feeds.protocol import FeedError, Inbox
+from sensors.feeds.protocol import ArrivalQueue, FeedError
 from sensors.feeds.udp import UdpFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 
@@ -34,7 +34,7 @@ def received(payloads: list[bytes], until: Callable[[UdpFeed], bool], query: str
 
     async def exchange() -> UdpFeed:
         feed = UdpFeed(parsed(f"udp://:0{query}"), ("ax",))
-        running = asyncio.create_task(feed.run(Inbox()))
+        running = asyncio.create_task(feed.run(ArrivalQueue()))
         await asyncio.wait_for(feed.bound.wait(), 10)
         with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as sender:
             for payload in payloads:

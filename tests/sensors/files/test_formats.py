@@ -139,7 +139,7 @@ def test_a_long_file_comes_in_chunks_that_join_without_a_seam(
     path = tmp_path / f"measured.{suffix}"
     WRITERS[suffix](path)
     monkeypatch.setattr("sensors.files.text.csv.CHUNK_BYTES", 4096)
-    monkeypatch.setattr("sensors.files.readers.parquet.ROWS", 64)
+    monkeypatch.setattr("sensors.files.readers.parquet.ROWS_OF_BATCH", 64)
     chunks = list(read_chunks(path))
     assert len(chunks) > 3
     assert {chunk.start_ns for chunk in chunks} == {START_NS}

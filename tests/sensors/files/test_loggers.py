@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.constants import STANDARD_GRAVITY
 from sensors.files.formats import read_file
-from sensors.files.table import STANDARD_GRAVITY, FileError
+from sensors.files.table import FileError
 
 RATE = 50.0  # [Hz]
 START = np.datetime64("2024-03-13T12:00:00.250", "ns")

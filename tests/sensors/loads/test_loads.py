@@ -27,7 +27,7 @@ from sensors.loads import (
     wave_profile,
     white_kernel,
 )
-from sensors.structure.assembly import PLANE, StructuralModel, assemble
+from sensors.structure.assembly import PLANE_COLUMNS, StructuralModel, assemble
 from sensors.structure.description import load_turbine
 
 RATE = 120.0  # [Hz]
@@ -157,7 +157,9 @@ def test_the_tower_nodes_together_have_the_stated_rms_in_each_direction(
     pattern = tower_pattern(tower, 50e3)
     n_nodes = len(tower.elevations)
     assert pattern.shape == (tower.n_dofs, 2 * n_nodes)
-    for plane, columns in zip(PLANE.values(), np.split(np.arange(2 * n_nodes), 2), strict=True):
+    for plane, columns in zip(
+        PLANE_COLUMNS.values(), np.split(np.arange(2 * n_nodes), 2), strict=True
+    ):
         forces = pattern[np.ix_(tower.tower_dofs[:, plane.start], columns)]
         np.testing.assert_allclose(forces @ forces.T, np.eye(n_nodes) * 50e3**2 / n_nodes)
         assert np.sqrt((forces.sum(axis=0) ** 2).sum()) == pytest.approx(50e3)  # their total
@@ -174,7 +176,7 @@ def test_each_blade_has_the_stated_rms_flapwise_and_edgewise(tower: StructuralMo
 
 def test_the_wave_band_has_the_stated_rms_in_each_direction(tower: StructuralModel) -> None:
     pattern = wave_pattern(tower, WaveBandLoad())
-    fore_aft, side_side = (tower.tower_dofs[:, plane.start] for plane in PLANE.values())
+    fore_aft, side_side = (tower.tower_dofs[:, plane.start] for plane in PLANE_COLUMNS.values())
     assert pattern[fore_aft].sum(axis=0) == pytest.approx([300e3, 0.0])
     assert pattern[side_side].sum(axis=0) == pytest.approx([0.0, 60e3])
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sensors.loads import LoadError, Sea, SeaState, wave_load, wave_number
 from sensors.loads.spectra import horizontal_motion, wave_numbers
 from sensors.loads.waves import WaveLoad, directional_covariance, elevation_spectrum
-from sensors.structure.assembly import PLANE, StructuralModel, assemble
+from sensors.structure.assembly import PLANE_COLUMNS, StructuralModel, assemble
 from sensors.structure.description import load_turbine
 
 STATE = SeaState(significant_wave_height=3.5, peak_period=8.0, level=0.0, direction=0.0)
@@ -103,7 +103,7 @@ def test_a_constant_flow_of_force_reaches_the_structure_where_it_acts(
         carried = fore_aft @ np.polynomial.legendre.legvander(np.array([x]), 7)[0]
         row = tower.tower_displacement(height, (1.0, 0.0, 0.0))
         static = np.linalg.solve(tower.stiffness, np.stack([carried, row], axis=1))
-        shaken = static[tower.tower_dofs[:, PLANE["FA"].start]]
+        shaken = static[tower.tower_dofs[:, PLANE_COLUMNS["FA"].start]]
         largest = np.abs(shaken[:, 1]).max()
         np.testing.assert_allclose(shaken[:, 0], shaken[:, 1], atol=2e-3 * largest)
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.monitoring.alarms.channels import Channel, Mail, Mqtt, Webhook
+from pipeline.monitoring.alarms.channels import AlarmChannel, Mail, Mqtt, Webhook
 from pipeline.monitoring.alarms.outbox import (
     MOST_REFUSALS,
-    REFUSED,
-    Delivery,
+    REFUSED_DELIVERY,
+    DeliveryThread,
     Outbox,
     decoded_waiting,
 )
@@ -61,7 +61,7 @@ def fuzzed(protocol: str, answers: int, seed: int, folder: Path) -> FuzzOutcome:
         }[protocol]()
         account = stack.enter_context(receiver(serve))
         outbox = Outbox(folder)
-        delivery = Delivery(_channel(protocol, account.port), outbox, PAUSE)
+        delivery = DeliveryThread(_channel(protocol, account.port), outbox, PAUSE)
         delivery.start()
         sent = _sent_until(answers, account, outbox, delivery)
         alive = delivery.is_alive() and _ends(outbox, delivery)
@@ -78,7 +78,7 @@ def fuzzed(protocol: str, answers: int, seed: int, folder: Path) -> FuzzOutcome:
         )
 
 
-def _channel(protocol: str, port: int) -> Channel:
+def _channel(protocol: str, port: int) -> AlarmChannel:
     if protocol == "http":
         url = f"http://127.0.0.1:{port}/hook"
         return Webhook("webhook-1", WebhookSettings(url, "HOOK_TOKEN", TIMEOUT))
@@ -98,7 +98,7 @@ def _message(number: int) -> dict[str, Any]:
     }
 
 
-def _sent_until(answers: int, account: Account, outbox: Outbox, delivery: Delivery) -> int:
+def _sent_until(answers: int, account: Account, outbox: Outbox, delivery: DeliveryThread) -> int:
     """How many messages were put into the outbox, a few at a time."""
     sent, deadline = 0, time.monotonic() + 2.0 * answers * TIMEOUT + 60
     while account.answers < answers and time.monotonic() < deadline and delivery.is_alive():
@@ -110,7 +110,7 @@ def _sent_until(answers: int, account: Account, outbox: Outbox, delivery: Delive
     return sent
 
 
-def _ends(outbox: Outbox, delivery: Delivery) -> bool:
+def _ends(outbox: Outbox, delivery: DeliveryThread) -> bool:
     """Whether everything goes out now that the receiver is well again."""
     deadline = time.monotonic() + 30 * MOST_REFUSALS * TIMEOUT
     while outbox.waiting() and time.monotonic() < deadline:
@@ -121,7 +121,7 @@ def _ends(outbox: Outbox, delivery: Delivery) -> bool:
 
 def _silent(protocol: str, folder: Path, sent: int, account: Account) -> int:
     """Messages, or recipients, that nothing reports and the receiver never confirmed."""
-    kept = [*folder.glob("*.json"), *(folder / REFUSED).glob("*.json")]
+    kept = [*folder.glob("*.json"), *(folder / REFUSED_DELIVERY).glob("*.json")]
     reported = {}
     for path in kept:
         waiting = decoded_waiting(path.read_bytes())

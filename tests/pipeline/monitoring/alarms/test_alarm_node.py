@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.monitoring.alarms.alarm_node import BOOK, FOLDER, KEY, AlarmNode
+from pipeline.monitoring.alarms.alarm_node import ALARMS_KEY, BOOK, FOLDER, AlarmNode
 from pipeline.monitoring.alarms.channels import Webhook
 from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.alarms.heartbeat import AlarmHeartbeat, Pulse
@@ -107,7 +107,7 @@ def test_pilewatch_ack_asks_the_session_that_runs(tmp_path: Path) -> None:
         closing(ZenohBus(hub(endpoint))) as bus,
     ):
         node.handle(EVENT)
-        bus.answer(f"{KEY}/t1", node.answer)
+        bus.answer(f"{ALARMS_KEY}/t1", node.answer)
         listed = CLI.invoke(app, ["ack", "--list", "--connect", endpoint, "--json"])
         done = CLI.invoke(app, ["ack", "1", "--by", "ada", "--connect", endpoint, "--json"])
 

@@ -9,7 +9,7 @@ from pipeline.monitoring.alarms.alarm_rules import AlarmCondition, AlarmRules
 from pipeline.monitoring.alarms.settings import AlarmLogSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, status
-from tests.pipeline.updating.test_serialisation import estimate_of, updater_of
+from tests.pipeline.updating.test_state import estimate_of, updater_of
 
 SECOND = NANOSECONDS
 EVENT = FoundationEvent(

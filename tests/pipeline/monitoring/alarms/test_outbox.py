@@ -9,8 +9,8 @@ from typing import Any
 
 from pipeline.monitoring.alarms.channels import DeliveryFailed
 from pipeline.monitoring.alarms.outbox import (
-    REFUSED,
-    Delivery,
+    REFUSED_DELIVERY,
+    DeliveryThread,
     Outbox,
     WaitingMessage,
     decoded_waiting,
@@ -42,7 +42,7 @@ class Flaky:
 
 def test_everything_is_sent_in_order_once_the_outside_is_back(tmp_path: Path) -> None:
     outbox, channel = Outbox(tmp_path), Flaky(failures=4, until=3)
-    delivery = Delivery(channel, outbox, PAUSE)
+    delivery = DeliveryThread(channel, outbox, PAUSE)
     delivery.start()
     for number in range(3):
         outbox.put({"number": number})
@@ -60,7 +60,7 @@ def test_what_was_not_taken_waits_for_the_next_session(tmp_path: Path) -> None:
     outbox = Outbox(tmp_path)
     for number in range(3):
         outbox.put({"number": number})
-    away = Delivery(Flaky(failures=99, until=1), outbox, PAUSE)
+    away = DeliveryThread(Flaky(failures=99, until=1), outbox, PAUSE)
     away.start()
     away.stop(20)
     assert away.problem == "away"
@@ -68,7 +68,7 @@ def test_what_was_not_taken_waits_for_the_next_session(tmp_path: Path) -> None:
 
     again, back = Outbox(tmp_path), Flaky(failures=0, until=4)
     again.put({"number": 3})
-    delivery = Delivery(back, again, PAUSE)
+    delivery = DeliveryThread(back, again, PAUSE)
     delivery.start()
     assert back.all_taken.wait(20)
     delivery.stop(20)
@@ -90,7 +90,7 @@ def test_a_file_that_is_no_message_stops_nothing(tmp_path: Path) -> None:
     outbox, channel = Outbox(tmp_path), Flaky(failures=0, until=1)
     (tmp_path / "000000000000.json").write_text("{")
     outbox.put({"number": 1})
-    delivery = Delivery(channel, outbox, PAUSE)
+    delivery = DeliveryThread(channel, outbox, PAUSE)
     delivery.start()
     delivery.stop(20)
 
@@ -120,7 +120,7 @@ def test_no_error_of_a_channel_ends_its_thread(tmp_path: Path) -> None:
     outbox = Outbox(tmp_path)
     channel = Scripted(http.client.BadStatusLine("x"), KeyError("turbine"), RecursionError())
     outbox.put({"number": 1})
-    delivery = Delivery(channel, outbox, PAUSE)
+    delivery = DeliveryThread(channel, outbox, PAUSE)
     delivery.start()
     deadline = time.monotonic() + 20
     while outbox.waiting() and time.monotonic() < deadline:
@@ -139,7 +139,7 @@ def test_a_message_that_is_refused_for_itself_holds_up_no_other(tmp_path: Path) 
     channel.refused = {1: DeliveryFailed("400", message_only=True)}
     outbox.put({"number": 1})
     outbox.put({"number": 2})
-    delivery = Delivery(channel, outbox, PAUSE)
+    delivery = DeliveryThread(channel, outbox, PAUSE)
     delivery.start()
     delivery.stop(20)
 
@@ -153,11 +153,11 @@ def test_only_the_recipients_that_were_refused_are_tried_again(tmp_path: Path) -
     partly = DeliveryFailed("550", message_only=True, remaining=("b@example.org",))
     refusing = Scripted()
     refusing.refused = {1: partly}
-    first = Delivery(refusing, outbox, PAUSE)
+    first = DeliveryThread(refusing, outbox, PAUSE)
     first.start()
     first.stop(20)
     channel = Scripted()
-    again = Delivery(channel, Outbox(tmp_path), PAUSE)
+    again = DeliveryThread(channel, Outbox(tmp_path), PAUSE)
     again.start()
     again.stop(20)
 
@@ -169,7 +169,7 @@ def test_a_message_that_is_refused_many_times_is_set_aside_and_reported(tmp_path
     outbox.put({"number": 1})
     channel = Scripted()
     channel.refused = {1: DeliveryFailed("550", message_only=True)}
-    delivery = Delivery(channel, outbox, PAUSE)
+    delivery = DeliveryThread(channel, outbox, PAUSE)
     delivery.start()
     deadline = time.monotonic() + 20
     while outbox.waiting() and time.monotonic() < deadline:
@@ -177,7 +177,7 @@ def test_a_message_that_is_refused_many_times_is_set_aside_and_reported(tmp_path
     delivery.stop(20)
 
     assert outbox.waiting() == []
-    assert [path.name for path in (tmp_path / REFUSED).iterdir()] == ["000000000001.json"]
+    assert [path.name for path in (tmp_path / REFUSED_DELIVERY).iterdir()] == ["000000000001.json"]
     assert delivery.state().refused == 1
     assert Outbox(tmp_path)._next == 2  # its number is not given again
 

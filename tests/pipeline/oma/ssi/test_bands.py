@@ -14,6 +14,7 @@ from pipeline.oma.ssi.preprocessing import (
     high_pass_taps,
     n_decimated,
 )
+from pipeline.scenario import scenario_from_text
 from tests.pipeline.oma.conftest import KnownStructure
 
 RATE = 40.0
@@ -62,3 +63,14 @@ def test_a_mode_beside_a_much_stronger_sea_is_found(cantilever: KnownStructure) 
     modes = identify(record, RATE).modes
     for frequency in cantilever.frequencies[1:]:
         assert min(abs(mode.frequency / frequency - 1) for mode in modes) < 0.01
+
+
+def test_a_lower_frequency_asked_for_gains_a_slower_band() -> None:
+    def lowest(text: str) -> float:
+        settings = scenario_from_text(text, "own.toml").oma
+        bands = plan_bands(n_samples=400_000, n_channels=4, sampling_rate=RATE, settings=settings)
+        return min(band.lowest for band in bands)
+
+    reached = lowest("")
+    assert lowest(f"[oma]\nlowest_frequency = {reached / 3}\n") == pytest.approx(reached / 3)
+    assert lowest("[oma]\nlowest_frequency = 3.0\n") == 3.0

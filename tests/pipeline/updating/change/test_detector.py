@@ -150,7 +150,6 @@ def test_a_shift_that_says_too_little_is_left_undecided():
     ("settings", "told"),
     [
         ({"years_between_false_alarms": 0.0}, "positive; one is 0.0"),
-        ({"foundation_share": 1.0}, "foundation_share is 1.0"),
         ({"certainty": 0.4}, "certainty is 0.4"),
         ({"candidates": 3}, "candidates is 3"),
     ],

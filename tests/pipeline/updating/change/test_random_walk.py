@@ -5,10 +5,10 @@ import pytest
 
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
 from pipeline.updating.change.random_walk import (
+    DRIFT_STEPS,
     RIDE_APART,
     RIDE_TOGETHER,
     RIDES,
-    STEPS,
     deviation,
 )
 from pipeline.updating.change.sufficient_statistics import (
@@ -54,7 +54,7 @@ def written_out(values, levels, step, rides):
     return gain @ values.ravel(), wanted @ x @ wanted.T - gain @ seen @ x @ wanted.T
 
 
-@pytest.mark.parametrize("answer", range(len(STEPS)))
+@pytest.mark.parametrize("answer", range(len(DRIFT_STEPS)))
 def test_the_filter_of_six_numbers_is_the_gaussian_of_all_windows(answer):
     """Nine windows under half a tide, each with all modes; no scatter is learned, no error cut."""
     generator = np.random.default_rng(21)
@@ -66,7 +66,7 @@ def test_the_filter_of_six_numbers_is_the_gaussian_of_all_windows(answer):
         window = WatchedWindow(int(number * 6e11), WINDOW, seen, water_level=float(level))
         state = detector.updated(state, window, known_of(state))
         state.sums.scatter[:] = 0.0
-    mean, covariance = written_out(values, levels, STEPS[answer], RIDES[answer])
+    mean, covariance = written_out(values, levels, DRIFT_STEPS[answer], RIDES[answer])
     found = deviation(state.walk)
     assert found.means[answer] == pytest.approx(mean, abs=2e-6)
     assert found.covariances[answer] == pytest.approx(covariance, abs=1e-8)
@@ -75,7 +75,7 @@ def test_the_filter_of_six_numbers_is_the_gaussian_of_all_windows(answer):
 def test_a_foundation_that_stays_adds_next_to_nothing():
     state = followed(np.zeros((72, 3)), seed=22)
     found = deviation(state.walk)
-    assert found.weights[STEPS == 0].sum() > 0.5
+    assert found.weights[DRIFT_STEPS == 0].sum() > 0.5
     assert np.sqrt(np.diag(found.covariance)).max() < 0.006
     assert np.abs(found.mean).max() < 0.003
 
@@ -86,7 +86,7 @@ def test_a_foundation_that_softens_slowly_is_followed():
     found = deviation(followed(stiffness, seed=23).walk)
     wanted = lost[-1] - lost.mean()
     std = np.sqrt(np.diag(found.covariance))
-    assert found.weights[STEPS == 0].sum() < 0.01
+    assert found.weights[DRIFT_STEPS == 0].sum() < 0.01
     assert abs(found.mean[1] - wanted) < 3 * std[1]
     assert abs(found.mean[0]) < 3 * std[0]
     assert std[1] < 0.05

@@ -202,7 +202,7 @@ def noise_of(window, seed):
 
 
 def test_spurious_modes_are_forgotten_so_that_years_cost_what_days_do(monkeypatch):
-    monkeypatch.setattr(mode_evidence, "PATIENCE", 10)
+    monkeypatch.setattr(mode_evidence, "MISSED_WINDOWS", 10)
     counts, evidence = [], empty()
     for window in range(200):
         evidence = evidence.with_estimate(noise_of(window, 13))

@@ -12,7 +12,7 @@ from pipeline.updating.evidence.observations import sightings
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
-    Observation,
+    ModeComparison,
     observations,
     sigma_grid,
 )
@@ -41,7 +41,7 @@ def evidence_of(n_windows, *, seed, **options):
 
 def likelihood_of(evidence, settings=NO_FLOOR, **used):
     options = {"shape_used": True, "gap": 0.0, **used}
-    every = [Observation(number, (number,), **options) for number in range(len(evidence.modes))]
+    every = [ModeComparison(number, (number,), **options) for number in range(len(evidence.modes))]
     return ModalLikelihood(
         evidence,
         every,

@@ -7,7 +7,11 @@ import pytest
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.likelihood.laplace import laplace_peak
-from pipeline.updating.likelihood.likelihood import LikelihoodSettings, ModalLikelihood, Observation
+from pipeline.updating.likelihood.likelihood import (
+    LikelihoodSettings,
+    ModalLikelihood,
+    ModeComparison,
+)
 from pipeline.updating.likelihood.posterior_density import JointDensity, StiffnessDensity
 from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
@@ -28,7 +32,7 @@ def likelihood_of_one_window(settings):
     modes = range(len(evidence.modes))
     return ModalLikelihood(
         evidence,
-        [Observation(number, (number,), shape_used=True, gap=0.0) for number in modes],
+        [ModeComparison(number, (number,), shape_used=True, gap=0.0) for number in modes],
         model_columns=modes,
         settings=settings,
         highest_sigma=HIGHEST_SIGMA,

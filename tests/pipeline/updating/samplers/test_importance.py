@@ -135,7 +135,7 @@ def test_systematic_choice_takes_every_index_its_share_of_times():
 
 @pytest.mark.parametrize(
     ("settings", "number"),
-    [({"least_efficiency": 1.5}, "1.5"), ({"pilot": 3}, "3"), ({"components": 0}, "0")],
+    [({"pilot": 3}, "3"), ({"components": 0}, "0")],
 )
 def test_a_setting_that_cannot_work_is_refused_with_its_value(settings, number):
     with pytest.raises(UpdatingError, match=number):

@@ -97,7 +97,7 @@ def test_every_stage_of_the_published_sampler_has_as_many_samples_as_the_first()
     assert np.array_equal(drawn.flat[:, 0], drawn.flat[:, 3])  # companions stay with their points
 
 
-@pytest.mark.parametrize("settings", [{"particles": 7}, {"variation": 0.0}, {"remembered": 1.2}])
+@pytest.mark.parametrize("settings", [{"particles": 7}, {"samples": 50}])
 def test_a_setting_that_cannot_work_is_refused_with_its_value(settings):
     with pytest.raises(UpdatingError, match=str(next(iter(settings.values())))):
         TemperingSettings(**settings)

@@ -10,7 +10,7 @@ import pytest
 from pipeline.messages import Message, NodeStatus
 from pipeline.viewer.outputs.outputs import RrdFile
 from pipeline.viewer.pictures.farm_overview import (
-    ROWS,
+    ROWS_OF_TURBINES,
     board_bounds,
     farm_markdown,
     status_indicators,
@@ -97,7 +97,7 @@ def test_a_turbine_of_which_nothing_is_known_yet_has_its_row():
 
 
 def test_every_turbine_has_three_indicators_in_its_row_and_a_large_farm_further_columns():
-    many = [SessionStatus(f"T{number}") for number in range(ROWS + 5)]
+    many = [SessionStatus(f"T{number}") for number in range(ROWS_OF_TURBINES + 5)]
     board = status_indicators(many)
     assert len(board.positions) == len(board.indicators) == 3 * len(many)
     assert len(set(board.positions)) == len(board.positions)

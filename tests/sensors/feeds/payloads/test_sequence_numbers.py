@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.feeds.payloads.sequence_numbers import FARTHEST, WATCHED, Place, SequenceMonitor
+from sensors.feeds.payloads.sequence_numbers import FARTHEST_AHEAD, WATCHED, Place, SequenceMonitor
 
 
 @settings(max_examples=50)
@@ -69,5 +69,5 @@ def test_where_sessions_rise_nothing_that_was_sent_before_is_taken_again() -> No
 def test_a_number_beyond_all_reason_counts_nothing() -> None:
     watch = SequenceMonitor()
     watch.place(0)
-    assert watch.place(FARTHEST + 1) is Place.OLD
+    assert watch.place(FARTHEST_AHEAD + 1) is Place.OLD
     assert watch.lost == 0

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.recording.deduplication import Repetition, latest_payloads
+from pipeline.recording.latest_messages import Repetition, latest_payloads
 from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.transport.codec import encode
 from tests.pipeline.example_messages import block
@@ -53,7 +53,7 @@ def test_the_latest_messages_are_read_from_the_ends_of_several_parts(tmp_path: P
 def test_of_too_many_those_of_the_key_that_was_silent_longest_are_forgotten(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("pipeline.recording.deduplication.MOST_KNOWN", 50)
+    monkeypatch.setattr("pipeline.recording.latest_messages.MOST_KNOWN_MESSAGES", 50)
     repetition = Repetition()
     for number in range(100):  # a flood of keys; one that speaks all the time
         repetition.is_known(f"forged {number}", b"f%d" % number, kept=1200)

@@ -11,8 +11,8 @@ from pipeline.updating.likelihood.pairing import PairingSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.importance import ImportanceSettings
 from pipeline.updating.samplers.registry import SamplingSettings
-from pipeline.updating.serialisation import VERSION, CheckpointError
 from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.state import STATE_VERSION, CheckpointError
 from pipeline.updating.updater import FoundationUpdater
 from sensors.errors import InputError
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
@@ -79,8 +79,8 @@ def test_a_checkpoint_is_small(saved):
 
 
 def test_another_version_is_named_and_refused(saved):
-    other = saved.replace(b" %d\n" % VERSION, b" %d\n" % (VERSION + 6), 1)
-    with pytest.raises(CheckpointError, match=f"a.checkpoint has version {VERSION + 6}"):
+    other = saved.replace(b" %d\n" % STATE_VERSION, b" %d\n" % (STATE_VERSION + 6), 1)
+    with pytest.raises(CheckpointError, match=f"a.checkpoint has version {STATE_VERSION + 6}"):
         updater_of().restored(other, origin="a.checkpoint")
 
 

@@ -1,0 +1,73 @@
+"""RunState: what is known of a run. Each message is folded once; what is shown is computed from it.
+
+message ──► [RunState] ──► summary.json, status, metrics, alarms, viewer, report, farm
+             ├ books     blocks, windows and estimates, each with one fate
+             ├ health    nodes and streams, by the listener's clock
+             └ turbines  name ──► TurbineState
+"""
+
+from pipeline.messages import Message
+from pipeline.state.books import Books
+from pipeline.state.health import Health
+from pipeline.state.turbine_state import TurbineState
+from sensors.acquisition.blocks import AccelerationBlock
+
+MOST_UNITS_HEARD = 5000  # sessions of units of a live run whose latest block is remembered
+
+
+class RunState:
+    """What is known of a run after the messages so far.
+
+    Parameters
+    ----------
+    kept : int or None, optional
+        Windows, rejections, gaps and events that are kept of a turbine, each; what is let go is
+        counted. None: all.
+    once : bool, optional
+        Whether a block that comes again counts once, as of a live unit that sends again.
+    """
+
+    def __init__(self, *, kept: int | None = None, once: bool = False) -> None:
+        self.books = Books()
+        self.health = Health()
+        self.turbines: dict[str, TurbineState] = {}
+        self._kept = kept
+        self._once = once
+        self._newest: dict[tuple[str, ...], int] = {}  # a unit's session → sequence
+
+    def fold(self, message: Message, now_ns: int | None = None) -> None:
+        """Take one message into account.
+
+        Parameters
+        ----------
+        message : Message
+            That has come.
+        now_ns : int or None, optional
+            When it came, by the listener's clock [ns]; None: health is not watched.
+        """
+        if now_ns is not None:
+            self.health.observe(message, now_ns)
+        self.books.handle(message)
+        counts = not isinstance(message, AccelerationBlock) or self._is_new(message)
+        self.turbine(message.turbine).fold(message, counts=counts)
+
+    def turbine(self, name: str) -> TurbineState:
+        """Return the state of one turbine, an empty one where nothing is known yet."""
+        if name not in self.turbines:
+            self.turbines[name] = TurbineState(name, kept=self._kept)
+        return self.turbines[name]
+
+    @property
+    def published(self) -> int:
+        """Blocks of all turbines."""
+        return sum(each.published for each in self.turbines.values())
+
+    def _is_new(self, block: AccelerationBlock) -> bool:
+        if not self._once:
+            return True
+        unit = (block.turbine, block.unit, block.session)
+        newest = self._newest.pop(unit, -1)
+        self._newest[unit] = max(newest, block.sequence)
+        if len(self._newest) > MOST_UNITS_HEARD:
+            del self._newest[next(iter(self._newest))]  # silent for longest
+        return block.sequence > newest

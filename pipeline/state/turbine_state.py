@@ -1,0 +1,239 @@
+"""TurbineState: what is known of one turbine of a run."""
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    FoundationTruth,
+    Message,
+    ModalEstimate,
+    NodeStatus,
+    ParameterSummary,
+    QualityWarning,
+    StreamGap,
+    WindowRejected,
+    same_window,
+)
+from pipeline.state.run_modes import CombinedMode, combined_modes
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+
+NO_FACTOR = np.empty((0, 0))  # frequencies, shapes and their stds are all that is reported
+
+_Item = TypeVar("_Item")
+
+
+@dataclass(frozen=True, slots=True)
+class PosteriorAtWindow:
+    """Marginal posteriors after one window."""
+
+    time_ns: int
+    """End of the window [ns since 1970-01-01 UTC]."""
+    window: int
+    parameters: tuple[ParameterSummary, ...]
+    trusted: bool
+    change_probability: float
+    """Probability that the modes have changed since the last event [-]."""
+
+    def parameter(self, name: str) -> ParameterSummary:
+        """Return the parameter of that name; KeyError where there is none."""
+        for summary in self.parameters:
+            if summary.name == name:
+                return summary
+        raise KeyError(name)
+
+
+@dataclass(slots=True)
+class UnitState:
+    """What is known of the stream of one acquisition unit."""
+
+    sampling_rate: float = float("nan")
+    """Sampling rate of the latest block [Hz]."""
+    end_ns: int | None = None
+    """End of the latest block [ns since 1970-01-01 UTC]; None before the first."""
+    samples: int = 0
+    """Samples a channel received."""
+    gaps: int = 0
+    """Reports of gaps received."""
+    missing_ns: int = 0
+    """Measured time that these gaps lack [ns]."""
+
+
+@dataclass(slots=True)
+class TurbineState:
+    """What is known of one turbine after the messages so far."""
+
+    turbine: str
+    kept: int | None = None
+    """Windows, rejections, gaps and events that are kept, each; None: all."""
+    estimates: list[ModalEstimate] = field(default_factory=list)
+    """Identified windows, each once, without covariance factors."""
+    rejected: list[WindowRejected] = field(default_factory=list)
+    gaps: list[StreamGap] = field(default_factory=list)
+    """Gaps, each once."""
+    events: list[FoundationEvent] = field(default_factory=list)
+    gone: Counter[str] = field(default_factory=Counter)
+    """Number of each of these that were let go; "gap_ns": the missing time of such gaps."""
+    received: Counter[str] = field(default_factory=Counter)
+    """Messages received, by type; one that comes again counts again."""
+    rejections: Counter[str] = field(default_factory=Counter)
+    """Rejections received, by code."""
+    last_answer: ModalEstimate | WindowRejected | None = None
+    """What became of the latest window."""
+    estimate: ModalEstimate | None = None
+    """The latest identified window."""
+    posterior: FoundationPosterior | None = None
+    """The latest posterior."""
+    posteriors: dict[int, PosteriorAtWindow] = field(default_factory=dict)
+    """Posteriors by the end of their window [ns]."""
+    truths: dict[int, FoundationTruth] = field(default_factory=dict)
+    """True stiffnesses by the time from which they hold [ns], the latest received last."""
+    layouts: dict[str, SensorLayout] = field(default_factory=dict)
+    """Sensor layouts by acquisition unit."""
+    units: dict[str, UnitState] = field(default_factory=dict)
+    statuses: dict[str, NodeStatus] = field(default_factory=dict)
+    """The latest status of each node."""
+    published: int = 0
+    """Acceleration blocks; one that a live unit sends again counts once."""
+    sequence: int | None = None
+    """Number of the latest block; None before the first."""
+    sampling_rate: float = float("nan")
+    """Sampling rate of the latest block [Hz]."""
+    first_ns: int | None = None
+    """Start of the first block [ns since 1970-01-01 UTC]."""
+    last_ns: int | None = None
+    """End of the latest sample [ns since 1970-01-01 UTC]."""
+
+    def fold(self, message: Message, *, counts: bool = True) -> None:
+        """Take one message into account.
+
+        Parameters
+        ----------
+        message : Message
+            Of this turbine.
+        counts : bool, optional
+            False: a block that has been counted before.
+        """
+        self.received[type(message).__name__] += 1
+        match message:
+            case AccelerationBlock():
+                self._block(message, counts=counts)
+            case ModalEstimate():
+                self._estimate(message)
+            case WindowRejected():
+                self._rejection(message)
+            case StreamGap():
+                self._gap(message)
+            case FoundationEvent():
+                self.events.append(message)
+                self._let_go(self.events, "events")
+            case FoundationPosterior():
+                self._posterior(message)
+            case FoundationTruth():
+                self.truths.pop(message.time_ns, None)
+                self.truths[message.time_ns] = message
+            case SensorLayout():
+                self.layouts[message.unit] = message
+            case NodeStatus():
+                self.statuses[message.node] = message
+
+    @property
+    def truth(self) -> FoundationTruth | None:
+        """The latest true stiffnesses of a simulation."""
+        return next(reversed(self.truths.values()), None)
+
+    @property
+    def duration(self) -> float:
+        """Of the measurements [s]."""
+        if self.first_ns is None or self.last_ns is None:
+            return 0.0
+        return (self.last_ns - self.first_ns) / NANOSECONDS
+
+    @property
+    def modes(self) -> list[CombinedMode]:
+        """Modes of all windows, one entry a track."""
+        return combined_modes(self.estimates, self.posterior)
+
+    @property
+    def warnings(self) -> list[QualityWarning]:
+        """Every warning once: the last posterior's, the windows', the nodes'."""
+        found = [*(self.posterior.warnings if self.posterior else ())]
+        found += [each for estimate in self.estimates for each in estimate.warnings]
+        found += [each for status in self.statuses.values() for each in status.warnings]
+        return list(dict.fromkeys(found))
+
+    def _block(self, block: AccelerationBlock, *, counts: bool) -> None:
+        unit = self.units.setdefault(block.unit, UnitState())
+        unit.samples += len(block.samples)
+        unit.end_ns, unit.sampling_rate = block.end_ns, block.sampling_rate
+        self.sequence, self.sampling_rate = block.sequence, block.sampling_rate
+        if counts:
+            self.published += 1
+            self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
+            self.last_ns = max(self.last_ns or 0, block.end_ns)
+
+    def _estimate(self, estimate: ModalEstimate) -> None:
+        """Keep a window once, even where a restarted identification has seen it again."""
+        estimate = without_factors(estimate)
+        self.estimate = self.last_answer = estimate
+        if all(not same_window(each, estimate) for each in self.estimates):
+            self.estimates.append(estimate)
+            self._let_go(self.estimates, "windows")
+
+    def _rejection(self, rejected: WindowRejected) -> None:
+        """Keep a rejection once.
+
+        The identification, restarted, also rejects what it has identified before, whose samples are
+        no longer there. The updating may reject what was identified.
+        """
+        self.last_answer = rejected
+        self.rejections[rejected.code] += 1
+        again = any(
+            each.code == rejected.code and same_window(each, rejected) for each in self.rejected
+        )
+        seen = any(same_window(each, rejected) for each in self.estimates)
+        if not again and not (seen and rejected.code == "gap"):
+            self.rejected.append(rejected)
+            self._let_go(self.rejected, "rejected")
+
+    def _gap(self, gap: StreamGap) -> None:
+        """Keep a gap once."""
+        unit = self.units.setdefault(gap.unit, UnitState())
+        unit.gaps += 1
+        unit.missing_ns += gap.end_ns - gap.start_ns
+        if gap not in self.gaps:
+            self.gaps.append(gap)
+            for oldest in self._let_go(self.gaps, "gaps"):
+                self.gone["gap_ns"] += oldest.end_ns - oldest.start_ns
+
+    def _posterior(self, posterior: FoundationPosterior) -> None:
+        self.posterior = posterior
+        self.posteriors[posterior.time_ns] = PosteriorAtWindow(
+            posterior.time_ns,
+            posterior.window,
+            posterior.parameters,
+            posterior.trusted,
+            posterior.change_probability,
+        )
+        if self.kept is not None and len(self.posteriors) > self.kept:
+            del self.posteriors[next(iter(self.posteriors))]
+
+    def _let_go(self, items: list[_Item], name: str) -> list[_Item]:
+        """Keep the latest of a run that may last for years; return what went, counted."""
+        gone = [] if self.kept is None else items[: max(0, len(items) - self.kept)]
+        del items[: len(gone)]
+        self.gone[name] += len(gone)
+        return gone
+
+
+def without_factors(estimate: ModalEstimate) -> ModalEstimate:
+    """Return the estimate without its covariance factors, by far its largest part."""
+    modes = tuple(
+        replace(mode, covariance_factor=NO_FACTOR, n_block_columns=0) for mode in estimate.modes
+    )
+    return replace(estimate, modes=modes)

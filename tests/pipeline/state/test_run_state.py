@@ -1,0 +1,65 @@
+"""RunState: each message folded once; summary, status, figures and indicators agree on it."""
+
+from pipeline.messages import WindowRejected
+from pipeline.monitoring.status import status_figures
+from pipeline.monitoring.summary import run_figures, turbine_figures
+from pipeline.state.run_state import RunState
+from pipeline.viewer.pictures.status_text import SessionStatus
+from tests.pipeline.example_messages import START_NS, block, status
+from tests.pipeline.report.example_session import session
+from tests.pipeline.state.test_run_modes import WINDOW, estimate, mode
+
+
+def folded(**settings: object) -> RunState:
+    """The state after the example session, by a clock that stands still."""
+    run = RunState(**settings)  # type: ignore[arg-type]
+    for message in session():
+        run.fold(message, START_NS)
+    return run
+
+
+def test_summary_status_and_report_are_functions_of_one_state() -> None:
+    run = folded()
+    (turbine,) = run.turbines
+    summary = run_figures(run, turbine, source="replay:x")
+    assert summary == turbine_figures(run, turbine, source="replay:x")
+    assert summary == run_figures(run, turbine, source="replay:x")  # asked again, nothing moves
+    answer = status_figures(run, START_NS)
+    assert answer["books"] == summary["books"]
+    assert len(answer["gaps"]) == summary["stream"]["gaps"]
+    assert answer["posteriors"][0]["windows"] == summary["posterior"]["windows"]
+
+
+def test_the_indicators_are_the_same_from_few_windows_as_from_all() -> None:
+    status_of_all = SessionStatus("t1")
+    for message in session():
+        status_of_all.take(message)
+    assert len(status_of_all._state.estimates) <= 5 < len(folded().turbine("t1").estimates)
+    assert status_of_all.n_rejected == folded().turbine("t1").rejections.total()
+    assert status_of_all.n_gaps == len(folded().turbine("t1").gaps)
+
+
+def test_the_books_of_a_farm_are_those_of_its_turbines() -> None:
+    run = RunState()
+    for turbine in ("t1", "t2"):
+        for sequence in range(3):
+            run.fold(block(sequence, turbine=turbine))
+    run.fold(WindowRejected("t2", 0, START_NS, START_NS + WINDOW, "gap", "gap of 2 s"))
+    run.fold(estimate(0, mode("m1", 0.3, 0.1)))
+    both, second = run.books.as_json(), run.books.as_json("t2")
+    assert [each["turbine"] for each in both["units"]] == ["t1", "t2"]
+    assert [each["turbine"] for each in second["units"]] == ["t2"]
+    assert second["turbines"] == [each for each in both["turbines"] if each["turbine"] == "t2"]
+    assert run.published == 6
+
+
+def test_what_is_let_go_stays_counted() -> None:
+    run = RunState(kept=2)
+    for window in range(5):
+        run.fold(estimate(window, mode("m1", 1.0, 0.1)))
+        run.fold(status("recorder"))
+    state = run.turbine("t1")
+    assert [each.window for each in state.estimates] == [3, 4]
+    assert state.gone["windows"] == 3
+    assert state.received["ModalEstimate"] == 5
+    assert list(state.statuses) == ["recorder"]
