@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, QualityWarning, WindowRejected
 from pipeline.oma.identification import Identification, identify
+from pipeline.oma.refused import RefusedMode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.measured_quantities import guessed_quantities
 from pipeline.oma.tracking import ModeTracker
@@ -42,6 +43,25 @@ class IdentifiedWindow:
     identification: Identification
 
 
+@dataclass(frozen=True, slots=True)
+class RefusedCandidate:
+    """What looked like a mode in a window and is not reported."""
+
+    window: int
+    """Number of the window, from 0."""
+    refused: RefusedMode
+
+    def as_json(self) -> dict[str, Any]:
+        """Return frequency, damping, code and reason."""
+        return {
+            "window": self.window,
+            "frequency_hz": self.refused.frequency,
+            "damping_ratio": self.refused.damping_ratio,
+            "code": self.refused.code,
+            "reason": self.refused.text,
+        }
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FileIdentification:
     """Results of a file's windows, in order of time."""
@@ -57,6 +77,8 @@ class FileIdentification:
     """Time of the first sample [ns since 1970-01-01 UTC]; 0 where the file does not say."""
     first_identified: IdentifiedWindow | None
     """The first identified window; None where every window was rejected."""
+    candidates: tuple[RefusedCandidate, ...] = ()
+    """Candidates of all windows that were refused, in order of window and frequency."""
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
@@ -118,8 +140,11 @@ def identify_file(
     tracker = ModeTracker()
     estimates, rejected = [], []
     first: IdentifiedWindow | None = None
+    candidates: list[RefusedCandidate] = []
     for window_found in _windows(table, rate, length, settings or OmaSettings(), quantities):
         answer = _answer(window_found, table, rate)
+        refused = window_found.identification.refused
+        candidates += [RefusedCandidate(window_found.number, each) for each in refused]
         if isinstance(answer, ModalEstimate):
             first = first or window_found
             named = tracker.named(answer.modes)
@@ -127,7 +152,14 @@ def identify_file(
         else:
             rejected.append(answer)
     return FileIdentification(
-        tuple(estimates), tuple(rejected), rate, duration, table.names, table.start_ns, first
+        tuple(estimates),
+        tuple(rejected),
+        rate,
+        duration,
+        table.names,
+        table.start_ns,
+        first,
+        tuple(candidates),
     )
 
 

@@ -106,6 +106,19 @@ def test_identify_in_windows_counts_them(pilewatch: Command, tmp_path: Path) -> 
     assert {mode["seen_in_windows"] for mode in figures["modes"]} == {3}
 
 
+def test_identify_lists_what_it_refused_and_why(pilewatch: Command, tmp_path: Path) -> None:
+    file = str(two_masses_csv(tmp_path))
+    figures = json.loads(pilewatch("identify", file, "--window", "60", "--why", "--json").stdout)
+    assert figures["refused"]
+    for each in figures["refused"]:
+        assert each["code"]
+        assert each["reason"]
+        assert 0 < each["frequency_hz"] < 25
+    listed = pilewatch("identify", file, "--window", "60", "--why")
+    assert "Candidates that are no modes" in listed.stdout
+    assert "refused" not in json.loads(pilewatch("identify", file, "--json").stdout)
+
+
 def test_modes_lists_table_1_first(pilewatch: Command) -> None:
     figures = json.loads(pilewatch("modes", "--json").stdout)["modes"]
     assert [mode["name"] for mode in figures[:11]] == [str(i) for i in range(1, 12)]
