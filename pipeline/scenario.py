@@ -83,11 +83,14 @@ class SensorSettings:
     """The bi-axial accelerometers of the acquisition unit."""
 
     unit: str = "tower"
+    """Name of the acquisition unit, part of its keys."""
     layout_id: str = "tower-1"
+    """Name of the layout, in every message."""
     elevations: tuple[float, ...] = (41.0, 80.0, 106.0, 145.0)
     """Elevations above mean water level [m]."""
 
     coupling: Coupling = "dc"
+    """"dc" or "ac"; a DC-coupled sensor feels the tilt of the tower."""
     corner_frequency: float = 0.0
     """Corner frequency of AC-coupled ones [Hz]."""
 
@@ -100,10 +103,15 @@ class FarmMember:
     """Number from 1; None: its place in the list."""
 
     id: str = ""
+    """Name of the turbine."""
     description: str = ""
+    """Its structure, as in [turbine]."""
     springs_sign: Literal["published", "embedded-pile"] | None = None
+    """Sign convention of k12, as in [turbine]."""
     unit: str = ""
+    """Name of its acquisition unit."""
     layout_id: str = ""
+    """Name of its layout."""
     elevations: tuple[float, ...] = ()
     """Elevations above mean water level [m]."""
 
@@ -165,9 +173,13 @@ class Scenario:
     """Everything that a session is made of. One section of the file per field."""
 
     name: str
+    """Short name; the file's by default."""
     title: str = ""
+    """One line for people."""
     description: str = ""
+    """What the scenario is for, in sentences."""
     seed: int = 1
+    """Of every random choice: loads, noise, sampler."""
     turbine: TurbineSettings = field(default_factory=TurbineSettings)
     sensors: SensorSettings = field(default_factory=SensorSettings)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)

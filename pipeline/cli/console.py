@@ -1,5 +1,6 @@
 """What the commands share: output streams, progress bars, options, signals."""
 
+import json
 import re
 import signal
 import threading
@@ -32,7 +33,7 @@ SamplerOption = Annotated[
     SamplerChoice | None,
     typer.Option("--sampler", help="Default: the scenario's, else importance."),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
 ZenohConfigOption = Annotated[
@@ -69,6 +70,11 @@ def zenoh_settings(
     if config is not None and mode != "peer":
         raise InputError(f"--mode {mode} and --zenoh-config {config}: the file sets the mode")
     return ZenohSettings(mode, tuple(listen or ()), tuple(connect or ()), False, config)
+
+
+def print_json(figures: Any) -> None:
+    """Print what a command found as JSON, for programs: not a table, and never folded."""
+    typer.echo(json.dumps(figures, ensure_ascii=False, indent=2, default=str))
 
 
 def speed_of(text: str) -> float:

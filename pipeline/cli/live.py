@@ -19,6 +19,7 @@ from pipeline.cli.console import (
     ZenohConfigOption,
     escape_markup,
     output,
+    print_json,
     progress,
     speed_of,
     stderr,
@@ -89,6 +90,7 @@ def feed(
     listen: ListenOption = None,
     mode: ModeOption = "peer",
     zenoh_config: ZenohConfigOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Publish a live instrument (MQTT, SeedLink, UDP, SCADA) until it is stopped."""
     from pipeline.sources.feed_publisher import channels_of, publish_feed
@@ -123,7 +125,10 @@ def feed(
             connected=lambda: stderr.print(f"connected: {escape_markup(address)}", soft_wrap=True),
             spool=_spool(spool, address, spool_megabytes) if keep and live.gives_blocks else None,
         )
-    _print(published_feed, channels.turbine, blocks=live.gives_blocks)
+    if as_json:
+        print_json(_feed_json(published_feed, channels.turbine))
+    else:
+        _print(published_feed, channels.turbine, blocks=live.gives_blocks)
 
 
 def _spool(folder: Path | None, source: str, megabytes: float) -> "Spool | None":
@@ -173,6 +178,21 @@ def _advice(mapping: str, toml: str) -> str:
     return "no mapping is needed" if mapping == "json" else f"use ?mapping={mapping}"
 
 
+def _feed_json(published_feed: Any, turbine: str) -> dict[str, Any]:
+    status = published_feed.status
+    return {
+        "turbine": turbine,
+        "blocks": published_feed.blocks,
+        "scada_samples": published_feed.scada_samples,
+        "received": status.received[0].count,
+        "lost": status.lost,
+        "late": status.late,
+        "duplicate": status.duplicate,
+        "refused": status.malformed,
+        "warnings": [{"code": each.code, "text": each.text} for each in status.warnings],
+    }
+
+
 def _print(published_feed: Any, turbine: str, *, blocks: bool) -> None:
     status = published_feed.status
     given = (
@@ -205,6 +225,7 @@ def certificates(
         str, typer.Option(help="Name or address at which the shore station listens.")
     ] = "localhost",
     port: Annotated[int, typer.Option(help="Its port.")] = 7447,
+    as_json: JsonOption = False,
 ) -> None:
     """Make TLS certificates and Zenoh configurations with access control.
 
@@ -223,6 +244,9 @@ def certificates(
         raise InputError("no client is named: give --unit TURBINE/UNIT or --viewer NAME")
     made = make_certificates(folder, names, host=host)
     written = write_configurations(folder, units, viewer or (), host=host, port=port)
+    if as_json:
+        print_json({"new": list(made), "written": [str(path) for path in written]})
+        return
     output.print(f"new certificates: {', '.join(made) or 'none'}", soft_wrap=True)
     output.print("Written: " + ", ".join(str(path) for path in written), soft_wrap=True)
     output.print(
@@ -242,6 +266,7 @@ def publish(
     listen: ListenOption = None,
     mode: ModeOption = "peer",
     zenoh_config: ZenohConfigOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Publish a source to listening sessions (`pilewatch run --source live`)."""
     from pipeline.sources.publisher import publish_source
@@ -258,6 +283,9 @@ def publish(
             report=report,
             spool=_spool(spool, opened.text, spool_megabytes) if keep else None,
         )
+    if as_json:
+        print_json({"blocks": count, "turbines": list(opened.turbines)})
+        return
     n_turbines = len(opened.turbines)
     turbines = f"{n_turbines} turbines" if n_turbines > 1 else opened.layout.turbine
     output.print(f"{count} blocks of {turbines} published")
@@ -296,6 +324,8 @@ def control(
     from pipeline.sources.replay_control import REPLAY_KEY
     from pipeline.transport.zenoh_bus import asked
 
+    if action in ("seek", "speed") and value is None:
+        raise InputError(f"control {action} needs a value, e.g. `pilewatch control {action} 10`")
     endpoint: Any = zenoh_settings("peer", None, None, zenoh_config)
     if zenoh_config is None:
         endpoint = endpoint_of(out) if connect is None else connect

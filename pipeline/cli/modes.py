@@ -48,10 +48,14 @@ def identify(
             "the first identified one."
         ),
     ] = None,
+    why: Annotated[
+        bool,
+        typer.Option("--why", help="List also what looked like a mode and was refused, and why."),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Identify the modes of the structure in a file; needs no turbine."""
-    from pipeline.cli.tables.modes import identified_modes_table
+    from pipeline.cli.tables.modes import identified_modes_table, refused_table
     from pipeline.offline.identify_file import identify_file
     from pipeline.oma.settings import OmaSettings
     from pipeline.state.run_modes import combined_modes
@@ -73,6 +77,8 @@ def identify(
         _draw(found, file, plot)
     modes = combined_modes(found.estimates)
     if not modes and not as_json:
+        if why and found.candidates:
+            output.print(refused_table(found.candidates))
         raise InputError(f"{file}: {_why_no_modes(found)}")
     for warning in found.warnings:
         stderr.print(f"[yellow]{warning.code}[/]: {escape_markup(warning.text)}", soft_wrap=True)
@@ -85,11 +91,15 @@ def identify(
             "duration_s": found.duration,
             "channels": list(found.channels),
         }
+        if why:
+            figures["refused"] = [each.as_json() for each in found.candidates]
         output.print_json(json.dumps(figures))
         if not modes:
             raise InputError(f"{file}: {_why_no_modes(found)}")
     else:
         output.print(identified_modes_table(modes, len(found.estimates)))
+        if why:
+            output.print(refused_table(found.candidates))
 
 
 def _why_no_modes(found: "FileIdentification") -> str:
@@ -124,8 +134,8 @@ def modes(
         Literal["published", "embedded-pile"] | None,
         typer.Option(help="Sign convention of k12; default: the scenario's."),
     ] = None,
-    turbine: Annotated[
-        str | None, typer.Option(help="A shipped turbine or a TOML description.")
+    structure: Annotated[
+        str | None, typer.Option(help="A shipped description or a TOML file.")
     ] = None,
     scenario: ScenarioOption = None,
     as_json: JsonOption = False,
@@ -135,7 +145,7 @@ def modes(
     from pipeline.offline.model_modes import model_modes
 
     with stderr.status("solving the model"):
-        found = model_modes(theta=theta, sign=sign, turbine=turbine, scenario=scenario)
+        found = model_modes(theta=theta, sign=sign, turbine=structure, scenario=scenario)
     if as_json:
         output.print_json(json.dumps({"modes": found.as_json()}))
     else:

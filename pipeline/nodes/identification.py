@@ -190,7 +190,8 @@ class TurbineIdentification:
             yield from self._take(unit, block)
 
     def _take(self, unit: _Unit, block: AccelerationBlock) -> Iterator[Message]:
-        if self._session is None or not self._session.goes_on_with(block, unit.boot):
+        boot = unit.boot
+        if self._session is None or not self._session.goes_on_with(block, boot):
             if self._session is not None:
                 yield from self._end_session()
             self._session = self._begun(unit, block)
@@ -199,7 +200,7 @@ class TurbineIdentification:
             unit.admission.refuse(misfit)
             return
         begins = not unit.marks or unit.marks[0] == BlockMark.of(block)
-        yield from self._session.push(block, unit.boot, 0 if begins else block.first_sample)
+        yield from self._session.push(block, boot, 0 if begins else block.first_sample)
         if self._session.has_lost_time:
             unused = self._session.release()
             yield from self._end_session()
@@ -232,7 +233,7 @@ class TurbineIdentification:
     def _finish_if_complete(self) -> Iterator[Message]:
         """Finish a session whose ends and last blocks are all here, whichever came first: they
         travel on different keys, so an end may overtake blocks that had to be fetched again."""
-        if self._session is None:
+        if self._session is None or not any(unit.ends for unit in self._units.values()):
             return
         newest = self._session.newest
         ends = [self._units[unit].ends.get(name) for unit, (name, _) in newest.items()]

@@ -107,8 +107,11 @@ class WindowIdentification:
         self._unit_steps = [*self._unit_steps, (unit, step)][-MOST_CLOCK_STEPS:]
 
     def push(self, piece: AccelerationBlock | MissingSamples) -> Iterator[Message]:
-        """Take what follows; a block longer than a hop in parts, for what a window is identified
-        from is not kept much longer than the window."""
+        """Take the next samples in order; give the answers to the windows that they close.
+
+        A block longer than a hop is taken in parts, for what a window is identified from is not
+        kept much longer than the window.
+        """
         if isinstance(piece, MissingSamples):
             self._stretch = None
             parts: Iterable[AccelerationBlock | MissingSamples] = (piece,)
@@ -121,6 +124,7 @@ class WindowIdentification:
                 yield from self._answers(window)
 
     def finish(self) -> Iterator[Message]:
+        """Give the answer to the window that the session ends in."""
         for window in self._cutter.finish():
             yield from self._answers(window)
 
@@ -139,6 +143,7 @@ class WindowIdentification:
         self._tracker.recall(answer.modes, on=places)
 
     def gap(self, missing: MissingSamples, unit: str, session: str) -> StreamGap:
+        """Return the message about samples of a unit that never came."""
         return StreamGap(
             turbine=self._turbine,
             unit=unit,

@@ -1,4 +1,8 @@
-"""Identify the modes in a file, without turbine, transport or posterior: `pilewatch identify`."""
+"""Identify the modes in a file, without turbine, transport or posterior: `pilewatch identify`.
+
+Windows are cut here, not by the node's windowing: a file may have uneven times, mixed quantities
+and one window of any length, where blocks have one rate and windows are the scenario's.
+"""
 
 import heapq
 from collections.abc import Iterator
@@ -11,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, QualityWarning, WindowRejected
 from pipeline.oma.identification import Identification, identify
+from pipeline.oma.refused import RefusedMode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.measured_quantities import guessed_quantities
 from pipeline.oma.tracking import ModeTracker
@@ -38,6 +43,25 @@ class IdentifiedWindow:
     identification: Identification
 
 
+@dataclass(frozen=True, slots=True)
+class RefusedCandidate:
+    """What looked like a mode in a window and is not reported."""
+
+    window: int
+    """Number of the window, from 0."""
+    refused: RefusedMode
+
+    def as_json(self) -> dict[str, Any]:
+        """Return frequency, damping, code and reason."""
+        return {
+            "window": self.window,
+            "frequency_hz": self.refused.frequency,
+            "damping_ratio": self.refused.damping_ratio,
+            "code": self.refused.code,
+            "reason": self.refused.text,
+        }
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FileIdentification:
     """Results of a file's windows, in order of time."""
@@ -53,6 +77,8 @@ class FileIdentification:
     """Time of the first sample [ns since 1970-01-01 UTC]; 0 where the file does not say."""
     first_identified: IdentifiedWindow | None
     """The first identified window; None where every window was rejected."""
+    candidates: tuple[RefusedCandidate, ...] = ()
+    """Candidates of all windows that were refused, in order of window and frequency."""
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
@@ -99,6 +125,12 @@ def identify_file(
         If the file cannot be read, has no sampling rate or is shorter than the window.
     """
     table, rate = _read(path, sampling_rate, layout)
+    lowest = None if settings is None else settings.lowest_frequency
+    if lowest is not None and lowest >= rate / 2:
+        raise InputError(
+            f"--lowest-frequency {lowest:g} Hz: {path} is sampled at {rate:g} Hz, which reaches to "
+            f"{rate / 2:g} Hz"
+        )
     duration = len(table.samples) / rate
     if window is not None and not 0 < window <= duration * (1 + 1e-9):
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
@@ -108,8 +140,11 @@ def identify_file(
     tracker = ModeTracker()
     estimates, rejected = [], []
     first: IdentifiedWindow | None = None
+    candidates: list[RefusedCandidate] = []
     for window_found in _windows(table, rate, length, settings or OmaSettings(), quantities):
         answer = _answer(window_found, table, rate)
+        refused = window_found.identification.refused
+        candidates += [RefusedCandidate(window_found.number, each) for each in refused]
         if isinstance(answer, ModalEstimate):
             first = first or window_found
             named = tracker.named(answer.modes)
@@ -117,7 +152,14 @@ def identify_file(
         else:
             rejected.append(answer)
     return FileIdentification(
-        tuple(estimates), tuple(rejected), rate, duration, table.names, table.start_ns, first
+        tuple(estimates),
+        tuple(rejected),
+        rate,
+        duration,
+        table.names,
+        table.start_ns,
+        first,
+        tuple(candidates),
     )
 
 

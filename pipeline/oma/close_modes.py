@@ -15,9 +15,10 @@ import numpy as np
 
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.oma.refused import RefusedMode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.coincident_modes import CoincidentModes
-from pipeline.oma.whittle.groups import Group, Suspect, grouped, modes_of_group
+from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
@@ -30,23 +31,11 @@ MOST_UNLIKE = 2.5  # ratio of half bandwidths of two modes of a resolved group [
 VAGUEST_SHAPE = 0.6  # std of a component of a shape that overlapping modes leave [-]
 ALIKE_SHAPES = 0.8  # MAC of one mode's shapes by poles and by lines [-]
 TINTED = 4.0  # colour of a band whose background moves with its modes: the model does not hold [-]
+UNEXPLAINED = 12.0  # rise of ln p that a mode more would promise: a band holds more than its
+# model; of 17 groups of simulated pairs none left more than 5
 WIDEST_GROUP = (
     30.0  # ζ f T above which poles have data enough, and a band would hold many modes [-]
 )
-
-
-@dataclass(frozen=True, slots=True)
-class RefusedMode:
-    """What looked like a mode and is not reported."""
-
-    frequency: float
-    """f [Hz]"""
-    damping_ratio: float
-    """ζ [-]"""
-    code: str
-    """Stable name of the reason."""
-    text: str
-    """One sentence with the figure that decided."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,15 +66,31 @@ def resolved_by_evidence(
     for group in grouped(suspects, duration):
         inside = [mode for mode in modes if group.holds(mode.frequency, duration)]
         others = [each for each in known if not group.holds(each.frequency, duration)]
+        if _poles_suffice(group, inside, spectrum):
+            continue
         found = modes_of_group(group, spectrum, others, settings)
         if found is None or not found.modes:
             continue
         kept: Sequence[Mode] = found.modes
         if group.half_bandwidth * duration >= UNRESOLVED:
-            kept = [each for each in kept if _believable(each, group)]
-            if len(kept) <= len(inside) or found.mixed > MIXED_SHAPES or abs(found.colour) > TINTED:
+            kept = _without_broken_pairs([e for e in kept if _believable(e, group)])
+            alike = any(group.holds(each.frequency, duration) for each in coincident)
+            if alike and any(each.pair_id for each in kept):
                 continue
-            kept = [next((m for m in inside if _same(m, each)), each) for each in kept]
+            if len(kept) <= len(inside) or not _holds(found):
+                continue
+            kept = [
+                each if each.pair_id else next((m for m in inside if _same(m, each)), each)
+                for each in kept
+            ]
+        else:
+            kept = [
+                e
+                for e in kept
+                if e.pair_id
+                or _bears_out(e, inside)
+                or _plausible_addition(e, group, spectrum, settings)
+            ]
         result = [mode for mode in result if not any(mode is old for old in inside)]
         result += kept
         reasons = [
@@ -94,6 +99,7 @@ def resolved_by_evidence(
             if not (each.code == "mixture" and group.holds(each.frequency, duration))
         ]
         reasons += _left_out(inside, kept, group)
+        reasons += _not_borne_out(found.modes, [*kept, *inside], group)
     return ResolvedModes(
         tuple(sorted(result, key=lambda mode: mode.frequency)),
         tuple(sorted(reasons, key=lambda each: each.frequency)),
@@ -114,9 +120,62 @@ def _suspects(
         each
         for each in seen
         if each.half_bandwidth * spectrum.duration < UNRESOLVED
-        or spectrum.second_over_flank(each.frequency, each.half_bandwidth) > HIDDEN
+        or _n_directions(spectrum, each.frequency, each.frequency, each.half_bandwidth) > 1
     ]
     return [each for each in found if each.half_bandwidth * spectrum.duration < WIDEST_GROUP]
+
+
+def _n_directions(spectrum: WindowSpectrum, low: float, high: float, half_bandwidth: float) -> int:
+    """How many directions stand out of what surrounds a stretch of frequencies [Hz]."""
+    return int(np.sum(spectrum.powers_over_flank(low, high, half_bandwidth) > HIDDEN))
+
+
+def _poles_suffice(group: Group, inside: Sequence[Mode], spectrum: WindowSpectrum) -> bool:
+    """Whether the window resolves a group, and no more directions stand out than it has poles."""
+    if group.half_bandwidth * spectrum.duration < UNRESOLVED:
+        return False
+    directions = _n_directions(spectrum, group.low, group.high, group.half_bandwidth)
+    return directions <= len(inside)
+
+
+def _without_broken_pairs(modes: Sequence[Mode]) -> list[Mode]:
+    """The modes but those whose partner is not among them."""
+    ids = [mode.pair_id for mode in modes]
+    return [mode for mode in modes if not mode.pair_id or ids.count(mode.pair_id) > 1]
+
+
+def _holds(found: GroupModes) -> bool:
+    """Whether the model of a band describes its lines: no shapes mixed, no background that moves
+    with the modes, nothing left to explain."""
+    return (
+        found.mixed <= MIXED_SHAPES
+        and abs(found.colour) <= TINTED
+        and found.unexplained <= UNEXPLAINED
+    )
+
+
+def _bears_out(mode: Mode, poles: Sequence[Mode]) -> bool:
+    """Whether a pole stands where a mode of the lines does."""
+    return any(
+        abs(pole.frequency - mode.frequency)
+        < 3 * float(np.hypot(pole.frequency_std, mode.frequency_std))
+        and modal_assurance_criterion(pole.shape[None], mode.shape[None])[0, 0] > ALIKE_SHAPES
+        for pole in poles
+    )
+
+
+def _plausible_addition(
+    mode: Mode, group: Group, spectrum: WindowSpectrum, settings: OmaSettings
+) -> bool:
+    """Whether a mode that no pole bears out may be one: a wide one, of which the window shows the
+    resonance, has a shape that is known and a width like its neighbours'."""
+    half_bandwidth = mode.damping_ratio * mode.frequency
+    if half_bandwidth * spectrum.duration < UNRESOLVED:
+        return True
+    return bool(
+        mode.shape_std.max() <= settings.maximum_shape_std
+        and half_bandwidth <= MOST_UNLIKE * group.half_bandwidth
+    )
 
 
 def _believable(mode: Mode, group: Group) -> bool:
@@ -158,4 +217,20 @@ def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list
             f"{group.high:.4g} Hz do not",
         )
         for pole in by_distance[len(kept) :]
+    ]
+
+
+def _not_borne_out(modes: Sequence[Mode], named: Sequence[Mode], group: Group) -> list[RefusedMode]:
+    """Modes of the lines that are neither reported nor a pole's."""
+    return [
+        RefusedMode(
+            mode.frequency,
+            mode.damping_ratio,
+            "uncertain",
+            f"lines suggest it and no pole does: its shape is known to {mode.shape_std.max():.2g}, "
+            f"its width is {mode.damping_ratio * mode.frequency / group.half_bandwidth:.2g} times "
+            "its neighbours'",
+        )
+        for mode in modes
+        if not any(mode is each for each in named) and not _bears_out(mode, named)
     ]

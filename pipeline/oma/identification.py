@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import Mode, QualityWarning
 from pipeline.oma.band_merging import merged
-from pipeline.oma.close_modes import UNRESOLVED, RefusedMode, resolved_by_evidence
+from pipeline.oma.close_modes import UNRESOLVED, resolved_by_evidence
 from pipeline.oma.coincident_pairs import twin_pairs
 from pipeline.oma.data_quality.input_checks import (
     HARMONIC_DAMPING,
@@ -20,6 +20,7 @@ from pipeline.oma.data_quality.input_checks import (
     mended,
 )
 from pipeline.oma.references import references_among
+from pipeline.oma.refused import RefusedMode, harmonic, unstable
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
     BandIdentification,
@@ -161,11 +162,14 @@ def concluded(
     alike = _twins_beside(by_band, [*by_evidence.modes, *harmonics])
     warnings += [_coincident(each) for each in alike]
     pairs = twin_pairs(alike, steady, sampling_rate, integrations)
+    found = sorted([*by_evidence.modes, *pairs], key=lambda mode: mode.frequency)
+    reasons = [*by_evidence.refused, *(harmonic(mode) for mode in harmonics)]
+    reasons += unstable(by_band, found, reasons)
     return Identification(
-        tuple(sorted([*by_evidence.modes, *pairs], key=lambda mode: mode.frequency)),
+        tuple(found),
         tuple(warnings),
         diagrams=tuple(band.poles for band in by_band),
-        refused=by_evidence.refused,
+        refused=tuple(sorted(reasons, key=lambda each: each.frequency)),
     )
 
 

@@ -1,4 +1,4 @@
-"""The same identification from a stream: each sample is worked on once, however windows overlap.
+"""The same identification from a stream: filters and lag products of each sample are computed once.
 
     samples ─► decimation ─► time blocks ─► lag covariances of each block, in a ring
                                                     │ the blocks of a window, when it is complete
@@ -6,7 +6,9 @@
                                             one decomposition, as for an array
 
 A window's result equals that of `identify` on the window's own samples: the filter's and the
-lags' first samples are taken from inside the window, never from before it.
+lags' first samples are taken from inside the window, never from before it. The decomposition, which
+is most of the work, is that of a new window: one that slid by a tenth costs as much as one from
+scratch (`tests/benchmarks identification speed`).
 
 Why only covariances are carried from window to window: beyond the strongest ones, the singular
 vectors of the Hankel matrix are fitted noise, and a tenth of new samples turns them. Of a 15 MW

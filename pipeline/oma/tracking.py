@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
@@ -152,6 +151,8 @@ class ModeTracker:
         """Index of a mode → its track, by least total cost."""
         if not modes or not self._tracks:
             return {}
+        from scipy.optimize import linear_sum_assignment  # slow to load; a first window has no need
+
         cost = np.array(
             [
                 [track.cost(mode, shape) for track in self._tracks]

@@ -151,10 +151,13 @@ def stiffness_sentences(record: TurbineRecord) -> list[str]:
 
 def _stiffness(record: TurbineRecord, spring: ParameterSummary) -> str:
     median, low, high = ratios(spring)
+    posterior = record.state.posterior
+    known = f"is known to ±{percent((high - low) / 2 / median)}"
+    if posterior is not None and not posterior.trusted:
+        known = "is not known; by the model that the data contradict"
     text = (
-        f"{spring.name}, {SPRING_TEXTS[spring.name]}, is known to "
-        f"±{percent((high - low) / 2 / median)}: {median:.3f} × its nominal value, 90 % interval "
-        f"{low:.3f} to {high:.3f}"
+        f"{spring.name}, {SPRING_TEXTS[spring.name]}, {known}: {median:.3f} × its nominal "
+        f"value, 90 % interval {low:.3f} to {high:.3f}"
     )
     truth = record.state.truth
     if truth is None:

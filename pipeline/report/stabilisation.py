@@ -49,6 +49,7 @@ def draw_stabilisation(
     _draw_poles(poles_axes, identification)
     _draw_spectrum(spectrum_axes, samples, sampling_rate)
     _draw_modes((poles_axes, spectrum_axes), identification)
+    _draw_refused(poles_axes, identification)
     found = f"{len(identification.modes)} modes; bars are one standard deviation"
     figure.suptitle(f"{title}: {found}" if title else found)
     if identification.modes:
@@ -103,6 +104,20 @@ def _draw_modes(all_axes: Sequence[Any], identification: Identification) -> None
                 rotation=60,
                 fontsize="x-small",
             )
+
+
+def _draw_refused(axes: Any, identification: Identification) -> None:
+    """Mark what looked like a mode and was refused with the code of its reason."""
+    for each in identification.refused:
+        axes.axvline(each.frequency, color="tab:red", linewidth=0.5, alpha=0.5, linestyle=":")
+        axes.annotate(
+            each.code,
+            (each.frequency, 0.02),
+            xycoords=("data", "axes fraction"),
+            rotation=90,
+            color="tab:red",
+            fontsize="xx-small",
+        )
 
 
 def _draw_spectrum(axes: Any, samples: FloatArray, sampling_rate: float) -> None:

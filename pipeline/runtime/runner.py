@@ -81,12 +81,18 @@ class Worker(Protocol):
     """A node somewhere else: in a thread or in a process of its own."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name of the node."""
+        ...
 
     @property
-    def inputs(self) -> tuple[type, ...]: ...
+    def inputs(self) -> tuple[type, ...]:
+        """Message types that the node takes."""
+        ...
 
-    def start(self) -> None: ...
+    def start(self) -> None:
+        """Start the node."""
+        ...
 
     @property
     def restarts(self) -> int:

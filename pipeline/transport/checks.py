@@ -94,10 +94,11 @@ def _check_block(block: AccelerationBlock) -> None:
     )
     _check_count("sequence", block.sequence)
     _check_count("first_sample", block.first_sample)
-    _check_span(block.start_ns, block.end_ns)
+    end_ns = block.end_ns
+    _check_span(block.start_ns, end_ns)
     _require(
-        block.end_ns < LATEST_SAMPLE_NS,
-        f"end_ns is {block.end_ns}; samples end before {LATEST_SAMPLE_NS} ns",
+        end_ns < LATEST_SAMPLE_NS,
+        f"end_ns is {end_ns}; samples end before {LATEST_SAMPLE_NS} ns",
     )
 
 

@@ -89,6 +89,7 @@ class ZenohBus:
         self._beginnings = Beginnings(self._session)
 
     def publish(self, message: Message, payload: bytes | None = None) -> None:
+        """Send on the message's key. See `Bus`."""
         key = publishing_key(message)
         payload = encode(message) if payload is None else payload
         publisher = self._publisher_of(key, stream_of(type(message)))
@@ -111,6 +112,7 @@ class ZenohBus:
     def subscribe(
         self, message_types: Sequence[type], inbox: Inbox, *, key: str | None = None
     ) -> "ZenohSubscription":
+        """Deliver all messages of these types into the inbox. See `Bus`."""
         subscription = ZenohSubscription(self._session, self._beginnings, message_types, inbox, key)
         self._subscriptions.append(subscription)
         return subscription
@@ -133,6 +135,7 @@ class ZenohBus:
         )
 
     def close(self) -> None:
+        """Leave, when what was published has been handed over."""
         for queryable in self._queryables:
             queryable.undeclare()
         self._queryables.clear()
@@ -195,16 +198,20 @@ class ZenohSubscription:
 
     @property
     def lost(self) -> int:
+        """Messages that were published and will never arrive."""
         return sum(map(self.lost_of, self._arrivals))
 
     def lost_of(self, message_type: type) -> int:
+        """Those of one type."""
         at_beginnings = self._arrivals[message_type].lost if message_type in self._arrivals else 0
         return self._lost[message_type] + at_beginnings
 
     def recovered_of(self, message_type: type) -> int:
+        """Messages of one type that came when their link was back."""
         return self._arrivals[message_type].recovered if message_type in self._arrivals else 0
 
     def close(self) -> None:
+        """Deliver no more."""
         for listener in self._miss_listeners:
             listener.undeclare()
         for subscriber in self._subscribers:

@@ -264,15 +264,15 @@ class FoundationUpdater:
             state.evidence,
             state.joint,
             np.random.default_rng([self._seed, estimate.window]),
+            guards=self.settings.guards,
             reference=state.reference,
             last_fault=state.sensor_fault,
         )
         if found is None:
             raise without_partner(len(state.evidence.modes))
-        pairing = found.best.peak.comparison.pairing
-        against = refusal(pairing.paired_share, pairing.cost, self.settings.guards)
-        if against is not None:
-            return state, _rejected(estimate, EstimateRefused(against.code, against.text))
+        if found.refusal is not None:
+            refused = EstimateRefused(found.refusal.code, found.refusal.text)
+            return state, _rejected(estimate, refused)
         fit, u = found.best.fit, found.best.peak.u
         model = model_at(fit, u, self._layout)
         posterior = joint_message(

@@ -461,7 +461,8 @@ class FigureModel:
         level: float,
         slopes: tuple[FloatArray, FloatArray],
     ) -> tuple[FloatArray, ...] | None:
-        """λ (m,), dλ (m, p), readings (m, c), their derivatives (m, c, p), vectors (m, n_dofs)."""
+        """Of the modes that the sensors see: λ (m,), dλ (m, p), readings (m, c), their derivatives
+        (m, c, p), vectors (m, n_dofs)."""
         K, M = self._matrices(group, theta, departures, level)
         try:
             values, vectors = eigh(K, M, check_finite=False)
@@ -469,25 +470,27 @@ class FigureModel:
             return None
         if not values[0] > 0:
             return None
-        kept = int(np.searchsorted(values, (2 * np.pi * self.highest_frequency) ** 2))
-        lam, V = values[:kept], vectors[:, :kept]
+        H, G = group.displacement @ vectors, group.slope @ vectors  # (c, m)
+        below = np.searchsorted(values, (2 * np.pi * self.highest_frequency) ** 2)
+        motion = np.abs(H[:, :below] + G[:, :below] / values[:below]).max(axis=0)
+        kept = np.flatnonzero(motion >= VISIBLE_SHARE * motion.max(initial=0.0))
+        lam, V = values[kept], vectors[:, kept]
         dK, dM = self._matrix_slopes(group, departures, level, slopes)
         dKV = dK @ V  # (p, m, kept)
         dMV = dM @ V
         coupling = vectors.T @ (dKV - lam * dMV)  # φ_nᵀ (dK − λ_m dM) φ_m, (p, n, kept)
-        diagonal = np.arange(kept)
-        dlam = coupling[:, diagonal, diagonal].T.copy()  # (kept, p)
+        itself = (kept, np.arange(len(kept)))
+        dlam = coupling[:, *itself].T.copy()  # (kept, p)
         gaps = lam[None, :] - values[:, None]
-        gaps[diagonal, diagonal] = np.inf
+        gaps[itself] = np.inf
         tiny = 1e-9 * lam[None, :]
         gaps = np.where(np.abs(gaps) < tiny, np.copysign(tiny, gaps), gaps)
         mixing = coupling / gaps  # (p, n, kept)
         own = np.einsum("jm,pjm->pm", V, dMV)
-        mixing[:, diagonal, diagonal] = -0.5 * own
-        H, G = group.displacement @ vectors, group.slope @ vectors  # (c, m)
-        readings = (H[:, :kept] + G[:, :kept] / lam).T
+        mixing[:, *itself] = -0.5 * own
+        readings = (H[:, kept] + G[:, kept] / lam).T
         moved = np.matmul(H, mixing) + np.matmul(G, mixing) / lam  # (p, c, kept)
-        moved -= G[:, :kept][None] * (dlam.T / lam**2)[:, None, :]
+        moved -= G[:, kept][None] * (dlam.T / lam**2)[:, None, :]
         across = (group.across @ V + group.across_slope @ V / lam).T
         by_height = (group.slope @ V).T / (self.turbine.gravity or 1.0)  # without weight no slope
         moved = np.moveaxis(moved, 0, 2).swapaxes(0, 1)

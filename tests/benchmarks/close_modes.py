@@ -1,6 +1,6 @@
 """Modes that hide each other, ring-downs and lost seconds: what an identification leaves out.
 
-    python -m tests.benchmarks close_modes [--first-seed 50001] [--records 50] [--write FOLDER]
+    python -m tests.benchmarks close_modes [--first-seed 50001] [--records 50] [--keep]
 
 Every seed draws structures of a few modes under white modal forces, 600 s, 3 to 8 channels:
 
@@ -16,11 +16,8 @@ found      one identified mode each, within max(3 std, .2 %), MAC .8 (.5 where t
 """
 
 import argparse
-import json
-import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.signal import decimate, lfilter
@@ -29,6 +26,7 @@ from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from sensors.arrays import FloatArray
+from tests.benchmarks._results import keep
 
 DURATION = 600.0  # of a record [s]
 OVERSAMPLING = 2
@@ -277,26 +275,21 @@ def figures(first_seed: int, count: int) -> dict[str, dict[str, float]]:
 
 
 def main(arguments: list[str]) -> None:
-    """Print the figures, and write them where asked."""
+    """Print the figures, and keep them where asked."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks close_modes")
     parser.add_argument("--first-seed", type=int, default=50_001)
     parser.add_argument("--records", type=int, default=50)
-    parser.add_argument("--write", type=Path)
+    parser.add_argument("--keep", action="store_true", help="write the result")
     options = parser.parse_args(arguments)
     found = figures(options.first_seed, options.records)
     for name, row in found.items():
         print(f"{name:14s} " + ", ".join(f"{key} {value:.3g}" for key, value in row.items()))
-    if options.write is not None:
-        commit = subprocess.run(
-            ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False
-        ).stdout.strip()
-        command = f"python -m tests.benchmarks close_modes --first-seed {options.first_seed}"
-        document = {
-            "command": f"{command} --records {options.records}",
-            "seeds": [options.first_seed, options.first_seed + options.records - 1],
-            "commit": commit,
-            "figures": found,
-        }
-        options.write.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(document, indent=2) + "\n"
-        (options.write / "close_modes.json").write_text(text)
+    if options.keep:
+        keep(
+            "close_modes",
+            found,
+            command="python -m tests.benchmarks close_modes "
+            f"--first-seed {options.first_seed} --records {options.records} --keep",
+            seeds=range(options.first_seed, options.first_seed + options.records),
+            depends=("pipeline/oma", "tests/benchmarks/close_modes.py"),
+        )

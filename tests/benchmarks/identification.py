@@ -1,10 +1,11 @@
 """Identification: speed against public implementations, and what it finds blind.
 
-    python -m tests.benchmarks identification [speed] [blind SEEDS [FIRST_SEED]]
+    python -m tests.benchmarks identification [speed] [blind SEEDS [FIRST_SEED] [keep]]
 
 `speed` measures CPU time on one thread, 8 channels, 600 s; peers (pyOMA-2, koma-python) are
 measured in the same run where they are installed. `blind` simulates the parked turbine at its
-nominal foundation, an hour a seed, and identifies its six windows with the default settings.
+nominal foundation, an hour a seed, and identifies its six windows with the default settings;
+`keep` writes the result.
 """
 
 import importlib.util
@@ -39,6 +40,7 @@ from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import FullModes, full_modes
 from sensors.simulation.tower import SimulatedTower, SimulationSettings
 from sensors.structure.description import load_turbine
+from tests.benchmarks._results import keep
 
 LAYOUT = biaxial_layout(
     "benchmark", turbine="iea15mw", unit="tower", elevations=(41.0, 80.0, 106.0, 145.0)
@@ -67,7 +69,21 @@ def main(arguments: list[str]) -> None:
     if not arguments or "blind" in arguments:
         after = arguments[arguments.index("blind") + 1 :] if arguments else []
         numbers = [int(word) for word in after if word.isdigit()]
-        blind(*numbers[:2]) if numbers else blind(4)
+        first = numbers[1] if len(numbers) > 1 else FIRST_SEED
+        figures = blind(numbers[0] if numbers else 4, first)
+        if "keep" in arguments:
+            keep(
+                "identification-blind",
+                figures,
+                command="python -m tests.benchmarks identification "
+                f"blind {numbers[0]} {first} keep",
+                seeds=range(first, first + numbers[0]),
+                depends=(
+                    "pipeline/oma",
+                    "sensors/simulation",
+                    "tests/benchmarks/identification.py",
+                ),
+            )
 
 
 def parked_record(seed: int, duration: float) -> FloatArray:
@@ -235,7 +251,8 @@ def run_pyoma(
 # --- blind ---------------------------------------------------------------------------------------
 
 
-def blind(n_seeds: int, first_seed: int = FIRST_SEED) -> None:
+def blind(n_seeds: int, first_seed: int = FIRST_SEED) -> dict[str, float]:
+    """Print the table; return its main figures."""
     truth = full_modes(
         load_turbine("iea15mw_monopile"),
         LAYOUT,
@@ -259,10 +276,17 @@ def blind(n_seeds: int, first_seed: int = FIRST_SEED) -> None:
     ratios = np.median([each.ratios for each in everything if each.often], axis=0)
     print("std empirical / stated, median over modes: " + ", ".join(f"{r:.2f}" for r in ratios))
     print("  of f, ζ, φ (.85 to 1.2)")
+    figures = {"windows": float(len(windows)), "cpu_s": spent / len(windows)}
+    for label, each in zip(TABLE_1, everything, strict=True):
+        figures[f"found_{label}"] = len(each.z) / len(windows)
+        figures[f"rms_percent_{label}"] = each.rms_percent
+    figures["cover95"] = float(covered.mean())
     for label in ("7", "11"):
         share = mixtures(label, truth, windows)
+        figures[f"mixtures_{label}"] = share
         print(f"mode {label}: a mixture passed off as one in {share:.3f} of windows (at most .02)")
-    print_false_modes(truth, windows)
+    figures["spurious"], figures["duplicates"] = false_modes(truth, windows)
+    return figures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -272,6 +296,7 @@ class Judged:
     z: FloatArray  # (n_found,) error of f over its stated std
     ratios: FloatArray  # (3,) empirical over stated std of f, ζ and φ
     often: bool  # found in half of the windows
+    rms_percent: float  # of the frequency's error; NaN where found too rarely
 
 
 def judged_mode(label: str, truth: FullModes, windows: Sequence[Sequence[Mode]]) -> Judged:
@@ -281,17 +306,18 @@ def judged_mode(label: str, truth: FullModes, windows: Sequence[Sequence[Mode]])
     found = [mode for modes in windows if (mode := match(modes, float(f), shape)) is not None]
     if len(found) < 3:
         print(f"{label:>5} {f:10.4f} {len(found) / len(windows):6.2f}")
-        return Judged(np.empty(0), np.full(3, np.nan), often=False)
+        return Judged(np.empty(0), np.full(3, np.nan), often=False, rms_percent=float("nan"))
     error = np.array([mode.frequency - f for mode in found])
     z = error / np.array([mode.frequency_std for mode in found])
     macs = [mac(mode.shape, shape) for mode in found]
     ratios = std_ratios(found)
+    rms = float(100 * np.sqrt(np.mean(error**2)) / f)
     print(
         f"{label:>5} {f:10.4f} {len(found) / len(windows):6.2f} "
-        f"{100 * np.sqrt(np.mean(error**2)) / f:8.3f} {np.mean(macs):9.4f} "
+        f"{rms:8.3f} {np.mean(macs):9.4f} "
         f"{np.mean(np.abs(z) < 1.96):8.2f} {'':25}" + " ".join(f"{r:5.2f}" for r in ratios)
     )
-    return Judged(z, ratios, often=2 * len(found) >= len(windows))
+    return Judged(z, ratios, often=2 * len(found) >= len(windows), rms_percent=rms)
 
 
 def std_ratios(found: Sequence[Mode]) -> FloatArray:
@@ -360,8 +386,8 @@ def match(modes: Sequence[Mode], f: float, shape: FloatArray) -> Mode | None:
     return min(near, key=lambda mode: abs(mode.frequency - f), default=None)
 
 
-def print_false_modes(truth: FullModes, windows: Sequence[Sequence[Mode]]) -> None:
-    """Modes that are no true one, and true ones found twice, a window."""
+def false_modes(truth: FullModes, windows: Sequence[Sequence[Mode]]) -> tuple[float, float]:
+    """Print and return how many modes are no true one, and how many found twice, a window."""
     spurious = duplicates = count = 0
     for modes in windows:
         taken: list[int] = []
@@ -381,3 +407,4 @@ def print_false_modes(truth: FullModes, windows: Sequence[Sequence[Mode]]) -> No
         f"a window: {count / n:.1f} modes below {HIGHEST_JUDGED} Hz, {spurious / n:.2f} spurious, "
         f"{duplicates / n:.2f} duplicates"
     )
+    return spurious / n, duplicates / n

@@ -1,16 +1,20 @@
 """Tables of modes: identified, of the model, of a structure."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
 from pipeline.cli.tables.cells import count_noun, table_of
-from pipeline.offline.describe_structure import StructureFigures
-from pipeline.offline.model_modes import ModelModes, NearestMode
-from pipeline.state.run_modes import CombinedMode
+
+if TYPE_CHECKING:  # their modules load the model, which a table of measured modes does not need
+    from pipeline.offline.describe_structure import StructureFigures
+    from pipeline.offline.identify_file import RefusedCandidate
+    from pipeline.offline.model_modes import ModelModes, NearestMode
+    from pipeline.state.run_modes import CombinedMode
 
 
-def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table:
+def identified_modes_table(modes: "Sequence[CombinedMode]", windows: int) -> Table:
     """Return the identified modes, beside the paired modes of the model."""
     paired = any(mode.pair is not None for mode in modes)
     table = table_of(f"Identified modes ({count_noun(windows, 'window')})")
@@ -36,7 +40,26 @@ def identified_modes_table(modes: Sequence[CombinedMode], windows: int) -> Table
     return table
 
 
-def nearest_modes_table(nearest: Sequence[NearestMode]) -> Table:
+def refused_table(candidates: "Sequence[RefusedCandidate]") -> Table:
+    """Return what looked like a mode and is not reported, with the reasons."""
+    table = table_of("Candidates that are no modes")
+    for title in ("window", "f [Hz]", "ζ [%]"):
+        table.add_column(title, justify="right", no_wrap=True)
+    table.add_column("code", no_wrap=True)
+    table.add_column("reason")
+    for each in candidates:
+        refused = each.refused
+        table.add_row(
+            str(each.window + 1),
+            f"{refused.frequency:.4f}",
+            f"{100 * refused.damping_ratio:.2f}",
+            refused.code,
+            refused.text,
+        )
+    return table
+
+
+def nearest_modes_table(nearest: "Sequence[NearestMode]") -> Table:
     """Return identified modes beside the model's nearest ones at the nominal foundation."""
     table = table_of("Misfit mode by mode: the model's nearest mode at the nominal foundation")
     for title in ("mode", "f [Hz]", "model's", "f [Hz]", "difference [%]", "MAC"):
@@ -54,7 +77,7 @@ def nearest_modes_table(nearest: Sequence[NearestMode]) -> Table:
     return table
 
 
-def model_modes_table(found: ModelModes) -> Table:
+def model_modes_table(found: "ModelModes") -> Table:
     """Return the model's modes beside the published frequencies."""
     description = found.model.description
     ratios = ", ".join(f"{ratio:g}" for ratio in found.ratios)
@@ -77,7 +100,7 @@ def model_modes_table(found: ModelModes) -> Table:
     return table
 
 
-def structure_tables(figures: StructureFigures) -> list[Table]:
+def structure_tables(figures: "StructureFigures") -> list[Table]:
     """Return key figures of a description, and its first modes."""
     described = table_of(figures.description.title or figures.description.name)
     described.add_column("what")

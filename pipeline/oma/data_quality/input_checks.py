@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.interpolate import CubicSpline
 
 from pipeline.messages import QualityWarning
 from pipeline.oma.data_quality.transients import loudest_octave
@@ -52,6 +51,7 @@ class Finding:
 
     @property
     def warning(self) -> QualityWarning:
+        """As a warning."""
         return QualityWarning(self.code, self.text)
 
 
@@ -352,5 +352,7 @@ def evenly_sampled(samples: FloatArray, times: FloatArray) -> FloatArray:
 
     By cubic splines, whose error stays below the noise up to a quarter of the sampling rate.
     """
+    from scipy.interpolate import CubicSpline  # half a second to load, and seldom needed
+
     even = np.linspace(times[0], times[-1], len(times))
     return np.asarray(CubicSpline(times, samples, axis=0)(even))

@@ -10,7 +10,7 @@ n = T / max(Δt, 1/B) such averages.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, signal, special
+from scipy import fft, special
 
 from sensors.arrays import ComplexArray, FloatArray
 
@@ -48,7 +48,7 @@ def loudest_octave(samples: FloatArray, sampling_rate: float) -> Transient | Non
     duration = n / sampling_rate
     rms = np.sqrt(np.mean(samples**2, axis=0))
     # without a taper the step from the record's end to its start would shake every octave
-    taper = signal.windows.tukey(n, 2 * EDGE)[:, None]
+    taper = _rounded_edges(n)[:, None]
     lines = fft.rfft(taper * samples / np.where(rms > 0, rms, 1.0), axis=0)
     low = FEWEST_PERIODS / duration
     found: list[Transient] = []
@@ -58,6 +58,13 @@ def loudest_octave(samples: FloatArray, sampling_rate: float) -> Transient | Non
             found.append(octave)
         low *= 2
     return max(found, key=lambda each: each.excess, default=None)
+
+
+def _rounded_edges(n: int) -> FloatArray:
+    """1 but for the first and last EDGE of a window, which rise as half a cosine (Tukey)."""
+    rise = np.arange(n) / (EDGE * (n - 1))
+    inner = np.minimum(1.0, np.minimum(rise, rise[::-1]))
+    return np.asarray(0.5 * (1 - np.cos(np.pi * inner)))
 
 
 def _judged(lines: ComplexArray, low: float, duration: float) -> Transient | None:

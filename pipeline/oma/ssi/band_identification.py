@@ -84,7 +84,7 @@ def modes_of_covariances(
 ) -> BandIdentification:
     """Modes of one band from its lag covariances.
 
-    start          the subspace of an earlier, overlapping window: saves work, changes nothing
+    start          the subspace of an earlier, overlapping window, from which the iteration begins
     integrations   of channels that measure different quantities (`quantities.py`), (n_channels,)
     """
     subspace = signal_subspace(

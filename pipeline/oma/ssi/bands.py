@@ -12,8 +12,8 @@ sea the .63 Hz mode is found in no window without a high pass, and in nearly all
 
 Why they overlap: a mode of high damping, and one of a structure with few modes, is best seen with
 short lags, which hold less noise; for these the faster ones are also taken whole, at low orders. So
-each band reports every mode that its lags reach, and `merging.merged` takes the slower band's
-estimate unless the faster one is much sharper.
+each band reports every mode that its lags reach, and `band_merging.merged` takes the
+sharpest estimate.
 """
 
 from dataclasses import dataclass, replace

@@ -1,8 +1,8 @@
 """Lag covariances of the outputs by time blocks, and the block Hankel matrix made of them.
 
 A block's covariances need its own samples and those that follow it, nothing else: they are
-computed once, when the block is complete, and belong to every window that holds the block. So a
-window that slides by one block costs one block's work, whatever its length (`streaming.py`).
+computed once, when the block is complete, and belong to every window that holds the block
+(`streaming.py`). The decomposition that follows, most of the work, is each window's own.
 """
 
 from collections.abc import Sequence

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import csd
 
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
@@ -64,6 +63,8 @@ def guessed_quantities(samples: FloatArray, sampling_rate: float) -> tuple[Quant
     if n_channels < 2 or n < FEWEST_FOR_PHASES or not np.isfinite(samples).all():
         return None
     scaled = (samples[:MOST_FOR_PHASES] - samples.mean(axis=0)).T
+    from scipy.signal import csd  # slow to load, and few records measure several quantities
+
     f, spectra = csd(
         scaled[:, None], scaled[None, :], fs=sampling_rate, nperseg=min(len(scaled.T) // 8, 4096)
     )

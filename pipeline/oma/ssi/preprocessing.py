@@ -1,9 +1,13 @@
-"""From raw samples to a band's samples: offset or drift taken off, filtered, decimated."""
+"""From raw samples to a band's samples: offset or drift taken off, filtered, decimated.
+
+The few operations are written out: to load `scipy.signal` takes as long as to identify a window.
+"""
 
 from functools import lru_cache
 
 import numpy as np
-from scipy import signal
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy import fft
 
 from sensors.arrays import FloatArray
 
@@ -42,9 +46,22 @@ def high_pass_taps() -> FloatArray:
 
 def _low_pass(flat_to: float, shut_from: float, attenuation: float) -> FloatArray:
     """Of an odd number of taps: the delay is a whole number of samples. Frequencies × Δt."""
-    n_taps, beta = signal.kaiserord(attenuation, (shut_from - flat_to) / 0.5)
-    cutoff = (flat_to + shut_from) / 2
-    return np.asarray(signal.firwin(n_taps | 1, cutoff, window=("kaiser", beta), fs=1.0))
+    width = 2 * (shut_from - flat_to)  # of the transition, over the Nyquist frequency
+    n_taps = int(np.ceil((attenuation - 7.95) / (2.285 * np.pi * width) + 1)) | 1
+    cutoff = flat_to + shut_from  # middle of the transition, likewise
+    k = np.arange(n_taps) - (n_taps - 1) / 2
+    taps = cutoff * np.sinc(cutoff * k) * np.kaiser(n_taps, _kaiser_beta(attenuation))
+    return np.asarray(taps / taps.sum())
+
+
+def _kaiser_beta(attenuation: float) -> float:
+    """β of Kaiser's window for an attenuation of more than 50 dB.
+
+    Source: Kaiser (1974), Nonrecursive digital filter design using the I0-sinh window function,
+    Proc. IEEE Int. Symp. Circuits and Systems; Oppenheim and Schafer, Discrete-Time Signal
+    Processing, §7.5.
+    """
+    return 0.1102 * (attenuation - 8.7)
 
 
 def decimated(samples: FloatArray, decimation: int, *, high_passed: bool = False) -> FloatArray:
@@ -58,19 +75,23 @@ def decimated(samples: FloatArray, decimation: int, *, high_passed: bool = False
         return samples[:0]
     if decimation > 1:
         taps = anti_alias_taps(decimation)
-        filtered = signal.upfirdn(taps, samples, down=decimation, axis=0)
         first = -(-(len(taps) - 1) // decimation)
-        last = (len(samples) - 1) // decimation
-        samples = filtered[first : last + 1]
+        begin = first * decimation - (len(taps) - 1)
+        windows = sliding_window_view(samples[begin:], len(taps), axis=0)[::decimation]
+        samples = windows @ taps  # which are symmetric
     return above(samples) if high_passed else np.asarray(samples)
 
 
 def above(samples: FloatArray) -> FloatArray:
     """A band's samples, (n, n_channels), after its high pass, where that is wholly filled."""
     taps = high_pass_taps()[:, None]
-    if len(samples) < len(taps):
+    n, n_taps = len(samples), len(taps)
+    if n < n_taps:
         return samples[:0]
-    return np.asarray(signal.oaconvolve(samples, taps, mode="valid", axes=0))
+    length = fft.next_fast_len(n, real=True)
+    product = fft.rfft(samples, length, axis=0) * fft.rfft(taps, length, axis=0)
+    # the first n_taps - 1 wrap round; the others are those that the taps lie wholly in
+    return np.asarray(fft.irfft(product, length, axis=0)[n_taps - 1 : n])
 
 
 def n_decimated(n_samples: int, decimation: int, *, high_passed: bool = False) -> int:
@@ -88,4 +109,6 @@ def without_offset(samples: FloatArray) -> FloatArray:
 
 def without_drift(samples: FloatArray) -> FloatArray:
     """The samples less each channel's least-squares straight line. samples: (n, n_channels)."""
-    return np.asarray(signal.detrend(samples, axis=0, type="linear"))
+    time = np.arange(len(samples)) - (len(samples) - 1) / 2
+    slope = time @ samples / max(float(time @ time), 1.0)
+    return np.asarray(samples - samples.mean(axis=0) - time[:, None] * slope)

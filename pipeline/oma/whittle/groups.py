@@ -16,17 +16,22 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
 from pipeline.oma.whittle.fit import WhittleFit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
-from pipeline.oma.whittle.pairs import Partner, joint_pair
-from pipeline.oma.whittle.selection import fits_in_turn
+from pipeline.oma.whittle.pair_axes import along_axes, compact
+from pipeline.oma.whittle.selection import Needed, best_fit
+from pipeline.oma.whittle.starts import left_unexplained
 from sensors.arrays import FloatArray
 
 REACH_LINES = 30.0  # of a band beyond its group, so that a flat background is resolved from a mode,
 REACH_WIDTHS = 9.0  # and half bandwidths ζ f more
+LEAST_LINES = 8.0  # of a band beyond its group, whatever its neighbours,
+LEAST_WIDTHS = 3.0  # and half bandwidths more
 TOUCHING_WIDTHS = 2.5  # half bandwidths between neighbours of one group,
 TOUCHING_LINES = 5.0  # and lines 1/T more
 MOST_BINS = 60  # of a band; more lines are taken together
 FEWEST_BINS_A_WIDTH = 2.0  # in which half a resonance must still show
 MOST_GROUP_MODES = 4  # that a band is fitted with
+RESOLVED = 3.0  # half bandwidth of modes whose own shapes a window knows [lines]
+FEW_LINES = 2.5  # between modes whose axes a window may not know [lines]
 CLOSE = 2.0  # std of the difference within which two modes are a pair
 HARMONIC_WIDTH = 0.1  # half bandwidth below which a line is a harmonic [lines]
 
@@ -53,6 +58,7 @@ class Group:
     half_bandwidth: float  # ζ f, median of the suspects [Hz]
 
     def holds(self, frequency: float, duration: float) -> bool:
+        """Whether a frequency [Hz] lies in the band, by a window of that duration [s]."""
         margin = _margin(self.half_bandwidth, duration)
         return self.low - margin <= frequency <= self.high + margin
 
@@ -89,7 +95,7 @@ def band_of(group: Group, spectrum: WindowSpectrum, others: Sequence[Suspect]) -
     T = spectrum.duration
     width = group.half_bandwidth
     reach = REACH_LINES / T + REACH_WIDTHS * width
-    least = 8 / T + 3 * width
+    least = LEAST_LINES / T + LEAST_WIDTHS * width
     low, high = max(group.low - reach, 0.5 * group.low), group.high + reach
     for other in others:
         clear = 4 * other.half_bandwidth + 2 / T
@@ -113,6 +119,8 @@ class GroupModes:
     """Largest correlation of two of its modes' forces [-]."""
     colour: float
     """c of the band [-]."""
+    unexplained: float
+    """Rise of ln p that one mode more would promise [nats]."""
 
 
 def modes_of_group(
@@ -123,16 +131,19 @@ def modes_of_group(
     if band is None:
         return None
     half_width = _round_width(max(0.3, group.half_bandwidth * band.duration))
-    fits = fits_in_turn(band, most_modes=MOST_GROUP_MODES, half_width=half_width)
-    if not fits:
+    margin = LEAST_LINES + LEAST_WIDTHS * group.half_bandwidth * band.duration
+    needed = Needed(group.low * band.duration - margin, group.high * band.duration + margin)
+    found = best_fit(band, needed, most_modes=MOST_GROUP_MODES, half_width=half_width)
+    if found is None:
         return None
-    best = fits[-1]
+    best, band = found.fit, found.band
     covariance: FloatArray = np.asarray(
         np.linalg.pinv(best.information, hermitian=True), dtype=np.float64
     )
+    root = _root(covariance)
     modes = {
         place: mode
-        for place, mode in enumerate(_modes(best, band, covariance))
+        for place, mode in enumerate(_modes(best, band, root))
         if group.holds(mode.frequency, band.duration)
         and mode.damping_ratio < settings.maximum_damping
         and best.modes.half_widths[place] > HARMONIC_WIDTH
@@ -140,11 +151,17 @@ def modes_of_group(
     }
     order = sorted(modes, key=lambda place: modes[place].frequency)
     pairs = [
-        (one, other) for one, other in pairwise(order) if _is_pair(best, one, other, covariance)
+        (one, other)
+        for one, other in pairwise(order)
+        if _is_pair(best, one, other, covariance)
+        or _of_vague_axes(best, one, other, modes, settings)
     ]
     if len(pairs) == 1:
         ((one, other),) = pairs
-        modes[one], modes[other] = _as_pair(best, band, (one, other), modes)
+        if group.half_bandwidth * band.duration < RESOLVED:
+            modes[one], modes[other] = along_axes(best, band, (one, other), root)
+        else:
+            modes |= _named_as_pair(modes, one, other, band.duration)
     elif pairs:
         joint = sorted({place for pair in pairs for place in pair})
         modes |= _as_one_group([modes[place] for place in joint], joint, band.duration)
@@ -153,8 +170,9 @@ def modes_of_group(
     correlation = np.abs(forces / np.sqrt(np.outer(np.diag(forces), np.diag(forces)).real))
     np.fill_diagonal(correlation, 0.0)
     mixed = float(correlation[np.ix_(inside, inside)].max(initial=0.0))
-    found = sorted(modes.values(), key=lambda mode: mode.frequency)
-    return GroupModes(tuple(found), mixed, best.modes.colour)
+    inside_group = sorted(modes.values(), key=lambda mode: mode.frequency)
+    left = left_unexplained(best.modes, band, half_width)[0].gain
+    return GroupModes(tuple(inside_group), mixed, best.modes.colour, left)
 
 
 def _round_width(half_width: float) -> float:
@@ -172,35 +190,28 @@ def _is_pair(fit: WhittleFit, one: int, other: int, covariance: FloatArray) -> b
     return bool(gap < max(1.0, CLOSE * np.sqrt(variance)))
 
 
-def _as_pair(
-    fit: WhittleFit, band: NarrowBand, members: tuple[int, int], modes: dict[int, Mode]
-) -> tuple[Mode, Mode]:
-    """Two entries of a pair of which the plane is known and the axes in it hardly: the axes along
-    which the two shake most and least, each with the mean frequency of the power along it and half
-    a line added to its std."""
-    one, other = (modes[member] for member in members)
-    chosen = list(members)
-    phi = fit.modes.shapes[:, chosen]
-    forces = (fit.modes.forces @ fit.modes.forces.conj().T)[np.ix_(chosen, chosen)]
-    decay = fit.modes.half_widths[chosen]
-    power = (forces / (decay[:, None] + decay[None, :])).real
-    values, vectors = np.linalg.eigh(phi @ power @ phi.T)
-    frequencies = np.array([one.frequency, other.frequency])
-    own_power = np.diag(power)
-    axes = vectors[:, [-1, -2]]
-    weights = (axes.T @ phi) ** 2 * own_power  # of the modes in what shakes along each axis
-    weights /= weights.sum(axis=1, keepdims=True)
-    centres = weights @ frequencies
-    gap = abs(one.frequency - other.frequency)
-    spreads = np.hypot(gap * np.sqrt(weights[:, 0] * weights[:, 1]), 0.5 / band.duration)
-    directions = axes * band.accelerations(float(centres.mean()))[:, None]
-    share = float(max(values[-2], 0.0) / values[-1])
-    noise = float(np.trace(fit.modes.noise) / len(values) / max(values[-2], 1e-300))
-    leader = replace(
-        one if one.frequency_std <= other.frequency_std else other,
-        shape=directions[:, 0] / directions[np.argmax(np.abs(directions[:, 0])), 0],
-    )
-    return joint_pair(leader, centres, spreads, Partner(directions[:, 1], share, noise))
+def _of_vague_axes(
+    fit: WhittleFit, one: int, other: int, modes: dict[int, Mode], settings: OmaSettings
+) -> bool:
+    """Whether two modes lie within a few lines 1/T and the window does not know their axes."""
+    gap = abs(fit.modes.positions[one] - fit.modes.positions[other])
+    vaguest = max(float(modes[place].shape_std.max()) for place in (one, other))
+    return bool(gap < FEW_LINES and vaguest > settings.maximum_shape_std)
+
+
+def _named_as_pair(
+    modes: dict[int, Mode], one: int, other: int, duration: float
+) -> dict[int, Mode]:
+    """Two modes whose shapes the window knows and whose frequencies it does not tell apart: half
+    a line and a quarter of their distance are added to the std, since two of chance seem to
+    repel each other."""
+    first, second = modes[one], modes[other]
+    pair_id = f"{(first.frequency + second.frequency) / 2:.4f} Hz"
+    spread = float(np.hypot(0.5 / duration, (first.frequency - second.frequency) / 4))
+    return {
+        place: replace(_spread_about(modes[place], modes[place].frequency, spread), pair_id=pair_id)
+        for place in (one, other)
+    }
 
 
 def _as_one_group(modes: Sequence[Mode], places: Sequence[int], duration: float) -> dict[int, Mode]:
@@ -226,10 +237,14 @@ def _spread_about(mode: Mode, mean: float, spread: float) -> Mode:
     )
 
 
-def _modes(fit: WhittleFit, band: NarrowBand, covariance: FloatArray) -> list[Mode]:
-    """Every mode of a fit with the covariance that the lines leave it, in the fit's order."""
+def _root(covariance: FloatArray) -> FloatArray:
+    """B of a covariance B Bᵀ."""
     values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _modes(fit: WhittleFit, band: NarrowBand, root: FloatArray) -> list[Mode]:
+    """Every mode of a fit with the covariance that the lines leave it, in the fit's order."""
     return [_mode(fit, band, place, root) for place in range(fit.modes.n_modes)]
 
 
@@ -250,7 +265,7 @@ def _mode(fit: WhittleFit, band: NarrowBand, j: int, root: FloatArray) -> Mode:
     rows = np.vstack(
         [root[j] / band.duration, damping * (root[m + j] - root[j] / position), shape_factor]
     )
-    factor = _compact(rows)
+    factor = compact(rows)
     frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
     return Mode(
         name="",
@@ -262,11 +277,3 @@ def _mode(fit: WhittleFit, band: NarrowBand, j: int, root: FloatArray) -> Mode:
         covariance_factor=factor,
         n_block_columns=0,
     )
-
-
-def _compact(rows: FloatArray) -> FloatArray:
-    """A factor of the same covariance with no more columns than rows; zero rows stay zero."""
-    left, values, _ = np.linalg.svd(rows, full_matrices=False)
-    factor = left * values
-    factor[~rows.any(axis=1)] = 0.0
-    return np.asarray(factor)

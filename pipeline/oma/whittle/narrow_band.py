@@ -1,11 +1,11 @@
 """The Fourier lines of a window, and the few of them that a group of close modes is fitted to."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft, linalg
 
-from sensors.arrays import ComplexArray, FloatArray, IntArray
+from sensors.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,12 +31,17 @@ class NarrowBand:
 
     @property
     def n_lines(self) -> int:
+        """Lines of the periodogram in the band."""
         return len(self.matrices) * self.n_together
 
     @property
     def powers(self) -> FloatArray:
         """Of each channel at each bin, (n_bins, n_channels)."""
         return np.asarray(np.einsum("kii->ki", self.matrices).real)
+
+    def only(self, chosen: BoolArray) -> "NarrowBand":
+        """The chosen bins, which lie side by side."""
+        return replace(self, matrices=self.matrices[chosen], numbers=self.numbers[chosen])
 
     def accelerations(self, frequency: float) -> FloatArray:
         """Factors from the shapes of the scaled channels to those of accelerations,
@@ -78,20 +83,24 @@ class WindowSpectrum:
             self._integrations,
         )
 
-    def second_over_flank(self, frequency: float, half_bandwidth: float) -> float:
-        """Power at a resonance over that beside it, in the direction that has the second most [-].
+    def powers_over_flank(self, low: float, high: float, half_bandwidth: float) -> FloatArray:
+        """Power at resonances over that beside them, direction by direction, largest first [-].
 
         A mode alone stands out in one direction, its shape; what surrounds it fills the others as
-        much beside it as at it. 0 where the window ends.
+        much beside it as at it. Empty where the window ends.
+
+        low, high   of the resonances [Hz]
         """
         inner, far = 1.5 * half_bandwidth, 8 * half_bandwidth + 10 / self.duration
         near = 4 * half_bandwidth + 3 / self.duration
-        at = self._mean_matrix(frequency, 0.0, max(inner, 1.5 / self.duration))
-        beside = self._mean_matrix(frequency, near, far)
-        if at is None or beside is None or len(at) < 2:
-            return 0.0
+        centre, reach = (low + high) / 2, (high - low) / 2
+        at = self._mean_matrix(centre, 0.0, reach + max(inner, 1.5 / self.duration))
+        beside = self._mean_matrix(centre, reach + near, reach + far)
+        if at is None or beside is None:
+            return np.empty(0)
         beside += 1e-9 * np.trace(beside) * np.eye(len(beside))
-        return float(linalg.eigh(at, beside, eigvals_only=True)[-2])
+        values: FloatArray = linalg.eigh(at, beside, eigvals_only=True)
+        return values[::-1]
 
     def _mean_matrix(self, frequency: float, nearest: float, farthest: float) -> FloatArray | None:
         """Mean of Re y_k y_kᴴ over the lines whose distance from f is in between [Hz]."""

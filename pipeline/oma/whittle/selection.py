@@ -1,5 +1,7 @@
 """How many modes a narrow band holds: one more at a time, as long as the evidence rises."""
 
+from dataclasses import dataclass
+
 from pipeline.oma.whittle.fit import WhittleFit, cost_of_background, fitted
 from pipeline.oma.whittle.narrow_band import NarrowBand
 from pipeline.oma.whittle.starts import (
@@ -14,28 +16,84 @@ NEEDED_EVIDENCE = 3.0  # that a further mode must bring, ln of the Bayes factor 
 WORTH_A_TRY = 10.0  # rise of ln p that whitened lines promise before a mode more is fitted [nats]
 
 
-def fits_in_turn(band: NarrowBand, *, most_modes: int, half_width: float) -> list[WhittleFit]:
-    """The best fits of one mode, two and so on, until a further one brings no evidence; none
-    where a flat background explains the lines as well.
+NEIGHBOUR_WIDTHS = 3.0  # half bandwidths that a band ends short of a neighbour,
+NEIGHBOUR_LINES = 2.0  # and lines more
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BandFit:
+    """The modes that the evidence supports, and the band that they were fitted to."""
+
+    fit: WhittleFit
+    band: NarrowBand
+
+
+@dataclass(frozen=True, slots=True)
+class Needed:
+    """The part of a band that may not be cut off."""
+
+    low: float
+    """Position [lines]."""
+    high: float
+    """Position [lines]."""
+
+    def holds(self, position: float) -> bool:
+        return self.low <= position <= self.high
+
+
+def best_fit(
+    band: NarrowBand, needed: Needed, *, most_modes: int, half_width: float
+) -> BandFit | None:
+    """The fit of one mode, of two and so on, until a further one brings no evidence; None where a
+    flat background explains the lines as well.
+
+    What stands out beside the part that is needed shortens the band: that costs less than a mode
+    more.
 
     half_width   b = ζ f T to begin with [lines]
     """
     n_channels = len(band.scales)
-    first = fitted(strongest(band, half_width), band)
-    if first.bayes_cost(band.n_lines) > cost_of_background(band) - NEEDED_EVIDENCE:
-        return []
-    found = [first]
-    for n_modes in range(2, min(most_modes, n_channels) + 1):
-        best = found[-1]
+    best = fitted(strongest(band, half_width), band)
+    while not needed.holds(float(best.modes.positions[0])):
+        shorter = _short_of(best.modes.positions[0], band, needed, half_width)
+        if shorter is None:
+            break
+        band = shorter
+        best = fitted(strongest(band, half_width), band)
+    if best.bayes_cost(band.n_lines) > cost_of_background(band) - NEEDED_EVIDENCE:
+        return None
+    while best.modes.n_modes < min(most_modes, n_channels):
         place = left_unexplained(best.modes, band, half_width)[0]
         if place.gain < WORTH_A_TRY:
             break
-        needed = best.bayes_cost(band.n_lines) - NEEDED_EVIDENCE
-        apart = told_apart_by_place(band, n_modes, half_width, best.modes.noise)
+        shorter = _short_of(float(band.numbers[place.index]), band, needed, half_width)
+        if shorter is not None:
+            band = shorter
+            best = fitted(best.modes, band)
+            continue
+        least = best.bayes_cost(band.n_lines) - NEEDED_EVIDENCE
+        apart = told_apart_by_place(band, best.modes.n_modes + 1, half_width, best.modes.noise)
         further = fitted(apart, band) if apart is not None else best
-        if further.bayes_cost(band.n_lines) > needed:
+        if further.bayes_cost(band.n_lines) > least:
             further = fitted(with_another(best.modes, band, half_width, place), band)
-        if further.bayes_cost(band.n_lines) > needed:
+        if further.bayes_cost(band.n_lines) > least:
             break
-        found.append(further)
-    return found
+        best = further
+    return BandFit(best, band)
+
+
+def _short_of(
+    position: float, band: NarrowBand, needed: Needed, half_width: float
+) -> NarrowBand | None:
+    """The band as far as a neighbour leaves it alone; None where that cuts off nothing.
+
+    position   of the neighbour [lines]
+    """
+    if needed.holds(position):
+        return None
+    clear = NEIGHBOUR_WIDTHS * half_width + NEIGHBOUR_LINES
+    if position < needed.low:
+        chosen = band.numbers >= min(position + clear, needed.low)
+    else:
+        chosen = band.numbers <= max(position - clear, needed.high)
+    return None if chosen.all() else band.only(chosen)

@@ -16,7 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.joint_fit import FEW_STARTS, JointFit, JointPeak
+from pipeline.updating.structural.joint_fit import (
+    FEW_STARTS,
+    FINEST_TOLERANCE,
+    JointFit,
+    JointPeak,
+)
 from pipeline.updating.structural.posterior import JointPosterior, joint_posterior
 from pipeline.updating.structural.prior import StructuralPrior
 from sensors.acquisition.layout import SensorLayout
@@ -28,6 +33,8 @@ HOPELESS = 60.0  # cost above a rival's at which a structure has lost: e^-30 of 
 COST_GROWTH = 1.15  # of the last fit's cost, up to which a warm start is as good as it was [-]
 UNDESCRIBED_FLOODING = 0.1  # prior probability that water inside is not as described [-]
 SIGMA_POINTS = 60
+ROUGH_CAUSES = 2.0  # of what a description that does not hold gets wrong, whatever the number of
+# modes: so many errors are independent; chosen on `model-error` and two runs of another code [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +57,8 @@ class WarmStart:
     """(n_dim,)"""
     relative_cost: float
     """Per degree of freedom"""
+    tolerance: float = FINEST_TOLERANCE
+    """Of the pairing in ln f [-]"""
 
     def good_cost(self, wanted: float) -> float:
         """At which no further start is tried: where the structure is not the described one, no
@@ -76,6 +85,7 @@ class JointResult:
 
     @property
     def best(self) -> FittedAlternative:
+        """The alternative of the largest evidence."""
         return self.fitted[0]
 
     def draws(
@@ -125,14 +135,20 @@ class JointInference:
         *,
         level_std: float,
         starts: Mapping[str, WarmStart] | None = None,
+        tolerance: float = FINEST_TOLERANCE,
     ) -> JointResult | None:
         """The joint posterior; None where no alternative can be compared with the evidence.
 
         level_std   of the water level in the evidence [m]
         starts      alternative's name → where its last fit ended
+        tolerance   of the pairing in ln f [-]
         """
         found = []
-        for alternative, fit, peak in self._peaks(evidence, level_std, starts or {}):
+        fits = [
+            (each, fit.with_level_std(level_std).with_tolerance(tolerance))
+            for each, fit in self.fits
+        ]
+        for alternative, fit, peak in self._peaks(evidence, fits, starts or {}):
             found.append((alternative, fit, *self._with_discrepancy(fit, evidence, peak)))
         if not found:
             return None
@@ -144,11 +160,13 @@ class JointInference:
         return JointResult(tuple(sorted(fitted, key=lambda each: -each.weight)))
 
     def _peaks(
-        self, evidence: ModalEvidence, level_std: float, starts: Mapping[str, WarmStart]
+        self,
+        evidence: ModalEvidence,
+        fits: Sequence[tuple[Alternative, JointFit]],
+        starts: Mapping[str, WarmStart],
     ) -> list[tuple[Alternative, JointFit, JointPeak]]:
         """Those of the alternatives that have not lost, with their peaks by the floors alone."""
         warm = {each.name: starts[each.name] for each, _ in self.fits if each.name in starts}
-        fits = [(each, fit.with_level_std(level_std)) for each, fit in self.fits]
         ends = [
             fit.best(
                 evidence,
@@ -163,12 +181,19 @@ class JointInference:
         lowest = min((end.cost for end in ends if end is not None), default=np.inf)
         peaks = []
         for (each, fit), end in zip(fits, ends, strict=True):
-            if end is None or end.cost > lowest + HOPELESS:
+            if end is None or end.cost > lowest + HOPELESS * _common(fit, end):
+                continue
+            if fit.is_rough:  # its other valleys are no better
+                peaks.append((each, fit, end))
                 continue
             good = warm[each.name].good_cost(fit.settings.good_cost) if each.name in warm else None
             peaks.append((each, fit, fit.improved(evidence, end, good_cost=good)))
         lowest = min((peak.cost for *_, peak in peaks), default=np.inf)
-        return [each for each in peaks if each[2].cost <= lowest + HOPELESS]
+        return [
+            (each, fit, peak)
+            for each, fit, peak in peaks
+            if peak.cost <= lowest + HOPELESS * _common(fit, peak)
+        ]
 
     def _with_discrepancy(
         self, fit: JointFit, evidence: ModalEvidence, peak: JointPeak
@@ -191,7 +216,11 @@ class JointInference:
 
     def _posterior(self, peak: JointPeak, fit: JointFit) -> JointPosterior:
         return joint_posterior(
-            peak, fit.coordinates, highest_sigma=self._highest_sigma, n_sigma=SIGMA_POINTS
+            peak,
+            fit.coordinates,
+            highest_sigma=self._highest_sigma,
+            n_sigma=SIGMA_POINTS,
+            common=_common(fit, peak),
         )
 
     def _weights(
@@ -203,6 +232,13 @@ class JointInference:
         logs = []
         for alternative, fit, peak, _ in found:
             cost, log_determinant = fit.judged(peak, evidence, sigma)
-            logs.append(np.log(alternative.probability) - 0.5 * (cost + log_determinant))
+            log_likelihood = -0.5 * (cost + log_determinant) / _common(fit, peak)
+            logs.append(np.log(alternative.probability) + log_likelihood)
         weights = np.exp(np.array(logs) - max(logs))
         return [float(weight) for weight in weights / weights.sum()]
+
+
+def _common(fit: JointFit, peak: JointPeak) -> float:
+    """Modes to each independent error of a rough model: its evidence counts that much less; 1 where
+    the description holds."""
+    return max(1.0, len(peak.comparison.used) / ROUGH_CAUSES) if fit.is_rough else 1.0

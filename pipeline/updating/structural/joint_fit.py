@@ -53,7 +53,7 @@ ANNEALING = (
 STUDENT_DEGREES = 4.0  # ν of Student's t, of each mode's frequency and each shape
 LARGEST_SQUARE = 9.0  # that one frequency counts in the cost; a shape's components each [-]
 FEW_STARTS = 3
-FINEST_TOLERANCE = 0.004  # of the pairing at the end [-]
+FINEST_TOLERANCE = 0.004  # of the pairing at the end, where the description holds [-]
 LONGEST_SPRING_STEP = np.array([0.35, 0.35, 0.8])  # of the springs' coordinates [-]
 LONGEST_FIGURE_STEP = 1.5  # [prior standard deviations]
 MOST_STEPS = 25  # at the data's own errors
@@ -161,6 +161,7 @@ class JointFit:
         self._pairing = pairing
         self.settings = settings or JointFitSettings()
         self._reach = float(np.nanmax(self._modes(coordinates.origin[None]).frequencies))
+        self.tolerance = FINEST_TOLERANCE
         self._draws = coordinates.draws(self.settings.search_draws, generator, spread=0.9)
         self._drawn_modes: FigureModes | None = None  # solved when a fit needs them
 
@@ -169,6 +170,17 @@ class JointFit:
         if level_std == self.coordinates.level_std:
             return self
         return self._with(self.coordinates.with_level_std(level_std))
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether modes find their partners only within a wider tolerance."""
+        return self.tolerance > FINEST_TOLERANCE
+
+    def with_tolerance(self, tolerance: float) -> "JointFit":
+        """The same that pairs modes whose frequencies differ by more, at the end too [-]."""
+        other = self._with(self.coordinates)
+        other.tolerance = tolerance
+        return other
 
     def with_prior_std(self, place: int, std: float) -> "JointFit":
         """The same with another prior standard deviation of one coordinate."""
@@ -288,7 +300,7 @@ class JointFit:
         """The peak downhill from a start; None where it leaves what can stand."""
         u = start
         for blur_f, blur_shape, tolerance in ANNEALING:
-            found = self.compared(evidence, targets, u, tolerance)
+            found = self.compared(evidence, targets, u, max(tolerance, self.tolerance))
             if found is None:
                 return None
             extra = np.where(found.is_frequency, blur_f, blur_shape) ** 2
@@ -298,13 +310,13 @@ class JointFit:
     def _settled(
         self, evidence: ModalEvidence, targets: PairingTargets, u: FloatArray, sigma: float
     ) -> JointPeak | None:
-        found = self.compared(evidence, targets, u, FINEST_TOLERANCE)
+        found = self.compared(evidence, targets, u, self.tolerance)
         if found is None:
             return None
         cost, damping = self._cost(u, found, targets, sigma), 0.0
         for _ in range(MOST_STEPS):
             step = self._bounded(self._step(u, found, sigma, 0.0, damping))
-            trial = self.compared(evidence, targets, u + step, FINEST_TOLERANCE)
+            trial = self.compared(evidence, targets, u + step, self.tolerance)
             trial_cost = np.inf if trial is None else self._cost(u + step, trial, targets, sigma)
             if trial is None or trial_cost > cost + 1e-3:
                 damping = max(4 * damping, 0.1)

@@ -25,6 +25,7 @@ from pipeline.updating.posterior_message import (
     thinned_draws,
 )
 from pipeline.updating.prior import PARAMETER_NAMES, Prior
+from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE
 from pipeline.updating.structural.predictive_checks import UNPREDICTED
 from pipeline.updating.structural.prior import N_SPRINGS
 from pipeline.updating.structural.refresh import JointRefresh
@@ -98,6 +99,15 @@ def distrust(found: JointRefresh, guards: AcceptanceSettings) -> tuple[QualityWa
     doubts = []
     if found.fault is not None:
         doubts.append(QualityWarning("sensor", f"{found.fault.text}: its shapes are read so"))
+    if found.best.fit.is_rough:
+        doubts.append(
+            QualityWarning(
+                "description-off",
+                f"modes find their partners only within {found.best.fit.tolerance:.1%} in "
+                f"frequency (usually {FINEST_TOLERANCE:.1%}): the structure is not the described "
+                "one, and the intervals are those of a rough model",
+            )
+        )
     share = found.checks.unpredicted_share
     if share > guards.unpredicted_share:
         doubts.append(

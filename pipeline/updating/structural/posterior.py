@@ -80,8 +80,12 @@ def joint_posterior(
     *,
     highest_sigma: float,
     n_sigma: int,
+    common: float = 1.0,
 ) -> JointPosterior:
-    """The posterior about a peak, σ uniform up to its highest."""
+    """The posterior about a peak, σ uniform up to its highest.
+
+    common   factor on the variances where errors of a rough model are common to so many modes [-]
+    """
     found: Comparison = peak.comparison
     sigma, widths = sigma_grid(highest_sigma, n_sigma)
     prior, off = coordinates.prior_precision, peak.u - coordinates.origin
@@ -93,11 +97,12 @@ def joint_posterior(
         hessian = (J.T / D) @ J + prior
         gradient = J.T @ (eta / D) + prior @ off
         covariance = np.linalg.inv(hessian)
+        wide = covariance if common == 1.0 else np.linalg.inv((J.T / (common * D)) @ J + prior)
         step = -covariance @ gradient
         cost = float((eta**2 / D).sum() + off @ prior @ off - gradient @ covariance @ gradient)
         logs.append(-0.5 * (np.log(D).sum() + np.linalg.slogdet(hessian)[1] + cost))
         means.append(peak.u + step)
-        covariances.append(covariance)
+        covariances.append(wide)
     log_weights = np.array(logs) + np.log(np.maximum(widths, 1e-300))
     largest = float(log_weights.max())
     weights = np.exp(log_weights - largest)

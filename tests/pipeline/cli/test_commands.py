@@ -106,6 +106,19 @@ def test_identify_in_windows_counts_them(pilewatch: Command, tmp_path: Path) -> 
     assert {mode["seen_in_windows"] for mode in figures["modes"]} == {3}
 
 
+def test_identify_lists_what_it_refused_and_why(pilewatch: Command, tmp_path: Path) -> None:
+    file = str(two_masses_csv(tmp_path))
+    figures = json.loads(pilewatch("identify", file, "--window", "60", "--why", "--json").stdout)
+    assert figures["refused"]
+    for each in figures["refused"]:
+        assert each["code"]
+        assert each["reason"]
+        assert 0 < each["frequency_hz"] < 25
+    listed = pilewatch("identify", file, "--window", "60", "--why")
+    assert "Candidates that are no modes" in listed.stdout
+    assert "refused" not in json.loads(pilewatch("identify", file, "--json").stdout)
+
+
 def test_modes_lists_table_1_first(pilewatch: Command) -> None:
     figures = json.loads(pilewatch("modes", "--json").stdout)["modes"]
     assert [mode["name"] for mode in figures[:11]] == [str(i) for i in range(1, 12)]
@@ -170,7 +183,7 @@ def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) ->
         (("identify", "a.csv", "--highest-frequency", "nan"), "highest_frequency is nan Hz"),
         (("identify", "a.csv", "--plot", "gone/a.png"), "the folder gone does not exist"),
         (("modes", "--sign", "up"), "'up' is not one of 'published', 'embedded-pile'"),
-        (("modes", "--turbine", "gone.toml"), "gone.toml"),
+        (("modes", "--structure", "gone.toml"), "gone.toml"),
         (("identify", "gone.csv"), "gone.csv"),
         (("node", "cook", "--connect", "tcp/127.0.0.1:1"), "'cook' is not one of 'identification'"),
     ],
@@ -232,7 +245,7 @@ def test_a_negative_thickness_is_named(pilewatch: Command, tmp_path: Path) -> No
     broken = text.replace(thickness, thickness.replace("thickness = ", "thickness = -"), 1)
     assert broken != text
     (tmp_path / "thin.toml").write_text(broken)
-    complaint = one_line(pilewatch("modes", "--turbine", "thin.toml"))
+    complaint = one_line(pilewatch("modes", "--structure", "thin.toml"))
     assert "thin.toml" in complaint
     assert "thickness" in complaint
 

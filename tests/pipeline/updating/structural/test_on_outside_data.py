@@ -11,6 +11,7 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference
+from pipeline.updating.structural.joint_message import distrust
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
 from pipeline.updating.structural.relative_change import relative_springs
 from pipeline.updating.structural.settings import UNCERTAIN
@@ -127,3 +128,26 @@ def test_errors_of_the_structure_cancel_in_springs_relative_to_a_reference(
     stds = np.sqrt(np.diag(found.covariance))
     assert stds[1] < 0.04
     assert abs(found.mean[1] - np.log(0.9)) < 3 * stds[1]
+
+
+def test_a_rough_description_gives_a_wide_interval_and_says_so(inference: JointInference) -> None:
+    """Every frequency off by up to a percent and more, as by no figure: an answer, no refusal."""
+    truth, rng = truth_of(9), np.random.default_rng(9)
+    off: dict[int, float] = {}
+    evidence = ModalEvidence(channels=LAYOUT.channel_names)
+    for estimate in estimates(truth, 3, rng, layout=LAYOUT, reported_levels=[0.0] * 3):
+        modes = []
+        for mode in estimate.modes:
+            key = round(20 * np.log(mode.frequency))
+            factor = off.setdefault(key, 1 + rng.choice([-1, 1]) * rng.uniform(0.008, 0.015))
+            modes.append(replace(mode, frequency=mode.frequency * factor))
+        evidence = evidence.with_estimate(replace(estimate, modes=tuple(modes)))
+    found = joint_refresh(inference, evidence, (), rng)
+    assert found is not None
+    assert found.refusal is None
+    assert found.best.fit.is_rough
+    codes = [each.code for each in distrust(found, SETTINGS.guards)]
+    assert "description-off" in codes
+    low, high = np.quantile(found.draws[:, :3] * NOMINAL / truth.theta, [0.05, 0.95], axis=0)
+    assert np.all((low < 1) & (high > 1))
+    assert np.all(high / low > 1.3)

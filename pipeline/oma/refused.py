@@ -1,0 +1,86 @@
+"""What looked like a mode in a window and is not reported, each with its reason."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.messages import Mode
+from pipeline.oma.ssi.band_identification import BandIdentification
+from sensors.arrays import FloatArray
+
+DIAGRAM_COLUMN = (
+    0.005  # poles within so much of each other look like one column of the diagram, relative
+)
+FEWEST_ORDERS = 0.3  # share of a band's orders from which a column catches the eye [-]
+COVERED = 0.01  # a column so near to a mode or a refused one belongs to it, relative
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedMode:
+    """What looked like a mode and is not reported."""
+
+    frequency: float
+    """f [Hz]"""
+    damping_ratio: float
+    """ζ [-]"""
+    code: str
+    """Stable name of the reason."""
+    text: str
+    """One sentence with the figure that decided."""
+
+
+def harmonic(mode: Mode) -> RefusedMode:
+    """What keeps its amplitude as a machine's harmonic does."""
+    return RefusedMode(
+        mode.frequency,
+        mode.damping_ratio,
+        "harmonic",
+        "keeps its amplitude as a machine's harmonic does, not as a mode under random loads",
+    )
+
+
+def unstable(
+    by_band: Sequence[BandIdentification],
+    modes: Sequence[Mode],
+    refused: Sequence[RefusedMode],
+) -> list[RefusedMode]:
+    """Columns of poles in the stabilisation diagram that belong to nothing that is named.
+
+    Each once, of the band that has most of its orders there.
+    """
+    named = [*(mode.frequency for mode in modes), *(each.frequency for each in refused)]
+    found = [each for band in by_band for each in _columns(band, np.array(named))]
+    kept: list[tuple[float, RefusedMode]] = []
+    for presence, each in sorted(found, key=lambda entry: (-entry[0], entry[1].frequency)):
+        if all(abs(each.frequency / other.frequency - 1) > COVERED for _, other in kept):
+            kept.append((presence, each))
+    return sorted((each for _, each in kept), key=lambda each: each.frequency)
+
+
+def _columns(band: BandIdentification, named: FloatArray) -> list[tuple[float, RefusedMode]]:
+    """Share of the orders, and what stands there."""
+    poles = band.poles
+    free = np.ones(len(poles), dtype=bool)
+    if len(named):
+        apart = np.abs(poles.frequencies[:, None] / named[None, :] - 1)
+        free = apart.min(axis=1, initial=np.inf) > COVERED
+    n_orders = len(band.band.orders)
+    found: list[tuple[float, RefusedMode]] = []
+    while free.any():
+        near = np.abs(poles.frequencies[:, None] / poles.frequencies[None, :] - 1) <= DIAGRAM_COLUMN
+        counts = np.where(free, (near & free).sum(axis=1), 0)
+        members = near[int(np.argmax(counts))] & free
+        free &= ~members
+        orders = len(np.unique(poles.orders[members]))
+        if orders < FEWEST_ORDERS * n_orders:
+            continue
+        frequency = float(np.median(poles.frequencies[members]))
+        damping = float(np.median(poles.damping_ratios[members]))
+        scatter = float(poles.frequencies[members].std() / frequency)
+        text = (
+            f"poles in {orders} of {n_orders} model orders, scattered by {100 * scatter:.2g} % or "
+            "unlike in shape: no mode that most orders agree upon"
+        )
+        found.append((orders / n_orders, RefusedMode(frequency, damping, "unstable", text)))
+    return found
