@@ -4,7 +4,6 @@ import pytest
 
 from tests.pipeline.histories import complaints, shrunk
 
-
 FOUND = (80036, 80207, 80436, 80492, 80884, 100162, 110843)  # seeds that failed once
 
 
