@@ -139,7 +139,7 @@ def arrivals(history: tuple[Disturbance, ...]) -> Iterator[tuple[int, Accelerati
                 boots, sequence, clock = boots + 1, 0, clock + each.size
                 session = session if each.kind == "reboot same name" else f"s{boots}"
             elif each.kind == "cut":
-                cut_until = second + each.size
+                cut_until = min(second + each.size, LENGTH - 10)  # and what is missing is reported
         stamp = START + round((second * (1 + drift) + clock) * NANOSECONDS)
         block = AccelerationBlock(
             "t1", "tower", session, "layout-1", sequence, sequence * round(RATE),
