@@ -134,7 +134,7 @@ def _run_cost(out: Path, speed: float, seconds: int | None) -> float:
     before = resource.getrusage(resource.RUSAGE_SELF)
     options = SessionOptions(out=out, rrd=False, speed=speed)
     done = run_session(replayed(RECORDING), options, stopping=stopping)
-    return _cpu_since(before) / done.summary.published
+    return _cpu_since(before) / done.summary.run.published
 
 
 def _recorder_cost(folder: Path, blocks: list[AccelerationBlock], sync_every: float) -> float:
