@@ -86,10 +86,10 @@ def build(
 
     def identification() -> Node:
         if outputs.tracks is None:
-            return IdentificationNode(scenario.oma)
+            return IdentificationNode(scenario.oma, limits=scenario.limits)
         store = SnapshotFolder(outputs.tracks, "identification", epoch=outputs.epoch)
         past = recorded_past(outputs.earlier, scenario.oma)
-        return IdentificationNode(scenario.oma, store=store, past=past)
+        return IdentificationNode(scenario.oma, limits=scenario.limits, store=store, past=past)
 
     def viewer() -> Node:
         drawn = scenario.structure if scenario.has_structure else bare_mast(layout)

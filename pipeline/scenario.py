@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.operating_state import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
@@ -35,7 +36,7 @@ from pipeline.updating.structural.settings import (
 )
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
-from sensors.settings import NEVER_A_KEY, settings_from_table, without_constants
+from sensors.settings import NEVER_A_KEY, settings_from_table, toml_string, without_constants
 from sensors.simulation.tower import SimulationSettings
 from sensors.structure.description import (
     SHIPPED,
@@ -187,6 +188,7 @@ class Scenario:
     operation: OperationSettings = field(default_factory=OperationSettings)
     farm: FarmSettings = field(default_factory=FarmSettings)
     recording: RecordingSettings = field(default_factory=RecordingSettings)
+    limits: LimitSettings = field(default_factory=LimitSettings)
     text: str = field(default="", metadata=NEVER_A_KEY)
     """The file as it was read."""
 
@@ -334,7 +336,8 @@ def with_structure(scenario: Scenario, structure: StructureSettings) -> Scenario
 def modes_only(turbine: str) -> Scenario:
     """Return the scenario of a turbine without a structural model: modes are tracked, no more."""
     scenario = load_scenario(MODES_ONLY)
-    text = scenario.text.replace(f'id = "{scenario.turbine.id}"', f'id = "{turbine}"')
+    before, after = toml_string(scenario.turbine.id), toml_string(turbine)
+    text = scenario.text.replace(f"id = {before}", f"id = {after}")
     return replace(scenario_from_text(text, f"{MODES_ONLY}.toml"), origin=MODES_ONLY)
 
 

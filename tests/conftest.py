@@ -1,5 +1,7 @@
 """What every test shares: one thread, repeatable examples, a short recording simulated once."""
 
+import os
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,9 @@ from pipeline.sources.sources import record_simulation, replayed, simulated
 threadpool_limits(limits=1)
 
 pytest_plugins = ["tests.tiers"]
+
+# Spools of publishers that tests start, in this process or another, are the tests' own.
+os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="pilewatch-state-")
 
 SHORT_SCENARIO = """
 title = "Two short windows of the parked turbine"

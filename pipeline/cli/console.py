@@ -173,3 +173,34 @@ def open_view(asked: str | None, *pictures: Path) -> Iterator[View]:
     with serve_page(view, *pictures) as shown:
         stderr.print(f"Open in a browser: {shown.address}", soft_wrap=True)
         yield View(shown.output, shown.address)
+
+
+@contextmanager
+def no_longer_than(seconds: float, what: str) -> Iterator[None]:
+    """Raise InputError where what is in the context takes longer; in the main thread alone.
+
+    Parameters
+    ----------
+    seconds : float
+        Wall time [s].
+    what : str
+        The work, for people.
+    """
+
+    def give_up(*_: object) -> None:
+        raise InputError(
+            f"{what} takes longer than {seconds:g} s and is given up; --at-most allows more"
+        )
+
+    if not seconds > 0:
+        raise InputError(f"--at-most {seconds:g}: a positive number of seconds is needed")
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)

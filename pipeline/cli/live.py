@@ -1,6 +1,7 @@
 """`pilewatch feed`, `publish`, `control`, `certificates`: live sources and replays."""
 
 import json
+import os
 import threading
 from collections import Counter
 from dataclasses import replace
@@ -29,11 +30,26 @@ from pipeline.cli.tables.cells import count_noun
 from sensors.errors import InputError
 from sensors.feeds.protocol import printable
 
+SpoolOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder that keeps blocks until a shore station has recorded them; default: one of "
+        "the source's own in $STATE_DIRECTORY or ~/.local/state/pilewatch."
+    ),
+]
+KeepOption = Annotated[
+    bool, typer.Option("--keep/--no-keep", help="Keep unacknowledged blocks on disk.")
+]
+SpoolMegabytesOption = Annotated[
+    float, typer.Option(help="Of the spool; the oldest blocks go when it is larger [10⁶ bytes].")
+]
+
 SNIFFED_FOR = 10.0  # without --for [s]
 
 if TYPE_CHECKING:
     from pipeline.sources.recorded_source import RecordedSource
     from pipeline.sources.sources import Source
+    from pipeline.sources.spool import Spool
 
 
 def feed(
@@ -64,6 +80,9 @@ def feed(
             "killed goes on there.",
         ),
     ] = None,
+    spool: SpoolOption = None,
+    keep: KeepOption = True,
+    spool_megabytes: SpoolMegabytesOption = 500.0,
     sniff: Annotated[
         bool, typer.Option("--sniff", help="Print what comes and a mapping that reads it (MQTT).")
     ] = False,
@@ -104,11 +123,27 @@ def feed(
             stopping=stopping,
             report=report,
             connected=lambda: stderr.print(f"connected: {escape_markup(address)}", soft_wrap=True),
+            spool=_spool(spool, address, spool_megabytes) if keep and live.gives_blocks else None,
         )
     if as_json:
         print_json(_feed_json(published_feed, channels.turbine))
     else:
         _print(published_feed, channels.turbine, blocks=live.gives_blocks)
+
+
+def _spool(folder: Path | None, source: str, megabytes: float) -> "Spool | None":
+    """The spool of a source; without a folder of its own where nothing can be written, none."""
+    from pipeline.sources.spool import Spool, SpoolError, default_folder
+
+    if folder is not None:
+        return Spool(folder, most_megabytes=megabytes)
+    try:
+        return Spool(default_folder(source, os.environ), most_megabytes=megabytes)
+    except SpoolError as error:
+        stderr.print(
+            f"{escape_markup(str(error))}; blocks are kept in memory alone", soft_wrap=True
+        )
+        return None
 
 
 def _sniff(address: str, seconds: float) -> None:
@@ -224,6 +259,9 @@ def publish(
     source: Annotated[str, typer.Option(help="replay:FILE (or a folder) or simulate:SCENARIO.")],
     scenario: ScenarioOption = None,
     speed: Annotated[str, typer.Option(help="1: real time; 10: ten times faster; max.")] = "1",
+    spool: SpoolOption = None,
+    keep: KeepOption = True,
+    spool_megabytes: SpoolMegabytesOption = 500.0,
     connect: ConnectOption = None,
     listen: ListenOption = None,
     mode: ModeOption = "peer",
@@ -237,7 +275,14 @@ def publish(
     factor = speed_of(speed)
     opened = _published(source, scenario)
     with stop_on_signals() as stopping, progress(opened.text, opened.duration) as report:
-        count = publish_source(opened, settings, speed=factor, stopping=stopping, report=report)
+        count = publish_source(
+            opened,
+            settings,
+            speed=factor,
+            stopping=stopping,
+            report=report,
+            spool=_spool(spool, opened.text, spool_megabytes) if keep else None,
+        )
     if as_json:
         print_json({"blocks": count, "turbines": list(opened.turbines)})
         return

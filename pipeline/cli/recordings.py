@@ -10,6 +10,7 @@ from pipeline.cli.console import (
     JsonOption,
     ScenarioOption,
     escape_markup,
+    no_longer_than,
     output,
     print_json,
     progress,
@@ -158,6 +159,9 @@ def import_files(
         str | None,
         typer.Option(help="package.module:function that reads a file to SEP005 channels."),
     ] = None,
+    at_most: Annotated[
+        float, typer.Option("--at-most", help="Give up after so many seconds.")
+    ] = 3600.0,
     scenario: ScenarioOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -176,15 +180,16 @@ def import_files(
     if out is None:
         raise InputError("import needs -o FILE.mcap, the recording to write")
     chosen = None if scenario is None else load_scenario(scenario)
-    measurement = open_measurement(
-        files,
-        layout=None if layout is None else load_layout(layout),
-        turbine="turbine" if chosen is None else chosen.turbine.id,
-        sampling_rate=sampling_rate,
-        reader=reader,
-    )
-    with progress(f"importing {len(files)} files", None) as report:
-        record_measurement(measurement, out, scenario=chosen, report=report)
+    with no_longer_than(at_most, "the import"):
+        measurement = open_measurement(
+            files,
+            layout=None if layout is None else load_layout(layout),
+            turbine="turbine" if chosen is None else chosen.turbine.id,
+            sampling_rate=sampling_rate,
+            reader=reader,
+        )
+        with progress(f"importing {len(files)} files", None) as report:
+            record_measurement(measurement, out, scenario=chosen, report=report)
     _print_written(out, as_json)
 
 

@@ -14,6 +14,7 @@ from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.errors import InputError
 from sensors.files.formats import channels_in
 from sensors.files.layout_file import parse_layout
+from sensors.settings import toml_string
 from sensors.structure.decks.elastodyn import read_elastodyn
 from sensors.structure.decks.toml_text import description_toml
 from sensors.structure.decks.windio import read_windio
@@ -242,14 +243,14 @@ def layout_text(channels: Sequence[GuessedChannel], turbine: str) -> str:
     lines = [
         "# Axes: x downwind (fore-aft), y to the side (side-side), z up from mean water level.",
         "# What was guessed stands beside each channel; correct it and run `pilewatch import`.",
-        f"turbine = {_quoted(turbine)}",
+        f"turbine = {toml_string(turbine)}",
     ]
     for each in channels:
         direction = ", ".join(f"{value:g}" for value in each.direction)
         lines += [
             "",
             f"[[channels]]  # {each.reason}",
-            f"name = {_quoted(each.name)}",
+            f"name = {toml_string(each.name)}",
             f"elevation = {each.elevation:.6g}" + ("" if each.height_known else "  # place only"),
             f"direction = [{direction}]",
         ]
@@ -269,16 +270,11 @@ def scenario_text(turbine: str, structure: str, duration: float) -> str:
         Length of the record [s].
     """
     text = (
-        f"title = {_quoted(f'Measurements of {turbine}')}\n\n[turbine]\nid = {_quoted(turbine)}\n"
-        f"description = {_quoted(structure)}\n"
+        f"title = {toml_string(f'Measurements of {turbine}')}\n\n"
+        f"[turbine]\nid = {toml_string(turbine)}\n"
+        f"description = {toml_string(structure)}\n"
     )
     if duration >= WINDOW:
         return text
     window = int(duration)
     return f"{text}\n[oma]\nwindow_duration = {window}.0  # the record [s]\nhop = {window}.0\n"
-
-
-def _quoted(text: str) -> str:
-    """A TOML basic string."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'

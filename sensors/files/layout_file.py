@@ -32,7 +32,7 @@ from sensors.acquisition.layout import (
     SensorLayout,
 )
 from sensors.files.table import ChannelTable, Quantity, TimeColumn, Wanted, in_standard_unit
-from sensors.settings import settings_from_table
+from sensors.settings import settings_from_table, toml_string
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
 _CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file states its unit
@@ -303,11 +303,10 @@ def layout_template(table: ChannelTable) -> str:
         'unit = "tower"                     # the acquisition unit',
     ]
     for name, unit in zip(table.names, table.units, strict=True):
-        quoted = name.replace("\\", "\\\\").replace('"', '\\"')
         lines += [
             "",
             "[[channels]]",
-            f'name = "{quoted}"',
+            f"name = {toml_string(name)}",
             "elevation = 0.0                    # above mean water level [m]: fill in",
             "direction = [1.0, 0.0, 0.0]        # of its positive axis, x y z: fill in",
         ]
