@@ -26,6 +26,7 @@ from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
+OVERTAKING = 10  # messages by which a block may have come before one that lies before it
 LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
 MARKS = 10_000  # of a unit's latest blocks: where a restart reads on
 SAID_AGAIN = 2  # answers that may not have reached a recording before a kill
@@ -484,12 +485,22 @@ def refill(past: Iterable[Message], marks: dict[str, BlockMark]) -> Iterator[Mes
     }
     for number, message in enumerate(messages):
         if isinstance(message, AccelerationBlock):
-            if number == last.get(message.unit):
+            marked = last.get(message.unit)
+            if number == marked:
                 reached.add(message.unit)
-            if message.unit in reached:
+            ahead = marked is not None and marked - OVERTAKING <= number < marked
+            if message.unit in reached or (ahead and _follows(message, marks[message.unit])):
                 yield message
         elif isinstance(message, SensorLayout | ScadaSample):
             yield message
+
+
+def _follows(block: AccelerationBlock, mark: BlockMark) -> bool:
+    """Whether a block that came before the marked one lies behind it."""
+    return block.session == mark.session and (
+        mark.first_sample < block.first_sample <= mark.first_sample + OVERTAKING * mark.n_samples
+        and mark.start_ns < block.start_ns
+    )
 
 
 def _is_marked(message: Message, unit: str, mark: BlockMark) -> bool:

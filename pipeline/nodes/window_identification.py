@@ -295,6 +295,8 @@ class WindowIdentification:
                 f"gap of {gap.n_samples / window.sampling_rate:.3g} s in unit {self._unit} at "
                 f"{gap.first_sample / window.sampling_rate:.3f} s{others}",
             )
+        if window.complete and not window.samples.size:
+            return QualityWarning("gap", f"no sample of unit {self._unit} is there for the window")
         if not window.complete:
             return QualityWarning(
                 "short",

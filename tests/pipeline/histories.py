@@ -42,6 +42,7 @@ from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.state.books import Books
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from tests.benchmarks._results import keep
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, START
 from tests.pipeline.oma.conftest import structure
 from tests.pipeline.state.test_posterior_json import POSTERIOR
@@ -49,7 +50,6 @@ from tests.pipeline.state.test_posterior_json import POSTERIOR
 SETTINGS = OmaSettings(window_duration=60.0, hop=60.0)
 LENGTH = 540  # of a history [s]
 YEAR = 31_557_600  # [s]
-RESULTS = Path(__file__).parents[1] / "benchmarks" / "results" / "histories.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,7 @@ def arrivals(history: tuple[Disturbance, ...]) -> Iterator[tuple[int, Accelerati
                 boots, sequence, clock = boots + 1, 0, clock + each.size
                 session = session if each.kind == "reboot same name" else f"s{boots}"
             elif each.kind == "cut":
-                cut_until = second + each.size
+                cut_until = min(second + each.size, LENGTH - 10)  # and what is missing is reported
         stamp = START + round((second * (1 + drift) + clock) * NANOSECONDS)
         block = AccelerationBlock(
             "t1", "tower", session, "layout-1", sequence, sequence * round(RATE),
@@ -390,15 +390,14 @@ def main() -> None:
     spent = time.process_time() - started
     sys.stdout.write(f"{chosen.seeds} histories, {len(failed)} fail, {spent:.0f} s\n")
     if chosen.write:
-        result = {
-            "command": f"python -m tests.pipeline.histories --seeds {chosen.seeds} "
+        keep(
+            "histories",
+            {"histories": chosen.seeds, "violations": len(failed), "cpu_s": round(spent, 1)},
+            command=f"python -m tests.pipeline.histories --seeds {chosen.seeds} "
             f"--from {chosen.first} --write",
-            "histories": chosen.seeds,
-            "first_seed": chosen.first,
-            "violations": len(failed),
-            "cpu_s": round(spent, 1),
-        }
-        RESULTS.write_text(json.dumps(result, indent=1) + "\n")
+            seeds=(chosen.first, chosen.first + chosen.seeds - 1),
+            depends=["pipeline/nodes", "pipeline/oma/windows", "pipeline/state"],
+        )
 
 
 if __name__ == "__main__":
