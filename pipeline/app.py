@@ -9,12 +9,12 @@ turbine's updating is made of stands in `turbines.py`.
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.node import Node
+from pipeline.nodes.node import Node, Plan
 from pipeline.nodes.updating import UpdatingNode
 from pipeline.oma.references import references_among
 from pipeline.recording.session_recorder import SessionRecorder
@@ -41,21 +41,6 @@ class Outputs:
     tracks: Path | None = None  # folder of the identification's snapshots
     earlier: tuple[Path, ...] = ()  # recordings in which it finds the samples of an open window
     epoch: int = 0  # number of the run that writes into the folders
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """A node of the graph and how to make it.
-
-    It is made where it runs: in this thread, in a thread of its own, in another process.
-    """
-
-    node: type[Node]
-    make: Callable[[], Node]
-
-    @property
-    def name(self) -> str:
-        return self.node.name  # type: ignore[return-value]  # a class attribute of every node
 
 
 def build(
@@ -86,10 +71,10 @@ def build(
 
     def identification() -> Node:
         if outputs.tracks is None:
-            return IdentificationNode(scenario.oma)
+            return IdentificationNode(scenario.oma, limits=scenario.limits)
         store = SnapshotFolder(outputs.tracks, "identification", epoch=outputs.epoch)
         past = recorded_past(outputs.earlier, scenario.oma)
-        return IdentificationNode(scenario.oma, store=store, past=past)
+        return IdentificationNode(scenario.oma, limits=scenario.limits, store=store, past=past)
 
     def viewer() -> Node:
         drawn = scenario.structure if scenario.has_structure else bare_mast(layout)

@@ -335,6 +335,46 @@ class StreamEnd:
 
 
 @dataclass(frozen=True, slots=True)
+class BlockRange:
+    """Blocks of one session that follow each other."""
+
+    first: int
+    """Number of the first."""
+    end: int
+    """One past the number of the last."""
+    earliest_ns: int
+    """Earliest `start_ns` of them."""
+    latest_ns: int
+    """Latest `start_ns` of them."""
+
+    def has(self, sequence: int, start_ns: int) -> bool:
+        """Whether a block is one of them: its stamp distinguishes starts under one name."""
+        return self.first <= sequence < self.end and self.earliest_ns <= start_ns <= self.latest_ns
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedUntil:
+    """Acknowledgement of a recorder: these blocks of a unit are on its disk, synced."""
+
+    turbine: str
+    unit: str
+    session: str
+    time_ns: int
+    """Clock of the recorder's machine."""
+    ranges: tuple[BlockRange, ...]
+    """In order; of many the latest."""
+
+    @property
+    def recorded_until(self) -> int:
+        """One past the last block that is on disk; 0 of none."""
+        return self.ranges[-1].end if self.ranges else 0
+
+    def has(self, sequence: int, start_ns: int) -> bool:
+        """Whether a block is on disk."""
+        return any(each.has(sequence, start_ns) for each in self.ranges)
+
+
+@dataclass(frozen=True, slots=True)
 class MessageCount:
     """How many messages of one type a node took or gave."""
 
@@ -377,5 +417,6 @@ Message = (
     | FoundationTruth
     | StreamGap
     | StreamEnd
+    | RecordedUntil
     | NodeStatus
 )

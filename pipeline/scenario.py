@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.operating_state import OperationSettings
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.settings import RecordingSettings
@@ -35,7 +36,7 @@ from pipeline.updating.structural.settings import (
 )
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
-from sensors.settings import NEVER_A_KEY, settings_from_table, without_constants
+from sensors.settings import NEVER_A_KEY, settings_from_table, toml_string, without_constants
 from sensors.simulation.tower import SimulationSettings
 from sensors.structure.description import (
     SHIPPED,
@@ -82,11 +83,14 @@ class SensorSettings:
     """The bi-axial accelerometers of the acquisition unit."""
 
     unit: str = "tower"
+    """Name of the acquisition unit, part of its keys."""
     layout_id: str = "tower-1"
+    """Name of the layout, in every message."""
     elevations: tuple[float, ...] = (41.0, 80.0, 106.0, 145.0)
     """Elevations above mean water level [m]."""
 
     coupling: Coupling = "dc"
+    """"dc" or "ac"; a DC-coupled sensor feels the tilt of the tower."""
     corner_frequency: float = 0.0
     """Corner frequency of AC-coupled ones [Hz]."""
 
@@ -99,10 +103,15 @@ class FarmMember:
     """Number from 1; None: its place in the list."""
 
     id: str = ""
+    """Name of the turbine."""
     description: str = ""
+    """Its structure, as in [turbine]."""
     springs_sign: Literal["published", "embedded-pile"] | None = None
+    """Sign convention of k12, as in [turbine]."""
     unit: str = ""
+    """Name of its acquisition unit."""
     layout_id: str = ""
+    """Name of its layout."""
     elevations: tuple[float, ...] = ()
     """Elevations above mean water level [m]."""
 
@@ -164,9 +173,13 @@ class Scenario:
     """Everything that a session is made of. One section of the file per field."""
 
     name: str
+    """Short name; the file's by default."""
     title: str = ""
+    """One line for people."""
     description: str = ""
+    """What the scenario is for, in sentences."""
     seed: int = 1
+    """Of every random choice: loads, noise, sampler."""
     turbine: TurbineSettings = field(default_factory=TurbineSettings)
     sensors: SensorSettings = field(default_factory=SensorSettings)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
@@ -175,6 +188,7 @@ class Scenario:
     operation: OperationSettings = field(default_factory=OperationSettings)
     farm: FarmSettings = field(default_factory=FarmSettings)
     recording: RecordingSettings = field(default_factory=RecordingSettings)
+    limits: LimitSettings = field(default_factory=LimitSettings)
     text: str = field(default="", metadata=NEVER_A_KEY)
     """The file as it was read."""
 
@@ -322,7 +336,8 @@ def with_structure(scenario: Scenario, structure: StructureSettings) -> Scenario
 def modes_only(turbine: str) -> Scenario:
     """Return the scenario of a turbine without a structural model: modes are tracked, no more."""
     scenario = load_scenario(MODES_ONLY)
-    text = scenario.text.replace(f'id = "{scenario.turbine.id}"', f'id = "{turbine}"')
+    before, after = toml_string(scenario.turbine.id), toml_string(turbine)
+    text = scenario.text.replace(f"id = {before}", f"id = {after}")
     return replace(scenario_from_text(text, f"{MODES_ONLY}.toml"), origin=MODES_ONLY)
 
 

@@ -10,6 +10,7 @@ from pipeline.messages import (
     ModalEstimate,
     NodeStatus,
     PooledPosterior,
+    RecordedUntil,
     StabilisationDiagram,
     StreamEnd,
     StreamGap,
@@ -32,7 +33,8 @@ class Stream:
     """Expected between two messages [s]; None: when it happens."""
 
     cached: int = 1
-    """Messages that a late or interrupted subscriber can still get."""
+    """Messages that a late or interrupted subscriber can still get; 0: a message that is lost is
+    made up for by the next one."""
 
     recorded: bool = True
 
@@ -55,6 +57,8 @@ STREAMS = (
     Stream(ScadaSample, "pilewatch/{turbine}/scada", period=10.0, cached=100),
     Stream(StreamGap, "pilewatch/{turbine}/{unit}/gap", cached=100),
     Stream(StreamEnd, "pilewatch/{turbine}/{unit}/end"),
+    # From the recorder to the unit: what it no longer needs to keep.
+    Stream(RecordedUntil, "pilewatch/{turbine}/{unit}/recorded", cached=0, recorded=False),
     Stream(FoundationTruth, "pilewatch/{turbine}/truth"),
     Stream(ModalEstimate, "pilewatch/{turbine}/modal-estimate", period=600.0, cached=100),
     Stream(StabilisationDiagram, "pilewatch/{turbine}/stabilisation-diagram", period=600.0),
@@ -93,7 +97,7 @@ def time_of(message: Message) -> int | None:
             return message.end_ns
         case FoundationPosterior() | PooledPosterior() | FoundationEvent() | FoundationTruth():
             return message.time_ns
-        case ScadaSample() | StreamEnd() | NodeStatus():
+        case ScadaSample() | StreamEnd() | RecordedUntil() | NodeStatus():
             return message.time_ns
         case _:
             return None

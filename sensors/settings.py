@@ -197,3 +197,9 @@ class _Reader:
 def _section(where: str, key: str) -> str:
     """ "parked.toml" and "oma" give "parked.toml [oma]", one level down "parked.toml [oma.x]"."""
     return f"{where[:-1]}.{key}]" if where.endswith("]") else f"{where} [{key}]"
+
+
+def toml_string(text: str) -> str:
+    """Return a text as a basic string of TOML, quotes included, whatever is in it."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'

@@ -9,6 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 MOST_MODULES = 12  # in one folder
 MOST_LOOSE = 5  # directly in pipeline/
+LONGEST_CHAIN = 22  # of modules that import each other
 FACE = "pipeline.api.pilewatch"  # the library's public face: relative imports, names of its own
 ENTRY_POINTS = {  # run or loaded by name, imported by nothing
     "pipeline.__main__",
@@ -109,6 +110,21 @@ def _siblings(importer: str, imported: str) -> tuple[str, str] | None:
             ).is_dir()
             return (here, there) if both else None
     return None
+
+
+def longest_chain() -> list[str]:
+    """The longest chain of modules that import each other."""
+    graph = imports()
+
+    @cache
+    def below(name: str) -> tuple[str, ...]:
+        return (name, *max((below(each) for each in graph[name] - {name}), key=len, default=()))
+
+    return list(max((below(name) for name in graph), key=len))
+
+
+def test_no_chain_of_imports_is_long() -> None:
+    assert len(longest_chain()) <= LONGEST_CHAIN, " -> ".join(longest_chain())
 
 
 def test_a_name_has_one_meaning() -> None:

@@ -80,8 +80,10 @@ def test_two_commands_do_all_the_setting_up() -> None:
 def test_every_picture_and_page_that_is_named_exists(page: Path) -> None:
     links = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8"))
     local = [link for link in links if "://" not in link]
-    generated = {"reference/commands.md", "reference/scenario.md", "reference/description.md"}
-    assert all((page.parent / link).is_file() or link in generated for link in local)
+    notebooks = (ROOT / "docs" / "notebooks").glob("*.ipynb")
+    generated = {f"reference/{name}.md" for name in ("commands", "scenario", "description")}
+    generated |= {f"notebooks/{path.stem}.md" for path in notebooks}
+    assert [x for x in local if not (page.parent / x).is_file() and x not in generated] == []
 
 
 def test_the_readme_is_one_page() -> None:
@@ -94,7 +96,12 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
     built = subprocess.run(
         [*command, "--config-file", str(ROOT / "docs" / "mkdocs.yml"), "--site-dir", str(tmp_path)],
-        env=os.environ | {"NO_MKDOCS_2_WARNING": "1", "DISABLE_MKDOCS_2_WARNING": "true"},
+        env=os.environ
+        | {
+            "DOCS_NOTEBOOKS": "code",
+            "NO_MKDOCS_2_WARNING": "1",
+            "DISABLE_MKDOCS_2_WARNING": "true",
+        },
         capture_output=True,
         text=True,
         check=False,

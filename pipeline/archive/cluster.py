@@ -51,6 +51,7 @@ class DaskWorkers:
         self._missed = missed
 
     def outcomes(self, calls: Iterable[Call]) -> Iterator[Outcome]:
+        """Yield the outcome of each call as it ends; what kills a worker is tried again alone."""
         suspects = []
         for call, result in self._results(calls):
             if isinstance(result, _WorkersDied):

@@ -47,6 +47,7 @@ class ThisProcess:
     """Does every call at once, one after the other."""
 
     def outcomes(self, calls: Iterable[Call]) -> Iterator[Outcome]:
+        """Yield the outcome of each call, one after the other."""
         for call in calls:
             yield Outcome(call, attempted(call.function, call.argument))
 

@@ -6,6 +6,7 @@ failed node.
 
 import errno
 import logging
+import re
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
@@ -138,10 +139,18 @@ def _is_left_out(error: ModuleNotFoundError) -> bool:
     return bool(error.name) and str(error.name).split(".")[0] not in ("pipeline", "sensors")
 
 
+_PARSING = re.compile(r"Input should be a valid (\w+), unable to parse string as an? \w+")
+
+
+def _wanted_number(found: re.Match[str]) -> str:
+    return "a whole number is needed" if found[1] == "integer" else f"a valid {found[1]} is needed"
+
+
 def _usage_text(error: Any) -> str:
     """Return the error of a wrong argument or option as one line; "" after the help."""
     message = " ".join(error.format_message().split()).removesuffix(".")
     message = message.replace("Value error, ", "", 1)
+    message = _PARSING.sub(_wanted_number, message)
     context = getattr(error, "ctx", None)
     command = (
         context.command_path if context is not None else " ".join(["pilewatch", *sys.argv[1:2]])

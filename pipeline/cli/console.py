@@ -1,5 +1,6 @@
 """What the commands share: output streams, progress bars, options, signals."""
 
+import json
 import re
 import signal
 import threading
@@ -32,7 +33,7 @@ SamplerOption = Annotated[
     SamplerChoice | None,
     typer.Option("--sampler", help="Default: the scenario's, else importance."),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
 ZenohConfigOption = Annotated[
@@ -69,6 +70,11 @@ def zenoh_settings(
     if config is not None and mode != "peer":
         raise InputError(f"--mode {mode} and --zenoh-config {config}: the file sets the mode")
     return ZenohSettings(mode, tuple(listen or ()), tuple(connect or ()), False, config)
+
+
+def print_json(figures: Any) -> None:
+    """Print what a command found as JSON, for programs: not a table, and never folded."""
+    typer.echo(json.dumps(figures, ensure_ascii=False, indent=2, default=str))
 
 
 def speed_of(text: str) -> float:
@@ -167,3 +173,34 @@ def open_view(asked: str | None, *pictures: Path) -> Iterator[View]:
     with serve_page(view, *pictures) as shown:
         stderr.print(f"Open in a browser: {shown.address}", soft_wrap=True)
         yield View(shown.output, shown.address)
+
+
+@contextmanager
+def no_longer_than(seconds: float, what: str) -> Iterator[None]:
+    """Raise InputError where what is in the context takes longer; in the main thread alone.
+
+    Parameters
+    ----------
+    seconds : float
+        Wall time [s].
+    what : str
+        The work, for people.
+    """
+
+    def give_up(*_: object) -> None:
+        raise InputError(
+            f"{what} takes longer than {seconds:g} s and is given up; --at-most allows more"
+        )
+
+    if not seconds > 0:
+        raise InputError(f"--at-most {seconds:g}: a positive number of seconds is needed")
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)

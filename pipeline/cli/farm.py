@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,6 +24,7 @@ from pipeline.cli.console import (
     ZenohConfigOption,
     escape_markup,
     output,
+    print_json,
     stderr,
     stop_on_signals,
     zenoh_settings,
@@ -57,8 +59,8 @@ def farm(
             help="Write the farm's prior of a further turbine, for [updating] population."
         ),
     ] = None,
-    parquet: Annotated[
-        Path | None, typer.Option(help="Write a table, one row per turbine and spring.")
+    table: Annotated[
+        Path | None, typer.Option(help="Write a Parquet table, one row per turbine and spring.")
     ] = None,
     follow: Annotated[
         bool,
@@ -76,10 +78,10 @@ def farm(
     if files:
         from pipeline.farm.sources import recorded_posteriors
 
-        _pool_and_print(recorded_posteriors(files), prior, parquet, as_json)
+        _pool_and_print(recorded_posteriors(files), prior, table, as_json)
         return
     _pool_running_sessions(
-        _farm_endpoint(connect, zenoh_config, out), follow, prior, parquet, as_json
+        _farm_endpoint(connect, zenoh_config, out), follow, prior, table, as_json
     )
 
 
@@ -188,6 +190,7 @@ def reprocess(
     ] = False,
     sampler: SamplerOption = None,
     scenario: ScenarioOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Identify and update years of recordings in parallel; a repeated call continues."""
     from pipeline.archive.reprocessing import reprocessed
@@ -202,7 +205,10 @@ def reprocess(
     except KeyboardInterrupt:
         stderr.print(f"Stopped. Finished results are kept in {out}; the same command continues.")
         raise typer.Exit(130) from None
-    _print_report(report, out)
+    if as_json:
+        print_json(asdict(report) | {"out": out})
+    else:
+        _print_report(report, out)
     if report.failures:
         raise typer.Exit(2)
 
@@ -243,7 +249,9 @@ def _print_report(report: "ArchiveReport", out: Path) -> None:
         f"identified, {report.rejected} rejected, {report.posteriors} posteriors, "
         f"{report.events} events"
     )
-    output.print(text)
+    if report.files > len(report.failures):
+        output.print(text)
+        output.print(f"in {out}: {', '.join(path.name for path in report.tables)}")
     if report.found_finished:
         output.print(f"{report.found_finished} results existed already, {report.done_now} are new")
     for copy in report.copies:
@@ -251,4 +259,3 @@ def _print_report(report: "ArchiveReport", out: Path) -> None:
     for failure in report.failures:
         text = failure.text if failure.path in failure.text else f"{failure.path}: {failure.text}"
         stderr.print(f"[bold red]pilewatch:[/] {escape_markup(text)}", soft_wrap=True)
-    output.print(f"in {out}: {', '.join(path.name for path in report.tables)}")

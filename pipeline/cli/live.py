@@ -1,6 +1,7 @@
 """`pilewatch feed`, `publish`, `control`, `certificates`: live sources and replays."""
 
 import json
+import os
 import threading
 from collections import Counter
 from dataclasses import replace
@@ -18,6 +19,7 @@ from pipeline.cli.console import (
     ZenohConfigOption,
     escape_markup,
     output,
+    print_json,
     progress,
     speed_of,
     stderr,
@@ -28,11 +30,26 @@ from pipeline.cli.tables.cells import count_noun
 from sensors.errors import InputError
 from sensors.feeds.protocol import printable
 
+SpoolOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder that keeps blocks until a shore station has recorded them; default: one of "
+        "the source's own in $STATE_DIRECTORY or ~/.local/state/pilewatch."
+    ),
+]
+KeepOption = Annotated[
+    bool, typer.Option("--keep/--no-keep", help="Keep unacknowledged blocks on disk.")
+]
+SpoolMegabytesOption = Annotated[
+    float, typer.Option(help="Of the spool; the oldest blocks go when it is larger [10⁶ bytes].")
+]
+
 SNIFFED_FOR = 10.0  # without --for [s]
 
 if TYPE_CHECKING:
     from pipeline.sources.recorded_source import RecordedSource
     from pipeline.sources.sources import Source
+    from pipeline.sources.spool import Spool
 
 
 def feed(
@@ -63,6 +80,9 @@ def feed(
             "killed goes on there.",
         ),
     ] = None,
+    spool: SpoolOption = None,
+    keep: KeepOption = True,
+    spool_megabytes: SpoolMegabytesOption = 500.0,
     sniff: Annotated[
         bool, typer.Option("--sniff", help="Print what comes and a mapping that reads it (MQTT).")
     ] = False,
@@ -70,6 +90,7 @@ def feed(
     listen: ListenOption = None,
     mode: ModeOption = "peer",
     zenoh_config: ZenohConfigOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Publish a live instrument (MQTT, SeedLink, UDP, SCADA) until it is stopped."""
     from pipeline.sources.feed_publisher import channels_of, publish_feed
@@ -102,8 +123,27 @@ def feed(
             stopping=stopping,
             report=report,
             connected=lambda: stderr.print(f"connected: {escape_markup(address)}", soft_wrap=True),
+            spool=_spool(spool, address, spool_megabytes) if keep and live.gives_blocks else None,
         )
-    _print(published_feed, channels.turbine, blocks=live.gives_blocks)
+    if as_json:
+        print_json(_feed_json(published_feed, channels.turbine))
+    else:
+        _print(published_feed, channels.turbine, blocks=live.gives_blocks)
+
+
+def _spool(folder: Path | None, source: str, megabytes: float) -> "Spool | None":
+    """The spool of a source; without a folder of its own where nothing can be written, none."""
+    from pipeline.sources.spool import Spool, SpoolError, default_folder
+
+    if folder is not None:
+        return Spool(folder, most_megabytes=megabytes)
+    try:
+        return Spool(default_folder(source, os.environ), most_megabytes=megabytes)
+    except SpoolError as error:
+        stderr.print(
+            f"{escape_markup(str(error))}; blocks are kept in memory alone", soft_wrap=True
+        )
+        return None
 
 
 def _sniff(address: str, seconds: float) -> None:
@@ -138,6 +178,21 @@ def _advice(mapping: str, toml: str) -> str:
     return "no mapping is needed" if mapping == "json" else f"use ?mapping={mapping}"
 
 
+def _feed_json(published_feed: Any, turbine: str) -> dict[str, Any]:
+    status = published_feed.status
+    return {
+        "turbine": turbine,
+        "blocks": published_feed.blocks,
+        "scada_samples": published_feed.scada_samples,
+        "received": status.received[0].count,
+        "lost": status.lost,
+        "late": status.late,
+        "duplicate": status.duplicate,
+        "refused": status.malformed,
+        "warnings": [{"code": each.code, "text": each.text} for each in status.warnings],
+    }
+
+
 def _print(published_feed: Any, turbine: str, *, blocks: bool) -> None:
     status = published_feed.status
     given = (
@@ -170,6 +225,7 @@ def certificates(
         str, typer.Option(help="Name or address at which the shore station listens.")
     ] = "localhost",
     port: Annotated[int, typer.Option(help="Its port.")] = 7447,
+    as_json: JsonOption = False,
 ) -> None:
     """Make TLS certificates and Zenoh configurations with access control.
 
@@ -188,6 +244,9 @@ def certificates(
         raise InputError("no client is named: give --unit TURBINE/UNIT or --viewer NAME")
     made = make_certificates(folder, names, host=host)
     written = write_configurations(folder, units, viewer or (), host=host, port=port)
+    if as_json:
+        print_json({"new": list(made), "written": [str(path) for path in written]})
+        return
     output.print(f"new certificates: {', '.join(made) or 'none'}", soft_wrap=True)
     output.print("Written: " + ", ".join(str(path) for path in written), soft_wrap=True)
     output.print(
@@ -200,10 +259,14 @@ def publish(
     source: Annotated[str, typer.Option(help="replay:FILE (or a folder) or simulate:SCENARIO.")],
     scenario: ScenarioOption = None,
     speed: Annotated[str, typer.Option(help="1: real time; 10: ten times faster; max.")] = "1",
+    spool: SpoolOption = None,
+    keep: KeepOption = True,
+    spool_megabytes: SpoolMegabytesOption = 500.0,
     connect: ConnectOption = None,
     listen: ListenOption = None,
     mode: ModeOption = "peer",
     zenoh_config: ZenohConfigOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Publish a source to listening sessions (`pilewatch run --source live`)."""
     from pipeline.sources.publisher import publish_source
@@ -212,7 +275,17 @@ def publish(
     factor = speed_of(speed)
     opened = _published(source, scenario)
     with stop_on_signals() as stopping, progress(opened.text, opened.duration) as report:
-        count = publish_source(opened, settings, speed=factor, stopping=stopping, report=report)
+        count = publish_source(
+            opened,
+            settings,
+            speed=factor,
+            stopping=stopping,
+            report=report,
+            spool=_spool(spool, opened.text, spool_megabytes) if keep else None,
+        )
+    if as_json:
+        print_json({"blocks": count, "turbines": list(opened.turbines)})
+        return
     n_turbines = len(opened.turbines)
     turbines = f"{n_turbines} turbines" if n_turbines > 1 else opened.layout.turbine
     output.print(f"{count} blocks of {turbines} published")
@@ -251,6 +324,8 @@ def control(
     from pipeline.sources.replay_control import REPLAY_KEY
     from pipeline.transport.zenoh_bus import asked
 
+    if action in ("seek", "speed") and value is None:
+        raise InputError(f"control {action} needs a value, e.g. `pilewatch control {action} 10`")
     endpoint: Any = zenoh_settings("peer", None, None, zenoh_config)
     if zenoh_config is None:
         endpoint = endpoint_of(out) if connect is None else connect

@@ -134,8 +134,8 @@ def modes(
         Literal["published", "embedded-pile"] | None,
         typer.Option(help="Sign convention of k12; default: the scenario's."),
     ] = None,
-    turbine: Annotated[
-        str | None, typer.Option(help="A shipped turbine or a TOML description.")
+    structure: Annotated[
+        str | None, typer.Option(help="A shipped description or a TOML file.")
     ] = None,
     scenario: ScenarioOption = None,
     as_json: JsonOption = False,
@@ -145,7 +145,7 @@ def modes(
     from pipeline.offline.model_modes import model_modes
 
     with stderr.status("solving the model"):
-        found = model_modes(theta=theta, sign=sign, turbine=turbine, scenario=scenario)
+        found = model_modes(theta=theta, sign=sign, turbine=structure, scenario=scenario)
     if as_json:
         output.print_json(json.dumps({"modes": found.as_json()}))
     else:

@@ -1,11 +1,17 @@
 """`pilewatch new`: from files of measurements to a folder in which a run starts."""
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.console import escape_markup, output, stderr
+from pipeline.cli.console import JsonOption, escape_markup, output, print_json, stderr
+from sensors.errors import InputError
+
+if TYPE_CHECKING:
+    from pipeline.offline.new_project import NewProject
+    from sensors.structure.foundation import FoundationSprings
 
 
 def new(
@@ -17,11 +23,30 @@ def new(
     ] = None,
     name: Annotated[str, typer.Option(help="Of the turbine; the first file's name.")] = "",
     structure: Annotated[
-        str, typer.Option(help='A shipped description, a file, or "none": modes alone.')
+        str,
+        typer.Option(
+            help="A shipped description, a TOML file, OpenFAST's NAME_ElastoDyn.dat, a WindIO "
+            'NAME.yaml, or "none": modes alone.'
+        ),
     ] = "none",
+    subdyn: Annotated[
+        Path | None, typer.Option(help="SubDyn's file of the monopile below an ElastoDyn tower.")
+    ] = None,
+    springs: Annotated[
+        str | None,
+        typer.Option(
+            help="k11,k22,k12 at the mudline [N/m, N·m/rad, N/rad], for files of other "
+            "programs; of an embedded "
+            "pile k12 < 0."
+        ),
+    ] = None,
+    mudline: Annotated[
+        float | None, typer.Option(help="Elevation at which a WindIO monopile ends [m].")
+    ] = None,
     sampling_rate: Annotated[
         float | None, typer.Option(help="[Hz]; where the files have no time stamps.")
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Start from your own files: guess the layout, write scenario, layout and recording."""
     from pipeline.offline.new_project import start_project
@@ -29,8 +54,29 @@ def new(
     folder = out or Path(files[0].stem)
     with stderr.status(f"reading {', '.join(str(file) for file in files)}"):
         project = start_project(
-            files, folder, name=name, structure=structure, sampling_rate=sampling_rate
+            files,
+            folder,
+            name=name,
+            structure=structure,
+            subdyn=subdyn,
+            mudline=mudline,
+            springs=None if springs is None else _springs(springs),
+            sampling_rate=sampling_rate,
         )
+    drawing = _drawn(project)
+    if as_json:
+        channels = [asdict(each) for each in project.channels]
+        print_json(
+            {
+                "folder": str(project.folder),
+                "recording": str(project.recording),
+                "sampling_rate_hz": project.sampling_rate,
+                "structure": project.structure,
+                "complete": project.complete,
+                "channels": channels,
+            }
+        )
+        return
     output.print(f"{len(project.channels)} channels at {project.sampling_rate:g} Hz:")
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
@@ -41,5 +87,35 @@ def new(
             soft_wrap=True,
         )
     where = escape_markup(str(folder))
-    output.print(f"Written: {where}/layout.toml, {where}/scenario.toml, {project.recording}")
+    written = [f"{where}/layout.toml", f"{where}/scenario.toml", *drawing, project.recording]
+    output.print(f"Written: {', '.join(map(str, written))}", soft_wrap=True)
     output.print(f"Next:  cd {where} && pilewatch run && pilewatch report out", soft_wrap=True)
+
+
+def _springs(text: str) -> "FoundationSprings":
+    from sensors.structure.foundation import FoundationSprings
+
+    try:
+        k11, k22, k12 = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--springs {text!r}: three numbers are needed, k11,k22,k12") from None
+    return FoundationSprings(k11, k22, abs(k12), "embedded-pile" if k12 < 0 else "published")
+
+
+def _drawn(project: "NewProject") -> list[Path]:
+    """The description that was written into the folder, and its drawing where matplotlib is."""
+    from pipeline.offline.describe_structure import structure_figures
+    from pipeline.offline.new_project import STRUCTURE_FILE
+    from pipeline.report.structure import draw_structure
+    from sensors.structure.description import load_turbine
+
+    if project.structure != STRUCTURE_FILE:
+        return []
+    described = project.folder / STRUCTURE_FILE
+    picture = described.with_suffix(".png")
+    try:
+        draw_structure(structure_figures(load_turbine(described)), picture)
+    except InputError as error:  # matplotlib is an extra; the folder is complete without a drawing
+        stderr.print(f"no drawing: {escape_markup(str(error))}", soft_wrap=True)
+        return [described]
+    return [described, picture]

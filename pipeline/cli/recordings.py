@@ -2,12 +2,24 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.cli.console import JsonOption, ScenarioOption, escape_markup, output, progress, stderr
+from pipeline.cli.console import (
+    JsonOption,
+    ScenarioOption,
+    escape_markup,
+    no_longer_than,
+    output,
+    print_json,
+    progress,
+    stderr,
+)
 from sensors.errors import InputError
+
+if TYPE_CHECKING:
+    from pipeline.scenario import Scenario
 
 
 def simulate(
@@ -23,6 +35,7 @@ def simulate(
     describe: Annotated[
         str | None, typer.Option(help="Describe a scenario without simulating it.")
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Simulate a scenario's turbine and record its sensors."""
     from pipeline.cli.tables.recordings import (
@@ -33,6 +46,13 @@ def simulate(
     from pipeline.scenario import load_scenario, shipped_scenarios, with_overrides
     from pipeline.sources.sources import record_simulation, simulated
 
+    if show_list and as_json:
+        print_json([_scenario_json(load_scenario(name)) for name in shipped_scenarios()])
+        return
+    if describe is not None and as_json:
+        described = load_scenario(describe)
+        print_json(_scenario_json(described) | {"toml": described.text})
+        return
     if show_list:
         output.print(scenarios_table([load_scenario(name) for name in shipped_scenarios()]))
         return
@@ -52,7 +72,25 @@ def simulate(
     source = simulated(chosen)
     with progress(source.text, source.duration) as report:
         record_simulation(source, out, report=report)
-    output.print(f"{out}: {out.stat().st_size / 1e6:.2f} MB", soft_wrap=True)
+    _print_written(out, as_json)
+
+
+def _scenario_json(scenario: "Scenario") -> dict[str, Any]:
+    """Return what `simulate --list` prints of a scenario."""
+    return {
+        "name": scenario.name,
+        "title": scenario.title,
+        "duration_s": scenario.simulation.duration,
+        "has_structure": scenario.has_structure,
+    }
+
+
+def _print_written(file: Path, as_json: bool) -> None:
+    size = file.stat().st_size
+    if as_json:
+        print_json({"file": str(file), "size_bytes": size})
+    else:
+        output.print(f"{file}: {size / 1e6:.2f} MB", soft_wrap=True)
 
 
 def info(
@@ -82,6 +120,7 @@ def salvage(
         Path | None,
         typer.Option("-o", "--out", help="The file to write; default: FILE.salvaged.mcap."),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Recover every complete chunk of a cut or damaged recording."""
     from pipeline.recording.salvage import salvage as salvaged
@@ -90,7 +129,10 @@ def salvage(
     target = salvaged_name(file) if out is None else out
     with stderr.status(f"reading {file}"):
         salvaged_content = salvaged(file, target)
-    output.print(f"{target}: {salvaged_content.recovered}", soft_wrap=True)
+    if as_json:
+        print_json({"file": str(target), "recovered": salvaged_content.recovered})
+    else:
+        output.print(f"{target}: {salvaged_content.recovered}", soft_wrap=True)
 
 
 def import_files(
@@ -117,7 +159,11 @@ def import_files(
         str | None,
         typer.Option(help="package.module:function that reads a file to SEP005 channels."),
     ] = None,
+    at_most: Annotated[
+        float, typer.Option("--at-most", help="Give up after so many seconds.")
+    ] = 3600.0,
     scenario: ScenarioOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Make a recording of files of measurements.
 
@@ -134,16 +180,17 @@ def import_files(
     if out is None:
         raise InputError("import needs -o FILE.mcap, the recording to write")
     chosen = None if scenario is None else load_scenario(scenario)
-    measurement = open_measurement(
-        files,
-        layout=None if layout is None else load_layout(layout),
-        turbine="turbine" if chosen is None else chosen.turbine.id,
-        sampling_rate=sampling_rate,
-        reader=reader,
-    )
-    with progress(f"importing {len(files)} files", None) as report:
-        record_measurement(measurement, out, scenario=chosen, report=report)
-    output.print(f"{out}: {out.stat().st_size / 1e6:.2f} MB", soft_wrap=True)
+    with no_longer_than(at_most, "the import"):
+        measurement = open_measurement(
+            files,
+            layout=None if layout is None else load_layout(layout),
+            turbine="turbine" if chosen is None else chosen.turbine.id,
+            sampling_rate=sampling_rate,
+            reader=reader,
+        )
+        with progress(f"importing {len(files)} files", None) as report:
+            record_measurement(measurement, out, scenario=chosen, report=report)
+    _print_written(out, as_json)
 
 
 def export(
@@ -165,6 +212,7 @@ def export(
             "-o", "--out", help="Folder of the files; existing files are not overwritten."
         ),
     ] = Path("export"),
+    as_json: JsonOption = False,
 ) -> None:
     """Write a recording's samples and results as CSV or Parquet files, or its samples for viewers.
 
@@ -181,5 +229,8 @@ def export(
         else:
             files = exported(file, out, "csv" if csv else "parquet", report=report)
     what = "messages" if imu else "rows"
+    if as_json:
+        print_json([{"file": str(each.path), what: each.rows} for each in files])
+        return
     for each in files:
         output.print(f"{each.path}: {each.rows} {what}", soft_wrap=True, highlight=False)

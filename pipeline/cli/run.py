@@ -106,6 +106,11 @@ def run(
 
     if processes and lock_step:
         raise InputError("--processes and --lock-step exclude each other; choose one")
+    if lock_step and (zenoh_config or listen or connect or mode != "peer"):
+        raise InputError(
+            "--lock-step has no transport: --zenoh-config, --listen, --connect and --mode are for "
+            "threads and --processes"
+        )
     options = _session_options(
         out=out,
         speed=speed,

@@ -133,6 +133,9 @@ def notices(
     settings = load_notices(file)
     if not test:
         count = len(channels_of(settings)) + len(settings.heartbeat)
+        if as_json:
+            output.print_json(json.dumps({"file": str(file), "channels": count}))
+            return
         stderr.print(
             f"{escape_markup(str(file))} is right: {count} channels; --test sends a message."
         )

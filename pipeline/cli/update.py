@@ -16,7 +16,15 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from pipeline.cli.console import JsonOption, SamplerOption, ScenarioOption, output, progress, stderr
+from pipeline.cli.console import (
+    JsonOption,
+    SamplerOption,
+    ScenarioOption,
+    output,
+    print_json,
+    progress,
+    stderr,
+)
 from pipeline.cli.results import print_results
 from sensors.errors import InputError
 
@@ -45,10 +53,19 @@ def update(
     figures = summary.as_json(wall=time.monotonic() - started)
     if as_json:
         output.print_json(json.dumps(figures))
-        return
-    if not again:
-        stderr.print("From the recorded modes; --identify starts from the accelerations.")
-    print_results(summary, figures, scenario=source.scenario, layout=source.layout, misfits=True)
+    else:
+        if not again:
+            stderr.print("From the recorded modes; --identify starts from the accelerations.")
+        print_results(
+            summary, figures, scenario=source.scenario, layout=source.layout, misfits=True
+        )
+    if summary.main.posterior is None:
+        reason = (
+            summary.main.rejected[-1].reason
+            if summary.main.rejected
+            else "there is no whole window"
+        )
+        raise InputError(f"{file}: no posterior: {reason}")
 
 
 FIRST_SEED = 101
@@ -58,14 +75,16 @@ def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the report.")] = Path("reproduction"),
     seeds: Annotated[int, typer.Option(help="Number of seeds; one takes minutes.")] = 1,
     first_seed: Annotated[int, typer.Option(help="The first seed.")] = FIRST_SEED,
+    as_json: JsonOption = False,
 ) -> None:
     """Run the publication's example and write its tables and figure beside ours."""
-    from pipeline.reproduction.page import write_report
+    from pipeline.reproduction.page import prepared_folder, write_report
     from pipeline.reproduction.study import run_study
     from sensors.structure.foundation import SPRING_SIGNS
 
     if seeds < 1:
         raise InputError(f"--seeds is {seeds}; at least 1 is needed")
+    prepared_folder(out)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -81,7 +100,10 @@ def reproduce(
             range(first_seed, first_seed + seeds), report=partial(_show_progress, bar, task)
         )
     files = write_report(study, out)
-    output.print("Written: " + ", ".join(str(path) for path in files), soft_wrap=True)
+    if as_json:
+        print_json({"files": [str(path) for path in files]})
+    else:
+        output.print("Written: " + ", ".join(str(path) for path in files), soft_wrap=True)
 
 
 def _show_progress(bar: Progress, task: TaskID, done: float) -> None:

@@ -1,7 +1,8 @@
 """Who may publish and read what, as Zenoh's access control: everything else is dropped.
 
-    unit      publishes its own acceleration, layout, gap and end, and its turbine's SCADA
-    viewer    reads everything and publishes nothing
+    unit      publishes its own acceleration, layout, gap and end, and its turbine's SCADA; it alone
+              reads which of its blocks the shore has recorded, which the shore alone publishes
+    viewer    reads everything else and publishes nothing
     own       nodes on the shore machine itself, over loopback without TLS: everything
 
 Rules name kinds of messages, keys and a direction as the router sees it: what comes in from a unit
@@ -23,6 +24,8 @@ from sensors.errors import InputError
 SHORE = "shore"
 SAYS = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
 HEARS = ["declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"]
+PUBLISHED = ("acceleration", "layout", "gap", "end")  # by a unit, on keys of its own
+ACKNOWLEDGED = "recorded"  # by the shore, on a unit's keys
 EVERY_KEY = ["pilewatch/**", "pilewatch/**/@adv/**", "pilewatch/@status/**"]
 
 
@@ -41,8 +44,18 @@ class Unit:
     @property
     def keys(self) -> list[str]:
         """What it may publish on."""
-        unit, scada = f"pilewatch/{self.turbine}/{self.unit}", f"pilewatch/{self.turbine}/scada"
-        return [f"{unit}/*", f"{unit}/*/@adv/**", scada, f"{scada}/@adv/**"]
+        own = [f"pilewatch/{self.turbine}/{self.unit}/{kind}" for kind in PUBLISHED]
+        return _with_caches([*own, f"pilewatch/{self.turbine}/scada"])
+
+    @property
+    def acknowledged(self) -> list[str]:
+        """Where it reads which of its blocks are recorded."""
+        return _with_caches([f"pilewatch/{self.turbine}/{self.unit}/{ACKNOWLEDGED}"])
+
+
+def _with_caches(keys: Sequence[str]) -> list[str]:
+    """Keys, and where what their publishers keep is asked for."""
+    return [each for key in keys for each in (key, f"{key}/@adv/**")]
 
 
 def parse_unit(text: str) -> Unit:
@@ -58,9 +71,13 @@ def parse_unit(text: str) -> Unit:
 
 def access_control(units: Sequence[Unit], viewers: Sequence[str]) -> Json:
     """The `access_control` section of the shore station's configuration."""
+    to_all = _with_caches([f"pilewatch/*/*/{ACKNOWLEDGED}"])
     policies = [
-        _policy(unit.name, says=unit.keys, hears=EVERY_KEY, is_unit=True) for unit in units
-    ] + [_policy(viewer, says=EVERY_KEY, hears=EVERY_KEY, is_unit=False) for viewer in viewers]
+        _policy(each.name, each.keys, _hearing(each.name, each.acknowledged), is_unit=True)
+        for each in units
+    ] + [
+        _policy(each, EVERY_KEY, _hearing(each, to_all, "deny"), is_unit=False) for each in viewers
+    ]
     own = _rule("own", SAYS + HEARS, ["ingress", "egress"], ["**", *EVERY_KEY])
     return {
         "enabled": True,
@@ -77,15 +94,26 @@ def access_control(units: Sequence[Unit], viewers: Sequence[str]) -> Json:
 
 
 def _policy(
-    name: str, *, says: list[str], hears: list[str], is_unit: bool
+    name: str, says: list[str], more: Sequence[Json], *, is_unit: bool
 ) -> tuple[list[Json], str]:
     """Rules of one machine: a unit's words come in and others' wishes go out to it; a viewer's
     wishes come in and others' words go out to it."""
     came_in, goes_out = ("ingress", "egress") if is_unit else ("egress", "ingress")
     return [
         _rule(f"{name} says" if is_unit else f"{name} is told", SAYS, [came_in], says),
-        _rule(f"{name} is asked" if is_unit else f"{name} asks", HEARS, [goes_out], hears),
+        _rule(f"{name} is asked" if is_unit else f"{name} asks", HEARS, [goes_out], EVERY_KEY),
+        *more,
     ], name
+
+
+def _hearing(name: str, keys: list[str], permission: str = "allow") -> list[Json]:
+    """That a machine may, or may not, read keys on which others publish. What is denied outweighs
+    what is allowed."""
+    return [
+        _rule(f"{name} is acknowledged", SAYS, ["egress"], keys) | {"permission": permission},
+        _rule(f"{name} asks what is recorded", HEARS, ["ingress"], keys)
+        | {"permission": permission},
+    ]
 
 
 def _rule(name: str, messages: list[str], flows: list[str], keys: list[str]) -> Json:

@@ -9,7 +9,7 @@ from pathlib import Path
 from pipeline.export.results import RESULT_TABLES, ResultTable, tables_of
 from pipeline.export.samples import samples_schema, samples_table
 from pipeline.export.table_file import Format, TableFile
-from pipeline.recording.reader import read_messages
+from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.sources.playback import SensorMessage, each_block_once
 from pipeline.sources.recorded_stream import sensor_messages
 from pipeline.sources.session_files import session_files
@@ -17,8 +17,6 @@ from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import ReplayedTower
 from sensors.errors import InputError
-
-HELD_RESULTS = 1000  # rows of a table that are written together
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +51,8 @@ def export(
         If a file exists or cannot be written.
     """
     files = session_files(recording)
+    for file in files:
+        read_metadata(file)  # before a folder is made for nothing
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -13,6 +13,7 @@ from sensors.errors import InputError
 Format = Literal["csv", "parquet"]
 
 TIMESTAMP = pa.timestamp("ns", tz="UTC")
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet may run when a cell begins so
 ROW_GROUP = 16_384  # rows that are held and written together: seven minutes at 40 Hz
 
 
@@ -43,9 +44,10 @@ class TableFile:
             raise InputError(f"{path} exists already; name another folder with -o") from None
         except OSError as error:
             raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+        self._is_text = form == "csv"
         self._writer: Any = (
-            csv.CSVWriter(self._file, schema)
-            if form == "csv"
+            csv.CSVWriter(self._file, pa.schema([_harmless_field(each) for each in schema]))
+            if self._is_text
             else parquet.ParquetWriter(self._file, schema)
         )
 
@@ -86,5 +88,26 @@ class TableFile:
             arrays = [pa.array(column, field.type) for column, field in fields]
             self._held.append(pa.Table.from_arrays(arrays, schema=self.schema))
         if self._held:
-            self._writer.write_table(pa.concat_tables(self._held).combine_chunks())
+            table = pa.concat_tables(self._held).combine_chunks()
+            self._writer.write_table(_harmless(table) if self._is_text else table)
         self._held, self._held_rows, self._n_held = [], [], 0
+
+
+def _harmless_text(text: str | None) -> str | None:
+    """A text that no spreadsheet takes for a formula. Source: OWASP, CSV injection."""
+    return f"'{text}" if text and text.startswith(FORMULA) else text
+
+
+def _harmless_field(field: pa.Field) -> pa.Field:
+    return field.with_name(_harmless_text(field.name))
+
+
+def _harmless(table: pa.Table) -> pa.Table:
+    columns = [
+        pa.array([_harmless_text(each) for each in column.to_pylist()], column.type)
+        if pa.types.is_string(column.type)
+        else column
+        for column in table.columns
+    ]
+    names = [_harmless_text(name) for name in table.column_names]
+    return pa.Table.from_arrays(columns, names=names)

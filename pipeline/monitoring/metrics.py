@@ -182,7 +182,10 @@ def _modes(run: RunState) -> Families:
         (turbine, state.estimate) for turbine, state in run.turbines.items() if state.estimate
     ]
     modes = [
-        ((turbine, mode.name), mode) for turbine, estimate in estimates for mode in estimate.modes
+        ((turbine, mode.name), mode)
+        for turbine, estimate in estimates
+        for mode in estimate.modes
+        if mode.name  # else one series to Prometheus, which drops all but the first
     ]
     yield gauge(
         "first_frequency_hertz",
@@ -295,6 +298,7 @@ def _change(posterior: FoundationPosterior) -> float:
 
 
 def gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[Sample]) -> "Metric":
+    """Return a gauge `pilewatch_name` with a value for each set of labels."""
     from prometheus_client.core import GaugeMetricFamily
 
     return _filled(GaugeMetricFamily(f"pilewatch_{name}", text, labels=labels), values)
@@ -303,6 +307,7 @@ def gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[Sample
 def counter(
     name: str, text: str, labels: tuple[str, ...], values: Iterable[tuple[Any, float]]
 ) -> "Metric":
+    """Return a counter `pilewatch_name` with a value for each set of labels."""
     from prometheus_client.core import CounterMetricFamily
 
     return _filled(CounterMetricFamily(f"pilewatch_{name}", text, labels=labels), values)

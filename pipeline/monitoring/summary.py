@@ -151,7 +151,7 @@ def _figures(
         "modes": [mode.as_json() for mode in state.modes],
         "posterior": _posterior(state),
         "events": [_event(state, each) for each in state.events],
-        "warnings": [{"code": each.code, "text": each.text} for each in state.warnings],
+        "warnings": _warnings(state, books),
         "stream": stream_figures(state, published=published, live=live),
         "books": books,
         "timing": {
@@ -161,6 +161,13 @@ def _figures(
             "update_s_per_window": _busy(state, "updating"),
         },
     }
+
+
+def _warnings(state: TurbineState, books: Json) -> list[Json]:
+    """Every warning once, then what the books raise an alarm of."""
+    found = [(each.code, each.text) for each in state.warnings]
+    found += [(e["kind"], e["text"]) for e in books["alarms"] if e["turbine"] == state.turbine]
+    return [{"code": code, "text": text} for code, text in dict.fromkeys(found)]
 
 
 def _in_its_time(state: TurbineState, items: Sequence[_T], *, live: bool) -> list[_T]:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.nodes.limits import LimitSettings
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock
 
@@ -23,8 +24,6 @@ STUBBORN = 5  # blocks on end that follow each other and not the last one taken
 MOST_CANDIDATES = 4  # sessions whose blocks are held
 RETURNING = 1000  # the same, of a session that is over and whose stamps are of the past
 MOST_SKIPPED = 10**8  # that may be missing in between: a day at 1 kHz
-MOST_VALUES = 5e7  # of a window: ten minutes of eight channels at 10 kHz; in memory 200 MB
-MOST_CHANNELS_IDENTIFIED = 100  # of a unit: the time for a window grows with their square
 REMEMBERED_CONTENTS = 600  # blocks whose samples are recognised
 FEWEST_RECOGNISABLE = 10  # of a block that is not like another by chance
 MOST_SESSION_NAMES = 64  # names of sessions whose boots are remembered
@@ -32,12 +31,16 @@ MOST_SESSION_NAMES = 64  # names of sessions whose boots are remembered
 # Codes of refusals, as they are counted in a NodeStatus.
 TOO_LARGE = "window-too-large"
 TOO_MANY_CHANNELS = "too-many-channels"
+TOO_FAST = "sampled-too-fast"
+TOO_LARGE_BLOCK = "block-too-large"
 UNFIT = "does-not-follow"
 OTHER_SESSION = "other-session"
 CONFLICT = "conflicting-content"
 REPEATED = "repeated-samples"
 LAYOUT = "not-its-layout"
 UNITS = "cannot-be-joined"
+
+DEFAULT_LIMITS = LimitSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +111,7 @@ class BlockAdmission:
         self._last: BlockMark | None = None
         self._ended = False  # the end of the present session was announced
         self._held: dict[str, list[AccelerationBlock]] = {}  # by session, in their order
+        self._refused_lately: dict[str, list[AccelerationBlock]] = {}  # by session, the last held
         self._on_end: Counter[str] = Counter()  # blocks of a session that follow each other
         self._contents: dict[int, int] = {}  # first sample → hash of samples, of this boot
         self._samples: dict[int, int] = {}  # hash of samples → first sample
@@ -137,12 +141,9 @@ class BlockAdmission:
             return self._begin((*self._let_in(block.session), block))
         against = refusal or self._against(block)
         if against is None:
-            following = self._held.pop(block.session, [])
-            if not following or following[0].first_sample != BlockMark.of(block).next_sample:
-                self._refuse_all(following)
-                following = []
+            chain = self._with_held(block)
             self._drop_held()
-            taken = [self._taken(each).blocks for each in (block, *following)]
+            taken = [self._taken(each).blocks for each in chain]
             return Admission(tuple(each for blocks in taken for each in blocks))
         self.complaint = against.text
         held = self._held.pop(block.session, [])
@@ -185,6 +186,17 @@ class BlockAdmission:
     def begin_after(self, mark: BlockMark) -> None:
         """Expect the block with that mark, or one that follows it."""
         self._last = mark
+
+    def _with_held(self, block: AccelerationBlock) -> tuple[AccelerationBlock, ...]:
+        """A block that follows, with those of its session that are held and lie beside it."""
+        held = self._held.pop(block.session, [])
+        if held and held[0].first_sample == BlockMark.of(block).next_sample:
+            return (block, *held)
+        beside = bool(held) and BlockMark.of(held[-1]).next_sample == block.first_sample
+        if beside and self._goes_on(held[0]):
+            return (*held, block)  # a clock was set, by as much as stamps may be off just now
+        self._refuse_all(held)
+        return (block,)
 
     def _against(self, block: AccelerationBlock) -> Refusal | None:
         assert self._last is not None
@@ -243,9 +255,25 @@ class BlockAdmission:
 
     def _let_in(self, session: str) -> tuple[AccelerationBlock, ...]:
         """The blocks of a session that are held; those of others are refused."""
-        blocks = tuple(self._held.pop(session, ()))
+        found = sorted(self._held.pop(session, ()), key=lambda block: block.first_sample)
         self._drop_held()
-        return blocks
+        return (*self._taken_back(session, found), *found)
+
+    def _taken_back(
+        self, session: str, found: list[AccelerationBlock]
+    ) -> tuple[AccelerationBlock, ...]:
+        """Blocks of a session that were refused a moment ago, and that its first ones follow."""
+        refused = self._refused_lately.pop(session, [])
+        chain: list[AccelerationBlock] = []
+        for block in sorted(refused, key=lambda each: -each.first_sample):
+            following = (chain or found)[0] if found else None
+            if following is None or BlockMark.of(block).next_sample != following.first_sample:
+                break
+            chain.insert(0, block)
+        other = self._last is not None and session != self._last.session
+        self.refused[OTHER_SESSION if other else UNFIT] -= len(chain)
+        self.refused += Counter()  # codes without a block go
+        return tuple(chain)
 
     def _make_room(self, held: list[AccelerationBlock]) -> None:
         if len(held) > STUBBORN:
@@ -295,6 +323,11 @@ class BlockAdmission:
     def _refuse_all(self, blocks: list[AccelerationBlock]) -> None:
         for block in blocks:
             self._refuse(block)
+        if blocks:
+            before = self._refused_lately.pop(blocks[-1].session, [])
+            self._refused_lately[blocks[-1].session] = [*before, *blocks][-STUBBORN:]
+            if len(self._refused_lately) > MOST_CANDIDATES:
+                del self._refused_lately[next(iter(self._refused_lately))]
 
     def _drop_held(self) -> None:
         for blocks in self._held.values():
@@ -337,26 +370,37 @@ def _tight(last: BlockMark, block: AccelerationBlock) -> bool:
     return few and abs(clock - since) <= CLOCK_STEP + CLOCK_ERROR * abs(since)
 
 
-def window_refusal(block: AccelerationBlock, duration: float) -> Refusal | None:
+def window_refusal(
+    block: AccelerationBlock, duration: float, limits: LimitSettings = DEFAULT_LIMITS
+) -> Refusal | None:
     """Why a window of such blocks cannot be identified; None where it can.
 
     Parameters
     ----------
+    block : AccelerationBlock
     duration : float
         Of a window [s].
+    limits : LimitSettings, optional
     """
-    n_channels = block.samples.shape[1]
-    if n_channels > MOST_CHANNELS_IDENTIFIED:
+    n_channels, rate = block.samples.shape[1], block.sampling_rate
+    if n_channels > limits.channels:
         return Refusal(
             TOO_MANY_CHANNELS,
-            f"{n_channels} channels; "
-            f"a unit has at most {MOST_CHANNELS_IDENTIFIED} that are identified",
+            f"{n_channels} channels; a unit has at most {limits.channels} that are identified",
         )
-    n_values = duration * block.sampling_rate * n_channels
-    if n_values <= MOST_VALUES:
-        return None
-    return Refusal(
-        TOO_LARGE,
-        f"a window of {duration:g} s would hold {n_values:.3g} values at {block.sampling_rate:g} "
-        f"Hz; at most {MOST_VALUES:g} are held",
-    )
+    n_values = duration * rate * n_channels
+    if n_values > limits.window_values:
+        return Refusal(
+            TOO_LARGE,
+            f"a window of {duration:g} s would hold {n_values:.3g} values at {rate:g} Hz; at most "
+            f"{limits.window_values:g} are held",
+        )
+    if rate > limits.sampling_rate:
+        return Refusal(TOO_FAST, f"{rate:g} Hz; at most {limits.sampling_rate:g} Hz are identified")
+    if block.samples.nbytes > 1e6 * limits.block_megabytes:
+        return Refusal(
+            TOO_LARGE_BLOCK,
+            f"a block of {1e-6 * block.samples.nbytes:.1f} MB; at most {limits.block_megabytes:g} "
+            "MB are identified",
+        )
+    return None

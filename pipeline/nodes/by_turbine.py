@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
 from pipeline.messages import Message, NodeStatus, QualityWarning
+from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import Node, NodeSnapshot, NodeStatistics, TurbineNode
 from sensors.errors import InputError
 
@@ -95,7 +96,7 @@ def of_kind(name: str, kind: str) -> bool:
     return name == kind or name.startswith(f"{kind}-")
 
 
-MOST_TURBINES = 300  # of a session; an updater of each holds 3 MB
+MOST_TURBINES = LimitSettings().turbines
 
 
 class LimitedMembers:
@@ -159,6 +160,8 @@ class NodeByTurbine(Generic[N]):
         snapshot, not the answers; `statistics` warns of it.
     past : sequence of Message
         What was recorded last, in the order of recording.
+    most_turbines : int, optional
+        Of more the least heard one is let go.
     """
 
     def __init__(
@@ -167,14 +170,16 @@ class NodeByTurbine(Generic[N]):
         *,
         store: SnapshotStore | None = None,
         past: Sequence[Message] = (),
+        most_turbines: int = MOST_TURBINES,
     ) -> None:
         self.members: dict[str, N] = {}
+        self._most_turbines = most_turbines
         self._make = make
         self._store = store
         self._past: dict[str, list[Message]] = {}
         for message in past:
             self._past.setdefault(message.turbine, []).append(message)
-        self._names = LimitedMembers(MOST_TURBINES)
+        self._names = LimitedMembers(most_turbines)
         self._kept: dict[str, int] = {}  # revision of the last snapshot
         self._not_kept: tuple[QualityWarning, ...] = ()
         self._of_the_past = NodeStatistics()
@@ -241,7 +246,7 @@ class NodeByTurbine(Generic[N]):
         for node in self.members.values():
             counts += node.statistics
         gone = self._names.gone
-        warnings = (too_many(f"{MOST_TURBINES} turbines", gone),) if gone else ()
+        warnings = (too_many(f"{self._most_turbines} turbines", gone),) if gone else ()
         return counts + NodeStatistics(warnings=(*self._not_kept, *warnings))
 
     def close(self) -> None:

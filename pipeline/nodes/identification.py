@@ -12,8 +12,9 @@ from pipeline.messages import (
     StreamEnd,
     WindowRejected,
 )
-from pipeline.nodes.block_admission import BlockAdmission, BlockMark, window_refusal
+from pipeline.nodes.block_admission import DEFAULT_LIMITS, BlockAdmission, BlockMark, window_refusal
 from pipeline.nodes.by_turbine import LimitedMembers, NodeByTurbine, SnapshotStore, too_many
+from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog, rejected_estimate
 from pipeline.nodes.unit_streams import Boot, JoinedSession, UnitSession
@@ -25,7 +26,6 @@ from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
-MOST_UNITS = 16  # of a turbine
 LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
 MARKS = 10_000  # of a unit's latest blocks: where a restart reads on
 SAID_AGAIN = 2  # answers that may not have reached a recording before a kill
@@ -71,14 +71,23 @@ class TurbineIdentification:
     settings : OmaSettings
     compared : bool
         False: a caller that has all windows compares each one's channels with the window's before.
+    limits : LimitSettings, optional
+        What its units may cost.
     """
 
-    def __init__(self, settings: OmaSettings, *, compared: bool = True) -> None:
+    def __init__(
+        self,
+        settings: OmaSettings,
+        *,
+        compared: bool = True,
+        limits: LimitSettings = DEFAULT_LIMITS,
+    ) -> None:
         self.revision = 0
+        self._limits = limits
         self._settings = settings
         self._compared = compared
         self._units: dict[str, _Unit] = {}
-        self._names = LimitedMembers(MOST_UNITS)
+        self._names = LimitedMembers(limits.units)
         self._session: IdentifiedSession | None = None
         self._layouts: dict[str, SensorLayout] = {}  # of all units, by their ids
         self._log = OperationLog()
@@ -158,7 +167,7 @@ class TurbineIdentification:
         yield from self._finish_if_complete()
 
     def _admitted(self, unit: _Unit, block: AccelerationBlock) -> Iterator[Message]:
-        too_much = window_refusal(block, self._settings.window_duration)
+        too_much = window_refusal(block, self._settings.window_duration, self._limits)
         if too_much is not None:
             unit.admission.refuse(too_much)
             return
@@ -181,7 +190,8 @@ class TurbineIdentification:
             yield from self._take(unit, block)
 
     def _take(self, unit: _Unit, block: AccelerationBlock) -> Iterator[Message]:
-        if self._session is None or not self._session.goes_on_with(block, unit.boot):
+        boot = unit.boot
+        if self._session is None or not self._session.goes_on_with(block, boot):
             if self._session is not None:
                 yield from self._end_session()
             self._session = self._begun(unit, block)
@@ -190,7 +200,7 @@ class TurbineIdentification:
             unit.admission.refuse(misfit)
             return
         begins = not unit.marks or unit.marks[0] == BlockMark.of(block)
-        yield from self._session.push(block, unit.boot, 0 if begins else block.first_sample)
+        yield from self._session.push(block, boot, 0 if begins else block.first_sample)
         if self._session.has_lost_time:
             unused = self._session.release()
             yield from self._end_session()
@@ -223,7 +233,7 @@ class TurbineIdentification:
     def _finish_if_complete(self) -> Iterator[Message]:
         """Finish a session whose ends and last blocks are all here, whichever came first: they
         travel on different keys, so an end may overtake blocks that had to be fetched again."""
-        if self._session is None:
+        if self._session is None or not any(unit.ends for unit in self._units.values()):
             return
         newest = self._session.newest
         ends = [self._units[unit].ends.get(name) for unit, (name, _) in newest.items()]
@@ -394,6 +404,8 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
     settings : OmaSettings, optional
     compared : bool
         See `TurbineIdentification`.
+    limits : LimitSettings, optional
+        What a unit and a turbine may cost.
     store : SnapshotStore, optional
         Where it goes on from; None: it begins with nothing seen.
     past : sequence of Message
@@ -408,13 +420,18 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
         settings: OmaSettings | None = None,
         *,
         compared: bool = True,
+        limits: LimitSettings = DEFAULT_LIMITS,
         store: SnapshotStore | None = None,
         past: Sequence[Message] = (),
     ) -> None:
         chosen = settings or OmaSettings()
         super().__init__(
-            lambda _: TurbineIdentification(chosen, compared=compared), store=store, past=past
+            lambda _: TurbineIdentification(chosen, compared=compared, limits=limits),
+            store=store,
+            past=past,
+            most_turbines=limits.turbines,
         )
+        self._limits = limits
 
     @property
     def statistics(self) -> NodeStatistics:
@@ -444,7 +461,7 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
             )
         gone = sum(each.units_gone for each in self.members.values())
         if gone:
-            yield too_many(f"{MOST_UNITS} units of a turbine", gone)
+            yield too_many(f"{self._limits.units} units of a turbine", gone)
 
 
 def refill(past: Iterable[Message], marks: dict[str, BlockMark]) -> Iterator[Message]:

@@ -1,7 +1,7 @@
 """What a node is: a name, the messages it takes, what it answers, what it counts."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
@@ -68,12 +68,28 @@ class Node(Protocol):
 
 
 @runtime_checkable
-class PayloadNode(Node, Protocol):
-    """A node that keeps messages as they arrived."""
+class PayloadNode(Protocol):
+    """What a node has beside the rest that keeps messages as they arrived."""
 
     def handle_payload(self, message: Message, payload: bytes) -> Iterable[Message]:
         """Take one message with the bytes that it came in."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A node of the graph and how to make it.
+
+    It is made where it runs: in this thread, in a thread of its own, in another process.
+    """
+
+    node: type[Node]
+    make: Callable[[], Node]
+
+    @property
+    def name(self) -> str:
+        """Name of the node."""
+        return self.node.name  # type: ignore[return-value]  # a class attribute of every node
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,18 +34,14 @@ class OperationSettings:
 
 
 class OperationLog:
-    """What the controllers of some turbines have reported lately."""
+    """What the controller of one turbine has reported lately."""
 
     def __init__(self) -> None:
-        self._samples: dict[str, deque[ScadaSample]] = {}  # by turbine
+        self._samples: deque[ScadaSample] = deque(maxlen=KEPT_SAMPLES)
 
     def note(self, sample: ScadaSample) -> None:
         """Remember a sample."""
-        self._samples.setdefault(sample.turbine, deque(maxlen=KEPT_SAMPLES)).append(sample)
-
-    def forget(self, turbine: str) -> None:
-        """Let go of a turbine."""
-        self._samples.pop(turbine, None)
+        self._samples.append(sample)
 
     def with_conditions(self, estimate: ModalEstimate) -> ModalEstimate:
         """The estimate with what the controller reported of its window; unchanged where it
@@ -67,7 +63,7 @@ class OperationLog:
 
     def _during(self, estimate: ModalEstimate) -> list[ScadaSample]:
         """Samples of the window, and the one that holds when it begins."""
-        known = self._samples.get(estimate.turbine, ())
+        known = self._samples
         before = [sample for sample in known if sample.time_ns <= estimate.start_ns]
         inside = [s for s in known if estimate.start_ns < s.time_ns < estimate.end_ns]
         return before[-1:] + inside

@@ -20,6 +20,7 @@ class NodeAccount:
     def __init__(self, node: Node, turbine: str, clock: Callable[[], int]) -> None:
         self.node = node
         self.last_sequence = -1  # of the acceleration blocks handled
+        self._keeper = node if isinstance(node, PayloadNode) else None
         self._turbine = turbine
         self._clock = clock
         self._received: Counter[str] = Counter()
@@ -49,10 +50,9 @@ class NodeAccount:
             self.last_sequence = message.sequence
 
     def _answers(self, message: Message, payload: bytes | None) -> Iterable[Message]:
-        node = self.node
-        if payload is not None and isinstance(node, PayloadNode):
-            return node.handle_payload(message, payload)
-        return node.handle(message)
+        if payload is not None and self._keeper is not None:
+            return self._keeper.handle_payload(message, payload)
+        return self.node.handle(message)
 
     def _next(self, answers: Iterator[Message]) -> Message | None:
         with self._busy():

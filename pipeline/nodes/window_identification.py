@@ -1,5 +1,6 @@
 """Cut ordered blocks into windows; identify each or reject it with a reason."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
@@ -25,7 +26,7 @@ from pipeline.oma.tracking import ChannelPlaces, ModeTracker
 from pipeline.oma.windows.missing_samples import MOST_MISSING
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR, ClockFit, ClockStep, text_of_step
 from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
-from sensors.acquisition.blocks import AccelerationBlock, BlockStatus
+from sensors.acquisition.blocks import AccelerationBlock, BlockStatus, parts_of
 from sensors.acquisition.layout import SensorLayout
 
 
@@ -106,14 +107,24 @@ class WindowIdentification:
         self._unit_steps = [*self._unit_steps, (unit, step)][-MOST_CLOCK_STEPS:]
 
     def push(self, piece: AccelerationBlock | MissingSamples) -> Iterator[Message]:
+        """Take the next samples in order; give the answers to the windows that they close.
+
+        A block longer than a hop is taken in parts, for what a window is identified from is not
+        kept much longer than the window.
+        """
         if isinstance(piece, MissingSamples):
             self._stretch = None
+            parts: Iterable[AccelerationBlock | MissingSamples] = (piece,)
         else:
-            self._feed(piece)
-        for window in self._cutter.push(piece):
-            yield from self._answers(window)
+            parts = parts_of(piece, math.ceil(self._settings.hop * piece.sampling_rate))
+        for part in parts:
+            if isinstance(part, AccelerationBlock):
+                self._feed(part)
+            for window in self._cutter.push(part):
+                yield from self._answers(window)
 
     def finish(self) -> Iterator[Message]:
+        """Give the answer to the window that the session ends in."""
         for window in self._cutter.finish():
             yield from self._answers(window)
 
@@ -132,6 +143,7 @@ class WindowIdentification:
         self._tracker.recall(answer.modes, on=places)
 
     def gap(self, missing: MissingSamples, unit: str, session: str) -> StreamGap:
+        """Return the message about samples of a unit that never came."""
         return StreamGap(
             turbine=self._turbine,
             unit=unit,

@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from pipeline.recording.reader import read_messages
 from pipeline.recording.rotation import PICTURE_SUFFIX
 from pipeline.sources.sources import replayed
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerError, ViewerOutput
+from pipeline.viewer.outputs.viewer_process import viewer_command
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -82,8 +82,8 @@ def open_pictures(path: Path) -> None:
         If the viewer cannot be started.
     """
     require_pictures(path)
-    command = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", str(path)]
     silent = os.environ | {"RERUN_ANALYTICS": "0"}
+    command = viewer_command(str(path))
     ended = subprocess.run(command, check=False, stderr=subprocess.PIPE, text=True, env=silent)
     if ended.returncode:
         last = ended.stderr.strip().splitlines()[-1:] or ["no reason given"]

@@ -1,4 +1,8 @@
-"""Identify the modes in a file, without turbine, transport or posterior: `pilewatch identify`."""
+"""Identify the modes in a file, without turbine, transport or posterior: `pilewatch identify`.
+
+Windows are cut here, not by the node's windowing: a file may have uneven times, mixed quantities
+and one window of any length, where blocks have one rate and windows are the scenario's.
+"""
 
 import heapq
 from collections.abc import Iterator
@@ -121,6 +125,12 @@ def identify_file(
         If the file cannot be read, has no sampling rate or is shorter than the window.
     """
     table, rate = _read(path, sampling_rate, layout)
+    lowest = None if settings is None else settings.lowest_frequency
+    if lowest is not None and lowest >= rate / 2:
+        raise InputError(
+            f"--lowest-frequency {lowest:g} Hz: {path} is sampled at {rate:g} Hz, which reaches to "
+            f"{rate / 2:g} Hz"
+        )
     duration = len(table.samples) / rate
     if window is not None and not 0 < window <= duration * (1 + 1e-9):
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")

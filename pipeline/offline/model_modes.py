@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
 from pipeline.state.run_modes import CombinedMode
-from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.dynamics.modal_model import ModalModel, ModalParameters
 from sensors.errors import InputError
 from sensors.structure.description import TurbineDescription, load_turbine
 from sensors.structure.foundation import SpringSign
+
+SENSOR_SHARES = tuple(z / 145.0 for z in (41.0, 80.0, 106.0, 145.0))  # of the tower's height [-]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +64,8 @@ def model_modes(
     sign : str | None, optional
         "published" or "embedded-pile"; None: the scenario's.
     turbine : str | None, optional
-        Shipped name or path of a description; None: the scenario's.
+        Shipped name or path of a description; None: the scenario's. Without a scenario it has
+        accelerometers at the shipped ones' shares of its height.
     scenario : str | None, optional
         Shipped name or path; None: the default one.
 
@@ -79,6 +82,10 @@ def model_modes(
             raise InputError(f"--sign {sign!r} is not a sign convention: {words}")
         description = description.with_sign(sign)  # type: ignore[arg-type]  # checked above
     layout = replace(chosen.layout, turbine=description.name)
+    if (
+        turbine is not None and scenario is None
+    ):  # sensors of one's own scenario stay where they are
+        layout = default_layout(description)
     model = ModalModel(description, layout)
     ratios = _ratios(theta)
     modes = model.modal((ratios * model.nominal)[None])
@@ -89,6 +96,23 @@ def model_modes(
             f"{_coupling(ratios * model.nominal):.3f}) and the structure must stand under gravity"
         )
     return ModelModes(model, modes, ratios)
+
+
+def default_layout(description: TurbineDescription) -> SensorLayout:
+    """Bi-axial accelerometers on a structure of which no sensors are known.
+
+    Parameters
+    ----------
+    description : TurbineDescription
+        The structure; on the shipped tower they are where the shipped scenario has them.
+
+    Returns
+    -------
+    SensorLayout
+        At the same shares of the height above mean water level.
+    """
+    elevations = tuple(round(share * description.tower_top, 6) for share in SENSOR_SHARES)
+    return biaxial_layout("tower-1", turbine=description.name, unit="tower", elevations=elevations)
 
 
 @dataclass(frozen=True, slots=True)

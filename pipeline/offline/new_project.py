@@ -5,7 +5,7 @@ files ──► guess of each channel's place ──► layout.toml, scenario.to
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.scenario import NO_STRUCTURE, scenario_from_text
@@ -13,8 +13,13 @@ from pipeline.sources.import_files import open_measurement, record_measurement
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.errors import InputError
 from sensors.files.formats import channels_in
-from sensors.files.layout_file import load_layout
-from sensors.structure.description import load_turbine
+from sensors.files.layout_file import parse_layout
+from sensors.settings import toml_string
+from sensors.structure.decks.elastodyn import read_elastodyn
+from sensors.structure.decks.toml_text import description_toml
+from sensors.structure.decks.windio import read_windio
+from sensors.structure.description import SHIPPED, load_turbine, turbine_text
+from sensors.structure.foundation import FoundationSprings
 
 UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
 AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
@@ -28,6 +33,8 @@ _HEIGHT_AFTER_LETTERS = re.compile(
     r"(?<![A-Za-z0-9])(?:LAT|Lat|lat|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)"
 )
 _NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?![\d.])")
+YAML = (".yaml", ".yml")  # of WindIO
+STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
 LOWEST, HIGHEST = 2.0, 300.0  # heights that a bare number in a name may stand for [m]
 WINDOW = 600.0  # length of an identified window, unless the record is shorter [s]
 
@@ -124,6 +131,9 @@ def start_project(
     *,
     name: str = "",
     structure: str = NO_STRUCTURE,
+    subdyn: Path | None = None,
+    springs: FoundationSprings | None = None,
+    mudline: float | None = None,
     sampling_rate: float | None = None,
 ) -> NewProject:
     """Write layout, scenario and recording of a measurement into a folder.
@@ -137,7 +147,14 @@ def start_project(
     name : str
         Of the turbine or structure; the first file's by default.
     structure : str
-        Shipped description, path of a file, or "none" for modes alone.
+        Shipped description, path of a description (TOML), of an ElastoDyn file (.dat) or of a
+        WindIO file (.yaml), which is brought into the folder; or "none" for modes alone.
+    subdyn : Path, optional
+        SubDyn's file of the monopile below an ElastoDyn tower.
+    springs : FoundationSprings, optional
+        At the mudline; needed with files of other programs, which have none.
+    mudline : float, optional
+        Elevation at which a WindIO monopile ends [m].
     sampling_rate : float, optional
         [Hz]; needed where the files have neither a rate nor time stamps.
 
@@ -155,8 +172,7 @@ def start_project(
     for path in (layout_file, scenario_file):
         if path.exists():
             raise InputError(f"{path} exists; choose another folder with -o")
-    if structure != NO_STRUCTURE:
-        load_turbine(structure)
+    described = structure_text(structure, subdyn, springs, mudline)
     turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
     names = channels_in(files[0], None).names
     channels = tuple(guess_channel(each, place) for place, each in enumerate(names, start=1))
@@ -166,19 +182,60 @@ def start_project(
             f"the structural model needs the height and axis of each channel; {unknown[0]!r} has "
             "none in its name. `pilewatch import FILE --template` prints a layout file to fill in"
         )
-    folder.mkdir(parents=True, exist_ok=True)
-    layout_file.write_text(layout_text(channels, turbine), encoding="utf-8")
+    layout = parse_layout(layout_text(channels, turbine), str(layout_file))
     measurement = open_measurement(
-        files, layout=load_layout(layout_file), turbine=turbine, sampling_rate=sampling_rate
+        files, layout=layout, turbine=turbine, sampling_rate=sampling_rate
     )
     n_samples = sum(len(block.samples) for block in measurement.blocks())
-    text = scenario_text(turbine, structure, n_samples / measurement.sampling_rate)
+    if n_samples < measurement.sampling_rate:
+        listed = ", ".join(str(file) for file in files)
+        raise InputError(f"{listed}: less than 1 s of samples that are not NaN; nothing to watch")
+    folder.mkdir(parents=True, exist_ok=True)
+    layout_file.write_text(layout_text(channels, turbine), encoding="utf-8")
+    named = structure if described is None else STRUCTURE_FILE
+    text = scenario_text(turbine, named, n_samples / measurement.sampling_rate)
     scenario = scenario_from_text(text, str(scenario_file))
     scenario_file.write_text(text, encoding="utf-8")
+    if described is not None:
+        (folder / STRUCTURE_FILE).write_text(described, encoding="utf-8")
+        scenario = replace(scenario, files=((STRUCTURE_FILE, described),))
     recording = folder / "recordings" / f"{turbine}.mcap"
     recording.parent.mkdir(exist_ok=True)
     record_measurement(measurement, recording, scenario=scenario)
-    return NewProject(folder, recording, channels, measurement.sampling_rate, structure)
+    return NewProject(folder, recording, channels, measurement.sampling_rate, named)
+
+
+def structure_text(
+    structure: str,
+    subdyn: Path | None = None,
+    springs: FoundationSprings | None = None,
+    mudline: float | None = None,
+) -> str | None:
+    """Return the description that goes into a project's folder; None for a shipped one or none.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or another program's comes without springs.
+    """
+    is_windio = structure.endswith(YAML)
+    if (subdyn or springs or mudline is not None) and not structure.endswith((".dat", *YAML)):
+        raise InputError(
+            "--subdyn, --springs and --mudline are for --structure NAME_ElastoDyn.dat and NAME.yaml"
+        )
+    if is_windio or structure.endswith(".dat"):
+        if springs is None:
+            raise InputError(
+                f"{structure} has no springs of the mudline: give --springs k11,k22,k12 "
+                "[N/m, N·m/rad, N/rad]"
+            )
+        if is_windio:
+            return description_toml(read_windio(Path(structure), springs, mudline=mudline))
+        return description_toml(read_elastodyn(Path(structure), springs, subdyn=subdyn))
+    if structure == NO_STRUCTURE:
+        return None
+    load_turbine(structure)
+    return None if structure in SHIPPED else turbine_text(structure)
 
 
 def layout_text(channels: Sequence[GuessedChannel], turbine: str) -> str:
@@ -186,14 +243,14 @@ def layout_text(channels: Sequence[GuessedChannel], turbine: str) -> str:
     lines = [
         "# Axes: x downwind (fore-aft), y to the side (side-side), z up from mean water level.",
         "# What was guessed stands beside each channel; correct it and run `pilewatch import`.",
-        f"turbine = {_quoted(turbine)}",
+        f"turbine = {toml_string(turbine)}",
     ]
     for each in channels:
         direction = ", ".join(f"{value:g}" for value in each.direction)
         lines += [
             "",
             f"[[channels]]  # {each.reason}",
-            f"name = {_quoted(each.name)}",
+            f"name = {toml_string(each.name)}",
             f"elevation = {each.elevation:.6g}" + ("" if each.height_known else "  # place only"),
             f"direction = [{direction}]",
         ]
@@ -213,16 +270,11 @@ def scenario_text(turbine: str, structure: str, duration: float) -> str:
         Length of the record [s].
     """
     text = (
-        f"title = {_quoted(f'Measurements of {turbine}')}\n\n[turbine]\nid = {_quoted(turbine)}\n"
-        f"description = {_quoted(structure)}\n"
+        f"title = {toml_string(f'Measurements of {turbine}')}\n\n"
+        f"[turbine]\nid = {toml_string(turbine)}\n"
+        f"description = {toml_string(structure)}\n"
     )
     if duration >= WINDOW:
         return text
     window = int(duration)
     return f"{text}\n[oma]\nwindow_duration = {window}.0  # the record [s]\nhop = {window}.0\n"
-
-
-def _quoted(text: str) -> str:
-    """A TOML basic string."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'

@@ -8,6 +8,7 @@ from pipeline.messages import FoundationTruth, Message, ModalEstimate
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.recording.reader import read_messages
 from pipeline.runtime.runner import BlockReport, run_lock_step
+from pipeline.sources.recorded_stream import SourceError
 from pipeline.sources.sources import Source, replayed
 from sensors.acquisition.blocks import AccelerationBlock
 
@@ -18,8 +19,16 @@ def recorded_source(path: Path, *, scenario: str | None, sampler: str | None) ->
     Raises
     ------
     RecordingError, SourceError, ScenarioError, UpdatingError
+        Also where there is no structure to update.
     """
-    return replayed(path, scenario).with_sampler(sampler)
+    source = replayed(path, scenario).with_sampler(sampler)
+    if not source.scenario.has_structure:
+        raise SourceError(
+            f"{path}: scenario {source.scenario.name} has no structural model, so there is no "
+            "stiffness to update; --scenario NAME or FILE gives one, `pilewatch report` has the "
+            "modes"
+        )
+    return source
 
 
 def holds_estimates(path: Path) -> bool:
@@ -30,7 +39,7 @@ def holds_estimates(path: Path) -> bool:
 def update_from(
     source: Source, *, identify: bool, report: BlockReport | None = None
 ) -> SessionSummary:
-    """Return ehe summary after updating with every window of a recording.
+    """Return the summary after updating with every window of a recording.
 
     Parameters
     ----------

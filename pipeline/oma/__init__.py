@@ -1,0 +1,1 @@
+"""Identification of modes from accelerations: output-only, it never sees the structure."""

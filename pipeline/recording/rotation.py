@@ -12,6 +12,7 @@ from pathlib import Path
 
 from mcap.opcode import Opcode
 
+from pipeline.recording.atomic_write import sync_folder
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import MCAP_MAGIC, complete_records, open_recording
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
@@ -104,15 +105,6 @@ def _end_of_records(file: object) -> int:
             break  # zeros, where the machine itself went down, are no record
         end = record.offset + _HEAD.size + len(record.content)
     return end
-
-
-def sync_folder(folder: Path) -> None:
-    """Have a new name survive a power cut."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def thin(path: Path, settings: RecordingSettings, now_ns: int, *, needed: int = 0) -> list[Path]:

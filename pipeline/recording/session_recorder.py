@@ -1,9 +1,10 @@
 """SessionRecorder: the recording of a session that may run for a year, in parts.
 
 message ──► new? ──► part due to end? ──► next part ──► old samples go ──► room? ──► written
-                                                                             │ nor by retention
-                                                                             ▼
-                                                     closed cleanly, a warning in every status
+                                                                             │         │
+                                                            nor by retention │         │ synced
+                                                                             ▼         ▼
+                                    closed cleanly, a warning in every status    RecordedUntil
 """
 
 import logging
@@ -11,7 +12,14 @@ import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from pipeline.messages import FoundationTruth, Message, NodeStatus, QualityWarning
+from pipeline.messages import (
+    FoundationTruth,
+    Message,
+    NodeStatus,
+    QualityWarning,
+    RecordedUntil,
+    StreamEnd,
+)
 from pipeline.nodes.node import NodeStatistics
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.latest_messages import Repetition, latest_payloads
@@ -27,6 +35,7 @@ from pipeline.recording.rotation import (
 )
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
+from pipeline.state.acknowledgement import Acknowledgements
 from pipeline.streams import key_of, stream_of
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -35,6 +44,9 @@ from sensors.acquisition.layout import SensorLayout
 logger = logging.getLogger(__name__)
 
 ROOM_CHECKED_EVERY = 5.0  # [s]
+SYNCED_EVERY = 1.0  # what a power cut costs at most [s]
+ACKNOWLEDGED_EVERY = 5.0  # what is on disk [s] …
+ACKNOWLEDGED_BLOCKS = 50  # … or after so many blocks
 STANDING_MESSAGES = (
     SensorLayout,
     FoundationTruth,
@@ -105,6 +117,8 @@ class SessionRecorder:
         self._number = next_part(path)
         earlier = parts_of(path)
         self._recorded_before = sum(map(blocks_said_to_be_in, earlier))  # … the part being written
+        self._acknowledgements = Acknowledgements()
+        self._synced_ns = self._acknowledged_ns = clock()
         self._repetition = Repetition(latest_payloads(earlier))
         self._arrived: tuple[Message | None, bytes] = (None, b"")  # the latest, and its bytes
         self._checked_ns = 0
@@ -137,10 +151,16 @@ class SessionRecorder:
         return self.handle(message)
 
     def handle(self, message: Message) -> Iterable[Message]:
-        """Record one message, unless it has been. Gives nothing back."""
+        """Record one message, unless it has been. Acknowledges to units what is on disk."""
         if self._is_recorded(message):
             self.duplicate += isinstance(message, AccelerationBlock)
-            return ()
+        else:
+            self._record(message)
+        if isinstance(message, AccelerationBlock) and self._recorder is not None:
+            self._acknowledgements.note(message)
+        return self._acknowledged(at_once=isinstance(message, StreamEnd))
+
+    def _record(self, message: Message) -> None:
         try:
             self._make_room()
             if self._recorder is not None:
@@ -151,7 +171,26 @@ class SessionRecorder:
             self._standing[key_of(message)] = message
         if self._recorder is None and isinstance(message, AccelerationBlock):
             self.lost += 1
-        return ()
+
+    def _acknowledged(self, *, at_once: bool) -> tuple[RecordedUntil, ...]:
+        """Sync where it is due; what that has brought to disk."""
+        if self._recorder is None:
+            return ()
+        now_ns = self._clock()
+        if not at_once and abs(now_ns - self._synced_ns) < SYNCED_EVERY * NANOSECONDS:
+            return ()
+        self._synced_ns = now_ns
+        try:
+            self._recorder.sync()
+        except OSError as error:
+            self._stop(error.strerror or str(error))
+            return ()
+        waiting = self._acknowledgements.sync()
+        old = abs(now_ns - self._acknowledged_ns) >= ACKNOWLEDGED_EVERY * NANOSECONDS
+        if not (at_once or old or waiting >= ACKNOWLEDGED_BLOCKS):
+            return ()
+        self._acknowledged_ns = now_ns
+        return self._acknowledgements.acknowledged(now_ns)
 
     def _is_recorded(self, message: Message) -> bool:
         """Whether it has been. What stands until it is sent again may be sent again."""
@@ -220,6 +259,7 @@ class SessionRecorder:
     def _stop(self, reason: str) -> None:
         """Close the part with what the disk still takes, and say so from now on."""
         assert self._recorder is not None
+        self._acknowledgements.forget()
         recorder, self._recorder = self._recorder, None
         text = f"recording to {recorder.path} has stopped: {reason}"
         self.warnings = (QualityWarning("recording-stopped", text),)

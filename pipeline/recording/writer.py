@@ -13,6 +13,7 @@ from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
 from pipeline.messages import Message
 from pipeline.nodes.node import NodeStatistics
+from pipeline.recording.atomic_write import sync_folder
 from pipeline.recording.errors import RecordingError
 from pipeline.streams import STREAMS, key_of, time_of
 from pipeline.transport.codec import encode
@@ -85,6 +86,8 @@ class Recorder:
             for section, texts in metadata.items():
                 self._writer.add_metadata(section, dict(texts))
             self._file.flush()
+            self.sync()
+            sync_folder(path.parent)
         except OSError as error:
             self.remove()
             raise _refused(path, error) from error
@@ -121,6 +124,18 @@ class Recorder:
         os.fsync(self._file.fileno())
         self._file.close()
         self._active.rename(self.path)
+        sync_folder(self.path.parent)
+
+    def sync(self) -> None:
+        """Have everything that was recorded survive a power cut: ends the open chunk.
+
+        Raises OSError where the disk refuses.
+        """
+        if self._file.closed:
+            return
+        self._writer.flush()
+        self._chunk_opened_ns = None
+        os.fsync(self._file.fileno())
 
     @property
     def size(self) -> int:

@@ -3,37 +3,41 @@
 Every function returns an SVG text, or "" where there is nothing to draw. Times are UTC.
 """
 
-import importlib
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.messages import (
     HALF_INTERVAL,
-    FoundationEvent,
     FoundationPosterior,
     ModalEstimate,
     StreamGap,
     WindowRejected,
 )
 from pipeline.report.canvas import INK, css_colour, page_figure
+from pipeline.report.pictures.axes import (
+    Times,
+    add_legend,
+    datetimes,
+    draw_band,
+    frequency_axis,
+    mark_events,
+    time_axis,
+)
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import ratios
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_informative
-from pipeline.report.wording import day, has_clock
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.scene import Deflection, deflection
+from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
-Times = NDArray[np.datetime64]
 _Spanned = ModalEstimate | WindowRejected | StreamGap
 
-MINUTES_NS = 600 * 10**9  # below this span, times have seconds [ns]
-FEW_WINDOWS = 40  # windows that are drawn one by one, with bars; more are drawn as a band
 SHAPES = 12  # modes whose shapes are drawn
+FEWEST_FOR_TIME = 2  # windows; one is in the table, and shows nothing over time
 TRACKS = 8  # modes with a panel of their own
 VECTOR_POINTS = 1500  # more of them are drawn as pixels
 
@@ -51,13 +55,13 @@ def stiffness_over_time(record: TurbineRecord) -> str:
         panels = page.figure.subplots(len(PARAMETER_NAMES), 1, sharex=True)
         for axes, name in zip(panels, PARAMETER_NAMES, strict=True):
             bands = np.array([ratios(posterior.parameter(name)) for posterior in history])
-            _band(axes, times, bands, colours.POSTERIOR)
+            draw_band(axes, times, bands, colours.POSTERIOR)
             _mark_untrusted(axes, times, bands, [posterior.trusted for posterior in history])
             _mark_truth(axes, record, name, times)
-            _mark_events(axes, record.state.events, axes is panels[0])
+            mark_events(axes, record.state.events, axes is panels[0])
             axes.set_ylabel(f"{name} ÷ nominal")
-        _legend(panels[0])
-        _time_axis(panels[-1], record)
+        add_legend(panels[0])
+        time_axis(panels[-1], record.span_ns)
         return page.svg()
 
 
@@ -114,26 +118,26 @@ def most_informative_frequencies(record: TurbineRecord) -> str:
     at the last posterior.
     """
     chosen = most_informative(frequency_tracks(record), TRACKS)
-    if not chosen:
+    if not chosen or len(record.state.estimates) < FEWEST_FOR_TIME:
         return ""
     rows = (len(chosen) + 1) // 2
     with page_figure(0.4 + 1.25 * rows) as page:
         panels = page.figure.subplots(rows, 2, sharex=True, squeeze=False)
         for axes, track in zip(panels.flat, chosen, strict=False):
             _track_panel(axes, track)
-            _mark_events(axes, record.state.events, named=False)
+            mark_events(axes, record.state.events, named=False)
         for axes in panels.flat[len(chosen) :]:
             axes.remove()
         for axes in panels.flat[max(0, len(chosen) - 2) : len(chosen)]:
             axes.tick_params(labelbottom=True)
-            _time_axis(axes, record, label=False)
+            time_axis(axes, record.span_ns, label=False)
         return page.svg()
 
 
 def _track_panel(axes: Any, track: FrequencyTrack) -> None:
     half = HALF_INTERVAL * track.stds
     bands = np.column_stack([track.frequencies, track.frequencies - half, track.frequencies + half])
-    _band(axes, datetimes(track.times_ns), bands, colours.MEASURED)
+    draw_band(axes, datetimes(track.times_ns), bands, colours.MEASURED)
     if np.isfinite(track.model_frequency):
         axes.axhline(
             track.model_frequency, color=css_colour(colours.MODEL), linestyle="--", linewidth=1
@@ -146,7 +150,7 @@ def _track_panel(axes: Any, track: FrequencyTrack) -> None:
 def all_frequencies(record: TurbineRecord) -> str:
     """Draw the frequencies of all identified modes over time."""
     tracks = frequency_tracks(record)
-    if not tracks:
+    if not tracks or len(record.state.estimates) < FEWEST_FOR_TIME:
         return ""
     times = datetimes(np.concatenate([track.times_ns for track in tracks]))
     frequencies = np.concatenate([track.frequencies for track in tracks])
@@ -156,13 +160,9 @@ def all_frequencies(record: TurbineRecord) -> str:
             times, frequencies, "_", markersize=4, color=css_colour(colours.MEASURED),
             rasterized=len(times) > VECTOR_POINTS,
         )  # fmt: skip
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(_log_ticks())
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter("")
-        axes.set_ylabel("natural frequency [Hz]")
-        _mark_events(axes, record.state.events, named=False)
-        _time_axis(axes, record)
+        frequency_axis(axes, "y", "natural frequency [Hz]")
+        mark_events(axes, record.state.events, named=False)
+        time_axis(axes, record.span_ns)
         return page.svg()
 
 
@@ -187,8 +187,14 @@ def mode_shapes(record: TurbineRecord) -> str:
         for axes in panels.flat[len(modes) :]:
             axes.remove()
         for axes in panels[:, 0]:
-            axes.set_ylabel("height [m]")
+            axes.set_ylabel("height [m]" if heights_known(layout) else "place in the file")
         return page.svg()
+
+
+def heights_known(layout: SensorLayout) -> bool:
+    """Return whether heights are more than the channels' places 1, 2, …, as `new` writes them."""
+    places = np.arange(1, len(layout.channels) + 1)
+    return len(places) < 2 or not np.array_equal(layout.elevations, places)
 
 
 def _shape_panel(axes: Any, shape: Deflection) -> None:
@@ -230,37 +236,8 @@ def windows_over_time(record: TurbineRecord) -> str:
         axes.set_yticks([0, -1, -2], [name for name, _, _ in rows])
         axes.set_ylim(-2.6, 0.6)
         axes.grid(False, axis="y")
-        _time_axis(axes, record)
+        time_axis(axes, record.span_ns)
         return page.svg()
-
-
-def datetimes(times_ns: Sequence[int] | NDArray[np.int64]) -> Times:
-    """(n,) as matplotlib takes times."""
-    return np.asarray(times_ns, dtype=np.int64).astype("datetime64[ns]")
-
-
-def _band(axes: Any, times: Times, bands: FloatArray, colour: colours.Colour) -> None:
-    """Draw points with bars for a few windows, a band for many.
-
-    Parameters
-    ----------
-    bands : ndarray, shape (n, 3)
-        Middle, low, high. The band breaks where windows are missing.
-    """
-    middle, low, high = bands.T
-    if len(times) <= FEW_WINDOWS:
-        axes.errorbar(
-            times, middle, yerr=[middle - low, high - middle], fmt="o", markersize=2.5,
-            elinewidth=1.2, color=css_colour(colour),
-        )  # fmt: skip
-        return
-    steps = np.diff(times).astype(np.int64)
-    behind_holes = 1 + np.flatnonzero(steps > 1.5 * np.median(steps))
-    for piece in np.split(np.arange(len(times)), behind_holes):
-        axes.fill_between(
-            times[piece], low[piece], high[piece], color=css_colour(colour), alpha=0.35, linewidth=0
-        )
-        axes.plot(times[piece], middle[piece], color=css_colour(colour))
 
 
 def _mark_untrusted(axes: Any, times: Times, bands: FloatArray, trusted: Sequence[bool]) -> None:
@@ -287,55 +264,5 @@ def _mark_truth(axes: Any, record: TurbineRecord, name: str, times: Times) -> No
     )
 
 
-def _mark_events(axes: Any, events: Sequence[FoundationEvent], named: bool) -> None:
-    """Draw a line at the most probable start of a change, its 90 % interval shaded."""
-    for number, event in enumerate(events):
-        since, first, last = datetimes(
-            [event.since_ns, event.since_earliest_ns, event.since_latest_ns]
-        )
-        axes.axvspan(first, last, color=_CHANGE, alpha=0.2, linewidth=0)
-        label = "change" if named and number == 0 else None
-        axes.axvline(since, color=_CHANGE, linestyle=":", label=label)
-
-
-def _legend(axes: Any) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        axes.legend(
-            handles, labels, loc="lower right", bbox_to_anchor=(1, 1), ncols=len(handles),
-            borderaxespad=0.2,
-        )  # fmt: skip
-
-
-def _time_axis(axes: Any, record: TurbineRecord, *, label: bool = True) -> None:
-    """Span the recording on the time axis, in UTC or, without a clock, from the start."""
-    start_ns, end_ns = record.span_ns
-    margin = (end_ns - start_ns) // 50  # without limits, a single window spans years
-    axes.set_xlim(*datetimes([start_ns - margin, end_ns + margin]))
-    dates: Any = importlib.import_module("matplotlib.dates")  # its classes have no types
-    locator = dates.AutoDateLocator(minticks=3, maxticks=7 if label else 5)
-    locator.intervald[dates.MINUTELY].append(60)  # else two hours or two days fit no interval
-    locator.intervald[dates.HOURLY].append(24)
-    axes.xaxis.set_major_locator(locator)
-    clocked = has_clock(start_ns)
-    if clocked:
-        formatter = dates.ConciseDateFormatter(locator, show_offset=False)
-    else:
-        formatter = dates.DateFormatter("%H:%M:%S" if end_ns - start_ns < MINUTES_NS else "%H:%M")
-    axes.xaxis.set_major_formatter(formatter)
-    if label:
-        unit = "h:min:s" if end_ns - start_ns < MINUTES_NS else "h:min"
-        first, last = day(start_ns), day(end_ns)
-        days = first if first == last else f"{first} to {last}"
-        axes.set_xlabel(f"{days}, UTC" if clocked else f"time since the start [{unit}]")
-
-
-def _log_ticks() -> Any:
-    from matplotlib.ticker import LogLocator
-
-    return LogLocator(subs=(1.0, 2.0, 5.0))
-
-
 _POSTERIOR = css_colour(colours.POSTERIOR)
 _TRUTH = css_colour(colours.TRUTH)
-_CHANGE = css_colour(colours.FAULT)

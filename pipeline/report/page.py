@@ -21,9 +21,11 @@ from pipeline.report.html import (
     svg_figure,
     table_html,
 )
+from pipeline.report.pictures import identification, operation
 from pipeline.report.recorded_session import RecordedSession, TurbineRecord
 from pipeline.report.sentences import condition, findings, headline, reasons_for_distrust, sentence
 from pipeline.report.tables import (
+    channels_table,
     events_table,
     gaps_table,
     modes_table,
@@ -126,6 +128,8 @@ def _turbine(record: TurbineRecord, prior: PriorSettings | None, name: str, *, l
             _foundation(record, prior, name, level),
             _changes(record, level),
             _modes(record, name, level),
+            _identification(record, name, level),
+            _operation(record, name, level),
             _quality(record, name, level),
         ]
     )
@@ -204,6 +208,12 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
             "The last posterior: pairs of springs, marginals on the diagonal"
             + (", truth as lines." if record.state.truth else "."),
         ),
+        (
+            identification.prediction(posterior),
+            "Measured against predicted frequency of each mode",
+            "Predictive check: how far each mode's frequency lies from what the posterior "
+            "predicts; shaded: where 90 % of the modes lie if the model is right.",
+        ),
     )
     fit = (
         f"{count_noun(posterior.n_windows, 'window')}; "
@@ -215,6 +225,7 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
     return (
         heading("Foundation", level)
         + table_html(springs_table(record))
+        + paragraph("narrowed by: of the prior's 90 % interval.", "quiet")
         + paragraph(structure_sentence(posterior))
         + paragraph(fit, "quiet")
         + _pair(pictures, f"{name}-foundation")
@@ -261,8 +272,7 @@ def _modes(record: TurbineRecord, name: str, level: int) -> str:
         (
             figures.mode_shapes(record),
             "Mode shapes",
-            "Identified mode shapes at the sensors, largest component 1: fore-aft (x) solid, "
-            "side-side (y) dashed.",
+            "Identified mode shapes at the sensors, largest component 1: " + _axis_words(record),
         ),
     )
     legend = []
@@ -282,6 +292,68 @@ def _modes(record: TurbineRecord, name: str, level: int) -> str:
     )
 
 
+def _identification(record: TurbineRecord, name: str, level: int) -> str:
+    """Return what the modes were identified from; "" where nothing of it was recorded."""
+    pictures = (
+        (
+            identification.spectra(record),
+            "Spectra of the channels with the modes marked",
+            "Spectra of all channels, averaged over the recording; lines: identified modes.",
+        ),
+        (
+            identification.stabilisation(record),
+            "Stabilisation diagram of the last identified window",
+            "Stabilisation diagram of the last identified window: stable poles over the model "
+            "orders by frequency band; lines: modes, where a pole returns in most orders.",
+        ),
+        (
+            identification.auto_mac(record),
+            "AutoMAC: how alike the identified shapes are",
+            "AutoMAC: 1 beside the diagonal are shapes that these sensors cannot distinguish.",
+        ),
+    )
+    drawn = _pair(pictures, f"{name}-identification")
+    return heading("Identification", level) + drawn if drawn else ""
+
+
+def _operation(record: TurbineRecord, name: str, level: int) -> str:
+    """Return the modes over time and operation; "" where there are too few windows."""
+    charts = operation.control_charts(record)
+    limits = f"; {operation.beyond_limits(record)}" if charts else ""
+    pictures = (
+        (
+            charts,
+            "Control charts of stiffnesses and frequencies",
+            "Control charts: departure from the median before the first change; dashed: three "
+            f"robust standard deviations, diamonds beyond the edge{limits}.",
+        ),
+        (
+            operation.frequencies_against(record, "water_level"),
+            "Frequencies against the water level",
+            "Frequencies against the water level.",
+        ),
+        (
+            operation.frequencies_against(record, "wind_speed"),
+            "Frequencies against the wind speed",
+            "Frequencies against the wind speed.",
+        ),
+        (
+            operation.campbell(record),
+            "Frequencies against the rotor speed",
+            "Campbell diagram: identified frequencies against the rotor speed; dashed: 1, 3 and 6 "
+            "per revolution.",
+        ),
+    )
+    drawn = _pair(pictures, f"{name}-operation")
+    return heading("Over time and operation", level) + drawn if drawn else ""
+
+
+def _axis_words(record: TurbineRecord) -> str:
+    if not record.has_structure:
+        return "along x solid, along y dashed."
+    return "fore-aft (x) solid, side-side (y) dashed."
+
+
 def _frequency_captions(record: TurbineRecord) -> tuple[str, str]:
     """Return description and caption of the picture of the chosen frequencies."""
     if record.state.posterior is None:
@@ -299,6 +371,7 @@ def _quality(record: TurbineRecord, name: str, level: int) -> str:
         name=f"{name}-windows",
     )
     tables = (
+        channels_table(record),
         rejected_table(record.state.rejected),
         gaps_table(record),
         warnings_table(record),

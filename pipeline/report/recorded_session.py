@@ -5,6 +5,7 @@
 Memory grows with the windows, not with the samples: blocks are counted and dropped.
 """
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from pipeline.monitoring.summary import turbine_figures
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Metadata
+from pipeline.report.pictures.samples import SignalRecord
 from pipeline.scenario import Scenario, scenario_from_metadata
 from pipeline.sources.session_files import session_files, unfinished_files
 from pipeline.state.json_values import Json
@@ -37,6 +39,8 @@ class TurbineRecord:
     """Where it was recorded, for people."""
     has_structure: bool = True
     """Whether the scenario has a structural model; without one there are modes only."""
+    signals: SignalRecord = field(default_factory=SignalRecord)
+    """Spectra and statistics of the samples, and the last stabilisation diagram."""
 
     @property
     def state(self) -> TurbineState:
@@ -106,13 +110,21 @@ def read_session(path: Path) -> RecordedSession:
     """
     files = session_files(path)
     run = RunState()
+    signals: defaultdict[str, SignalRecord] = defaultdict(SignalRecord)
     for message in (message for file in files for message in read_messages(file)):
         run.fold(message)
+        signals[message.turbine].fold(message)
     metadata = read_metadata(files[-1])
     scenario = _scenario(metadata)
     has_structure = scenario is None or scenario.has_structure
     turbines = [
-        TurbineRecord(name, run, source=path.name, has_structure=has_structure)
+        TurbineRecord(
+            name,
+            run,
+            source=path.name,
+            has_structure=has_structure,
+            signals=signals[name],
+        )
         for name in sorted(run.turbines)
     ]
     if not any(record.has_results for record in turbines):

@@ -151,10 +151,13 @@ def stiffness_sentences(record: TurbineRecord) -> list[str]:
 
 def _stiffness(record: TurbineRecord, spring: ParameterSummary) -> str:
     median, low, high = ratios(spring)
+    posterior = record.state.posterior
+    known = f"is known to ±{percent((high - low) / 2 / median)}"
+    if posterior is not None and not posterior.trusted:
+        known = "is not known; by the model that the data contradict"
     text = (
-        f"{spring.name}, {SPRING_TEXTS[spring.name]}, is known to "
-        f"±{percent((high - low) / 2 / median)}: {median:.3f} × its nominal value, 90 % interval "
-        f"{low:.3f} to {high:.3f}"
+        f"{spring.name}, {SPRING_TEXTS[spring.name]}, {known}: {median:.3f} × its nominal "
+        f"value, 90 % interval {low:.3f} to {high:.3f}"
     )
     truth = record.state.truth
     if truth is None:
@@ -172,7 +175,12 @@ def ratios(spring: ParameterSummary) -> tuple[float, float, float]:
 
 def measurement_sentences(record: TurbineRecord) -> list[str]:
     """Return sentences on what was measured, what was used and what is missing."""
-    return [_measured_duration(record), *_rejected_windows(record), _missing_samples(record)]
+    return [
+        _measured_duration(record),
+        *_rejected_windows(record),
+        *_books(record),
+        _missing_samples(record),
+    ]
 
 
 def _measured_duration(record: TurbineRecord) -> str:
@@ -195,6 +203,21 @@ def _rejected_windows(record: TurbineRecord) -> Iterator[str]:
     if not_used:
         number = count_noun(len(not_used), "identified window")
         yield f"{number} did not enter the stiffness: {_counts_by_code(not_used)}."
+
+
+def _books(record: TurbineRecord) -> Iterator[str]:
+    """What the books cannot account for, and posteriors that do not come."""
+    books = record.run.books
+    violations = books.violations(record.turbine)
+    if violations:
+        more = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
+        yield f"The books do not balance: {violations[0]}{more}."
+    if record.has_structure:
+        yield from (
+            sentence(alarm.text)
+            for alarm in books.alarms()
+            if (alarm.kind, alarm.turbine) == ("no-posterior", record.turbine)
+        )
 
 
 def _counts_by_code(rejected: Sequence[WindowRejected]) -> str:

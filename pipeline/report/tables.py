@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from pipeline.messages import FoundationEvent, WindowRejected
+from pipeline.report.figures import heights_known
 from pipeline.report.html import TextTable
+from pipeline.report.pictures.samples import FLAT_SHARE, ChannelStatistics
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import headline, ratios
 from pipeline.report.wording import percent, span, stamp
@@ -47,7 +49,7 @@ def springs_table(record: TurbineRecord) -> TextTable:
     ]  # fmt: skip
     head = (
         "", "÷ nominal", "90 % interval", "truth", "median", "unit",
-        "narrower than the prior by [%]",
+        "narrowed by [%]",
     )  # fmt: skip
     title = "Springs of the foundation at the mudline"
     return without_blank_columns(TextTable(title, head, tuple(rows)))
@@ -112,6 +114,48 @@ def events_table(events: Sequence[FoundationEvent]) -> TextTable:
         for event in events
     )
     return TextTable("", ("start, about (UTC)", "detected (UTC)", "kind", "probability"), rows)
+
+
+def channels_table(record: TurbineRecord) -> TextTable:
+    """Return every channel: where it is, how much it moved, what is missing, what is noticed."""
+    rows = []
+    for unit, layout in sorted(record.state.layouts.items()):
+        recorded = record.signals.samples.get(unit)
+        statistics = recorded.statistics() if recorded is not None else ()
+        if len(statistics) != len(layout.channels):
+            continue
+        typical = max((each.deviation for each in statistics if each.deviation > 0), default=0.0)
+        for channel, each in zip(layout.channels, statistics, strict=True):
+            rows.append(
+                (
+                    channel.name,
+                    f"{channel.elevation:g}" if heights_known(layout) else "",
+                    ", ".join(f"{value:.2g}" for value in channel.direction),
+                    figure(each.deviation, ".3g"),
+                    figure(each.largest, ".3g"),
+                    f"{100 * each.missing:.2g}",
+                    _remark(each, typical),
+                )
+            )
+    units = {
+        channel.unit for layout in record.state.layouts.values() for channel in layout.channels
+    }
+    unit = units.pop() if len(units) == 1 else ""
+    measured = f"[{unit}]" if unit else "(unscaled)"
+    head = (
+        "channel", "height [m]", "direction x, y, z", f"std {measured}", f"largest {measured}",
+        "missing [%]", "remark",
+    )  # fmt: skip
+    return without_blank_columns(TextTable("Channels", head, tuple(rows), words=(6,)))
+
+
+def _remark(statistics: ChannelStatistics, typical: float) -> str:
+    """What a channel's statistics show by themselves; warnings of windows stand below."""
+    if statistics.missing >= 1.0:
+        return "no sample"
+    if statistics.deviation <= FLAT_SHARE * typical:
+        return "constant: measures nothing"
+    return ""
 
 
 def rejected_table(rejected: Sequence[WindowRejected]) -> TextTable:

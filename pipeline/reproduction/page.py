@@ -34,10 +34,7 @@ def write_report(study: Study, folder: Path) -> tuple[Path, ...]:
     InputError
         If the folder or a file cannot be written, or matplotlib is missing.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {folder}: {error.strerror}; a folder is needed") from error
+    prepared_folder(folder)
     figure = folder / "figure3.png"
     draw_figure3(study.first, figure)
     first, second = table1(study.first), table2(study)
@@ -53,6 +50,20 @@ def write_report(study: Study, folder: Path) -> tuple[Path, ...]:
         with (folder / name).open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([table.head, *table.rows])
     return (*written, figure, folder / "table1.csv", folder / "table2.csv")
+
+
+def prepared_folder(folder: Path) -> None:
+    """Make the report's folder: before minutes are spent on the study, not after.
+
+    Raises
+    ------
+    InputError
+        If a file has its name, or it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {folder}: {error.strerror}; a folder is needed") from error
 
 
 def table1(example: Example) -> TextTable:

@@ -5,7 +5,7 @@ import logging
 from datetime import UTC, datetime
 from pathlib import Path
 
-from pipeline.recording.atomic_write import written_whole
+from pipeline.recording.atomic_write import make_folder_durably, written_whole
 from pipeline.recording.rotation import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.runtime.snapshots import ANSWERS
@@ -23,7 +23,7 @@ RECORDING, PICTURES, SUMMARY = SESSION_FILE, "session.rrd", "summary.json"
 def make_folder(out: Path) -> None:
     """Raises InputError where it cannot be made."""
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        make_folder_durably(out)
     except OSError as error:
         raise InputError(f"--out {out}: {error.strerror}; a folder is needed") from error
 

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.app import Outputs, Plan, build
+from pipeline.app import Outputs, build
 from pipeline.deploy.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.messages import Message
 from pipeline.monitoring.alarms.alarm_node import ALARMS_KEY, AlarmNode, running_alarm_node
@@ -20,7 +20,7 @@ from pipeline.monitoring.metrics import MetricsNode, served
 from pipeline.monitoring.status import STATUS_KEY, StatusNode
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.nodes.by_turbine import ShardedNode, parsed_shard
-from pipeline.nodes.node import Node
+from pipeline.nodes.node import Node, Plan
 from pipeline.recording.latest_messages import files_of
 from pipeline.recording.rotation import raw_files
 from pipeline.run.endpoints import meeting_point, open_hub

@@ -39,6 +39,10 @@ STATUS_BLOCKS = 16  # a status at the latest after so many blocks, so that the s
 START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports for seconds
 FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]
 SOURCE = "source"
+DRAINED_WITHIN = 5.0  # what a node has received when it is asked to stop [s]
+KEPT_FOR_LAST = 2.5  # of that, for the recorder [s]
+LEAST_PATIENCE = 0.5  # with the last of them [s]
+STOPPED_WITHIN = 9.0  # all nodes, together [s]
 
 BlockReport = Callable[[AccelerationBlock], None]
 
@@ -77,12 +81,18 @@ class Worker(Protocol):
     """A node somewhere else: in a thread or in a process of its own."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name of the node."""
+        ...
 
     @property
-    def inputs(self) -> tuple[type, ...]: ...
+    def inputs(self) -> tuple[type, ...]:
+        """Message types that the node takes."""
+        ...
 
-    def start(self) -> None: ...
+    def start(self) -> None:
+        """Start the node."""
+        ...
 
     @property
     def restarts(self) -> int:
@@ -94,8 +104,8 @@ class Worker(Protocol):
         NodeFailed."""
         ...
 
-    def stop(self) -> None:
-        """Let the node finish what it has, close it, and wait for it."""
+    def stop(self, within: float = STOPPED_WITHIN) -> None:
+        """Let the node finish what it has, close it, and wait for it; not for longer [s]."""
         ...
 
 
@@ -131,8 +141,10 @@ def run_workers(
         except RunEnded:
             logger.info("the session was ended early")
         finally:
+            deadline = time.monotonic() + STOPPED_WITHIN
             for worker in workers:  # in the order of the flow: the recorder sees the others stop
-                worker.stop()
+                last = worker is workers[-1]
+                worker.stop(deadline - time.monotonic() - (0.0 if last else KEPT_FOR_LAST))
         for worker in workers:
             worker.check()
 
@@ -166,10 +178,14 @@ class NodeThread(threading.Thread):
         if self._failure is not None:
             raise NodeFailed(f"node {self.name} failed: {self._failure!r}") from self._failure
 
-    def stop(self) -> None:
-        """Let the node finish what it has, close it, and wait for it."""
+    def stop(self, within: float = STOPPED_WITHIN) -> None:
+        """Let the node finish what it has, close it, and wait for it; not for longer [s]."""
         self._stopping.set()
-        self.join()
+        self.join(max(within, LEAST_PATIENCE))
+        if self.is_alive():
+            logger.error(
+                "node %s is busy and does not stop; what it has not answered is recorded", self.name
+            )
 
 
 def serve(
@@ -179,8 +195,13 @@ def serve(
     turbine: str,
     stopping: threading.Event,
     clock: Callable[[], int] = time.time_ns,
+    monotonic: Callable[[], float] = time.monotonic,
 ) -> None:
-    """Give a node its messages and publish its answers, until `stopping` is set and all is done."""
+    """Give a node its messages and publish its answers, until `stopping` is set and all is done.
+
+    What is not done DRAINED_WITHIN after that is left: a node that is started again finds it where
+    it is recorded.
+    """
     account = NodeAccount(node, turbine, clock)
     inbox = Inbox()
     subscription = bus.subscribe(node.inputs, inbox)
@@ -199,6 +220,7 @@ def serve(
         beat.said(account)
 
     say("ready")
+    asked: float | None = None  # when it was asked to stop [s]
     try:
         while True:
             message = inbox.get(timeout=0.05)
@@ -207,7 +229,13 @@ def serve(
                     bus.publish(answer)
             if beat.due(account, idle=message is None):
                 say("running")
-            if message is None and stopping.is_set():
+            if not stopping.is_set():
+                continue
+            asked = monotonic() if asked is None else asked
+            if message is None:
+                break
+            if monotonic() - asked > DRAINED_WITHIN:
+                logger.warning("%s ends with %d messages not taken", node.name, len(inbox))
                 break
     finally:
         node.close()

@@ -28,7 +28,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.node import NodeSnapshot
-from pipeline.recording.rotation import sync_folder
+from pipeline.recording.atomic_write import make_folder_durably, sync_folder
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
 from pipeline.updating.state import CheckpointError
@@ -90,7 +90,7 @@ class SnapshotFolder:
         """
         path = self.file_of(turbine)
         try:
-            self._path.mkdir(parents=True, exist_ok=True)
+            make_folder_durably(self._path)
             if not path.exists():
                 self._make_room()
             elif (later := _epoch_in(path)) > self._epoch:

@@ -25,7 +25,8 @@ logger = logging.getLogger(__name__)
 
 MISTAKE = 2  # exit code where a person has to correct something; to try again would not help
 STANDARD_INPUT = 0  # file descriptor
-STOP_TIMEOUT = 120.0  # for a node to finish what it has when it is asked to stop [s]
+STOP_TIMEOUT = 9.0  # for a node to finish what it has when it is asked to stop [s]
+LEAST_STOP_TIMEOUT = 0.5  # the same, of the last of several [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,15 +108,21 @@ class SupervisedProcess:
         if code is not None:
             self._note_end(code)
 
-    def stop(self) -> None:
-        """Send SIGTERM and wait until files are closed; one that hangs is killed."""
+    def stop(self, within: float = STOP_TIMEOUT) -> None:
+        """Send SIGTERM and wait until files are closed; one that hangs is killed.
+
+        Parameters
+        ----------
+        within : float, optional
+            How long is waited [s].
+        """
         self._due = None
         process, self._process = self._process, None
         if process is None:
             return
         process.terminate()
         try:
-            self._exit_code = process.wait(STOP_TIMEOUT)
+            self._exit_code = process.wait(max(within, LEAST_STOP_TIMEOUT))
         except subprocess.TimeoutExpired:
             process.kill()
             self._exit_code = process.wait()

@@ -18,6 +18,8 @@ from pipeline.deploy.watchdog import Watchdog
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.runner import STATUS_PERIOD, BlockReport, open_session, with_end
+from pipeline.sources.durable_publisher import kept_until_acknowledged
+from pipeline.sources.spool import Spool
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -63,6 +65,7 @@ def publish_feed(
     stopping: threading.Event,
     report: BlockReport | None = None,
     connected: Callable[[], None] = lambda: None,
+    spool: Spool | None = None,
 ) -> FeedResult:
     """Publish what an instrument measures until `stopping` is set.
 
@@ -72,10 +75,12 @@ def publish_feed(
         Layout of its channels, with the turbine and the unit that it stands for.
     connected : Callable[[], None], optional
         Called once, when the instrument is reached.
+    spool : Spool, optional
+        Keeps blocks until a shore station has them, and is closed in the end.
 
     Returns
     -------
-    Fed
+    FeedResult
 
     Raises
     ------
@@ -86,9 +91,12 @@ def publish_feed(
     """
     account = FeedAccount(live, layout, connected=connected)
     watchdog = Watchdog(os.environ)
-    with open_session(lambda: ZenohBus(settings)) as bus:
+    with (
+        open_session(lambda: ZenohBus(settings)) as bus,
+        kept_until_acknowledged(bus, spool, account.warn_of) as publish,
+    ):
         for message in with_end(account.messages(stopping)):
-            bus.publish(message)
+            publish(message)
             watchdog.alive()
             if report and isinstance(message, AccelerationBlock):
                 report(message)
@@ -178,6 +186,11 @@ class FeedAccount:
         self._quiet = False
         self._patience = QUIET_INSTRUMENT if live.gives_blocks else QUIET_CONTROLLER
         self._named: set[str] = set()  # channels that no layout lists, and that were logged
+        self._others: Callable[[], tuple[QualityWarning, ...]] = tuple
+
+    def warn_of(self, warnings: Callable[[], tuple[QualityWarning, ...]]) -> None:
+        """Give these warnings too, of what else publishes the messages."""
+        self._others = warnings
 
     def messages(self, stopping: threading.Event) -> Iterator[Message]:
         """Yield the layout, then what is measured as it comes.
@@ -246,7 +259,7 @@ class FeedAccount:
             late=counts.late,
             duplicate=counts.duplicate,
             malformed=counts.malformed + counts.forged,
-            warnings=tuple(self._warnings(state)),
+            warnings=(*self._warnings(state), *self._others()),
         )
 
     def _warnings(self, state: str) -> Iterator[QualityWarning]:

@@ -10,11 +10,13 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, RESTART_SILENCE, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import LATEST_BLOCKS
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
+
+READ_ON = RESTART_SILENCE  # behind the end: a block that came later is of another session [s]
 
 SensorMessage = AccelerationBlock | SensorLayout | ScadaSample
 
@@ -64,14 +66,23 @@ class Playback:
     def _part(self, messages: Iterable[SensorMessage]) -> Iterator[SensorMessage]:
         """What lies in the range, the blocks of each session counted from its first there."""
         origin_ns: int | None = None
+        newest: dict[tuple[str, str], int] = {}  # turbine, unit → start of its latest block [ns]
         firsts: dict[tuple[str, str, str], AccelerationBlock] = {}
         for message in messages:
             if isinstance(message, AccelerationBlock):
                 origin_ns = message.start_ns if origin_ns is None else origin_ns
+                newest[message.turbine, message.unit] = message.start_ns
+                if self._is_over(newest.values(), origin_ns):
+                    return
             if isinstance(message, SensorLayout):
                 yield message
             elif origin_ns is not None and self._has(message, origin_ns):
                 yield _renumbered(message, firsts) if self.start > 0 else message
+
+    def _is_over(self, newest_ns: Iterable[int], origin_ns: int) -> bool:
+        """Whether every unit is so far behind the end that nothing late is to be expected."""
+        last_ns = min(newest_ns) - origin_ns
+        return last_ns / NANOSECONDS >= self.end + READ_ON
 
     def _has(self, message: AccelerationBlock | ScadaSample, origin_ns: int) -> bool:
         time_ns = message.time_ns if isinstance(message, ScadaSample) else message.start_ns

@@ -3,12 +3,15 @@
 import logging
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from pipeline.runtime.runner import open_session, with_end
+from pipeline.sources.durable_publisher import kept_until_acknowledged
 from pipeline.sources.recorded_source import RecordedSource
 from pipeline.sources.recorded_stream import SourceError
 from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
+from pipeline.sources.spool import Spool
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import AccelerationBlock
 
@@ -27,8 +30,15 @@ def publish_source(
     speed: float,
     stopping: threading.Event,
     report: Callable[[AccelerationBlock], None] | None = None,
+    spool: Spool | None = None,
 ) -> int:
     """Publish a recorded or simulated source at a speed; gives the number of blocks.
+
+    Parameters
+    ----------
+    spool : Spool, optional
+        Keeps blocks until a shore station has them, and is closed in the end; None: what the
+        transport keeps in memory has to do.
 
     Returns
     -------
@@ -47,13 +57,15 @@ def publish_source(
         )
     control = ReplayControl(source, speed, stopping)
     published = 0
-    with open_session(lambda: ZenohBus(settings)) as bus:
+    with ExitStack() as stack:
+        bus = stack.enter_context(open_session(lambda: ZenohBus(settings)))
         assert isinstance(bus, ZenohBus)
         bus.answer(f"{REPLAY_KEY}/{source.layout.turbine}", control.answer)
+        publish = stack.enter_context(kept_until_acknowledged(bus, spool))
         for message in with_end(control.messages()):
             if stopping.is_set():
                 break
-            bus.publish(message)
+            publish(message)
             if isinstance(message, AccelerationBlock):
                 published += 1
                 if report:

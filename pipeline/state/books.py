@@ -1,8 +1,9 @@
 """The books of a run: every block, window and estimate has one fate.
 
     blocks       published = recorded + lost + refused           of each unit and boot
-    windows      identified | rejected (reason) | pending        of each turbine
+    windows      identified | rejected (reason)                  of each turbine
     estimates    in the posterior | refused (reason) | pending
+    answers      of a window that has another one by now: superseded
 
 What does not balance is a violation, with where it is. The books are kept from messages alone: live
 by the status and the summary, offline by `pilewatch audit` from the files.
@@ -11,7 +12,7 @@ by the status and the summary, offline by `pilewatch audit` from the files.
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pipeline.messages import (
@@ -29,9 +30,36 @@ from sensors.acquisition.boots import BootCounter
 
 MOST_BOOKS = 2000  # boots of units, and windows that are waited for, each; of more the oldest go
 UNANSWERED = 2  # later windows that were answered, after which an estimate counts as forgotten
+UNBALANCED = 2  # windows that were answered while books do not balance, after which it is an alarm
+WITHOUT_POSTERIOR = 6  # windows that were answered without a posterior, after which it is an alarm
+UPDATING = "updating"  # name of the node, or the beginning of its shares' names
+REPORTED_WITHIN = 5  # blocks after which missing ones are reported: they may be late
+LATEST_WINDOWS = 20  # whose fates are listed
 
 UnitBoot = tuple[str, str, str, int]  # turbine, unit, session, boot
 WindowKey = tuple[object, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class BooksAlarm:
+    """What a person must look into although nothing has failed."""
+
+    turbine: str
+    kind: str
+    """"books": they do not balance; "no-posterior": windows are answered and none comes."""
+    text: str
+
+
+@dataclass(slots=True)
+class WindowFate:
+    """What became of one window."""
+
+    window: int
+    start_ns: int
+    fate: str
+    """"identified", or the reason's code."""
+    estimate: str = ""
+    """Of an identified window: "pending", "in-posterior", or the code why it was refused."""
 
 
 class Intervals:
@@ -124,6 +152,8 @@ class BlockBook:
         for first, end in self.recorded.holes():
             missing.add(first, end)
         for first, end in missing.without(self.reported):
+            if self.published is None and end > self.recorded.end - REPORTED_WITHIN:
+                continue  # they may still come
             yield f"{_numbers(first, end)} are neither recorded nor reported missing"
         inside = Intervals()
         if self.recorded:
@@ -164,8 +194,14 @@ class TurbineBook:
     """Estimates that the updating did not use, by the reason's code."""
     pending: dict[WindowKey, int] = field(default_factory=dict)
     """Estimates without an answer of the updating → estimates answered since."""
-    known: dict[WindowKey, str] = field(default_factory=dict)
+    known: dict[WindowKey, WindowFate] = field(default_factory=dict)
     """Fates of the latest windows."""
+    superseded: int = 0
+    """Answers of windows that have another one by now."""
+    without_posterior: int = 0
+    """Windows that were answered since the last posterior."""
+    unbalanced: int = 0
+    """Windows on end that were answered while the books did not balance."""
     last: dict[WindowKey, int] = field(default_factory=dict)
     """Boots of the units → number of their last window."""
     skipped: list[str] = field(default_factory=list)
@@ -177,12 +213,14 @@ class Books:
 
     Parameters
     ----------
-    updates : bool
-        Whether the run has an updating, which owes every estimate an answer.
+    updates : bool, optional
+        Whether the run has an updating, which owes every estimate an answer; None: it has one
+        when one is heard of.
     """
 
-    def __init__(self, *, updates: bool = True) -> None:
+    def __init__(self, *, updates: bool | None = None) -> None:
         self._updates = updates
+        self._is_updating = bool(updates)
         self._blocks: dict[UnitBoot, BlockBook] = {}
         self._boots: dict[tuple[str, str, str], BootCounter] = {}
         self._turbines: dict[str, TurbineBook] = {}
@@ -205,18 +243,30 @@ class Books:
             case WindowRejected():
                 self._rejection(self._turbine(message.turbine), message)
             case FoundationPosterior():
+                self._note_updating()
                 self._posterior(self._turbine(message.turbine), message)
             case NodeStatus():
+                if message.node.partition("-")[0] == UPDATING:
+                    self._note_updating()
                 codes = Counter({each.message: each.count for each in message.refused})
                 self._refused[message.turbine, message.node] = codes
                 _limit(self._refused)
 
+    def _note_updating(self) -> None:
+        self._is_updating = self._updates is not False
+
     def _block(self, block: AccelerationBlock) -> None:
         session = (block.turbine, block.unit, block.session)
-        boot = self._boots.setdefault(session, BootCounter()).boot_of(block)
+        counter = self._boots.setdefault(session, BootCounter())
+        present = self._blocks.get((*session, counter.boot))
+        repeats = present is not None and block.sequence in present.recorded
+        boot = counter.boot_of(block, repeats=repeats)
         _limit(self._boots)
         book = self._blocks.setdefault((*session, boot), BlockBook())
         _limit(self._blocks)
+        if counter.also and present is not None:  # they were taken for the same once more
+            present.repeated -= counter.also
+            book.recorded.add(block.sequence - counter.also, block.sequence)
         before = len(book.recorded)
         book.recorded.add(block.sequence)
         if len(book.recorded) == before:
@@ -236,28 +286,39 @@ class Books:
 
     def _estimate(self, book: TurbineBook, estimate: ModalEstimate) -> None:
         key = _key(estimate)
-        if key in book.known:
+        known = book.known.get(key)
+        if known is not None and known.fate == "identified":
             return  # given again after a restart
+        if known is None:
+            self._follow(book, estimate)
+        else:
+            book.rejected -= Counter({known.fate: 1})
+            book.superseded += 1
         book.identified += 1
-        self._follow(book, estimate)
-        book.known[key] = "identified"
+        pending = "" if self._updates is False else "pending"
+        book.known[key] = WindowFate(estimate.window, estimate.start_ns, "identified", pending)
         _limit(book.known)
-        if self._updates:
+        if self._updates is not False:
             book.pending[key] = 0
             _limit(book.pending)
+        self._note_answer(estimate.turbine, book)
 
     def _rejection(self, book: TurbineBook, rejected: WindowRejected) -> None:
         key = _key(rejected)
-        fate = book.known.get(key)
-        if fate is None:
+        known = book.known.get(key)
+        if known is None:
             book.rejected[rejected.code] += 1
             self._follow(book, rejected)
-            book.known[key] = "rejected"
+            book.known[key] = WindowFate(rejected.window, rejected.start_ns, rejected.code)
             _limit(book.known)
+            self._note_answer(rejected.turbine, book)
         elif key in book.pending:
             del book.pending[key]
             book.refused[rejected.code] += 1
+            known.estimate = rejected.code
             self._answered(book)
+        elif known.fate == "identified" and rejected.code != known.estimate:
+            book.superseded += 1  # by the estimate that the posterior has
 
     def _posterior(self, book: TurbineBook, posterior: FoundationPosterior) -> None:
         key = _key(posterior)
@@ -265,7 +326,15 @@ class Books:
             key = next((each for each in book.pending if each[-1] == posterior.time_ns), key)
         if book.pending.pop(key, None) is not None:
             book.in_posterior += 1
+            if key in book.known:
+                book.known[key].estimate = "in-posterior"
             self._answered(book)
+        book.without_posterior = 0
+
+    def _note_answer(self, turbine: str, book: TurbineBook) -> None:
+        """Look, when a window is answered, whether books balance and posteriors come."""
+        book.without_posterior += 1
+        book.unbalanced = book.unbalanced + 1 if any(self._violations_of(turbine)) else 0
 
     @staticmethod
     def _answered(book: TurbineBook) -> None:
@@ -289,21 +358,47 @@ class Books:
 
     def violations(self, only: str | None = None) -> list[str]:
         """Where the books do not balance, in words; none: they do. only: of that turbine."""
-        found = [
-            f"unit {unit} of {turbine}, session {session}, boot {boot}: {text}"
-            for (turbine, unit, session, boot), book in self._blocks.items()
-            if book.recorded and only in (None, turbine)
-            for text in book.violations()
-        ]
+        if only is not None:
+            return [*self._violations_of(only)]
+        turbines = dict.fromkeys([*(key[0] for key in self._blocks), *self._turbines])
+        return [text for turbine in turbines for text in self._violations_of(turbine)]
+
+    def _violations_of(self, turbine: str) -> Iterator[str]:
+        for (of, unit, session, boot), blocks in self._blocks.items():
+            if of == turbine and blocks.recorded:
+                for text in blocks.violations():
+                    yield f"unit {unit} of {turbine}, session {session}, boot {boot}: {text}"
+        book = self._turbines.get(turbine)
+        if book is None:
+            return
+        yield from (f"{turbine}: {text}" for text in book.skipped)
+        forgotten = sum(count >= UNANSWERED for count in book.pending.values())
+        if forgotten and self._is_updating:
+            yield f"{turbine}: {forgotten} estimates are neither in the posterior nor refused"
+
+    def alarms(self, without_posterior: int = WITHOUT_POSTERIOR) -> list[BooksAlarm]:
+        """What a person must look into now.
+
+        Parameters
+        ----------
+        without_posterior : int
+            Windows that may be answered on end without a posterior.
+        """
+        found = []
         for turbine, book in self._turbines.items():
-            if only not in (None, turbine):
-                continue
-            found += [f"{turbine}: {text}" for text in book.skipped]
-            forgotten = sum(count >= UNANSWERED for count in book.pending.values())
-            if forgotten:
-                found.append(
-                    f"{turbine}: {forgotten} estimates are neither in the posterior nor refused"
+            violations = [*self._violations_of(turbine)] if book.unbalanced >= UNBALANCED else []
+            if violations:
+                rest = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
+                text = f"the books do not balance: {violations[0]}{rest}"
+                found.append(BooksAlarm(turbine, "books", text))
+            if self._is_updating and book.without_posterior >= without_posterior:
+                text = (
+                    f"no posterior for {book.without_posterior} windows: of all "
+                    f"{book.identified} were identified, {book.rejected.total()} rejected "
+                    f"({_counted(book.rejected)}), {book.refused.total()} estimates refused "
+                    f"({_counted(book.refused)})"
                 )
+                found.append(BooksAlarm(turbine, "no-posterior", text))
         return found
 
     def as_json(self, only: str | None = None) -> Json:
@@ -312,6 +407,7 @@ class Books:
         return {
             "balanced": not violations,
             "violations": violations,
+            "alarms": [asdict(alarm) for alarm in self.alarms() if only in (None, alarm.turbine)],
             "units": [
                 {
                     "turbine": turbine,
@@ -340,6 +436,10 @@ class Books:
                     "in_posterior": book.in_posterior,
                     "refused": dict(book.refused),
                     "pending": len(book.pending),
+                    "superseded": book.superseded,
+                    "windows": [
+                        asdict(fate) for fate in list(book.known.values())[-LATEST_WINDOWS:]
+                    ],
                 }
                 for turbine, book in self._turbines.items()
                 if only in (None, turbine)
@@ -373,6 +473,10 @@ def _key(message: ModalEstimate | WindowRejected | FoundationPosterior) -> Windo
 
 def _numbers(first: int, end: int) -> str:
     return f"block {first}" if end == first + 1 else f"blocks {first} to {end - 1}"
+
+
+def _counted(codes: Counter[str]) -> str:
+    return ", ".join(f"{count} × {code}" for code, count in codes.most_common()) or "none"
 
 
 def _limit(table: dict[Any, Any]) -> None:

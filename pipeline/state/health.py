@@ -7,6 +7,7 @@ from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.streams import key_of, stream_of
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
+MOST_KEYS_WATCHED = 5000  # of more, the one with the fewest messages goes
 LATE_AFTER = 3.0  # a stream is late when so many of its periods have gone by in silence [-]
 
 Condition = Literal["alive", "late", "ended"]
@@ -60,10 +61,14 @@ class Health:
         """Take note of one message that has just come."""
         key = key_of(message)
         before = self._seen.get(key)
+        if before is None and len(self._seen) >= MOST_KEYS_WATCHED:
+            del self._seen[min(self._seen, key=lambda each: self._seen[each].count)]
         count, first_ns = (before.count, before.first_ns) if before else (0, now_ns)
         self._seen[key] = _Seen(message, now_ns, count + 1, first_ns)
         if isinstance(message, StreamEnd):
             self._ended[message.turbine, message.unit] = message.session
+            if len(self._ended) > MOST_KEYS_WATCHED:
+                del self._ended[next(iter(self._ended))]
         elif isinstance(message, AccelerationBlock):
             self._note_session(message)
 

@@ -79,11 +79,3 @@ def empty_summary() -> Json:
     summary["change_probability"] = None
     summary.update(structure=None, budget={}, alternatives={}, unpredicted_share=None, relative={})
     return summary
-
-
-def truth_covered(posterior: FoundationPosterior, truth: FoundationTruth) -> dict[str, bool]:
-    """For each stiffness whether the 90 % interval holds the truth."""
-    return {
-        name: posterior.parameter(name).p05 <= getattr(truth, name) <= posterior.parameter(name).p95
-        for name in ("k11", "k22", "k12")
-    }

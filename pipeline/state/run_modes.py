@@ -26,6 +26,7 @@ class CombinedMode:
     pair: ModePair | None = None  # with a model mode
 
     def as_json(self) -> Json:
+        """Return the mode as `summary.json` has it."""
         return {
             "name": self.name,
             "frequency_hz": self.frequency,

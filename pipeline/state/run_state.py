@@ -12,6 +12,7 @@ from pipeline.state.health import Health
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import AccelerationBlock
 
+MOST_TURBINES_KNOWN = 300  # of a live run; of more the least heard one goes
 MOST_UNITS_HEARD = 5000  # sessions of units of a live run whose latest block is remembered
 
 
@@ -54,8 +55,13 @@ class RunState:
     def turbine(self, name: str) -> TurbineState:
         """Return the state of one turbine, an empty one where nothing is known yet."""
         if name not in self.turbines:
+            if self._kept is not None and len(self.turbines) >= MOST_TURBINES_KNOWN:
+                del self.turbines[min(self.turbines, key=self._heard)]
             self.turbines[name] = TurbineState(name, kept=self._kept)
         return self.turbines[name]
+
+    def _heard(self, name: str) -> int:
+        return self.turbines[name].received.total()
 
     @property
     def published(self) -> int:

@@ -28,6 +28,13 @@ NO_FACTOR = np.empty((0, 0))  # frequencies, shapes and their stds are all that 
 _Item = TypeVar("_Item")
 
 
+MOST_NAMES_KNOWN = (
+    64  # of units and of nodes of a live run's turbine, each, and of rejections' codes
+)
+
+_Named = TypeVar("_Named")
+
+
 @dataclass(frozen=True, slots=True)
 class PosteriorAtWindow:
     """Marginal posteriors after one window."""
@@ -138,9 +145,20 @@ class TurbineState:
                 self.truths.pop(message.time_ns, None)
                 self.truths[message.time_ns] = message
             case SensorLayout():
-                self.layouts[message.unit] = message
+                self._name(self.layouts, message.unit, message)
             case NodeStatus():
-                self.statuses[message.node] = message
+                self._name(self.statuses, message.node, message)
+
+    def _name(self, table: dict[str, _Named], name: str, value: _Named) -> _Named:
+        """Enter a value under its name; a live run takes in no more names than it may."""
+        if name in table or self.kept is None or len(table) < MOST_NAMES_KNOWN:
+            table[name] = value
+        else:
+            self.gone["names"] += 1
+        return value
+
+    def _unit(self, name: str) -> UnitState:
+        return self.units.get(name) or self._name(self.units, name, UnitState())
 
     @property
     def truth(self) -> FoundationTruth | None:
@@ -168,7 +186,7 @@ class TurbineState:
         return list(dict.fromkeys(found))
 
     def _block(self, block: AccelerationBlock, *, counts: bool) -> None:
-        unit = self.units.setdefault(block.unit, UnitState())
+        unit = self._unit(block.unit)
         unit.samples += len(block.samples)
         unit.end_ns, unit.sampling_rate = block.end_ns, block.sampling_rate
         self.sequence, self.sampling_rate = block.sequence, block.sampling_rate
@@ -192,7 +210,8 @@ class TurbineState:
         no longer there. The updating may reject what was identified.
         """
         self.last_answer = rejected
-        self.rejections[rejected.code] += 1
+        known = rejected.code in self.rejections or len(self.rejections) < MOST_NAMES_KNOWN
+        self.rejections[rejected.code if known else "other"] += 1
         again = any(
             each.code == rejected.code and same_window(each, rejected) for each in self.rejected
         )
@@ -203,7 +222,7 @@ class TurbineState:
 
     def _gap(self, gap: StreamGap) -> None:
         """Keep a gap once."""
-        unit = self.units.setdefault(gap.unit, UnitState())
+        unit = self._unit(gap.unit)
         unit.gaps += 1
         unit.missing_ns += gap.end_ns - gap.start_ns
         if gap not in self.gaps:

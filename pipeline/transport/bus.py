@@ -65,16 +65,20 @@ class Bus(Protocol):
     the last `Stream.cached` messages of each key first.
     """
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: Message, payload: bytes | None = None) -> None:
         """Send on the message's key. Never waits for a subscriber.
+
+        payload   the message as it is encoded, where that is known
 
         Raises CodecError for a message that contradicts itself, TransportError for one whose
         turbine, unit or node cannot be part of a key.
         """
         ...
 
-    def subscribe(self, message_types: Sequence[type], inbox: "Inbox") -> Subscription:
-        """Deliver all messages of these types, of every turbine, into the inbox."""
+    def subscribe(
+        self, message_types: Sequence[type], inbox: "Inbox", *, key: str | None = None
+    ) -> Subscription:
+        """Deliver all messages of these types into the inbox: of every turbine, or on one key."""
         ...
 
     def close(self) -> None:

@@ -17,6 +17,7 @@ from pipeline.messages import (
     NodeStatus,
     ParameterSummary,
     PooledPosterior,
+    RecordedUntil,
     StabilisationDiagram,
     StreamEnd,
     StreamGap,
@@ -93,10 +94,11 @@ def _check_block(block: AccelerationBlock) -> None:
     )
     _check_count("sequence", block.sequence)
     _check_count("first_sample", block.first_sample)
-    _check_span(block.start_ns, block.end_ns)
+    end_ns = block.end_ns
+    _check_span(block.start_ns, end_ns)
     _require(
-        block.end_ns < LATEST_SAMPLE_NS,
-        f"end_ns is {block.end_ns}; samples end before {LATEST_SAMPLE_NS} ns",
+        end_ns < LATEST_SAMPLE_NS,
+        f"end_ns is {end_ns}; samples end before {LATEST_SAMPLE_NS} ns",
     )
 
 
@@ -213,6 +215,15 @@ def _check_end(end: StreamEnd) -> None:
     _check_count("n_blocks", end.n_blocks)
 
 
+def _check_recorded(recorded: RecordedUntil) -> None:
+    _check_time("time_ns", recorded.time_ns)
+    for each in recorded.ranges:
+        _check_count("first", each.first)
+        _check_count("end", each.end)
+        _require(each.first < each.end, f"blocks {each.first} to {each.end} are no range")
+        _check_span(each.earliest_ns, each.latest_ns)
+
+
 def _check_rejected(rejected: WindowRejected) -> None:
     _check_span(rejected.start_ns, rejected.end_ns)
 
@@ -238,6 +249,7 @@ _CHECKS: dict[type, Callable[[Any], None]] = {
     FoundationTruth: _check_timed,
     StreamGap: _check_gap,
     StreamEnd: _check_end,
+    RecordedUntil: _check_recorded,
     NodeStatus: _check_timed,
     ScadaSample: _check_scada,
 }

@@ -65,6 +65,7 @@ class Arrivals:
         self._held: dict[Publisher, list[zenoh.Sample]] = {}  # while their beginning is fetched
 
     def __call__(self, sample: zenoh.Sample) -> None:
+        """Take one sample from Zenoh's thread."""
         publisher, number = _origin(sample)
         with self._arriving:
             self.recovered += is_recovered(sample, time.time())

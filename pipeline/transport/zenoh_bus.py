@@ -21,6 +21,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import zenoh
 from zenoh import ext
@@ -81,19 +82,20 @@ class ZenohBus:
 
     def __init__(self, settings: ZenohSettings | None = None) -> None:
         self._session = _opened(settings or ZenohSettings())
-        self._publishers: dict[str, ext.AdvancedPublisher] = {}  # by key
+        self._publishers: dict[str, _Publisher] = {}  # by key
         self._began: dict[str, bytes] = {}  # when they were declared, by key
         self._subscriptions: list[ZenohSubscription] = []
         self._queryables: list[zenoh.Queryable[None]] = []  # forgotten by Zenoh unless held
         self._beginnings = Beginnings(self._session)
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: Message, payload: bytes | None = None) -> None:
+        """Send on the message's key. See `Bus`."""
         key = publishing_key(message)
-        payload = encode(message)
+        payload = encode(message) if payload is None else payload
         publisher = self._publisher_of(key, stream_of(type(message)))
         publisher.put(payload, attachment=self._began[key])
 
-    def _publisher_of(self, key: str, stream: Stream) -> ext.AdvancedPublisher:
+    def _publisher_of(self, key: str, stream: Stream) -> "_Publisher":
         """The key's publisher. Of more than MOST_PUBLISHERS the one that was silent longest goes,
         and its cache with it: what is answered to made-up, untrusted turbines is bounded."""
         publisher = self._publishers.pop(key, None)
@@ -107,8 +109,11 @@ class ZenohBus:
         self._publishers[key] = publisher  # the last is who spoke last
         return publisher
 
-    def subscribe(self, message_types: Sequence[type], inbox: Inbox) -> "ZenohSubscription":
-        subscription = ZenohSubscription(self._session, self._beginnings, message_types, inbox)
+    def subscribe(
+        self, message_types: Sequence[type], inbox: Inbox, *, key: str | None = None
+    ) -> "ZenohSubscription":
+        """Deliver all messages of these types into the inbox. See `Bus`."""
+        subscription = ZenohSubscription(self._session, self._beginnings, message_types, inbox, key)
         self._subscriptions.append(subscription)
         return subscription
 
@@ -130,6 +135,7 @@ class ZenohBus:
         )
 
     def close(self) -> None:
+        """Leave, when what was published has been handed over."""
         for queryable in self._queryables:
             queryable.undeclare()
         self._queryables.clear()
@@ -174,32 +180,38 @@ class ZenohSubscription:
         beginnings: Beginnings,
         message_types: Sequence[type],
         inbox: Inbox,
+        key: str | None = None,
     ) -> None:
         self._lost: Counter[type] = Counter()
         self._counting = threading.Lock()
         self._arrivals = {each: Arrivals(each, inbox, beginnings) for each in message_types}
         # Zenoh forgets a subscriber or listener that nothing holds.
         self._subscribers = [
-            _subscriber(session, stream_of(message_type), arrive)
+            _subscriber(session, stream_of(message_type), arrive, key)
             for message_type, arrive in self._arrivals.items()
         ]
         self._miss_listeners = [
             subscriber.sample_miss_listener(self._missed(message_type))
             for subscriber, message_type in zip(self._subscribers, message_types, strict=True)
+            if isinstance(subscriber, ext.AdvancedSubscriber)
         ]
 
     @property
     def lost(self) -> int:
+        """Messages that were published and will never arrive."""
         return sum(map(self.lost_of, self._arrivals))
 
     def lost_of(self, message_type: type) -> int:
+        """Those of one type."""
         at_beginnings = self._arrivals[message_type].lost if message_type in self._arrivals else 0
         return self._lost[message_type] + at_beginnings
 
     def recovered_of(self, message_type: type) -> int:
+        """Messages of one type that came when their link was back."""
         return self._arrivals[message_type].recovered if message_type in self._arrivals else 0
 
     def close(self) -> None:
+        """Deliver no more."""
         for listener in self._miss_listeners:
             listener.undeclare()
         for subscriber in self._subscribers:
@@ -215,7 +227,22 @@ class ZenohSubscription:
         return count
 
 
-def _publisher(session: zenoh.Session, key: str, stream: Stream) -> ext.AdvancedPublisher:
+class _Publisher(Protocol):
+    """One of Zenoh's publishers, with a cache or without."""
+
+    def put(self, payload: bytes, *, attachment: bytes) -> None: ...
+    def undeclare(self) -> None: ...
+
+
+class _Subscriber(Protocol):
+    """One of Zenoh's subscribers, that asks for what it missed or does not."""
+
+    def undeclare(self) -> None: ...
+
+
+def _publisher(session: zenoh.Session, key: str, stream: Stream) -> _Publisher:
+    if not stream.cached:
+        return session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP)
     return ext.declare_advanced_publisher(
         session,
         key,
@@ -227,11 +254,16 @@ def _publisher(session: zenoh.Session, key: str, stream: Stream) -> ext.Advanced
 
 
 def _subscriber(
-    session: zenoh.Session, stream: Stream, arrive: Callable[[zenoh.Sample], None]
-) -> "ext.AdvancedSubscriber[None]":
+    session: zenoh.Session,
+    stream: Stream,
+    arrive: Callable[[zenoh.Sample], None],
+    key: str | None,
+) -> _Subscriber:
+    if not stream.cached:
+        return session.declare_subscriber(key or stream.key_expression, arrive)
     return ext.declare_advanced_subscriber(
         session,
-        stream.key_expression,
+        key or stream.key_expression,
         arrive,
         history=ext.HistoryConfig(detect_late_publishers=True, max_samples=stream.cached),
         recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),

@@ -68,6 +68,7 @@ def free_endpoint() -> str:
 
 
 def configuration(settings: ZenohSettings) -> zenoh.Config:
+    """Return Zenoh's configuration. Raises TransportError where a file of it cannot be used."""
     config = zenoh.Config()
     if settings.config_file is not None:
         config = configuration_file(settings.config_file)
@@ -107,6 +108,7 @@ def _entries(settings: ZenohSettings) -> dict[str, Any]:
 
 
 def configuration_file(path: Path) -> zenoh.Config:
+    """Return the configuration in a file. Raises TransportError where it is none."""
     if not path.is_file():
         raise TransportError(f"there is no Zenoh configuration {path}")
     try:
@@ -126,6 +128,7 @@ def _in_file(config: zenoh.Config, key: str) -> tuple[str, ...]:
 
 
 def explained(settings: ZenohSettings, error: str) -> str:
+    """Return Zenoh's error in words that name what to change."""
     if "Address already in use" in error:
         return (
             f"cannot listen on {_listed(settings.listen)}: the port is in use; "
@@ -148,5 +151,6 @@ def _listed(endpoints: tuple[str, ...]) -> str:
 
 
 def without_source(error: str) -> str:
+    """Return Zenoh's error without the places in its source."""
     message = _MESSAGE_OF_ERROR.search(error)
     return " ".join(_SOURCE_OF_ERROR.sub("", message[1] if message else error).split())

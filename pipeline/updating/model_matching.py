@@ -148,6 +148,7 @@ def _of_each(partners: Sequence[PartnerInWater], pairing: Pairing) -> list[Partn
 
 
 def without_partner(n_modes: int) -> EstimateRefused:
+    """Return the refusal of modes of which none is the model's."""
     return EstimateRefused(
         "no-paired-mode", f"none of the {n_modes} identified modes is a mode of the model"
     )

@@ -1,6 +1,7 @@
 """AccelerationBlock: one block of one acquisition unit, all its channels on one clock."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from enum import IntFlag
 
 import numpy as np
@@ -50,3 +51,25 @@ class AccelerationBlock:
     def end_ns(self) -> int:
         """Sensor clock one sample after the last [ns]: the next block's `start_ns`."""
         return self.start_ns + round(self.duration * NANOSECONDS)
+
+
+def parts_of(block: AccelerationBlock, most_samples: int) -> Iterator[AccelerationBlock]:
+    """Yield a block in parts of so many samples at most, each with the block's number.
+
+    Parameters
+    ----------
+    block : AccelerationBlock
+    most_samples : int
+        At least 1.
+    """
+    if len(block.samples) <= most_samples:
+        yield block
+        return
+    for first in range(0, len(block.samples), most_samples):
+        since_ns = round(first / block.sampling_rate * NANOSECONDS)
+        yield replace(
+            block,
+            samples=block.samples[first : first + most_samples],
+            first_sample=block.first_sample + first,
+            start_ns=block.start_ns + since_ns,
+        )

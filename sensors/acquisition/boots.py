@@ -4,31 +4,61 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 NOTABLE_CLOCK_STEP = 0.5  # of stamps against the sample count between two blocks [s]
 RATE_ERROR = 0.01  # of a converter's rate, at most [-]
+ENOUGH_TO_START = 5  # blocks on end with numbers that came before and stamps that are new
 
 
 class BootCounter:
     """Counts the boots of one unit under one session's name, of blocks as they arrive.
 
     A block behind the newest one is late or comes again where its stamp fits its number, or its
-    number is nearer to the newest one's than to 0; else the unit has started again.
+    number is nearer to the newest one's than to 0; else the unit has started again. So it has where
+    blocks on end bring numbers once more that came before, under stamps that do not fit.
     """
 
     def __init__(self) -> None:
         self.boot = 0
+        self.also = 0
+        """Blocks just before the last that are found, with it, to be of the new boot."""
         self._newest: AccelerationBlock | None = None
+        self._on_end: list[AccelerationBlock] = []  # that may have started a boot
 
-    def boot_of(self, block: AccelerationBlock) -> int:
-        """Starts of the unit before the one that the block is of."""
+    def boot_of(self, block: AccelerationBlock, *, repeats: bool = False) -> int:
+        """Starts of the unit before the one that the block is of.
+
+        Parameters
+        ----------
+        block : AccelerationBlock
+        repeats : bool
+            Whether a block of that number has come in the present boot.
+        """
+        self.also = 0
         newest = self._newest
         if newest is None:
             self._newest = block
-            return self.boot
-        if block.first_sample > newest.first_sample:
+        elif block.first_sample > newest.first_sample:
             self._newest = block
-        elif 2 * block.sequence < newest.sequence and not _fits(newest, block):
-            self.boot += 1
-            self._newest = block
+            self._on_end.clear()
+        elif _fits(newest, block):
+            self._on_end.clear()
+        elif 2 * block.sequence < newest.sequence:
+            self._start([block])
+        elif repeats:
+            self._follow(block)
         return self.boot
+
+    def _follow(self, block: AccelerationBlock) -> None:
+        last = self._on_end[-1] if self._on_end else None
+        if last is not None and not (block.sequence == last.sequence + 1 and _fits(last, block)):
+            self._on_end.clear()
+        self._on_end.append(block)
+        if len(self._on_end) == ENOUGH_TO_START:
+            self._start(list(self._on_end))
+
+    def _start(self, blocks: list[AccelerationBlock]) -> None:
+        self.boot += 1
+        self.also = len(blocks) - 1
+        self._newest = blocks[-1]
+        self._on_end.clear()
 
 
 def _fits(newest: AccelerationBlock, block: AccelerationBlock) -> bool:

@@ -77,6 +77,7 @@ class SensorLayout:
 
     @property
     def channel_names(self) -> tuple[str, ...]:
+        """Names of the channels, in their order."""
         return tuple(channel.name for channel in self.channels)
 
     @property

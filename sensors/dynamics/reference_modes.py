@@ -94,7 +94,8 @@ def _near(mode: ReferenceMode, modes: FullModes, *, taken: Iterable[int]) -> lis
     if not possible:
         raise TurbineError(
             f"reference mode {mode.name!r} ({mode.direction}, {mode.frequency:g} Hz): the model "
-            f"has no further {mode.direction} mode below the highest frequency asked"
+            f"has no further {mode.direction} mode below the highest frequency asked; leave "
+            "reference_modes out where no publication lists them"
         )
     distance = {i: abs(modes.frequencies[i] / mode.frequency - 1) for i in possible}
     window = REFERENCE_WINDOW

@@ -217,6 +217,7 @@ class SamplesReader:
         )
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
+        """Yield what one message brings."""
         if self._mapped is not None:
             kind = "mapped"
         else:
@@ -258,6 +259,7 @@ class ScadaMessages:
         self._times: LruCache[RisingTimes] = LruCache()  # by topic
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
+        """Yield the samples that one message brings."""
         self._counts.received += 1
         times = self._times.get(topic)
         if times is None:

@@ -32,7 +32,7 @@ from sensors.acquisition.layout import (
     SensorLayout,
 )
 from sensors.files.table import ChannelTable, Quantity, TimeColumn, Wanted, in_standard_unit
-from sensors.settings import settings_from_table
+from sensors.settings import settings_from_table, toml_string
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
 _CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file states its unit
@@ -52,6 +52,7 @@ class MappedChannel:
     """Direction of the positive axis (x, y, z); of any length."""
 
     quantity: Literal["acceleration", "velocity", "displacement", "strain"] | None = None
+    """What the channel measures; None: by its unit, else an acceleration."""
     unit: str | None = None
     """Unit of the samples, or of what the sensitivity divides to."""
 
@@ -59,10 +60,12 @@ class MappedChannel:
     """Sensitivity of the samples per `unit`: V per g, counts per m/s²."""
 
     coupling: Coupling = "dc"
+    """"dc" or "ac"; a DC-coupled sensor feels the tilt of the tower."""
     corner_frequency: float = 0.0
     """Corner frequency of an AC-coupled axis [Hz]."""
 
     serial: str = ""
+    """Serial number of the sensor."""
 
     def __post_init__(self) -> None:
         where = f"channel {self.name!r}"
@@ -89,6 +92,7 @@ class LayoutFile:
     """Name of the acquisition unit, part of a Zenoh key."""
 
     layout_id: str = "imported"
+    """Name of the layout, in every message."""
     origin: str = "layout"
     """The file's name, for errors."""
 
@@ -190,10 +194,34 @@ def load_layout(path: Path) -> LayoutFile:
         One line: no such file, not TOML, an unknown or missing key, a wrong value.
     """
     try:
-        table = tomllib.loads(path.read_text("utf-8-sig"))
+        text = path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8"
         raise LayoutError(f"layout {path} cannot be read: {reason}") from error
+    return parse_layout(text, str(path))
+
+
+def parse_layout(text: str, path: str) -> LayoutFile:
+    """Return the layout of a TOML text.
+
+    Parameters
+    ----------
+    text : str
+        Content of a layout file.
+    path : str
+        Its name, for errors.
+
+    Returns
+    -------
+    LayoutFile
+
+    Raises
+    ------
+    LayoutError
+        One line: not TOML, an unknown or missing key, a wrong value.
+    """
+    try:
+        table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise LayoutError(f"{path}: not valid TOML: {error}") from error
     channels = table.get("channels", [])
@@ -204,11 +232,11 @@ def load_layout(path: Path) -> LayoutFile:
         for i, each in enumerate(channels)
     )
     others = {key: each for key, each in table.items() if key != "channels"}
-    checked = settings_from_table(_Heading, others, str(path), LayoutError)
+    checked = settings_from_table(_Heading, others, path, LayoutError)
     try:
         _require_heights(mapped)
         return LayoutFile(
-            mapped, checked.turbine, checked.unit, checked.layout_id, str(path), checked.time
+            mapped, checked.turbine, checked.unit, checked.layout_id, path, checked.time
         )
     except LayoutError as error:
         raise LayoutError(f"{path}: {error}") from error
@@ -275,11 +303,10 @@ def layout_template(table: ChannelTable) -> str:
         'unit = "tower"                     # the acquisition unit',
     ]
     for name, unit in zip(table.names, table.units, strict=True):
-        quoted = name.replace("\\", "\\\\").replace('"', '\\"')
         lines += [
             "",
             "[[channels]]",
-            f'name = "{quoted}"',
+            f"name = {toml_string(name)}",
             "elevation = 0.0                    # above mean water level [m]: fill in",
             "direction = [1.0, 0.0, 0.0]        # of its positive axis, x y z: fill in",
         ]

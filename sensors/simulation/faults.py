@@ -55,6 +55,7 @@ class Fault:
     """One thing that goes wrong for a while."""
 
     kind: FaultKind
+    """What goes wrong, e.g. "dead", "clipped", "swapped", "dropped", "clock-drift"."""
     start: float
     """Start since the first sample [s]."""
 

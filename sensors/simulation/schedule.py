@@ -31,6 +31,7 @@ class ScheduleStep:
     """Time since the first sample [s]."""
 
     state: OperatingState | None = None
+    """"parked", "idling", "start", "operating" or "stop"."""
     wind_speed: float | None = None
     """Mean wind at the hub [m/s]."""
 

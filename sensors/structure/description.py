@@ -140,7 +140,7 @@ class Water:
 class PointMass:
     """A mass without stiffness on the tower's axis: a transition piece, a platform."""
 
-    name: str
+    name: str  # what it is, for people
     elevation: float  # above mean water level [m]
     mass: float  # [kg]
 
@@ -153,6 +153,7 @@ class RigidBody:
     """A mass that moves with the tower's top."""
 
     name: str
+    """What it is, for people."""
     mass: float
     """Mass [kg]."""
 
@@ -234,6 +235,7 @@ class Blades:
     """The blades of the locked rotor: equal, straight, rigid axially."""
 
     number: int
+    """Number of blades."""
     elements: tuple[BladeElement, ...]
     """Elements from root to tip."""
 
@@ -277,7 +279,9 @@ class ReferenceMode:
     """A mode that a publication lists: what the model's mode of this name is recognised by."""
 
     name: str
+    """The publication's label of the mode."""
     direction: Direction
+    """"FA" (fore-aft) or "SS" (side-side)."""
     frequency: float
     """Frequency [Hz]."""
 
@@ -297,6 +301,7 @@ class TurbineDescription:
 
     foundation: FoundationSprings
     title: str = ""
+    """One line for people."""
     source: str = ""
     """Where the figures come from."""
 

@@ -24,8 +24,6 @@ from sensors.errors import InputError
 
 SpringSign = Literal["published", "embedded-pile"]
 SPRING_SIGNS: tuple[SpringSign, ...] = get_args(SpringSign)
-SPRING_NAMES = ("k11", "k22", "k12")
-SPRING_UNITS = ("N/m", "N·m/rad", "N/rad")
 
 
 class TurbineError(InputError):
@@ -46,6 +44,7 @@ class FoundationSprings:
     """Magnitude of the coupling stiffness [N/rad]."""
 
     sign: SpringSign = "published"
+    """"published": +k12 on (v, +dv/dz); "embedded-pile": −k12."""
     embedded_length: float = 0.0
     """Embedded length of the pile below the mudline; 0: unknown [m]."""
 

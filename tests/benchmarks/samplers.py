@@ -34,7 +34,7 @@ from pipeline.updating.likelihood.likelihood import (
     observations,
 )
 from pipeline.updating.likelihood.pairing import PairingSearch, PairingSettings, PairingTargets
-from pipeline.updating.likelihood.posterior_density import JointDensity, StiffnessDensity
+from pipeline.updating.likelihood.posterior_density import StiffnessDensity
 from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.convergence import autocorrelation_time
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
@@ -45,6 +45,7 @@ from sensors.acquisition.layout import biaxial_layout
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import load_turbine
+from tests.pipeline.updating.likelihood.joint_density import JointDensity
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "parked.mcap"
 ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # [m], of the recording's layout

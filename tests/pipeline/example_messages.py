@@ -10,6 +10,7 @@ from hypothesis.extra import numpy as arrays
 
 from pipeline import messages as contract
 from pipeline.messages import (
+    BlockRange,
     FoundationEvent,
     FoundationPosterior,
     FoundationTruth,
@@ -22,6 +23,7 @@ from pipeline.messages import (
     NodeStatus,
     ParameterSummary,
     PooledPosterior,
+    RecordedUntil,
     StabilisationDiagram,
     StiffnessChange,
     StreamEnd,
@@ -287,6 +289,17 @@ def _spanned(draw: st.DrawFn) -> WindowRejected | StreamGap:
     return draw(st.one_of(rejected, gap))
 
 
+@st.composite
+def _acknowledged(draw: st.DrawFn) -> RecordedUntil:
+    firsts = draw(st.lists(st.tuples(counts, st.integers(1, 1000), spans), max_size=3))
+    ranges = tuple(
+        BlockRange(first, first + length, *span)
+        for first, length, span in firsts
+        if first + length < 2**62
+    )
+    return RecordedUntil(draw(texts), draw(texts), draw(texts), draw(times), ranges)
+
+
 _counted = st.lists(st.builds(MessageCount, texts, counts), max_size=3).map(tuple)
 
 messages = st.one_of(
@@ -301,6 +314,7 @@ messages = st.one_of(
     st.builds(FoundationTruth, texts, times, numbers, numbers, numbers),
     st.builds(ScadaSample, texts, times, texts, *[conditions] * 6),
     st.builds(StreamEnd, texts, texts, texts, times, counts),
+    _acknowledged(),
     st.builds(
         NodeStatus,
         *[texts, texts, times, texts, st.integers(-1, 2**62)],

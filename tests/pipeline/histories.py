@@ -316,11 +316,15 @@ def whole_windows(
     cuts = [(each.at, each.at + each.size) for each in history if each.kind == "cut"]
     swaps = [each.at for each in history if each.kind == "swap"]
     width = round(SETTINGS.window_duration)
+    before = -1  # number of the last block that was heard of the boot before
     for boot, (first, end) in seconds.items():
         heard = [s for s in range(first, end) if not any(a <= s < b for a, b in cuts)]
         if len(heard) < 12:
             continue  # too few blocks to be taken for a boot
+        if boot[1] and heard[0] - first > before:
+            continue  # its numbers go on behind those before: a clock that was set looks the same
         last = heard[-1]
+        before = last - first
         for window, begin in enumerate(range(first, end, width)):
             done = begin + width
             if done > last - 6:

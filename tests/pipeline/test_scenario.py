@@ -7,6 +7,7 @@ import pytest
 from pipeline.scenario import (
     ScenarioError,
     load_scenario,
+    modes_only,
     scenario_from_metadata,
     scenario_from_text,
     scenario_metadata,
@@ -103,3 +104,8 @@ def test_keys_that_are_constants_now_are_ignored_in_a_recording_and_refused_in_a
     with pytest.raises(ScenarioError, match=r"own.toml \[oma\]: 'maximum_damping' is no key") as no:
         scenario_from_text(text, "own.toml")
     assert "always 0.1" in str(no.value)
+
+
+@pytest.mark.parametrize("name", ['a"b', "back\\slash", "line\nbreak", "ζ\U000e0001"])
+def test_a_turbine_of_any_name_makes_a_scenario(name: str) -> None:
+    assert modes_only(name).turbine.id == name

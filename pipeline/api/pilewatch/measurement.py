@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +50,30 @@ class Measurement:
     def times(self) -> FloatArray:
         """(n_samples,) seconds since the first sample [s]."""
         return np.arange(len(self.samples)) / self.sampling_rate
+
+    def between(self, start: float, end: float) -> Measurement:
+        """The samples of a part of the record.
+
+        Parameters
+        ----------
+        start, end : float
+            [s] since the first sample.
+
+        Returns
+        -------
+        Measurement
+
+        Raises
+        ------
+        InputError
+            If nothing is left.
+        """
+        first, last = (round(time * self.sampling_rate) for time in (max(start, 0.0), end))
+        part = self.samples[first:last]
+        if not len(part):
+            raise InputError(f"nothing lies between {start:g} and {end:g} s of {self!r}")
+        shifted = self.start_ns + round(first / self.sampling_rate * 1e9)
+        return replace(self, samples=part, start_ns=shifted)
 
     def __repr__(self) -> str:
         return (

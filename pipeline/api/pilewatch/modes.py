@@ -127,6 +127,71 @@ class Modes:
         axis.set(xlabel="window", ylabel="natural frequency [Hz]", yscale="log")
         return axis
 
+    def plot_shapes(self) -> Any:
+        """Draw the shapes of the last window, one panel a mode, over height where it is known.
+
+        Returns
+        -------
+        numpy.ndarray of matplotlib.axes.Axes
+            One a mode.
+
+        Raises
+        ------
+        InputError
+            If there is no mode.
+        """
+        return draw_shapes(self.shapes, self.frequencies, self.channels, self.layout)
+
+
+def draw_shapes(
+    shapes: FloatArray,
+    frequencies: FloatArray,
+    channels: Sequence[str],
+    layout: SensorLayout | None,
+) -> Any:
+    """Draw mode shapes, one panel a mode, one line a direction.
+
+    Raises
+    ------
+    InputError
+        If there is no mode.
+    """
+    if not len(shapes):
+        raise InputError("there is no mode to draw")
+    pyplot = require("matplotlib.pyplot")
+    columns = min(6, len(shapes))
+    rows = -(-len(shapes) // columns)
+    size = (1.7 * columns, 3.0 * rows)
+    _, axes = pyplot.subplots(rows, columns, sharex=True, sharey=True, figsize=size, squeeze=False)
+    heights = np.arange(len(channels)) if layout is None else layout.elevations
+    for axis, shape, frequency in zip(axes.flat, shapes, frequencies, strict=False):
+        for name, chosen in _by_direction(layout, len(channels)).items():
+            axis.plot(shape[chosen], heights[chosen], "o-", markersize=3, label=name)
+        axis.axvline(0.0, color="grey", linewidth=0.6)
+        axis.set_title(f"{frequency:.4g} Hz")
+    for axis in axes.flat[len(shapes) :]:
+        axis.remove()
+    axes[0, 0].set_ylabel("elevation [m]" if layout is not None else "channel")
+    if layout is None:
+        axes[0, 0].set_yticks(heights, list(channels))
+    else:
+        axes[0, 0].legend(fontsize="small")
+    return axes
+
+
+def _by_direction(layout: SensorLayout | None, n_channels: int) -> dict[str, list[int]]:
+    """Name of a direction → its channels, lowest first."""
+    if layout is None:
+        return {"": list(range(n_channels))}
+    found: dict[str, list[int]] = {}
+    names = ("fore-aft", "side-side", "vertical")
+    for number, channel in enumerate(layout.channels):
+        name = names[int(np.argmax(np.abs(channel.direction)))]
+        found.setdefault(name, []).append(number)
+    return {
+        name: sorted(chosen, key=lambda i: layout.elevations[i]) for name, chosen in found.items()
+    }
+
 
 def identify(
     samples: Measurement | ArrayLike,

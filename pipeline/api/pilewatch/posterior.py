@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,8 @@ from sensors.arrays import FloatArray
 
 from .errors import InputError, require
 from .modes import Modes, with_layout
-from .structure import Structure
+from .structure import Structure, structure_of
+from .updating import chosen_scenario, updated
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,7 +26,7 @@ SPRINGS = ("k11", "k22", "k12")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Posterior:
-    """What the identified modes tell of k11, k22 and k12 after the last window."""
+    """k11, k22 and k12 given the identified modes, after the last window."""
 
     message: FoundationPosterior
     """As it is published and recorded: quantiles, pairs, diagnostics."""
@@ -120,6 +122,8 @@ class Posterior:
                     axis.plot(self.ratios[:, column], self.ratios[:, row], ".", ms=2, alpha=0.4)
                 if row == 2:
                     axis.set_xlabel(f"{SPRINGS[column]} / nominal")
+                if 0 < column < row:
+                    axis.tick_params(labelleft=False)
                 if column == 0 and row > 0:
                     axis.set_ylabel(f"{SPRINGS[row]} / nominal")
         return axes
@@ -127,23 +131,33 @@ class Posterior:
 
 def update(
     modes: Modes,
-    structure: Structure | None = None,
+    structure: Structure | str | os.PathLike[str] | None = None,
     *,
     layout: SensorLayout | None = None,
-    seed: int = 1,
+    exact: bool = False,
+    scenario: str | os.PathLike[str] | None = None,
+    seed: int | None = None,
 ) -> Posterior:
-    """Infer the foundation's springs from identified modes.
+    """Infer the foundation's springs from identified modes, as a session does.
 
     Parameters
     ----------
     modes : Modes
         Of one or several windows; they must carry the places of their channels, or `layout` does.
-    structure : Structure, optional
-        The turbine; the shipped IEA 15 MW on a monopile by default.
+    structure : Structure, str or path, optional
+        The turbine, e.g. ``Structure("iea15mw_monopile")``; the scenario's by default. A structure
+        is never assumed.
     layout : SensorLayout, optional
         Where the channels are.
-    seed : int
-        Of the sampler.
+    exact : bool
+        True: every figure of the description is exact, as `uncertain = "exact"` in a scenario.
+        By default masses, moduli, wall and added mass are inferred with the springs, within the
+        same prior uncertainty as in a session.
+    scenario : str or path, optional
+        Shipped scenario, scenario file, or a recording (MCAP) that holds one: gives the settings of
+        the updating, the seed and, where `structure` is left out, the structure.
+    seed : int, optional
+        Of the sampler; the scenario's, else 1.
 
     Returns
     -------
@@ -153,28 +167,26 @@ def update(
     Raises
     ------
     InputError
-        If the places of the channels are not known, or no window could be used; the message has
-        the last reason.
+        If neither structure nor scenario is given, the places of the channels are not known, or no
+        window could be used; the message has the last reason.
     """
-    from pipeline.updating.updater import FoundationUpdater
-
     if layout is not None:
         modes = with_layout(modes, layout)
     if modes.layout is None:
         raise InputError(
             "where the channels are is not known: give layout=…, or read the file with its layout"
         )
-    chosen = structure or Structure()
-    updater = FoundationUpdater(chosen.model(modes.layout), modes.layout, seed=seed)
-    state = updater.initial_state()
-    answers: list[FoundationEvent | FoundationPosterior | WindowRejected] = []
-    for estimate in modes.estimates:
-        state, given = updater.watched(state, estimate)
-        answers += given
+    chosen = chosen_scenario(scenario, exact=exact, seed=seed)
+    if structure is None and scenario is None:
+        raise InputError(
+            "which structure is it? Give structure=pw.Structure(…) or scenario=…; none is assumed"
+        )
+    described = Structure(chosen.structure) if structure is None else structure_of(structure)
+    answers = updated(modes.estimates, described, modes.layout, chosen)
     rejected = tuple(each for each in answers if isinstance(each, WindowRejected))
     posteriors = [each for each in answers if isinstance(each, FoundationPosterior)]
     if not posteriors:
         reasons = [each.reason for each in (*modes.rejected, *rejected)]
         raise InputError(f"no window could be used: {reasons[-1] if reasons else 'there is none'}")
     events = tuple(each for each in answers if isinstance(each, FoundationEvent))
-    return Posterior(posteriors[-1], chosen.nominal, rejected, events)
+    return Posterior(posteriors[-1], described.nominal, rejected, events)

@@ -5,20 +5,24 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pipeline.messages import FoundationEvent, FoundationPosterior, ModalEstimate, WindowRejected
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 
-from .errors import require
+from .errors import InputError, require
 from .measurement import Measurement, read
 from .modes import Modes
 from .posterior import SPRINGS, Posterior
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
+
+QUANTILES = (0.05, 0.5, 0.95)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -57,7 +61,7 @@ class Session:
         rows = []
         for posterior in self.posteriors:
             row = {"time": pandas.Timestamp(posterior.message.time_ns, tz="UTC")}
-            quantiles = np.quantile(posterior.ratios, [0.05, 0.5, 0.95], axis=0)
+            quantiles = np.quantile(posterior.ratios, QUANTILES, axis=0)
             for number, name in enumerate(SPRINGS):
                 for label, value in zip(
                     ("p05", "median", "p95"), quantiles[:, number], strict=True
@@ -65,6 +69,48 @@ class Session:
                     row[f"{name}_{label}"] = value
             rows.append(row | {"trusted": posterior.trusted})
         return pandas.DataFrame(rows)
+
+    def to_xarray(self) -> xr.Dataset:
+        """The posterior over time: each spring over nominal with the dimensions time, quantile."""
+        xarray = require("xarray")
+        quantiles = self._quantiles()
+        springs = {
+            name: (("time", "quantile"), quantiles[:, :, number])
+            for number, name in enumerate(SPRINGS)
+        }
+        trusted = ("time", [posterior.trusted for posterior in self.posteriors])
+        times = np.array([each.message.time_ns for each in self.posteriors], dtype="datetime64[ns]")
+        coordinates = {"time": times, "quantile": list(QUANTILES)}
+        return xarray.Dataset(springs | {"trusted": trusted}, coords=coordinates)
+
+    def plot(self) -> Any:
+        """Draw median and 90 % interval of each spring over nominal over time.
+
+        Returns
+        -------
+        numpy.ndarray of matplotlib.axes.Axes, shape (3,)
+
+        Raises
+        ------
+        InputError
+            If there is no posterior.
+        """
+        if not self.posteriors:
+            raise InputError(f"{self!r} has no posterior to draw")
+        pyplot = require("matplotlib.pyplot")
+        times = np.array([each.message.time_ns for each in self.posteriors], dtype="datetime64[ns]")
+        quantiles = self._quantiles()
+        _, axes = pyplot.subplots(len(SPRINGS), sharex=True, figsize=(9, 6))
+        for number, axis in enumerate(axes):
+            low, median, high = quantiles[:, :, number].T
+            axis.errorbar(times, median, yerr=[median - low, high - median], fmt="o", capsize=2)
+            axis.set_ylabel(f"{SPRINGS[number]} / nominal")
+        axes[0].set_title(f"{self.turbine}: median and 90 % interval")
+        return axes
+
+    def _quantiles(self) -> FloatArray:
+        """(n_posteriors, 3 quantiles, 3 springs) over nominal [-]."""
+        return np.array([np.quantile(each.ratios, QUANTILES, axis=0) for each in self.posteriors])
 
 
 def open_session(path: str | os.PathLike[str], turbine: str | None = None) -> Session:

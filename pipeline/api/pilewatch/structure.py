@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sensors.acquisition.layout import SensorLayout, biaxial_layout
+from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.structure.description import TurbineDescription, load_turbine
 
 from .errors import InputError, require
+from .modes import draw_shapes
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
     from sensors.dynamics.modal_model import ModalModel
-
-ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # of the shipped scenario's accelerometers [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -36,6 +36,9 @@ class StructureModes:
     channels: tuple[str, ...]
     """Channel names, in the order of the shapes' components."""
 
+    layout: SensorLayout | None = None
+    """Where the sensors are."""
+
     def __repr__(self) -> str:
         listed = ", ".join(f"{f:.4g}" for f in np.sort(self.frequencies)[:6])
         return f"<StructureModes: {len(self.labels)} modes: {listed}, … Hz>"
@@ -46,6 +49,34 @@ class StructureModes:
         rows = {"label": self.labels, "frequency_hz": self.frequencies}
         columns = dict(zip(self.channels, self.shapes.T, strict=True))
         return pandas.DataFrame(rows | columns).sort_values("frequency_hz", ignore_index=True)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Frequency and shape with the dimensions mode and channel, lowest frequency first."""
+        xarray = require("xarray")
+        order = np.argsort(self.frequencies)
+        return xarray.Dataset(
+            {
+                "frequency": ("mode", self.frequencies[order]),
+                "shape": (("mode", "channel"), self.shapes[order]),
+            },
+            coords={"mode": [self.labels[i] for i in order], "channel": list(self.channels)},
+        )
+
+    def plot(self, number: int = 12) -> Any:
+        """Draw the shapes of the lowest modes, one panel a mode.
+
+        Parameters
+        ----------
+        number : int
+            Of modes.
+
+        Returns
+        -------
+        numpy.ndarray of matplotlib.axes.Axes
+        """
+        order = np.argsort(self.frequencies)[:number]
+        shapes, frequencies = self.shapes[order], self.frequencies[order]
+        return draw_shapes(shapes, frequencies, self.channels, self.layout)
 
 
 class Structure:
@@ -91,7 +122,7 @@ class Structure:
         """The reduced model that the updating evaluates, seen by the sensors of a layout."""
         from sensors.dynamics.modal_model import ModalModel
 
-        return ModalModel(self.description, layout or default_layout(self.description.name))
+        return ModalModel(self.description, layout or self._default_layout())
 
     def modes(
         self, ratios: Sequence[float] = (1.0, 1.0, 1.0), layout: SensorLayout | None = None
@@ -103,7 +134,8 @@ class Structure:
         ratios : sequence of 3 floats
             k11, k22, k12 over nominal [-].
         layout : SensorLayout, optional
-            Sensors by which the shapes are read; the shipped scenario's by default.
+            Sensors by which the shapes are read; the shipped scenario's by default: for a tower of
+            another height at the same shares of it.
 
         Returns
         -------
@@ -121,10 +153,26 @@ class Structure:
                 f"ratios are {tuple(ratios)}; k11·k22 must exceed k12² and the structure must "
                 "stand under gravity"
             )
-        names = (layout or default_layout(self.description.name)).channel_names
+        seen = layout or self._default_layout()
         return StructureModes(
-            tuple(model.labels), modal.frequencies[0], modal.shapes[0], tuple(names)
+            tuple(model.labels),
+            modal.frequencies[0],
+            modal.shapes[0],
+            tuple(seen.channel_names),
+            seen,
         )
+
+    def _default_layout(self) -> SensorLayout:
+        from pipeline.offline.model_modes import default_layout
+
+        return default_layout(self.description)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a tube, lowest first: bottom, top, diameter, thickness [m]."""
+        pandas = require("pandas")
+        keys = ("bottom", "top", "diameter", "thickness")
+        rows = [{f"{k}_m": getattr(tube, k) for k in keys} for tube in self.description.tubes]
+        return pandas.DataFrame(rows)
 
     def plot(self) -> Any:
         """Draw the tubes of the structure to scale, water and mudline marked.
@@ -143,6 +191,12 @@ class Structure:
         return axis
 
 
-def default_layout(turbine: str) -> SensorLayout:
-    """Bi-axial accelerometers at the shipped scenario's elevations."""
-    return biaxial_layout("tower-1", turbine=turbine, unit="tower", elevations=ELEVATIONS)
+def structure_of(given: Structure | str | os.PathLike[str]) -> Structure:
+    """A Structure of what a caller gave: one already, or the name or path of a description.
+
+    Raises
+    ------
+    InputError
+        If the description cannot be read.
+    """
+    return given if isinstance(given, Structure) else Structure(given)

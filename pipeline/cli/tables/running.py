@@ -45,8 +45,20 @@ def status_tables(status: Mapping[str, Any]) -> list[Table]:
     for who, count in status["connections"].items():
         links.add_row(who, str(count))
     connected = [links] if status["connections"] else []
-    warnings = _warning_tables(status["nodes"])
+    warnings = _alarm_tables(status["books"]["alarms"]) + _warning_tables(status["nodes"])
     return [nodes, *warnings, streams, *connected, *posteriors, *_gap_tables(status["gaps"])]
+
+
+def _alarm_tables(alarms: Sequence[Mapping[str, str]]) -> list[Table]:
+    """Return what a person must look into although nothing has failed."""
+    if not alarms:
+        return []
+    table = table_of("alarms of the books")
+    for title in ("turbine", "alarm"):
+        table.add_column(title)
+    for alarm in alarms:
+        table.add_row(Text(alarm["turbine"]), Text(alarm["text"]))
+    return [table]
 
 
 def _warning_tables(nodes: Sequence[Mapping[str, Any]]) -> list[Table]:

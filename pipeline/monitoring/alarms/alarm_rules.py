@@ -79,6 +79,7 @@ class AlarmRules:
         self._run = RunState(kept=1)
         self._looked_ns = 0
         self._sensor_keys: dict[str, set[str]] = {}  # by turbine: keys of conditions that last
+        self._books_keys: dict[str, str] = {}  # of alarms of the books that last: key → turbine
 
     def causes(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
         """The conditions that one message starts or ends."""
@@ -97,9 +98,22 @@ class AlarmRules:
                 found = _posterior(message)
             case NodeStatus():
                 found = _recorder(message)
-        for cause in (*found, *self._silences(now_ns)):
+        answered = isinstance(message, ModalEstimate | WindowRejected | FoundationPosterior)
+        of_books = self._of_books() if answered else ()
+        for cause in (*found, *of_books, *self._silences(now_ns)):
             if cause.kind in self._settings.kinds:
                 yield cause
+
+    def _of_books(self) -> Iterator[AlarmCondition]:
+        """Books that do not balance and posteriors that do not come, until they do."""
+        alarms = self._run.books.alarms(self._settings.windows_without_posterior)
+        found = {f"{each.turbine}/{each.kind}": each for each in alarms}
+        for key, alarm in found.items():
+            yield AlarmCondition(key, alarm.kind, alarm.turbine, alarm.text, counted=False)
+        for key in self._books_keys.keys() - found.keys():
+            turbine, kind = self._books_keys[key], key.rpartition("/")[2]
+            yield AlarmCondition(key, kind, turbine, "", over=True)
+        self._books_keys = {key: alarm.turbine for key, alarm in found.items()}
 
     def _gap(self, gap: StreamGap) -> Iterator[AlarmCondition]:
         seconds = (gap.end_ns - gap.start_ns) / NANOSECONDS

@@ -30,12 +30,13 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from pipeline.state.books import WITHOUT_POSTERIOR
 from sensors.errors import InputError
 from sensors.settings import settings_from_table
 
 KINDS = (
     *("change", "gap", "silence", "sensor", "untrusted", "refused", "node", "recorder"),
-    "delivery",
+    *("books", "no-posterior", "delivery"),
 )
 TLS_PORT = 465  # SMTP with TLS from the first byte (RFC 8314)
 
@@ -56,6 +57,8 @@ class AlarmLogSettings:
     """A condition that returns within this time is the same alarm [s]."""
     shortest_gap: float = 60.0
     """Shortest gap of the measurements that raises an alarm [s]."""
+    windows_without_posterior: int = WITHOUT_POSTERIOR
+    """Windows answered on end without a posterior that raise an alarm."""
     undelivered: float = 300.0
     """Time after which a channel that does not deliver raises an alarm by the others [s]."""
 
@@ -66,6 +69,11 @@ class AlarmLogSettings:
         for name in ("reminder", "settle", "shortest_gap", "undelivered"):
             if not getattr(self, name) >= 0:
                 raise AlarmError(f"{name} is {getattr(self, name)}; it must not be negative")
+        if self.windows_without_posterior < 1:
+            raise AlarmError(
+                f"windows_without_posterior is {self.windows_without_posterior}; at least 1 is "
+                "needed"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,6 +51,7 @@ class Finding:
 
     @property
     def warning(self) -> QualityWarning:
+        """As a warning."""
         return QualityWarning(self.code, self.text)
 
 

@@ -52,6 +52,7 @@ class WhittleFit:
 
     @property
     def n_parameters(self) -> int:
+        """Parameters that were fitted."""
         return len(self.information)
 
     def bayes_cost(self, n_lines: int) -> float:

@@ -58,6 +58,7 @@ class Group:
     half_bandwidth: float  # ζ f, median of the suspects [Hz]
 
     def holds(self, frequency: float, duration: float) -> bool:
+        """Whether a frequency [Hz] lies in the band, by a window of that duration [s]."""
         margin = _margin(self.half_bandwidth, duration)
         return self.low - margin <= frequency <= self.high + margin
 

@@ -31,6 +31,7 @@ class NarrowBand:
 
     @property
     def n_lines(self) -> int:
+        """Lines of the periodogram in the band."""
         return len(self.matrices) * self.n_together
 
     @property

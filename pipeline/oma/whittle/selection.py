@@ -38,6 +38,7 @@ class Needed:
     """Position [lines]."""
 
     def holds(self, position: float) -> bool:
+        """Return whether a position [lines] lies in it."""
         return self.low <= position <= self.high
 
 

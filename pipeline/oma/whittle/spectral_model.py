@@ -46,6 +46,7 @@ class CloseModes:
 
     @property
     def n_modes(self) -> int:
+        """Modes of the band."""
         return len(self.positions)
 
     @property

@@ -39,11 +39,6 @@ def on_even_grid(
     return filled, np.interp(np.arange(n), places, times)
 
 
-def missing_shares(samples: NDArray[np.floating]) -> FloatArray:
-    """Share of each channel's samples that is no number, (n_channels,)."""
-    return np.asarray(np.mean(~np.isfinite(samples), axis=0))
-
-
 def filled(samples: NDArray[np.floating], sampling_rate: float) -> FloatArray:
     """Samples with every missing one predicted from its own channel.
 

@@ -214,6 +214,7 @@ class UnitJoiner:
 
     @property
     def units(self) -> tuple[str, ...]:
+        """Names of the units, in the order of their channels."""
         return self._units
 
     def refusal(self, block: AccelerationBlock) -> str:

@@ -112,6 +112,32 @@ class StreamEnd(_message.Message):
     n_blocks: int
     def __init__(self, turbine: _Optional[str] = ..., unit: _Optional[str] = ..., session: _Optional[str] = ..., time_ns: _Optional[int] = ..., n_blocks: _Optional[int] = ...) -> None: ...
 
+class BlockRange(_message.Message):
+    __slots__ = ("first", "end", "earliest_ns", "latest_ns")
+    FIRST_FIELD_NUMBER: _ClassVar[int]
+    END_FIELD_NUMBER: _ClassVar[int]
+    EARLIEST_NS_FIELD_NUMBER: _ClassVar[int]
+    LATEST_NS_FIELD_NUMBER: _ClassVar[int]
+    first: int
+    end: int
+    earliest_ns: int
+    latest_ns: int
+    def __init__(self, first: _Optional[int] = ..., end: _Optional[int] = ..., earliest_ns: _Optional[int] = ..., latest_ns: _Optional[int] = ...) -> None: ...
+
+class RecordedUntil(_message.Message):
+    __slots__ = ("turbine", "unit", "session", "time_ns", "ranges")
+    TURBINE_FIELD_NUMBER: _ClassVar[int]
+    UNIT_FIELD_NUMBER: _ClassVar[int]
+    SESSION_FIELD_NUMBER: _ClassVar[int]
+    TIME_NS_FIELD_NUMBER: _ClassVar[int]
+    RANGES_FIELD_NUMBER: _ClassVar[int]
+    turbine: str
+    unit: str
+    session: str
+    time_ns: int
+    ranges: _containers.RepeatedCompositeFieldContainer[BlockRange]
+    def __init__(self, turbine: _Optional[str] = ..., unit: _Optional[str] = ..., session: _Optional[str] = ..., time_ns: _Optional[int] = ..., ranges: _Optional[_Iterable[_Union[BlockRange, _Mapping]]] = ...) -> None: ...
+
 class FoundationTruth(_message.Message):
     __slots__ = ("turbine", "time_ns", "k11", "k22", "k12")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
@@ -308,7 +334,7 @@ class ModePair(_message.Message):
     shape_used: bool
     misfit: float
     information: float
-    def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: bool = ..., misfit: _Optional[float] = ..., information: _Optional[float] = ...) -> None: ...
+    def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: _Optional[bool] = ..., misfit: _Optional[float] = ..., information: _Optional[float] = ...) -> None: ...
 
 class FoundationPosterior(_message.Message):
     __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings", "population", "figures", "change_probability", "structure", "budget", "alternatives", "unpredicted_share", "relative", "origins")
@@ -370,7 +396,7 @@ class FoundationPosterior(_message.Message):
     unpredicted_share: float
     relative: _containers.RepeatedCompositeFieldContainer[RelativeStiffness]
     origins: _containers.RepeatedCompositeFieldContainer[UnitOrigin]
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: bool = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., population: _Optional[str] = ..., figures: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., change_probability: _Optional[float] = ..., structure: _Optional[str] = ..., budget: _Optional[_Iterable[_Union[FigureShare, _Mapping]]] = ..., alternatives: _Optional[_Iterable[_Union[StructureAlternative, _Mapping]]] = ..., unpredicted_share: _Optional[float] = ..., relative: _Optional[_Iterable[_Union[RelativeStiffness, _Mapping]]] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: _Optional[bool] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., population: _Optional[str] = ..., figures: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., change_probability: _Optional[float] = ..., structure: _Optional[str] = ..., budget: _Optional[_Iterable[_Union[FigureShare, _Mapping]]] = ..., alternatives: _Optional[_Iterable[_Union[StructureAlternative, _Mapping]]] = ..., unpredicted_share: _Optional[float] = ..., relative: _Optional[_Iterable[_Union[RelativeStiffness, _Mapping]]] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
 
 class FigureShare(_message.Message):
     __slots__ = ("name", "k11", "k22", "k12")

@@ -49,6 +49,7 @@ class Verdict:
 
     @property
     def alarm(self) -> bool:
+        """Whether the evidence of a change is beyond its threshold."""
         return self.log_total >= self.log_threshold
 
     @property

@@ -15,19 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, linear_sum_assignment, minimize
 
-from pipeline.messages import ModalEstimate
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.updating.forward_model import ForwardModel
-from pipeline.updating.likelihood.pairing import PairingTargets, assigned, pairing_costs
 from pipeline.updating.prior import Prior, UpdatingError
 from sensors.arrays import FloatArray
 
 PairingRule = Literal["label", "mac"]
 
 PUBLISHED_STARTS = (0.25, 1.0, 4.0)  # γ of K_init = γ K0, [foundation-updating] Table 2
-LABEL_TOLERANCE = 0.005  # of ln f, by which an identified mode is known for a model's mode [-]
-LABEL_MAC_SCALE = 0.5  # of 1 − MAC: decides between neighbours, no more [-]
-LABEL_REJECTION = 9.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,48 +52,6 @@ class IdentifiedModes:
                 f"identified frequencies {self.frequencies.tolist()} Hz must be positive, and "
                 "they and the shapes finite"
             )
-
-
-def identified_by_label(
-    estimate: ModalEstimate,
-    forward: ForwardModel,
-    channels: Sequence[str],
-    theta: FloatArray,
-    *,
-    wanted: Sequence[str] | None = None,
-) -> IdentifiedModes:
-    """The modes of an estimate that are known for modes of the model, with the model's labels.
-
-    forward    all modes that compete for a label
-    channels   names of the layout, in its order
-    theta      (3,) at which the model's modes are compared, in the units of `nominal`
-    wanted     labels to keep; None for all
-
-    By frequency first, as Table 1 was made up: modes 1 and 4 are listed there with a MAC of .04
-    and .31. Raises UpdatingError where none is left.
-    """
-    places = [list(channels).index(name) for name in estimate.channels]
-    shapes = np.zeros((len(estimate.modes), len(channels)))
-    shapes[:, places] = np.array([mode.shape for mode in estimate.modes])
-    available = np.zeros_like(shapes)
-    available[:, places] = 1.0
-    ones = np.ones(len(shapes))
-    frequencies = np.array([mode.frequency for mode in estimate.modes])
-    targets = PairingTargets(np.log(frequencies), shapes, available, weights=ones, judged=ones)
-    modes = forward.modal(theta[None])
-    costs = pairing_costs(targets, modes, LABEL_TOLERANCE, LABEL_MAC_SCALE)[0]
-    found = assigned(costs, targets, theta / forward.nominal, LABEL_REJECTION).model_modes
-    rows = [
-        row
-        for row, column in enumerate(found)
-        if column >= 0 and (wanted is None or forward.labels[column] in wanted)
-    ]
-    return IdentifiedModes(
-        labels=tuple(forward.labels[found[row]] for row in rows),
-        frequencies=frequencies[rows],
-        shapes=shapes[np.ix_(rows, places)],
-        channels=np.array(places, dtype=np.intp),
-    )
 
 
 class ModalObjective:
@@ -218,11 +171,6 @@ def deterministic_update(
     settings = settings or DescentSettings()
     points = [_start(start, objective, prior, settings) for start in starts]
     return tuple(_descent(point, objective, prior, settings) for point in points)
-
-
-def best_descent(descents: Sequence[Descent]) -> Descent:
-    """The one that ended lowest."""
-    return min(descents, key=lambda descent: descent.objective)
 
 
 def _start(

@@ -1,7 +1,5 @@
 """The peak of the posterior and the curvature there: where chains start, never the answer."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from pipeline.updating.forward_model import ForwardModel
@@ -70,31 +68,3 @@ def bounded_inverse(hessian: FloatArray) -> FloatArray:
     values, directions = np.linalg.eigh(hessian)
     variances = 1 / np.maximum(values, 1 / WIDEST**2)
     return (directions * variances) @ directions.T
-
-
-def starting_points(
-    peak: Peak,
-    density: Callable[[FloatArray], FloatArray],
-    prior: Prior,
-    n_points: int,
-    generator: np.random.Generator,
-    *,
-    spread: float = 1.5,
-) -> FloatArray:
-    """(n_points, 3) ratios of positive density around the peak, wider than the posterior.
-
-    Wider, because chains that start apart and come together show that they have converged. Where
-    most of the Gaussian lies outside the prior, draws of the prior fill up.
-    """
-    factor = spread * np.linalg.cholesky(peak.covariance)
-    found = np.empty((0, 3))
-    for _ in range(5):
-        candidates = peak.ratios + generator.standard_normal((n_points, 3)) @ factor.T
-        candidates = candidates[prior.supports(candidates)]
-        found = np.vstack([found, candidates[np.isfinite(density(candidates))]])
-        if len(found) >= n_points:
-            return found[:n_points]
-    while len(found) < n_points:
-        candidates = prior.draws(n_points, generator)
-        found = np.vstack([found, candidates[np.isfinite(density(candidates))]])
-    return found[:n_points]

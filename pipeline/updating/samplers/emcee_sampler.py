@@ -65,6 +65,7 @@ class SamplerSettings:
     """How long the chains are."""
 
     walkers: int = 40
+    """Number of walkers; even, 16 or more."""
     burn_in: int = field(default=25, metadata=NO_KEY)  # steps that are thrown away
     block: int = field(default=25, metadata=NO_KEY)
     """Steps between two looks at the autocorrelation."""
@@ -76,6 +77,7 @@ class SamplerSettings:
     """Shortest chain that is trusted [τ]."""
 
     effective_draws: float = 1000.0
+    """Effective draws at which the chain is long enough."""
 
     def __post_init__(self) -> None:
         if self.walkers < 16 or self.walkers % 2:

@@ -85,6 +85,7 @@ class JointResult:
 
     @property
     def best(self) -> FittedAlternative:
+        """The alternative of the largest evidence."""
         return self.fitted[0]
 
     def draws(

@@ -16,7 +16,7 @@ and Influence in Regression" (1982), for leaving out without fitting again.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.stats import chi2
 
 from pipeline.updating.structural.joint_fit import Comparison, JointPeak
 from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
@@ -93,8 +93,3 @@ def figure_conflicts(
             off = (mean[i] - coordinates.origin[i]) / np.sqrt(room)
             found.append(FigureConflict(names[i], float(off)))
     return tuple(sorted(found, key=lambda each: -abs(each.deviations)))
-
-
-def normal_quantile(p: float) -> float:
-    """Two-sided."""
-    return float(norm.isf(p / 2))

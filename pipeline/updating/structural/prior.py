@@ -37,10 +37,12 @@ class UncertainFigure:
 
     @property
     def definition(self) -> Figure:
+        """The figure that it is the prior of."""
         return BY_NAME[self.name]
 
     @property
     def half_normal(self) -> bool:
+        """Whether it can only be more than nominal."""
         return self.definition.distribution == "half-normal"
 
 
@@ -131,6 +133,7 @@ class JointCoordinates:
 
     @property
     def n_dim(self) -> int:
+        """Coordinates: springs, figures, σ and sensors' figures."""
         return N_SPRINGS + len(self.figures) + 1 + len(self.sensor_names)
 
     def with_level_std(self, level_std: float) -> "JointCoordinates":

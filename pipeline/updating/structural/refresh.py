@@ -61,6 +61,7 @@ class JointRefresh:
 
     @property
     def best(self) -> FittedAlternative:
+        """The alternative of the largest evidence."""
         return self.result.best
 
     @property

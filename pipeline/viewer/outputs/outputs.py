@@ -25,6 +25,7 @@ class RrdFile:
 
     @property
     def option(self) -> str:
+        """As given on the command line."""
         return f"--rrd {self.path}"
 
 
@@ -36,6 +37,7 @@ class SpawnedViewer:
 
     @property
     def option(self) -> str:
+        """As given on the command line."""
         return "--view spawn"
 
 
@@ -47,6 +49,7 @@ class ConnectedViewer:
 
     @property
     def option(self) -> str:
+        """As given on the command line."""
         return f"--view connect={self.url}"
 
 
@@ -67,6 +70,7 @@ class WebPage:
 
     @property
     def option(self) -> str:
+        """As given on the command line."""
         return "--view web"
 
 

@@ -2,7 +2,7 @@
 
 Why a process: the SDK's own servers listen on every interface and die with what they show; a
 process that crashes, hangs or runs out of memory takes nothing with it. Its server keeps what it
-was sent (up to MEMORY, the oldest goes first), so a browser may come late, go and come back.
+was sent (up to SERVER_MEMORY, the oldest goes first), so a browser may come late, go and come back.
 """
 
 import os
@@ -28,6 +28,7 @@ from sensors.constants import LOOPBACK
 SERVER_MEMORY = (
     "1GiB"  # of messages kept for browsers that come late: about ten days of one turbine
 )
+VIEWER_MEMORY = "4GiB"  # of a viewer's window, which by itself takes 75 % of the machine's
 VIEWER_START_TIMEOUT = 20.0  # for a viewer to come up [s]
 SERVER_STOP_TIMEOUT = 5.0  # for a page's server to end [s]
 ALTERNATIVE = "a session is written to session.rrd without --view"
@@ -73,7 +74,7 @@ def serve_page(page: WebPage, *pictures: Path) -> Iterator[ServedPage]:
     port, page_port, assets_port = free_port(page.port), free_port(page.page_port), free_port(0)
     # The pictures are not for this server: given a file, that of 0.41 keeps a core busy for ever.
     options = ["--serve-web", "--port", str(port), "--web-viewer-port", str(assets_port)]
-    server = _start_process([*options, "--server-memory-limit", SERVER_MEMORY])
+    server = _start_process(options)
     session = proxy_address(port)
     try:
         for each in (port, assets_port):
@@ -108,9 +109,15 @@ def is_listening(port: int) -> bool:
         return probe.connect_ex((LOOPBACK, port)) == 0
 
 
+def viewer_command(*options: str) -> list[str]:
+    """Return the command that starts a viewer or a server with it, its memory limited."""
+    limits = ("--memory-limit", VIEWER_MEMORY, "--server-memory-limit", SERVER_MEMORY)
+    return [sys.executable, "-m", "rerun", "--bind", LOOPBACK, *limits, *options]
+
+
 def _start_process(options: list[str]) -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
-        [sys.executable, "-m", "rerun", "--bind", LOOPBACK, *options],
+        viewer_command(*options),
         env=os.environ | {"RERUN_ANALYTICS": "0"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,

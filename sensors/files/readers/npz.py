@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.sep005 import Sep005Channel
 from sensors.files.table import FileError, require_file
+from sensors.files.text.decoding import most_unpacked, require_unpacked
 
 # What numpy raises of files that are no such archive: a broken header is read as Python's grammar.
 NPZ_DAMAGE = (
@@ -40,6 +41,9 @@ def read_npz(path: Path) -> list[Sep005Channel]:
     if not zipfile.is_zipfile(require_file(path)):
         raise FileError(f"{path}: no archive of arrays as np.savez writes it, or cut off")
     try:
+        with zipfile.ZipFile(path) as packed:
+            unpacked = sum(each.file_size for each in packed.infolist())
+        require_unpacked(path, unpacked, most_unpacked(path.stat().st_size))
         with np.load(path, allow_pickle=False) as archive:
             arrays: dict[str, NDArray[Any]] = dict(archive)
     except NPZ_DAMAGE as error:

@@ -11,7 +11,6 @@ from sensors.files.table import (
 )
 from sensors.files.text.time_column import known_unit, words_of
 
-TIME_NAMES = ("t", "time", "timestamp")
 # Titles of time columns begin or end with one of these words (English and German).
 _TIME_WORDS = {
     *("time", "timestamp", "timestamps", "datetime", "date", "elapsed", "epoch", "unix", "utc"),

@@ -26,6 +26,8 @@ NO_TEXT = {
     b"ARROW1": "an Arrow file: write it as Parquet",
     b"\x89MCAP": "a recording: it needs no import",
 }
+LEAST_UNPACKED = 100_000_000  # that every packed file may hold [bytes]
+MOST_PACKED = 100  # times that numbers are packed, at most
 _BLANKS = re.compile(r"[ \t]+")
 
 
@@ -33,7 +35,46 @@ def open_unpacked(path: Path) -> IO[bytes]:
     """Return the file's bytes, unzipped where it is a gzip file."""
     with path.open("rb") as file:
         packed = file.read(2) == GZIP
-    return cast("IO[bytes]", gzip.open(path, "rb")) if packed else path.open("rb")
+    return cast("IO[bytes]", BoundedGzip(path)) if packed else path.open("rb")
+
+
+class BoundedGzip(gzip.GzipFile):
+    """A gzip file that gives no more than a measurement's text does.
+
+    Raises FileError, on reading, beyond `most_unpacked` bytes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "rb")
+        self._path = path
+        self._most = most_unpacked(path.stat().st_size)
+
+    def read(self, size: int | None = -1) -> bytes:
+        """Give so many bytes at most; −1: all."""
+        wanted = self._most + 1 if size is None or size < 0 else size
+        content = super().read(wanted)
+        require_unpacked(self._path, self.tell(), self._most)
+        return content
+
+    def readline(self, size: int | None = -1) -> bytes:
+        """Give one line, or so many bytes of it."""
+        line = super().readline(self._most + 1 if size is None or size < 0 else size)
+        require_unpacked(self._path, self.tell(), self._most)
+        return line
+
+
+def most_unpacked(packed: int) -> int:
+    """Bytes that a file of so many packed bytes may hold: text of numbers packs 3 to 20 times."""
+    return max(LEAST_UNPACKED, MOST_PACKED * packed)
+
+
+def require_unpacked(path: Path, size: int, most: int) -> None:
+    """Raise FileError where a packed file holds more than it may."""
+    if size > most:
+        raise FileError(
+            f"{path}: more than {most / 1e6:.0f} MB come out of {path.stat().st_size / 1e6:.1f} "
+            "MB: no measurement packs like that; unpack it yourself if it is one"
+        )
 
 
 def detect_encoding(beginning: bytes, path: Path) -> str:

@@ -16,6 +16,16 @@ def measurement(short_recording: Path) -> "pw.Measurement":
     return pw.read(short_recording)
 
 
+@pytest.fixture(scope="module")
+def modes(measurement: "pw.Measurement") -> "pw.Modes":
+    return pw.identify(measurement, window=120.0)
+
+
+@pytest.fixture(scope="module")
+def posterior(modes: "pw.Modes") -> "pw.Posterior":
+    return pw.update(modes, pw.Structure())
+
+
 def test_a_recording_is_read_with_the_places_of_its_channels(
     measurement: "pw.Measurement",
 ) -> None:
@@ -27,28 +37,39 @@ def test_a_recording_is_read_with_the_places_of_its_channels(
 
 
 def test_an_array_and_a_turbine_give_a_posterior_in_four_lines(
-    measurement: "pw.Measurement",
+    posterior: "pw.Posterior",
 ) -> None:
-    modes = pw.identify(measurement, window=120.0)
-    posterior = pw.update(modes, pw.Structure())
     assert posterior.draws.shape[1] == 3
     np.testing.assert_allclose(np.median(posterior.ratios, axis=0), 1.0, atol=0.1)
     assert "× nominal" in repr(posterior)
 
 
-def test_a_session_has_the_posteriors_that_were_recorded(
-    short_recording: Path, tmp_path: Path
+def test_the_library_gives_the_posterior_of_the_session(
+    short_session: Path, short_recording: Path
 ) -> None:
-    from pipeline.run.options import SessionOptions
-    from pipeline.run.run import run_session
-    from pipeline.sources.sources import replayed
-
-    run_session(replayed(short_recording), SessionOptions(tmp_path, way="lock-step", rrd=False))
-    session = pw.open(tmp_path / "session.mcap")
-    recorded = list(read_messages(tmp_path / "session.mcap", (FoundationPosterior,)))
+    session = pw.open(short_session)
+    recorded = list(read_messages(short_session, (FoundationPosterior,)))
     assert len(session.posteriors) == len(recorded) == 2
     assert session.posterior is not None
     np.testing.assert_array_equal(session.posterior.message.draws, recorded[-1].draws)
+    from_modes = pw.update(session.modes, scenario=short_recording)
+    np.testing.assert_array_equal(from_modes.draws, session.posterior.draws)
+    assert from_modes.message.figures == session.posterior.message.figures != ()
+
+
+def test_an_exact_structure_is_a_choice_that_is_written_down(
+    modes: "pw.Modes",
+    posterior: "pw.Posterior",
+) -> None:
+    exact = pw.update(modes, pw.Structure(), exact=True)
+    assert posterior.message.figures
+    assert not exact.message.figures
+    assert np.all(np.std(exact.ratios, axis=0) < np.std(posterior.ratios, axis=0))
+
+
+def test_a_structure_is_never_assumed(modes: "pw.Modes") -> None:
+    with pytest.raises(pw.InputError, match="which structure is it"):
+        pw.update(modes)
 
 
 def test_frequencies_of_an_array_need_no_names_and_no_places() -> None:
@@ -76,7 +97,7 @@ def test_an_array_that_cannot_be_understood_is_refused_in_one_line(
 def test_a_posterior_without_places_of_the_channels_is_refused() -> None:
     modes = pw.identify(np.random.default_rng(1).standard_normal((6000, 2)), 20.0)
     with pytest.raises(pw.InputError, match="where the channels are"):
-        pw.update(modes)
+        pw.update(modes, pw.Structure())
 
 
 def test_modes_of_the_structure_are_those_of_table_1() -> None:
@@ -86,10 +107,38 @@ def test_modes_of_the_structure_are_those_of_table_1() -> None:
     assert first["11"] == pytest.approx(12.12, rel=1e-2)
 
 
-def test_tables_have_a_row_a_mode_and_a_parameter(measurement: "pw.Measurement") -> None:
+def test_tables_arrays_and_plots_are_those_of_the_field(
+    measurement: "pw.Measurement", modes: "pw.Modes", posterior: "pw.Posterior", short_session: Path
+) -> None:
     pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
-    modes = pw.identify(measurement)
+    pytest.importorskip("arviz", reason="the extra `notebook` is not installed")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("agg")
+    structure, session = pw.Structure(), pw.open(short_session)
+    assert measurement.between(10.0, 20.0).to_xarray().sizes == {"time": 400, "channel": 8}
+    assert modes.to_xarray()["shape"].dims == ("mode", "channel")
+    assert structure.modes().to_xarray()["frequency"].to_series().is_monotonic_increasing
+    assert len(structure.to_dataframe()) == 20
+    assert session.to_xarray()["k11"].dims == ("time", "quantile")
+    assert posterior.to_inference_data()["posterior"]["k12"].shape == (1, len(posterior.draws))
+    assert posterior.plot().shape == (3, 3)
+    assert session.plot().shape == (3,)
+    assert len(structure.modes().plot(6).flat) == 6
+    assert len(modes.plot_shapes().flat) >= len(modes)
+    assert structure.plot().get_ylabel().startswith("elevation")
+    pyplot.close("all")
+
+
+def test_a_part_that_holds_nothing_is_refused(measurement: "pw.Measurement") -> None:
+    with pytest.raises(pw.InputError, match="nothing lies between 900 and 990 s"):
+        measurement.between(900.0, 990.0)
+
+
+def test_tables_have_a_row_a_mode_and_a_parameter(
+    modes: "pw.Modes", posterior: "pw.Posterior"
+) -> None:
+    pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
     table = modes.to_dataframe()
-    assert len(table) == len(modes)
-    np.testing.assert_array_equal(table["frequency_hz"], modes.frequencies)
-    assert list(pw.update(modes).to_dataframe().index[:3]) == ["k11", "k22", "k12"]
+    last = table[table["window"] == table["window"].max()]
+    np.testing.assert_array_equal(last["frequency_hz"], modes.frequencies)
+    assert list(posterior.to_dataframe().index[:3]) == ["k11", "k22", "k12"]

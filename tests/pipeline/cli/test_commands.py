@@ -183,7 +183,7 @@ def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) ->
         (("identify", "a.csv", "--highest-frequency", "nan"), "highest_frequency is nan Hz"),
         (("identify", "a.csv", "--plot", "gone/a.png"), "the folder gone does not exist"),
         (("modes", "--sign", "up"), "'up' is not one of 'published', 'embedded-pile'"),
-        (("modes", "--turbine", "gone.toml"), "gone.toml"),
+        (("modes", "--structure", "gone.toml"), "gone.toml"),
         (("identify", "gone.csv"), "gone.csv"),
         (("node", "cook", "--connect", "tcp/127.0.0.1:1"), "'cook' is not one of 'identification'"),
     ],
@@ -245,7 +245,7 @@ def test_a_negative_thickness_is_named(pilewatch: Command, tmp_path: Path) -> No
     broken = text.replace(thickness, thickness.replace("thickness = ", "thickness = -"), 1)
     assert broken != text
     (tmp_path / "thin.toml").write_text(broken)
-    complaint = one_line(pilewatch("modes", "--turbine", "thin.toml"))
+    complaint = one_line(pilewatch("modes", "--structure", "thin.toml"))
     assert "thin.toml" in complaint
     assert "thickness" in complaint
 

@@ -22,7 +22,8 @@ def test_of_many_warnings_of_a_kind_some_are_printed_and_the_rest_counted(
         "warnings": [*warnings, {"code": "clipped", "text": "z41-fa"}],
         "windows": {"identified": 0, "rejected": gaps},
     }
-    results.print_results(summary, figures, scenario=load_scenario("parked"))
+    scenario = load_scenario("parked")
+    results.print_results(summary, figures, scenario=scenario, layout=scenario.layout)
     lines = result.getvalue().splitlines()
     assert sum(line.startswith("mode-birth: m") for line in lines) == 3
     assert "… and 17 more mode-birth" in lines

@@ -6,6 +6,7 @@ import stat
 from pathlib import Path
 
 import pytest
+import zenoh
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
@@ -71,6 +72,32 @@ def test_a_unit_publishes_its_own_keys_alone_and_a_viewer_none() -> None:
     assert {policy["subjects"][0] for policy in section["policies"]} == {
         *("t1.tower", "t2.tower", "viewer", "own")
     }
+
+
+def test_the_shore_alone_acknowledges_and_only_to_the_unit_itself() -> None:
+    section = access_control([Unit("t1", "tower"), Unit("t2", "tower")], ["viewer"])
+    key = "pilewatch/t1/tower/recorded"
+
+    def allowed(who: str, message: str, flow: str) -> bool:
+        (named,) = [each for each in section["policies"] if each["subjects"] == [who]]
+        rules = [each for each in section["rules"] if each["id"] in named["rules"]]
+        fits = [
+            each["permission"]
+            for each in rules
+            if message in each["messages"]
+            and flow in each["flows"]
+            and any(zenoh.KeyExpr(k).includes(zenoh.KeyExpr(key)) for k in each["key_exprs"])
+        ]
+        return "allow" in fits and "deny" not in fits
+
+    assert allowed("own", "put", "ingress")
+    assert allowed("t1.tower", "declare_subscriber", "ingress")
+    assert allowed("t1.tower", "put", "egress")
+    assert not allowed("t1.tower", "put", "ingress")
+    for other in ("t2.tower", "viewer"):
+        assert not allowed(other, "put", "ingress")
+        assert not allowed(other, "put", "egress")
+        assert not allowed(other, "declare_subscriber", "ingress")
 
 
 @pytest.mark.parametrize("text", ["t1", "t1/", "/tower", "t1/a/b", "t1/*"])

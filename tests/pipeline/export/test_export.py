@@ -12,6 +12,7 @@ from pyarrow import csv, parquet
 from pipeline.export import table_file
 from pipeline.export.export import Exported, export
 from pipeline.export.samples import sample_times
+from pipeline.export.table_file import TableFile
 from pipeline.messages import FoundationTruth, ParameterSummary
 from pipeline.offline.identify_file import recorded_channels
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -183,3 +184,14 @@ def test_a_folder_that_cannot_be_made_is_one_clear_line(minute: Path, tmp_path: 
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=r"-o .*file: .*; a folder is needed"):
         export(minute, tmp_path / "file", "csv")
+
+
+def test_no_cell_of_an_exported_text_begins_like_a_formula(tmp_path: Path) -> None:
+    schema = pa.schema([("=name", pa.string()), ("value", pa.float64())])
+    table = TableFile(tmp_path / "a.csv", schema, "csv")
+    table.add_rows([("=HYPERLINK(1)", -1.0), ("@x", 2.0), ("plain", 3.0), (None, 4.0)])
+    table.close()
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert lines == [
+        '"\'=name","value"', '"\'=HYPERLINK(1)",-1', '"\'@x",2', '"plain",3', ",4",
+    ]  # fmt: skip

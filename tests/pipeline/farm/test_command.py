@@ -49,7 +49,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_recordings_become_a_table_a_prior_and_figures(recorded: Path, tmp_path: Path) -> None:
     prior, parquet = tmp_path / "prior.json", tmp_path / "farm.parquet"
-    options = ["--prior", str(prior), "--parquet", str(parquet), "--json"]
+    options = ["--prior", str(prior), "--table", str(parquet), "--json"]
     finished = CliRunner().invoke(app, ["farm", str(recorded), *options])
     assert finished.exit_code == 0, finished.output
     told = json.loads(finished.stdout)

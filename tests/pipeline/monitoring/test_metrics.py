@@ -205,3 +205,24 @@ def test_promtool_finds_nothing_wrong_with_the_figures(node: MetricsNode) -> Non
 def test_the_deliveries_of_alarms_are_among_the_figures(scraped: Figures) -> None:
     assert scraped["pilewatch_alarm_deliveries_total", "webhook-1", "failed"] == 2
     assert scraped["pilewatch_alarm_age_seconds", "webhook-1"] == 5.0
+
+
+def test_names_that_are_made_up_do_not_grow_the_page() -> None:
+    node = MetricsNode(clock=lambda: START_NS)
+
+    def lines() -> int:
+        return sum(len(family.samples) for family in node.collect())
+
+    for number in range(50):
+        node.handle(block(number))
+    sizes = []
+    for number in range(6000):
+        name = f"forged-{number}"
+        node.handle(replace(rejection(0), turbine=name, code=name))
+        node.handle(replace(rejection(0), code=name))
+        node.handle(replace(status(name), turbine="t1"))
+        if number in (5500, 5999):
+            sizes.append(lines())
+    assert sizes[1] <= 1.01 * sizes[0]
+    samples = [s for family in node.collect() for s in family.samples if "samples" in s.name]
+    assert [s.labels["turbine"] for s in samples] == ["t1"]

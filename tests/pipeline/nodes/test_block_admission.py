@@ -15,7 +15,6 @@ from pipeline.messages import (
 )
 from pipeline.nodes.block_admission import (
     CONFLICT,
-    MOST_CHANNELS_IDENTIFIED,
     OTHER_SESSION,
     REPEATED,
     STUBBORN,
@@ -25,7 +24,9 @@ from pipeline.nodes.block_admission import (
     refusal_of,
 )
 from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.limits import LimitError, LimitSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from tests.pipeline.example_messages import block as message
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, START, cut
 from tests.pipeline.oma.conftest import structure
 
@@ -199,7 +200,7 @@ def test_block_numbers_that_jump_where_no_sample_is_missing_are_warned_of(blocks
 
 def test_a_unit_of_very_many_channels_is_refused_in_one_line_and_counted(blocks) -> None:
     wide = [
-        replace(b, unit="wide", samples=np.tile(b.samples, (1, MOST_CHANNELS_IDENTIFIED)))
+        replace(b, unit="wide", samples=np.tile(b.samples, (1, LimitSettings().channels)))
         for b in blocks[:3]
     ]
     node = IdentificationNode(SETTINGS)
@@ -224,3 +225,49 @@ def test_a_new_session_of_few_blocks_is_let_in_when_its_end_is_announced(blocks)
         ("short", "s2"),
     ]
     assert not node.statistics.rejected
+
+
+# ---- blocks beside each other whose order was mixed ---------------------------------------------
+
+
+def admitted(admission: BlockAdmission, *blocks: AccelerationBlock) -> list[int]:
+    return [each.sequence for block in blocks for each in admission.admit(block).blocks]
+
+
+def test_the_first_block_of_a_session_that_one_of_the_last_overtakes_is_not_lost() -> None:
+    admission = BlockAdmission()
+    new = [replace(message(n), session="session-2") for n in range(8)]
+    new = [replace(each, start_ns=each.start_ns + 60 * NANOSECONDS) for each in new]
+    taken = admitted(admission, message(0), message(1), new[0], message(2), *new[1:])
+    assert taken == [0, 1, 2, 0, 1, 2, 3, 4, 5, 6, 7]
+    assert admission.unfit == 0
+
+
+def test_two_blocks_after_a_clock_step_may_come_in_any_order() -> None:
+    admission = BlockAdmission()
+    step = 3600 * NANOSECONDS
+    later = [replace(message(n), start_ns=message(n).start_ns + step) for n in range(40, 50)]
+    taken = admitted(admission, message(0), later[1], later[0], *later[2:])
+    assert taken == [0, *range(40, 50)]
+
+
+@pytest.mark.parametrize(
+    ("limits", "code"),
+    [
+        (LimitSettings(channels=7), "too-many-channels"),
+        (LimitSettings(sampling_rate=39.0), "sampled-too-fast"),
+        (LimitSettings(block_megabytes=0.001), "block-too-large"),
+        (LimitSettings(window_values=1000.0), "window-too-large"),
+    ],
+)
+def test_a_block_beyond_a_limit_is_counted_and_not_identified(
+    limits: LimitSettings, code: str
+) -> None:
+    node = IdentificationNode(SETTINGS, limits=limits)
+    assert list(node.handle(message(0))) == []
+    assert node.statistics.rejected == {code: 1}
+
+
+def test_a_limit_that_allows_nothing_is_one_line() -> None:
+    with pytest.raises(LimitError, match=r"\[limits\] units is 0; it must be > 0"):
+        LimitSettings(units=0)

@@ -3,12 +3,10 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-import pytest
-
 from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
-from pipeline.nodes import by_turbine, identification
 from pipeline.nodes.by_turbine import LimitedMembers, NodeByTurbine
 from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.oma.settings import OmaSettings
 from sensors.acquisition.scada import ScadaSample
@@ -27,11 +25,7 @@ def test_who_has_said_least_goes_and_of_these_who_was_silent_longest() -> None:
     assert (roster.gone, len(roster)) == (3, 3)
 
 
-@pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """At most four turbines of three units each."""
-    monkeypatch.setattr(by_turbine, "MOST_TURBINES", 4)
-    monkeypatch.setattr(identification, "MOST_UNITS", 3)
+FEW = LimitSettings(turbines=4, units=3)
 
 
 def holdings(node: IdentificationNode) -> list[int]:
@@ -58,9 +52,8 @@ def flood(number: int) -> Iterable[Message]:
     yield ScadaSample(turbine, block(number).start_ns, "parked", *(6 * [0.0]))
 
 
-@pytest.mark.usefixtures("few")
 def test_a_flood_of_names_leaves_bounded_memory_and_the_session_that_ran() -> None:
-    node = IdentificationNode(SETTINGS)
+    node = IdentificationNode(SETTINGS, limits=FEW)
     list(node.handle(LAYOUT))
     said: list[Message] = []
     sizes = []
@@ -79,7 +72,6 @@ def test_a_flood_of_names_leaves_bounded_memory_and_the_session_that_ran() -> No
     ]
 
 
-@pytest.mark.usefixtures("few")
 def test_nodes_of_the_turbines_that_were_heard_most_are_kept() -> None:
     made: list[Refuser] = []
 
@@ -87,7 +79,7 @@ def test_nodes_of_the_turbines_that_were_heard_most_are_kept() -> None:
         made.append(Refuser())
         return made[-1]
 
-    node = NodeByTurbine(make)
+    node = NodeByTurbine(make, most_turbines=FEW.turbines)
     for number in range(20):
         list(node.handle(estimate("t1")))
         list(node.handle(estimate(f"forged {number}")))

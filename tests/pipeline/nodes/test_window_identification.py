@@ -1,5 +1,8 @@
 """After a gap the windows lie where they would have lain without it."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from pipeline.messages import ModalEstimate
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.arrays import FloatArray
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, cut
 from tests.pipeline.oma.conftest import structure
@@ -47,3 +51,21 @@ def test_a_window_after_a_gap_is_identified_from_its_own_samples_alone(
     for ours, expected in zip(estimate.modes, alone, strict=True):
         assert ours.shape == pytest.approx(expected.shape, abs=1e-5)
         assert ours.frequency_std == pytest.approx(expected.frequency_std, rel=1e-4)
+
+
+def test_a_block_longer_than_its_windows_gives_the_estimates_of_short_ones(
+    samples: FloatArray,
+) -> None:
+    """An hour in one block ended the identification: a window's blocks had gone when it came."""
+    long = np.vstack([samples, samples[::-1], 0.9 * samples])
+    short = cut(long)
+    whole = replace(short[0], samples=long.astype(np.float32))
+
+    def frequencies(blocks: Sequence[AccelerationBlock]) -> list[float]:
+        node = IdentificationNode(SETTINGS)
+        said = [*node.handle(LAYOUT)]
+        said += [answer for block in blocks for answer in node.handle(block)]
+        return [m.modes[0].frequency for m in said if isinstance(m, ModalEstimate)]
+
+    assert frequencies([whole])[:8] == pytest.approx(frequencies(short)[:8], rel=1e-9)
+    assert len(frequencies([whole])) >= 8

@@ -1,10 +1,14 @@
 """Identified modes beside the model's where no posterior could be."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pipeline.offline.model_modes import model_modes, nearest_modes
 from pipeline.state.run_modes import CombinedMode
+from sensors.structure.description import shipped_text
 
 
 def identified(name: str, frequency: float, shape: np.ndarray) -> CombinedMode:
@@ -31,6 +35,20 @@ def test_a_mode_is_listed_with_the_model_mode_nearest_in_frequency() -> None:
     assert exact.mac == pytest.approx(1.0)
     assert wrong.mac < 0.9
     assert np.isnan(short.mac)
+
+
+def test_a_lower_tower_without_sensors_of_its_own_is_read_at_the_same_shares_of_its_height(
+    tmp_path: Path,
+) -> None:
+    text = shipped_text("iea15mw_monopile")
+    cut = re.sub(r"(?s)  \{ bottom = 93\.0.*?\n\]", "]", text, count=1)  # the tower ends at 93 m
+    cut = re.sub(r"(?s)reference_modes = \[.*?\n\]", "", cut)
+    lumped = cut[: cut.index("[blades]")].replace("iea15mw_monopile", "mine")
+    (tmp_path / "mine.toml").write_text(lumped)
+    found = model_modes(turbine=str(tmp_path / "mine.toml"))
+    assert found.model.description.blades is None
+    assert max(found.model.layout.elevations) == pytest.approx(93.0)
+    assert 0.1 < found.modes.frequencies.min() < 0.5
 
 
 def test_shapes_are_compared_channel_by_channel_whatever_their_order() -> None:

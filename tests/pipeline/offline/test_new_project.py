@@ -9,8 +9,9 @@ from pipeline.offline.new_project import guess_channel, start_project
 from pipeline.recording.info import recording_info
 from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
-from pipeline.sources.sources import open_source
+from pipeline.sources.sources import open_source, replayed
 from sensors.errors import InputError
+from sensors.structure.description import shipped_text
 
 RATE = 20.0  # [Hz]
 
@@ -70,6 +71,19 @@ def test_what_is_recorded_has_the_places_of_the_layout(measurement: Path, tmp_pa
     project = start_project([measurement], tmp_path / "mast")
     (layout,) = recording_info(project.recording).layouts
     assert layout.elevations.tolist() == [97.0, 50.0]
+
+
+def test_a_structure_of_ones_own_goes_into_the_folder_and_into_the_recording(
+    measurement: Path, tmp_path: Path
+) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(
+        shipped_text("iea15mw_monopile").replace("thickness = 0.0", "thickness = 0.1", 1)
+    )
+    project = start_project([measurement], tmp_path / "mast", structure=str(own))
+    assert (project.folder / "structure.toml").read_text() == own.read_text()
+    own.unlink()
+    assert replayed(project.recording).scenario.structure.tubes[0].thickness > 0.1
 
 
 def test_nothing_is_overwritten(measurement: Path, tmp_path: Path) -> None:

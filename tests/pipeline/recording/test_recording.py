@@ -22,7 +22,7 @@ from pipeline.recording.info import recording_info
 from pipeline.recording.mcap_file import complete_records
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Recorder, RecorderSettings
-from pipeline.streams import STREAMS
+from pipeline.streams import STREAMS, stream_of
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.example_messages import (
@@ -77,7 +77,7 @@ def refusal(path: Path) -> str:
 
 
 @settings(max_examples=30)
-@given(recorded=st.lists(messages, max_size=8))
+@given(recorded=st.lists(messages.filter(lambda m: stream_of(type(m)).recorded), max_size=8))
 def test_what_is_read_is_what_was_recorded(
     recorded: list[Message], tmp_path_factory: pytest.TempPathFactory
 ) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.messages import WindowRejected
+from pipeline.messages import RecordedUntil, StreamEnd, WindowRejected
 from pipeline.nodes.statistics import NodeAccount
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.latest_messages import latest_payloads
@@ -22,6 +22,7 @@ from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.example_messages import LAYOUT, START_NS, all_same, block, rejection
+from tests.pipeline.power_cut import power_cut
 
 SECOND = 10**9  # [ns]
 METADATA = {"pilewatch": {"version": "0"}}
@@ -308,3 +309,74 @@ def test_what_is_recorded_is_what_arrived_byte_by_byte(tmp_path: Path) -> None:
     (payload,) = latest_payloads([tmp_path / "session.mcap"])
     assert payload == of_a_later_version
     assert recorder.duplicate == 1
+
+
+# ---- what a power cut costs --------------------------------------------------------------------
+
+
+def running(folder: Path, clock: Clock) -> SessionRecorder:
+    return SessionRecorder(
+        folder / "session.mcap", metadata=METADATA, clock=clock, free=lambda _: 10**12
+    )
+
+
+@pytest.mark.parametrize("rotate_after", [3600.0, 7.0])
+def test_a_power_cut_costs_nothing_that_was_acknowledged_and_a_second_of_the_rest(
+    tmp_path: Path, rotate_after: float
+) -> None:
+    clock, acknowledged = Clock(), set()
+    with power_cut(tmp_path):
+        recorder = SessionRecorder(
+            tmp_path / "session.mcap",
+            metadata=METADATA,
+            clock=clock,
+            settings=RecordingSettings(rotate_after=rotate_after),
+            free=lambda _: 10**12,
+        )
+        for number in range(40):
+            for said in recorder.handle(block(number)):
+                assert isinstance(said, RecordedUntil)
+                acknowledged = {n for n in range(40) if said.has(n, block(n).start_ns)}
+            clock.now_ns += SECOND // 2
+    after = running(tmp_path, clock)
+    on_disk = {*sequences(parts_of(after._path))}
+    assert acknowledged <= on_disk
+    assert len(acknowledged) >= 40 - 12  # two a second, acknowledged every five seconds
+
+
+def test_a_recorder_that_begins_again_acknowledges_what_it_has_already(tmp_path: Path) -> None:
+    clock = Clock()
+    running(tmp_path, clock).close()
+    first = running(tmp_path, clock)
+    first.handle(block(0))
+    first.close()
+    again = running(tmp_path, clock)
+    clock.now_ns += 6 * SECOND
+    (said,) = again.handle(block(0))
+    assert isinstance(said, RecordedUntil)
+    assert said.recorded_until == 1
+    assert again.duplicate == 1
+
+
+def test_the_end_of_a_stream_is_acknowledged_at_once(tmp_path: Path) -> None:
+    recorder = running(tmp_path, Clock())
+    assert recorder.handle(block(0)) == ()
+    end = StreamEnd("t1", "tower", "session-1", START_NS + SECOND, 1)
+    (said,) = recorder.handle(end)
+    assert isinstance(said, RecordedUntil)
+
+
+def test_a_disk_that_refuses_to_sync_acknowledges_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = Clock()
+    recorder = running(tmp_path, clock)
+    clock.now_ns += 2 * SECOND
+
+    def refused(_: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", refused)
+    assert recorder.handle(block(0)) == ()
+    assert recorder.warnings[0].code == "recording-stopped"
+    assert recorder.handle(block(1)) == ()

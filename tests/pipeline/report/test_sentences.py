@@ -83,6 +83,16 @@ def test_a_posterior_that_is_not_trusted_is_no_finding_and_its_reasons_are_the_u
     ]
 
 
+def test_books_that_do_not_balance_are_a_sentence(tmp_path: Path) -> None:
+    record = record_of(
+        tmp_path, [LAYOUT, block(0), *map(block, range(3, 9)), estimate(0), posterior(0)]
+    )
+    assert (
+        "The books do not balance: unit tower of t1, session session-1, boot 0: "
+        "blocks 1 to 2 are neither recorded nor reported missing."
+    ) in findings(record)
+
+
 @pytest.mark.parametrize(
     ("messages", "why"),
     [

@@ -15,8 +15,8 @@ from pipeline.reproduction.page import write_report
 from pipeline.reproduction.paper import LABELS, TABLE_1
 from pipeline.reproduction.study import Study, lowest_start, n_peaks
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
-from pipeline.updating.likelihood.posterior_density import JointDensity
 from sensors.errors import InputError
+from tests.pipeline.updating.likelihood.joint_density import JointDensity
 from tests.pipeline.updating.likelihood.test_posterior_density import (
     PRIOR,
     TOWER,

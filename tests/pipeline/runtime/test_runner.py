@@ -10,7 +10,14 @@ import pytest
 from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.nodes.node import Node, NodeStatistics
 from pipeline.runtime.errors import NodeFailed
-from pipeline.runtime.runner import NodeThread, run_lock_step, run_workers, with_end
+from pipeline.runtime.runner import (
+    DRAINED_WITHIN,
+    NodeThread,
+    run_lock_step,
+    run_workers,
+    serve,
+    with_end,
+)
 from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import block as acceleration_block
 from tests.pipeline.transport.memory_bus import MemoryBus
@@ -196,3 +203,39 @@ def test_what_a_node_says_of_itself_adds_up() -> None:
     }
     assert status.last_sequence == 11
     assert np.isfinite(status.busy_s)
+
+
+def test_a_node_that_is_far_behind_ends_within_seconds_when_it_is_asked_to() -> None:
+    """A block takes it a second, and a thousand wait."""
+    now = [0.0]
+
+    class Slow(Listener):
+        def handle(self, message: Message) -> Iterable[Message]:
+            now[0] += 1.0
+            return super().handle(message)
+
+    bus, node, stopping = MemoryBus(), Slow(), threading.Event()
+    for each in blocks(1000):
+        bus.publish(each)
+    stopping.set()
+    serve(node, bus, turbine="t1", stopping=stopping, monotonic=lambda: now[0])
+    assert node.closed
+    assert len(node.sequences) <= DRAINED_WITHIN + 2
+
+
+def test_a_node_that_never_answers_does_not_keep_the_run_from_ending() -> None:
+    stuck = threading.Event()
+
+    class Stuck(Listener):
+        def handle(self, message: Message) -> Iterable[Message]:
+            stuck.wait()
+            return ()
+
+    bus = MemoryBus()
+    bus.publish(acceleration_block(0))
+    (thread,) = threaded(bus, Stuck())
+    thread.start()
+    thread.stop(0.0)
+    assert thread.is_alive()
+    stuck.set()
+    thread.join()

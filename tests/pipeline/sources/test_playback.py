@@ -1,5 +1,6 @@
 """A part of a recording, several rounds, several files: the same blocks as one stream."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from pipeline.sources.recorded_stream import SourceError
 from pipeline.sources.sources import replayed, simulated
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
-from tests.pipeline.example_messages import START_NS, same
+from tests.pipeline.example_messages import START_NS, block, same
 
 SECOND = 10**9  # [ns]
 
@@ -110,3 +111,21 @@ def test_what_cannot_be_played_is_one_line(short_recording: Path, tmp_path: Path
         simulated(replayed(short_recording).scenario).with_playback(Playback(5.0))
     with pytest.raises(SourceError, match="holds no recording"):
         replayed(tmp_path)
+
+
+def test_nothing_is_read_far_behind_the_end_once_every_unit_is_there():
+    read: list[AccelerationBlock] = []
+    some = block(0)
+
+    def stream():
+        for second in range(5000):
+            for unit, late in (("tower", 0), ("slow", 100)):
+                start_ns = START_NS + max(0, second - late) * SECOND
+                read.append(replace(some, unit=unit, sequence=second, start_ns=start_ns))
+                yield read[-1]
+
+    played = list(Playback(end=10.0).of(stream))
+    assert [each.sequence for each in played if each.unit == "tower"] == list(range(10))
+    late = [each.start_ns for each in played if each.unit == "slow"]
+    assert max(late) == START_NS + 9 * SECOND
+    assert 2 * 700 <= len(read) <= 2 * 715

@@ -11,6 +11,7 @@ from pipeline.state.books import Books, Intervals
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_estimates import estimate
 from tests.pipeline.example_messages import block, rejection, status
+from tests.pipeline.state.test_posterior_json import POSTERIOR
 
 
 def origin(window: int, boot: int = 0) -> tuple[UnitOrigin, ...]:
@@ -29,7 +30,7 @@ def gap(first: int, n_blocks: int) -> StreamGap:
     return StreamGap("t1", "tower", "session-1", 0, 1, first, n_blocks)
 
 
-def books_of(*messages: object, updates: bool = True) -> Books:
+def books_of(*messages: object, updates: bool | None = True) -> Books:
     books = Books(updates=updates)
     for message in messages:
         books.handle(message)
@@ -136,3 +137,85 @@ def test_what_the_source_says_it_published_must_fit(published: int) -> None:
     books = books_of(*map(block, range(30)), end)
     assert books.as_json()["units"][0]["lost"] == max(0, published - 30)
     assert bool(books.violations())
+
+
+# ---- alarms and fates --------------------------------------------------------------------------
+
+
+def test_books_that_do_not_balance_are_an_alarm_within_two_windows() -> None:
+    books = books_of(block(0), *(block(n) for n in range(5, 11)), rejected(0))
+    assert books.alarms() == []
+    books.handle(rejected(1))
+    (alarm,) = books.alarms()
+    assert (alarm.turbine, alarm.kind) == ("t1", "books")
+    assert "blocks 1 to 4 are neither recorded nor reported missing" in alarm.text
+    books.handle(gap(1, 4))
+    books.handle(rejected(2))
+    assert books.alarms() == []
+
+
+def test_windows_without_a_posterior_are_an_alarm_until_there_is_one() -> None:
+    books = books_of(*(rejected(window) for window in range(6)), updates=True)
+    (alarm,) = books.alarms()
+    assert alarm.kind == "no-posterior"
+    assert alarm.text == (
+        "no posterior for 6 windows: of all 0 were identified, 6 rejected (6 × gap), 0 estimates "
+        "refused (none)"
+    )
+    assert books.alarms(without_posterior=7) == []
+    books.handle(identified(6))
+    books.handle(replace(POSTERIOR, turbine="t1", origins=origin(6)))
+    assert books.alarms() == []
+
+
+def test_a_run_without_an_updating_owes_no_posterior() -> None:
+    windows = [identified(window) for window in range(8)]
+    assert books_of(*windows, updates=None).alarms() == []
+    assert books_of(*windows, updates=None).violations() == []
+    (alarm,) = books_of(status("updating-1-of-2"), *windows, updates=None).alarms()
+    assert alarm.kind == "no-posterior"
+
+
+def test_each_window_and_each_estimate_has_its_fate() -> None:
+    books = books_of(
+        identified(0),
+        replace(POSTERIOR, turbine="t1", origins=origin(0)),
+        identified(1),
+        rejected(1, "few-pairs"),
+        rejected(2),
+        identified(3),
+        updates=True,
+    )
+    (turbine,) = books.as_json()["turbines"]
+    fates = [(each["window"], each["fate"], each["estimate"]) for each in turbine["windows"]]
+    assert fates == [
+        (0, "identified", "in-posterior"),
+        (1, "identified", "few-pairs"),
+        (2, "gap", ""),
+        (3, "identified", "pending"),
+    ]
+
+
+def test_an_answer_that_another_one_replaces_is_superseded() -> None:
+    books = books_of(rejected(0), identified(0), updates=False)
+    (turbine,) = books.as_json()["turbines"]
+    assert (turbine["superseded"], turbine["identified"], turbine["rejected"]) == (1, 1, {})
+    books.handle(rejected(0))
+    (turbine,) = books.as_json()["turbines"]
+    assert (turbine["superseded"], turbine["identified"], turbine["rejected"]) == (2, 1, {})
+
+
+def test_a_unit_that_starts_again_under_its_name_late_in_its_numbers_has_a_book_of_its_own() -> (
+    None
+):
+    """Its first blocks did not come: its numbers go on in the middle of those before."""
+    later = [
+        replace(block(number), start_ns=block(number).start_ns + 300 * NANOSECONDS)
+        for number in range(40, 60)
+    ]
+    books = books_of(*(block(number) for number in range(59)), *later, gap(0, 40))
+    assert books.violations() == []
+    assert [(each["recorded"], each["repeated"]) for each in books.as_json()["units"]] == [
+        (59, 0),
+        (20, 0),
+    ]

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.cli.tables.posteriors import posterior_table
 from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
-from pipeline.state.posterior_json import empty_summary, posterior_summary, truth_covered
+from pipeline.state.posterior_json import empty_summary, posterior_summary
 
 POSTERIOR = FoundationPosterior(
     turbine="small",
@@ -69,10 +69,6 @@ def test_how_probable_a_change_is_stands_in_it_and_is_unknown_without_a_posterio
     posterior = replace(POSTERIOR, change_probability=0.25)
     assert posterior_summary(posterior)["change_probability"] == 0.25
     assert empty_summary()["change_probability"] is None
-
-
-def test_coverage_is_judged_parameter_by_parameter():
-    assert truth_covered(POSTERIOR, TRUTH) == {"k11": True, "k22": False, "k12": True}
 
 
 def test_figures_of_the_structure_that_are_uncertain_stand_beside_the_springs():

@@ -20,16 +20,18 @@ class MemoryBus:
         self._subscriptions: list[MemorySubscription] = []
         self._cached: dict[str, deque[Delivery]] = {}
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: Message, payload: bytes | None = None) -> None:
         key = publishing_key(message)
-        delivery = Delivery(type(message), key, encode(message))
+        delivery = Delivery(type(message), key, payload or encode(message))
         cached = stream_of(type(message)).cached
         self._cached.setdefault(key, deque(maxlen=cached)).append(delivery)
         for subscription in tuple(self._subscriptions):
             subscription.deliver(delivery)
 
-    def subscribe(self, message_types: Sequence[type], inbox: Inbox) -> "MemorySubscription":
-        subscription = MemorySubscription(self, tuple(message_types), inbox)
+    def subscribe(
+        self, message_types: Sequence[type], inbox: Inbox, *, key: str | None = None
+    ) -> "MemorySubscription":
+        subscription = MemorySubscription(self, tuple(message_types), inbox, key)
         for deliveries in self._cached.values():
             for delivery in deliveries:
                 subscription.deliver(delivery)
@@ -51,7 +53,10 @@ class MemorySubscription:
 
     lost = 0  # nothing is ever lost inside one process
 
-    def __init__(self, bus: MemoryBus, message_types: tuple[type, ...], inbox: Inbox) -> None:
+    def __init__(
+        self, bus: MemoryBus, message_types: tuple[type, ...], inbox: Inbox, key: str | None
+    ) -> None:
+        self._key = key
         self._bus = bus
         self._message_types = message_types
         self._inbox = inbox
@@ -63,7 +68,8 @@ class MemorySubscription:
         return 0
 
     def deliver(self, delivery: Delivery) -> None:
-        if delivery.message_type in self._message_types:
+        of_key = self._key in (None, delivery.key)
+        if delivery.message_type in self._message_types and of_key:
             self._inbox.put(delivery)
 
     def close(self) -> None:

@@ -90,6 +90,7 @@ class SensorReadings:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Names of the figures."""
         return tuple(figure.name for figure in self.figures)
 
     def state(self, z: FloatArray) -> SensorState:

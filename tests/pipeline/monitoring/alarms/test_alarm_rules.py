@@ -6,9 +6,10 @@ import pytest
 
 from pipeline.messages import FoundationEvent, NodeStatus, QualityWarning, StreamGap, WindowRejected
 from pipeline.monitoring.alarms.alarm_rules import AlarmCondition, AlarmRules
-from pipeline.monitoring.alarms.settings import AlarmLogSettings
+from pipeline.monitoring.alarms.settings import AlarmError, AlarmLogSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, status
+from tests.pipeline.state.test_posterior_json import POSTERIOR
 from tests.pipeline.updating.test_state import estimate_of, updater_of
 
 SECOND = NANOSECONDS
@@ -168,3 +169,25 @@ def test_statuses_alone_are_no_cause(finder: AlarmRules) -> None:
     well = NodeStatus("t1", "updating", START_NS, "running", 3)
 
     assert wrong(finder.causes(well, START_NS)) == []
+
+
+def test_books_that_do_not_balance_and_posteriors_that_do_not_come_are_alarms() -> None:
+    finder = AlarmRules(AlarmLogSettings(windows_without_posterior=3))
+    list(finder.causes(status("updating"), START_NS))
+    for number in (0, *range(5, 11)):
+        list(finder.causes(block(number), START_NS))
+    kinds = []
+    for window in range(3):
+        start_ns = 60 * SECOND * window
+        rejected = WindowRejected("t1", window, start_ns, start_ns + 1, "nan", "")
+        kinds.append({each.kind for each in wrong(finder.causes(rejected, START_NS))} - {"sensor"})
+    assert kinds == [set(), {"books"}, {"books", "no-posterior"}]
+    missing = StreamGap("t1", "tower", "session-1", START_NS, START_NS + SECOND, 1, 4)
+    list(finder.causes(missing, START_NS))
+    posterior = replace(POSTERIOR, turbine="t1")
+    assert {"t1/books", "t1/no-posterior"} <= {*over(finder.causes(posterior, START_NS))}
+
+
+def test_a_number_of_windows_that_is_none_is_one_line() -> None:
+    with pytest.raises(AlarmError, match="windows_without_posterior is 0"):
+        AlarmLogSettings(windows_without_posterior=0)

@@ -8,12 +8,10 @@ from pipeline.updating.likelihood.deterministic import (
     DescentSettings,
     IdentifiedModes,
     ModalObjective,
-    best_descent,
     deterministic_update,
-    identified_by_label,
 )
 from pipeline.updating.prior import Prior, UpdatingError
-from tests.pipeline.updating.small_tower import NOMINAL, SmallTower, drawn_estimate
+from tests.pipeline.updating.small_tower import NOMINAL, SmallTower
 
 TOWER = SmallTower()
 PRIOR = Prior(NOMINAL)
@@ -63,7 +61,6 @@ def test_every_start_is_reported_with_its_own_end_in_the_order_given():
     ]
     for descent in descents:
         assert descent.objective == objective(descent.end) <= descent.start_objective
-    assert best_descent(descents).objective == min(each.objective for each in descents)
 
 
 def test_a_bounded_simplex_stays_in_the_prior_s_box():
@@ -93,16 +90,6 @@ def test_there_is_no_model_where_the_springs_are_not_positive_definite():
     assert objective.pairs(impossible) == ()
     with pytest.raises(UpdatingError, match=r"1\.5"):
         deterministic_update(objective, PRIOR, [impossible])
-
-
-def test_identified_modes_get_the_labels_of_the_model_modes_beside_them():
-    estimate = drawn_estimate(TRUTH, np.random.default_rng(1), labels=LABELS)
-    wanted = LABELS[:5]
-    identified = identified_by_label(
-        estimate, TOWER, TOWER.layout.channel_names, TRUTH * NOMINAL, wanted=wanted
-    )
-    assert identified.labels == wanted
-    assert ModalObjective(identified, TOWER)(TRUTH) < 0.01
 
 
 def test_a_channel_that_was_not_measured_is_left_out_of_the_mac():

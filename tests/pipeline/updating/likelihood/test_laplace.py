@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.updating.likelihood.laplace import laplace_peak, starting_points
+from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.prior import Prior
-from pipeline.updating.samplers.interface import Peak
 from tests.pipeline.updating.likelihood.test_likelihood import TRUTH, evidence_of, likelihood_of
 from tests.pipeline.updating.small_tower import NOMINAL, LinearTower
 
@@ -26,19 +25,6 @@ def test_nothing_nearby_is_more_likely_than_the_peak():
     around = np.vstack([peak.ratios, peak.ratios + steps])
     values = likelihood.log_likelihood(LinearTower().modal(around * NOMINAL)).max(axis=1)
     assert values[0] >= values.max() - 0.02
-
-
-def test_starting_points_lie_where_the_density_is_positive():
-    prior = Prior(NOMINAL)
-    peak = Peak(np.array([0.3, 1.0, 0.7]), np.diag([1.0, 1.0, 1.0]))  # next to the boundary
-
-    def density(ratios):
-        return np.where(ratios[:, 0] < 2, 0.0, -np.inf)
-
-    points = starting_points(peak, density, prior, 40, np.random.default_rng(24))
-    assert points.shape == (40, 3)
-    assert prior.supports(points).all()
-    assert (points[:, 0] < 2).all()
 
 
 def test_a_direction_that_the_data_do_not_constrain_keeps_a_finite_spread():

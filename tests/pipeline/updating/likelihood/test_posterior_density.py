@@ -12,11 +12,12 @@ from pipeline.updating.likelihood.likelihood import (
     ModalLikelihood,
     ModeComparison,
 )
-from pipeline.updating.likelihood.posterior_density import JointDensity, StiffnessDensity
+from pipeline.updating.likelihood.posterior_density import StiffnessDensity
 from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.registry import SamplingSettings, sampler_of
 from pipeline.updating.samplers.tmcmc import TemperingSettings
+from tests.pipeline.updating.likelihood.joint_density import JointDensity
 from tests.pipeline.updating.small_tower import LinearTower, drawn_estimate
 
 TOWER = LinearTower()

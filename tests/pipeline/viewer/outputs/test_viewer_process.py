@@ -2,6 +2,7 @@
 
 import logging
 import socket
+import subprocess
 import threading
 import urllib.request
 from collections.abc import Iterable, Iterator, Mapping
@@ -13,6 +14,7 @@ import pytest
 
 from pipeline.messages import Message, NodeStatus
 from pipeline.nodes.node import NodeStatistics
+from pipeline.offline.draw_recording import open_pictures
 from pipeline.runtime import runner
 from pipeline.transport.codec import encode
 from pipeline.viewer.outputs import viewer_process
@@ -23,6 +25,7 @@ from pipeline.viewer.outputs.viewer_process import (
     proxy_address,
     serve_page,
     spawn_viewer,
+    viewer_command,
 )
 from pipeline.viewer.viewer_node import Viewer
 from tests.pipeline.viewer.content import Recorded
@@ -187,3 +190,22 @@ def test_a_viewer_that_ends_at_once_is_one_line(monkeypatch: pytest.MonkeyPatch)
         serve_page(WebPage(free_port(0), free_port(0))),
     ):
         pass
+
+
+def test_every_viewer_and_server_that_is_started_has_a_limit_of_memory(monkeypatch, tmp_path):
+    started: list[list[str]] = []
+
+    def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        started.append(command)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr("pipeline.offline.draw_recording.subprocess.run", run)
+    (tmp_path / "a.rrd").touch()
+    open_pictures(tmp_path / "a.rrd")
+    for command in (*started, viewer_command("--serve-web"), viewer_command("--port", "9876")):
+        assert command[command.index("--memory-limit") + 1] == "4GiB"
+        assert command[command.index("--server-memory-limit") + 1] == "1GiB"
+    sources = [
+        path.read_text("utf-8") for path in Path(viewer_process.__file__).parents[2].rglob("*.py")
+    ]
+    assert sum(text.count('"-m", "rerun"') for text in sources) == 1  # no other way to start one

@@ -1,0 +1,34 @@
+"""LimitSettings: what a unit or a turbine may cost, so that none costs the others' windows."""
+
+from dataclasses import dataclass, field, fields
+
+from sensors.errors import InputError
+from sensors.settings import NEVER_A_KEY
+
+
+class LimitError(InputError):
+    """A limit that cannot be right; the message names it."""
+
+
+@dataclass(frozen=True, slots=True)
+class LimitSettings:
+    """Section [limits]: blocks beyond them are recorded, counted and not identified."""
+
+    channels: int = 100
+    """Of a unit: the time for a window grows with their square."""
+    sampling_rate: float = field(default=10_000.0, metadata=NEVER_A_KEY)
+    """Of a unit [Hz]."""
+    block_megabytes: float = field(default=5.0, metadata=NEVER_A_KEY)
+    """Samples of one block [10⁶ bytes]."""
+    window_values: float = field(default=5e7, metadata=NEVER_A_KEY)
+    """Values of a window: ten minutes of eight channels at 10 kHz, 200 MB."""
+    units: int = field(default=16, metadata=NEVER_A_KEY)
+    """Names of units of a turbine."""
+    turbines: int = field(default=300, metadata=NEVER_A_KEY)
+    """Names of turbines; an updater of each holds 3 MB."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if not value > 0:
+                raise LimitError(f"[limits] {each.name} is {value:g}; it must be > 0")

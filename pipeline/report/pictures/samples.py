@@ -1,0 +1,139 @@
+"""What a report keeps of the samples while it reads them: averaged spectra and channel statistics.
+
+    AccelerationBlock ─► ChannelRecord ─► spectra (Welch), rms, largest value, missing samples
+
+Memory is one segment of samples a unit, however long the recording.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.messages import Message, StabilisationDiagram
+from pipeline.viewer.pictures.spectrum import SEGMENT, power_spectral_densities
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.arrays import FloatArray
+
+SHORTEST_SEGMENT = 10.0  # of a recording shorter than one segment [s]
+FLAT_SHARE = 1e-6  # of the largest channel's deviation; below it a channel measures nothing [-]
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelStatistics:
+    """Samples of one channel over the whole recording."""
+
+    deviation: float
+    """Standard deviation [unit of the channel]; NaN without samples."""
+    largest: float
+    """Largest departure from the mean [unit of the channel]; NaN without samples."""
+    missing: float
+    """Share of the samples that are NaN or infinite [-]."""
+
+
+@dataclass(slots=True)
+class ChannelRecord:
+    """One unit's samples, block by block."""
+
+    sampling_rate: float
+    """[Hz]"""
+    n_segments: int = 0
+    """Segments in the spectra."""
+    _densities: FloatArray | None = None
+    _segment: list[NDArray[np.float32]] = field(default_factory=list)
+    _next_sample: int = -1
+    _count: int = 0
+    _finite: FloatArray = field(default_factory=lambda: np.zeros(0))
+    _sums: FloatArray = field(default_factory=lambda: np.zeros(0))
+    _squares: FloatArray = field(default_factory=lambda: np.zeros(0))
+    _low: FloatArray = field(default_factory=lambda: np.zeros(0))
+    _high: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def push(self, block: AccelerationBlock) -> None:
+        """Add a block; a segment that a gap or a missing sample cuts is left out."""
+        samples = block.samples
+        if not len(self._finite):
+            self._begin(samples.shape[1])
+        if samples.shape[1] != len(self._finite):
+            return  # another layout: its channels are others
+        self._add_statistics(samples.astype(np.float64))
+        if block.first_sample != self._next_sample or not np.isfinite(samples).all():
+            self._segment.clear()
+        self._next_sample = block.first_sample + len(samples)
+        if np.isfinite(samples).all():
+            self._segment.append(samples)
+            self._add_spectrum()
+
+    def spectra(self) -> tuple[FloatArray, FloatArray] | None:
+        """Frequencies (n,) [Hz] and one-sided densities (n, n_channels) [unit²/Hz].
+
+        None where not even a short segment is whole.
+        """
+        n_left = sum(len(samples) for samples in self._segment)
+        if self._densities is None and n_left >= SHORTEST_SEGMENT * self.sampling_rate:
+            frequencies, densities = power_spectral_densities(
+                np.concatenate(self._segment), self.sampling_rate
+            )
+            return frequencies, densities.astype(np.float64)
+        if self._densities is None:
+            return None
+        n_lines = len(self._densities)
+        length = round(SEGMENT * self.sampling_rate)
+        frequencies = np.arange(n_lines) * self.sampling_rate / length
+        return frequencies, self._densities / self.n_segments
+
+    def statistics(self) -> tuple[ChannelStatistics, ...]:
+        """Of each channel, in order."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            means = self._sums / self._finite
+            deviations = np.sqrt(np.maximum(self._squares / self._finite - means**2, 0.0))
+        largest = np.maximum(self._high - means, means - self._low)
+        missing = 1.0 - self._finite / max(self._count, 1)
+        rows = zip(deviations.tolist(), largest.tolist(), missing.tolist(), strict=True)
+        return tuple(ChannelStatistics(*row) for row in rows)
+
+    def _begin(self, n_channels: int) -> None:
+        self._finite, self._sums, self._squares = (np.zeros(n_channels) for _ in range(3))
+        self._low, self._high = np.full(n_channels, np.inf), np.full(n_channels, -np.inf)
+
+    def _add_statistics(self, samples: FloatArray) -> None:
+        finite = np.isfinite(samples)
+        known = np.where(finite, samples, 0.0)
+        self._count += len(samples)
+        self._finite += finite.sum(axis=0)
+        self._sums += known.sum(axis=0)
+        self._squares += np.square(known).sum(axis=0)
+        self._low = np.minimum(self._low, np.where(finite, samples, np.inf).min(axis=0))
+        self._high = np.maximum(self._high, np.where(finite, samples, -np.inf).max(axis=0))
+
+    def _add_spectrum(self) -> None:
+        length = round(SEGMENT * self.sampling_rate)
+        if sum(len(samples) for samples in self._segment) < length:
+            return
+        joined = np.concatenate(self._segment)
+        _, densities = power_spectral_densities(joined[:length], self.sampling_rate)
+        before = 0.0 if self._densities is None else self._densities
+        self._densities = before + densities.astype(np.float64)
+        self.n_segments += 1
+        self._segment = [joined[length // 2 :]]
+
+
+@dataclass(slots=True)
+class SignalRecord:
+    """What one turbine's units measured, and the last window's stabilisation diagram."""
+
+    samples: dict[str, ChannelRecord] = field(default_factory=dict)
+    """Spectra and statistics by acquisition unit."""
+    stabilisation: StabilisationDiagram | None = None
+    """Of the last identified window."""
+
+    def fold(self, message: Message) -> None:
+        """Take one message of the turbine into account."""
+        if isinstance(message, AccelerationBlock):
+            if message.unit not in self.samples:
+                self.samples[message.unit] = ChannelRecord(message.sampling_rate)
+            self.samples[message.unit].push(message)
+        elif isinstance(message, StabilisationDiagram) and (
+            self.stabilisation is None or message.end_ns >= self.stabilisation.end_ns
+        ):
+            self.stabilisation = message

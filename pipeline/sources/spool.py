@@ -1,0 +1,338 @@
+"""Blocks on a unit's disk until the shore has them on its own.
+
+    spool/00000001.blocks   head, then record after record: length, CRC-32, the block as it is sent
+    spool/00000002.blocks   …
+    spool/lock              of the process that writes here
+
+A file goes when every block in it is acknowledged, the oldest also where all of them together are
+larger than allowed. What a power cut left half written is cut off; a record whose checksum does not
+hold is left out and counted.
+"""
+
+import fcntl
+import hashlib
+import logging
+import os
+import re
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from pipeline.messages import RecordedUntil
+from pipeline.recording.atomic_write import make_folder_durably, sync_folder
+from pipeline.state.acknowledgement import SessionKey
+from pipeline.transport.codec import LARGEST_PAYLOAD, decode
+from pipeline.transport.errors import CodecError
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.errors import InputError
+
+logger = logging.getLogger(__name__)
+
+FILE_HEAD = b"pilewatch spool 1\n"
+FILE_BYTES = 2**20  # after which the next file begins
+MOST_MEGABYTES = 500.0  # of all files [10⁶ bytes]; of eight channels at 100 Hz two days
+_RECORD = struct.Struct("<II")  # length [bytes], CRC-32 of what follows
+
+
+class SpoolError(InputError):
+    """A spool that cannot be used."""
+
+
+@dataclass(slots=True, eq=False)
+class SpooledBlock:
+    """Where a block lies that is not acknowledged."""
+
+    session: SessionKey
+    sequence: int
+    start_ns: int
+    file: int
+    """Number of its file."""
+    offset: int
+    """Of its record in the file [bytes]."""
+    sent: float | None = None
+    """When it was sent last [s, monotonic]; None: by an earlier process, if at all."""
+
+
+class Spool:
+    """Keeps the blocks of a unit, or of several, until they are acknowledged.
+
+    Parameters
+    ----------
+    folder : Path
+        Is made where there is none; what an earlier process left in it is kept.
+    most_megabytes : float
+        Of all files; the oldest goes when they are larger [10⁶ bytes].
+
+    Raises
+    ------
+    SpoolError
+        If the folder cannot be used, or another process uses it.
+    """
+
+    def __init__(self, folder: Path, *, most_megabytes: float = MOST_MEGABYTES) -> None:
+        if not most_megabytes > 0:
+            raise SpoolError(f"a spool of {most_megabytes:g} MB holds nothing; more is needed")
+        self.folder = folder
+        self.dropped = 0
+        """Blocks that had to go without an acknowledgement."""
+        self.damaged = 0
+        """Records that could not be read."""
+        self._most_bytes = most_megabytes * 1e6
+        self._waiting: dict[SpooledBlock, None] = {}  # in the order of writing
+        self._by_number: dict[SessionKey, dict[int, list[SpooledBlock]]] = {}
+        self._counts: dict[int, int] = {}  # file → its blocks that wait
+        self._sizes: dict[int, int] = {}  # file → [bytes]
+        self._acknowledged: dict[SessionKey, RecordedUntil] = {}
+        self._file: BinaryIO | None = None
+        self._is_dirty = False
+        try:
+            make_folder_durably(folder)
+            self._lock = _locked(folder)
+            for number, path in _files(folder):
+                self._load(number, path)
+        except OSError as error:
+            raise SpoolError(f"--spool {folder}: {error.strerror}; a folder is needed") from error
+        self._number = max(self._sizes, default=0)
+
+    def __len__(self) -> int:
+        """Blocks that are not acknowledged."""
+        return len(self._waiting)
+
+    @property
+    def size(self) -> int:
+        """Of all files [bytes]."""
+        return sum(self._sizes.values())
+
+    def waiting(self) -> Iterator[SpooledBlock]:
+        """Blocks that are not acknowledged, the oldest first."""
+        return iter(self._waiting)
+
+    def append(self, block: AccelerationBlock, payload: bytes, now: float) -> None:
+        """Keep a block that is being sent.
+
+        Parameters
+        ----------
+        block : AccelerationBlock
+        payload : bytes
+            The block as it is sent.
+        now : float
+            Monotonic time [s].
+
+        Raises
+        ------
+        OSError
+            Where the disk refuses.
+        """
+        key = (block.turbine, block.unit, block.session)
+        known = self._acknowledged.get(key)
+        if known is not None and known.has(block.sequence, block.start_ns):
+            return
+        file = self._open_file()
+        offset = file.tell()
+        file.write(_RECORD.pack(len(payload), zlib.crc32(payload)) + payload)
+        self._is_dirty = True
+        self._sizes[self._number] = file.tell()
+        self._add(SpooledBlock(key, block.sequence, block.start_ns, self._number, offset, now))
+        while self.size > self._most_bytes and len(self._sizes) > 1:
+            self._drop_oldest()
+
+    def sync(self) -> None:
+        """Have what was appended survive a power cut. Raises OSError where the disk refuses."""
+        if self._file is not None and self._is_dirty:
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._is_dirty = False
+
+    def acknowledge(self, recorded: RecordedUntil) -> int:
+        """Let go of what the shore has; gives how many blocks that were."""
+        key = (recorded.turbine, recorded.unit, recorded.session)
+        before = self._acknowledged.get(key)
+        done = {} if before is None else {each.first: each.end for each in before.ranges}
+        self._acknowledged[key] = recorded
+        numbers = self._by_number.get(key, {})
+        gone = [
+            block
+            for each in recorded.ranges
+            for number in _numbers(numbers, done.get(each.first, each.first), each.end)
+            for block in numbers[number]
+            if each.has(number, block.start_ns)
+        ]
+        for block in dict.fromkeys(gone):
+            self._let_go(block)
+        return len(gone)
+
+    def read(self, spooled: SpooledBlock) -> AccelerationBlock | None:
+        """The block; None, and it is let go of, where its record is damaged."""
+        if self._file is not None and spooled.file == self._number:
+            self._file.flush()
+        try:
+            with self._path(spooled.file).open("rb") as file:
+                payload = _payload_at(file, spooled.offset)
+            if payload is not None:
+                return decode(AccelerationBlock, payload)
+        except (OSError, CodecError) as error:
+            logger.warning("%s: %s", self._path(spooled.file), error)
+        self.damaged += 1
+        self._let_go(spooled)
+        return None
+
+    def close(self) -> None:
+        """Sync, and let another process go on."""
+        try:
+            self.sync()
+        finally:
+            if self._file is not None:
+                self._file.close()
+                self._file = None
+                self._remove_if_done(self._number)
+            os.close(self._lock)
+
+    # ---- files --------------------------------------------------------------------------------
+
+    def _path(self, number: int) -> Path:
+        return self.folder / f"{number:08d}.blocks"
+
+    def _open_file(self) -> BinaryIO:
+        if self._file is not None and self._sizes[self._number] < FILE_BYTES:
+            return self._file
+        if self._file is not None:
+            self.sync()
+            self._file.close()
+        ended, self._number = self._number, self._number + 1
+        self._file = self._path(self._number).open("xb")
+        self._file.write(FILE_HEAD)
+        self._sizes[self._number] = len(FILE_HEAD)
+        self._counts[self._number] = 0
+        sync_folder(self.folder)
+        self._remove_if_done(ended)
+        return self._file
+
+    def _load(self, number: int, path: Path) -> None:
+        """What an earlier process left in a file."""
+        with path.open("rb") as file:
+            if file.read(len(FILE_HEAD)) == FILE_HEAD:
+                for offset, payload in _records(file):
+                    self._take_over(number, offset, payload)
+            size = path.stat().st_size
+            self.damaged += file.tell() < size  # cut off while it was written
+        self._sizes[number] = size
+        self._counts.setdefault(number, 0)
+        self._remove_if_done(number)
+
+    def _take_over(self, number: int, offset: int, payload: bytes | None) -> None:
+        try:
+            block = decode(AccelerationBlock, payload or b"")
+        except CodecError as error:
+            why = "its checksum does not hold" if payload is None else error
+            logger.warning("%s, byte %d: %s", self._path(number), offset, why)
+            self.damaged += 1
+            return
+        key = (block.turbine, block.unit, block.session)
+        self._add(SpooledBlock(key, block.sequence, block.start_ns, number, offset))
+
+    def _drop_oldest(self) -> None:
+        oldest = min(self._sizes)
+        lost = [block for block in self._waiting if block.file == oldest]
+        if lost and not self.dropped:
+            logger.error("%s is full: the oldest blocks go unacknowledged", self.folder)
+        self.dropped += len(lost)
+        for block in lost:
+            self._let_go(block)
+        self._remove_if_done(oldest)
+
+    # ---- what waits ---------------------------------------------------------------------------
+
+    def _add(self, block: SpooledBlock) -> None:
+        self._waiting[block] = None
+        self._by_number.setdefault(block.session, {}).setdefault(block.sequence, []).append(block)
+        self._counts[block.file] = self._counts.get(block.file, 0) + 1
+
+    def _let_go(self, block: SpooledBlock) -> None:
+        del self._waiting[block]
+        numbers = self._by_number[block.session]
+        numbers[block.sequence].remove(block)
+        if not numbers[block.sequence]:
+            del numbers[block.sequence]
+        if not numbers:
+            del self._by_number[block.session]
+        self._counts[block.file] -= 1
+        self._remove_if_done(block.file)
+
+    def _remove_if_done(self, number: int) -> None:
+        """Remove a file that nothing waits in, but for the one in writing."""
+        in_writing = self._file is not None and number == self._number
+        if self._counts.get(number, 1) == 0 and not in_writing:
+            self._path(number).unlink(missing_ok=True)
+            del self._counts[number]
+            del self._sizes[number]
+
+
+def default_folder(source: str, environment: Mapping[str, str]) -> Path:
+    """Where a source is spooled if nothing else is wanted.
+
+    Parameters
+    ----------
+    source : str
+        As it is named on the command line.
+    environment : mapping
+        $STATE_DIRECTORY of a service, else $XDG_STATE_HOME, else ~/.local/state.
+    """
+    state = environment.get("STATE_DIRECTORY", "").partition(":")[0]
+    if not state:
+        home = environment.get("XDG_STATE_HOME") or Path("~/.local/state").expanduser()
+        state = str(Path(home) / "pilewatch")
+    kind = re.sub(r"[^a-z0-9]+", "-", source.partition(":")[0].lower())  # the rest may be secret
+    return Path(state) / "spool" / f"{kind}-{hashlib.sha256(source.encode()).hexdigest()[:12]}"
+
+
+def _numbers(known: dict[int, list[SpooledBlock]], first: int, end: int) -> list[int]:
+    """Numbers from `first` to one before `end` of which there are blocks."""
+    if end - first > len(known):
+        return [number for number in known if first <= number < end]
+    return [number for number in range(first, end) if number in known]
+
+
+def _locked(folder: Path) -> int:
+    descriptor = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(descriptor)
+        raise SpoolError(
+            f"--spool {folder}: another process sends from there; end that one or choose another "
+            "folder"
+        ) from error
+    return descriptor
+
+
+def _files(folder: Path) -> list[tuple[int, Path]]:
+    numbered = [path for path in folder.glob("*.blocks") if path.stem.isdigit()]
+    return sorted((int(path.stem), path) for path in numbered)
+
+
+def _records(file: BinaryIO) -> Iterator[tuple[int, bytes | None]]:
+    """Offset and payload of every record up to what is no record at all, where the file is left;
+    no payload where its checksum does not hold."""
+    while True:
+        offset = file.tell()
+        head = file.read(_RECORD.size)
+        length, checksum = _RECORD.unpack(head.ljust(_RECORD.size, b"\0"))
+        payload = file.read(length) if 0 < length <= LARGEST_PAYLOAD else b""
+        if not payload or len(payload) < length:
+            file.seek(offset)
+            return
+        yield offset, payload if zlib.crc32(payload) == checksum else None
+
+
+def _payload_at(file: BinaryIO, offset: int) -> bytes | None:
+    """The payload of one record; None where its checksum does not hold."""
+    file.seek(offset)
+    head = file.read(_RECORD.size)
+    if len(head) < _RECORD.size:
+        return None
+    length, checksum = _RECORD.unpack(head)
+    payload = file.read(length) if length <= LARGEST_PAYLOAD else b""
+    return payload if zlib.crc32(payload) == checksum else None

@@ -1,0 +1,42 @@
+"""The notebooks run from top to bottom, and each draws or prints something."""
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
+pytest.importorskip("pilewatch", reason="the project is not installed")
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+
+
+@pytest.fixture(scope="module")
+def runner() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("notebooks", ROOT / "docs" / "notebooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_there_are_five() -> None:
+    assert len(NOTEBOOKS) >= 5
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs(runner: ModuleType, path: Path) -> None:
+    text, figures = runner.executed(path)
+    assert text.startswith("# ")
+    assert "```text" in text or figures
+    assert all(png.startswith(b"\x89PNG") for png in figures)
+    assert "outputs" not in text
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_stored_without_outputs(path: Path) -> None:
+    assert '"execution_count": null' in path.read_text("utf-8")
+    assert '"output_type"' not in path.read_text("utf-8")

@@ -1,0 +1,262 @@
+"""Typical mistakes, three or more a command: exit code 2, one line, no traceback."""
+
+import os
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+
+from pipeline.cli import app, main
+from sensors.structure.description import shipped_text
+
+# command line in the folder that `folder` prepares → words of its one line
+MISTAKES: tuple[tuple[str, str], ...] = (
+    # run
+    ("run --source replay:gone.mcap", "gone.mcap"),
+    ("run --source gone.csv", "'gone.csv' is none of"),
+    ("run --source replay:text.mcap", "text.mcap"),
+    ("run --source replay:noise.csv", "noise.csv"),
+    ("run --source simulate:parkd", "'parkd' is neither a file nor one of the shipped ones"),
+    ("run --source simulate:parked --scenario tide", "name two scenarios"),
+    ("run --source simulate:parked --speed 0", "--speed 0"),
+    ("run --source simulate:parked --from 10", "--from, --to and --loop are for replay"),
+    ("run --source simulate:parked --layout layout.toml", "--layout layout.toml is for a file"),
+    ("run --source live --notices gone.toml", "gone.toml"),
+    ("run --source simulate:parked --view pink", "pink"),
+    ("run --source simulate:parked --metrics 99999", "99999"),
+    (
+        "run --source simulate:parked --zenoh-config gone.json5 --lock-step",
+        "--lock-step has no transport",
+    ),
+    ("run --source simulate:parked --zenoh-config gone.json5", "gone.json5"),
+    ("run parked.mcap", "parked.mcap"),
+    # new
+    ("new gone.csv", "gone.csv"),
+    ("new nan.csv -o made", "nan.csv: less than 1 s of samples"),
+    ("new no-time.csv -o made", "--sampling-rate"),
+    ("new noise.csv -o made --structure gone.toml", "gone.toml"),
+    ("new noise.csv -o made --structure iea15mw_monopile", "height and axis"),
+    ("new text.mcap -o made", "text.mcap"),
+    ("new noise.csv -o made --structure tower.dat", "give --springs k11,k22,k12"),
+    ("new noise.csv -o made --structure tower.dat --springs 1,2", "three numbers"),
+    ("new noise.csv -o made --structure tower.dat --springs 1e9,1e11,0", "tower.dat"),
+    ("new noise.csv -o made --structure gone.yaml --springs 1e9,1e11,0", "gone.yaml"),
+    (
+        "new noise.csv -o made --springs 1e9,1e11,0",
+        "are for --structure NAME_ElastoDyn.dat",
+    ),
+    # status
+    ("status", "no session"),
+    ("status --out gone", "gone"),
+    ("status --connect nowhere", "nowhere"),
+    # control
+    ("control rewind", "'rewind' is not one of"),
+    ("control seek soon", "a valid number is needed"),
+    ("control play", "no session"),
+    ("control seek", "seek"),
+    # show
+    ("show gone.mcap", "gone.mcap"),
+    ("show gone.rrd", "gone.rrd"),
+    ("show text.mcap", "text.mcap"),
+    ("show noise.csv", "noise.csv"),
+    ("show short.mcap --view pink", "pink"),
+    # report
+    ("report gone.mcap", "gone.mcap"),
+    ("report noise.csv", "noise.csv"),
+    ("report short.mcap", "holds measurements but no results"),
+    ("report empty", "empty"),
+    # audit
+    ("audit gone", "gone"),
+    ("audit noise.csv", "noise.csv"),
+    ("audit empty", "empty"),
+    # simulate
+    ("simulate", "simulate needs a scenario and -o FILE.mcap"),
+    ("simulate parked", "simulate needs a scenario and -o FILE.mcap"),
+    ("simulate parkd -o a.mcap", "'parkd'"),
+    ("simulate parked -o short.mcap", "exists already"),
+    ("simulate parked -o a.mcap --duration -5", "duration"),
+    ("simulate parked -o gone/a.mcap --duration 5", "gone"),
+    ("simulate modes-only -o a.mcap", "no structural model"),
+    # import
+    ("import noise.csv", "import needs -o FILE.mcap"),
+    ("import gone.csv -o a.mcap", "gone.csv"),
+    ("import noise.csv -o a.mcap --layout template.toml", "height"),
+    ("import noise.csv -o a.mcap --layout gone.toml", "gone.toml"),
+    ("import noise.csv -o a.mcap --layout other.toml", "'tip'"),
+    ("import noise.csv -o short.mcap --layout layout.toml", "exists already"),
+    ("import noise.csv -o a.mcap --reader nothing", "nothing"),
+    ("import gone.csv --template", "gone.csv"),
+    # info
+    ("info gone.mcap", "gone.mcap"),
+    ("info noise.csv", "noise.csv"),
+    ("info empty", "empty"),
+    # salvage
+    ("salvage gone.mcap", "gone.mcap"),
+    ("salvage noise.csv", "noise.csv"),
+    ("salvage short.mcap -o short.mcap", "short.mcap"),
+    # export
+    ("export short.mcap", "export needs one of --csv, --parquet and --imu"),
+    ("export short.mcap --csv --parquet", "export needs one of --csv, --parquet and --imu"),
+    ("export gone.mcap --csv", "gone.mcap"),
+    ("export noise.csv --csv", "noise.csv"),
+    # identify
+    ("identify gone.csv", "gone.csv"),
+    ("identify nan.csv", "NaN"),
+    ("identify constant.csv", "constant"),
+    ("identify brief.csv", "brief.csv"),
+    ("identify no-time.csv", "--sampling-rate"),
+    ("identify noise.csv --lowest-frequency 30", "30 Hz"),
+    ("identify noise.csv --window 0", "--window 0 s does not fit"),
+    ("identify noise.csv --sampling-rate 0", "must be positive"),
+    ("identify noise.csv --layout template.toml", "height"),
+    ("identify noise.csv --json --lowest-frequency 30", "30 Hz"),
+    ("identify nan.csv --json", "NaN"),
+    # modes
+    ("modes --theta 1,2", "three numbers"),
+    ("modes --theta 1;1;1", "three numbers"),
+    ("modes --theta 1,0.25,4", "k11·k22 must exceed k12²"),
+    ("modes --structure iea15", "iea15"),
+    ("modes --structure own.toml --sign up", "'up' is not one of"),
+    ("modes --scenario modes-only", "no structural model"),
+    # describe
+    ("describe gone.toml", "gone.toml"),
+    ("describe iea15mw", "iea15mw"),
+    ("describe layout.toml", "layout.toml"),
+    ("describe --plot gone/a.png", "gone"),
+    # update
+    ("update gone.mcap", "gone.mcap"),
+    ("update noise.csv", "noise.csv"),
+    ("update short.mcap --sampler dice", "'dice' is not one of"),
+    ("update short.mcap --scenario gone.toml", "gone.toml"),
+    ("update short.mcap --scenario modes-only", "no structural model"),
+    # reproduce
+    ("reproduce --seeds 0", "--seeds is 0"),
+    ("reproduce --seeds many", "a whole number is needed"),
+    ("reproduce --out noise.csv", "noise.csv"),
+    # feed
+    ("feed tower", "tower"),
+    ("feed udp://127.0.0.1:0 --for 0", "--for 0"),
+    ("feed udp://127.0.0.1:0 --layout layout.toml --scenario parked", "give one"),
+    ("feed mqtt://", "mqtt://"),
+    ("feed udp://127.0.0.1:0 --layout template.toml", "height"),
+    # publish
+    ("publish", "Missing option '--source'"),
+    ("publish --source replay:gone.mcap", "gone.mcap"),
+    ("publish --source short.mcap", "'short.mcap' is none of"),
+    ("publish --source simulate:parked --speed fast", "--speed fast"),
+    # node
+    ("node", "Missing argument 'name"),
+    ("node updater", "'updater' is not one of"),
+    ("node updating --recording gone.mcap", "gone.mcap"),
+    ("node updating --scenario gone", "'gone' is neither"),
+    # certificates
+    ("certificates", "Missing argument 'folder'"),
+    ("certificates keys", "no client is named"),
+    ("certificates keys --unit tower", "tower"),
+    ("certificates keys --viewer a --viewer a", "cannot name two machines"),
+    # metrics
+    ("metrics", "no session"),
+    ("metrics --port 99999 --connect tcp/127.0.0.1:1", "99999"),
+    ("metrics --port http", "a whole number is needed"),
+    # notices
+    ("notices gone.toml", "gone.toml"),
+    ("notices noise.csv", "noise.csv"),
+    ("notices layout.toml", "layout.toml"),
+    # ack
+    ("ack", "no"),
+    ("ack first", "a whole number is needed"),
+    ("ack 7 --out gone", "gone"),
+    # farm
+    ("farm", "no session"),
+    ("farm gone.mcap", "gone.mcap"),
+    ("farm short.mcap", "posterior"),
+    ("farm short.mcap --follow", "FILES are recordings"),
+    # reprocess
+    ("reprocess gone.mcap", "gone.mcap"),
+    ("reprocess empty", "empty"),
+    ("reprocess short.mcap --serial --workers 2", "exclude each other"),
+    ("reprocess noise.csv --serial", "noise.csv"),
+    # pilewatch itself
+    ("cook", "No such command 'cook'"),
+    ("run --sorce live", "No such option"),
+    ("--verbos run", "No such option"),
+)
+
+LAYOUT = """
+turbine = "mast"
+[[channels]]
+name = "low"
+elevation = 20.0
+direction = [1, 0, 0]
+[[channels]]
+name = "{second}"
+elevation = 40.0
+direction = [1, 0, 0]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> Path:
+    """Files with which mistakes are made."""
+    place = tmp_path_factory.mktemp("mistakes")
+    noise = np.random.default_rng(3).standard_normal((6000, 2))
+    for name, samples in (
+        ("noise", noise),
+        ("nan", np.full((6000, 2), np.nan)),
+        ("constant", np.ones((6000, 2))),
+        ("brief", noise[:40]),
+    ):
+        table = np.column_stack([np.arange(len(samples)) / 50.0, samples])
+        header = "time [s],low [g],high [g]"
+        np.savetxt(place / f"{name}.csv", table, delimiter=",", header=header, comments="")
+    np.savetxt(place / "no-time.csv", noise, delimiter=",", header="low,high", comments="")
+    (place / "text.mcap").write_text("This is a text.")
+    (place / "layout.toml").write_text(LAYOUT.format(second="high"))
+    (place / "other.toml").write_text(LAYOUT.format(second="tip"))
+    (place / "own.toml").write_text(shipped_text("iea15mw_monopile"))
+    (place / "empty").mkdir()
+    os.link(short_recording, place / "short.mcap")
+    return place
+
+
+@pytest.fixture(scope="module", autouse=True)
+def template(folder: Path) -> None:
+    """A layout template that was not filled in."""
+    from sensors.files.formats import channels_in
+    from sensors.files.layout_file import layout_template
+
+    text = layout_template(channels_in(folder / "noise.csv", None))
+    (folder / "template.toml").write_text(text)
+
+
+@pytest.mark.parametrize(("line", "words"), MISTAKES, ids=[line for line, _ in MISTAKES])
+def test_a_mistake_is_one_line(
+    line: str,
+    words: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    before = {path.name for path in folder.iterdir()}
+    monkeypatch.setattr(sys, "argv", ["pilewatch", *line.split()])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    printed = capsys.readouterr()
+    lines = [each for each in printed.err.splitlines() if each.strip()]
+    assert ended.value.code == 2, printed.err
+    assert len(lines) == 1, printed.err
+    assert lines[0].startswith("pilewatch: ")
+    assert words in lines[0]
+    assert not printed.out.strip()
+    assert {path.name for path in folder.iterdir()} - before <= {"keys", "out", "results"}
+
+
+def test_every_command_has_three_mistakes_or_more() -> None:
+    counts = Counter(line.split()[0] for line, _ in MISTAKES)
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert {name: counts[name] for name in commands if counts[name] < 3} == {}
+    assert len(MISTAKES) >= 76

@@ -1,0 +1,136 @@
+"""The spool of a unit: kept until acknowledged, whole after a power cut, never too large."""
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.messages import BlockRange, RecordedUntil
+from pipeline.sources import spool as module
+from pipeline.sources.spool import Spool, SpoolError, default_folder
+from pipeline.transport.codec import encode
+from tests.pipeline.example_messages import START_NS, block
+from tests.pipeline.power_cut import power_cut
+
+
+def filled(folder: Path, n_blocks: int, **limits: float) -> Spool:
+    spool = Spool(folder, **limits)
+    for number in range(n_blocks):
+        spool.append(block(number), encode(block(number)), 0.0)
+    return spool
+
+
+def waiting(spool: Spool) -> list[int]:
+    return [each.sequence for each in spool.waiting()]
+
+
+def recorded(*ranges: tuple[int, int]) -> RecordedUntil:
+    spans = tuple(BlockRange(a, b, START_NS, START_NS + 10**15) for a, b in ranges)
+    return RecordedUntil("t1", "tower", "session-1", START_NS, spans)
+
+
+def test_what_is_acknowledged_goes_and_the_rest_is_there_after_a_restart(tmp_path: Path) -> None:
+    spool = filled(tmp_path, 10)
+    assert spool.acknowledge(recorded((0, 4), (6, 7))) == 5
+    assert waiting(spool) == [4, 5, 7, 8, 9]
+    spool.close()
+    again = Spool(tmp_path)
+    (last,) = [each for each in again.waiting() if each.sequence == 9]
+    read = again.read(last)
+    assert read is not None
+    assert encode(read) == encode(block(9))
+    again.acknowledge(recorded((0, 10)))
+    assert len(again) == 0
+    again.close()
+    assert not list(tmp_path.glob("*.blocks"))
+
+
+def test_an_acknowledgement_that_grows_frees_what_is_new_in_it(tmp_path: Path) -> None:
+    spool = filled(tmp_path, 10)
+    freed = [spool.acknowledge(recorded((0, end))) for end in (3, 3, 10)]
+    assert freed == [3, 0, 7]
+    spool.append(block(5), encode(block(5)), 0.0)  # which the shore has
+    assert len(spool) == 0
+
+
+def test_a_block_of_another_start_is_not_acknowledged_by_its_number(tmp_path: Path) -> None:
+    spool = filled(tmp_path, 2)
+    span = BlockRange(0, 2, START_NS + 10**15, START_NS + 10**16)
+    later = RecordedUntil("t1", "tower", "session-1", START_NS, (span,))
+    assert spool.acknowledge(later) == 0
+
+
+def test_a_power_cut_costs_what_was_not_synced_and_nothing_else(tmp_path: Path) -> None:
+    with power_cut(tmp_path):
+        spool = filled(tmp_path / "spool", 30)
+        spool.sync()
+        for number in range(30, 33):
+            spool.append(block(number), encode(block(number)), 0.0)
+    after = Spool(tmp_path / "spool")
+    assert waiting(after) == list(range(30))
+
+
+def test_a_file_that_was_cut_off_gives_its_whole_records(tmp_path: Path) -> None:
+    filled(tmp_path, 5).close()
+    (file,) = tmp_path.glob("*.blocks")
+    file.write_bytes(file.read_bytes()[:-7])
+    after = Spool(tmp_path)
+    assert waiting(after) == [0, 1, 2, 3]
+    assert after.damaged == 1
+
+
+def test_a_flipped_bit_costs_one_block_and_is_counted(tmp_path: Path) -> None:
+    filled(tmp_path, 5).close()
+    (file,) = tmp_path.glob("*.blocks")
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 4
+    file.write_bytes(content)
+    after = Spool(tmp_path)
+    assert waiting(after) == [0, 1, 3, 4]
+    assert after.damaged == 1
+
+
+def test_a_record_that_is_damaged_later_is_let_go_of(tmp_path: Path) -> None:
+    spool = filled(tmp_path, 3)
+    spool.sync()
+    (file,) = tmp_path.glob("*.blocks")
+    content = bytearray(file.read_bytes())
+    content[-1] ^= 1
+    with file.open("r+b") as opened:
+        opened.write(content)
+    *_, last = spool.waiting()
+    assert spool.read(last) is None
+    assert (spool.damaged, waiting(spool)) == (1, [0, 1])
+
+
+def test_the_oldest_go_where_the_spool_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "FILE_BYTES", 10_000)
+    spool = filled(tmp_path, 200, most_megabytes=0.05)
+    assert sum(path.stat().st_size for path in tmp_path.glob("*.blocks")) <= 60_000
+    assert spool.dropped == 200 - len(spool) > 0
+    assert waiting(spool) == list(range(spool.dropped, 200))
+
+
+def test_one_process_has_a_spool(tmp_path: Path) -> None:
+    first = Spool(tmp_path)
+    with pytest.raises(SpoolError, match="another process sends from there"):
+        Spool(tmp_path)
+    first.close()
+    Spool(tmp_path).close()
+
+
+def test_a_spool_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SpoolError, match="a folder is needed"):
+        Spool(tmp_path / "file")
+    with pytest.raises(SpoolError, match="holds nothing"):
+        Spool(tmp_path, most_megabytes=0.0)
+
+
+def test_a_source_has_a_folder_of_its_own_whose_name_has_no_secret() -> None:
+    one = default_folder("mqtt://ann:secret@broker/x", {"STATE_DIRECTORY": "/var/lib/a:/b"})
+    assert one.parent == Path("/var/lib/a/spool")
+    assert "secret" not in str(one)
+    assert one != default_folder("mqtt://broker/y", {"STATE_DIRECTORY": "/var/lib/a"})
+    assert default_folder("udp://:1", {"XDG_STATE_HOME": "/s"}).parent == Path("/s/pilewatch/spool")

@@ -1,0 +1,92 @@
+"""A turbine from OpenFAST's files has the sections and the frequencies of its definition."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sensors.acquisition.layout import biaxial_layout
+from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.decks.elastodyn import mean_between, read_elastodyn, tube_of
+from sensors.structure.decks.toml_text import description_toml
+from sensors.structure.description import TurbineDescription, load_turbine, parse_turbine
+from sensors.structure.foundation import FoundationSprings, TurbineError
+
+STIFF = FoundationSprings(1e13, 1e15, 1.0)
+
+
+@pytest.fixture(scope="module")
+def oc3() -> TurbineDescription:
+    """The NREL 5 MW turbine on the OC3 monopile, as a peer package has its files."""
+    spec = find_spec("pybmodes")
+    if spec is None or spec.origin is None:
+        pytest.skip("pybmodes, which brings the files, is not installed")
+    folder = Path(spec.origin).parent / "_examples/reference_decks/nrel5mw_oc3monopile"
+    if not folder.is_dir():
+        pytest.skip("this version of pybmodes has no such files")
+    name = "NRELOffshrBsline5MW_OC3Monopile"
+    return read_elastodyn(
+        folder / f"{name}_ElastoDyn.dat", STIFF, subdyn=folder / f"{name}_SubDyn.dat"
+    )
+
+
+def test_a_tube_is_found_again_from_its_mass_and_rigidity() -> None:
+    tube = tube_of(0.0, 1.0, 4306.51, 4.7449e11)  # the lowest station of the NREL 5 MW's tower
+    assert tube.mass_per_length == pytest.approx(4306.51)
+    assert tube.bending_rigidity == pytest.approx(4.7449e11)
+    assert (tube.diameter, tube.thickness) == pytest.approx((6.0, 0.027), rel=2e-3)
+
+
+def test_what_no_tube_has_is_refused() -> None:
+    with pytest.raises(TurbineError, match="no tube of steel"):
+        tube_of(0.0, 10.0, 1e5, 1e9)
+
+
+def test_a_mean_is_that_of_the_lines_between_the_stations() -> None:
+    x, y = np.array([0.0, 0.5, 1.0]), np.array([0.0, 1.0, 0.0])
+    assert mean_between(x, y, 0.0, 1.0) == pytest.approx(0.5)
+    assert mean_between(x, y, 0.25, 0.75) == pytest.approx(0.75)
+
+
+def test_the_oc3_monopile_has_the_masses_of_its_definition(oc3: TurbineDescription) -> None:
+    # NREL/TP-500-38060: tower of the OC3 monopile 237 t, nacelle 240 t, rotor 110 t
+    tower = sum(t.mass_per_length * t.length for t in oc3.tubes if t.bottom > 9.9)
+    assert tower == pytest.approx(237e3, rel=0.01)
+    assert oc3.blades is not None
+    blades = 3 * sum(e.mass_per_length * (e.outer - e.inner) for e in oc3.blades.elements)
+    assert blades + oc3.rotor_nacelle.hub_mass == pytest.approx(110e3, rel=0.01)
+    assert (oc3.mudline, oc3.tower_top) == pytest.approx((-20.0, 87.6), abs=1e-3)
+    assert (oc3.rotor_nacelle.tilt, oc3.blades.cone) == (5.0, 2.5)
+
+
+def test_the_oc3_monopile_has_the_first_frequency_of_its_code_comparison(
+    oc3: TurbineDescription,
+) -> None:
+    # OC3 phase I (NREL/TP-5000-48191): 0.27 to 0.28 Hz on a rigid base; gravity takes off 2 to 3 %
+    layout = biaxial_layout("l", turbine=oc3.name, unit="u", elevations=(40.0, 87.0))
+    model = ModalModel(oc3, layout)
+    frequencies = np.sort(model.modal(model.nominal[None]).frequencies[0])
+    assert 0.265 < frequencies[0] < frequencies[1] < 0.282
+
+
+def test_the_text_is_read_again_as_the_same_structure(oc3: TurbineDescription) -> None:
+    for turbine in (oc3, load_turbine("iea15mw_monopile")):
+        again = parse_turbine(description_toml(turbine), source="again.toml")
+        assert again.blades is not None
+        assert turbine.blades is not None
+        assert again.name == turbine.name
+        for attribute in ("bottom", "diameter", "thickness", "density", "youngs_modulus"):
+            np.testing.assert_allclose(
+                [getattr(tube, attribute) for tube in again.tubes],
+                [getattr(tube, attribute) for tube in turbine.tubes],
+                rtol=1e-8,
+            )
+        assert again.rotor_nacelle == turbine.rotor_nacelle
+        assert again.water == turbine.water
+
+
+def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.dat").write_text("nothing\n")
+    with pytest.raises(TurbineError, match="there is no TwrFile"):
+        read_elastodyn(tmp_path / "a.dat", STIFF)

@@ -1,0 +1,102 @@
+"""A turbine from a WindIO file has the sections that the file states."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sensors.structure.decks.windio import read_windio
+from sensors.structure.foundation import FoundationSprings, TurbineError
+
+pytest.importorskip("yaml", reason="the extra `windio` is not installed")
+
+SPRINGS = FoundationSprings(1e10, 1e12, 1e10)
+
+
+def ends(first: float, last: float) -> dict[str, list[float]]:
+    return {"grid": [0.0, 1.0], "values": [first, last]}
+
+
+def shell(bottom: float, top: float, diameter: float, wall: float) -> dict[str, Any]:
+    """A tower or a monopile of one section."""
+    return {
+        "reference_axis": {"z": ends(bottom, top)},
+        "outer_shape": {"outer_diameter": ends(diameter, diameter)},
+        "structure": {
+            "outfitting_factor": 1.1,
+            "layers": [{"material": "steel", "thickness": ends(wall, wall)}],
+        },
+    }
+
+
+def turbine(**components: Any) -> dict[str, Any]:
+    """A small turbine; JSON of it is YAML too."""
+    elastic = {
+        "inertia_matrix": {"grid": [0.0, 1.0], "mass": [300.0, 100.0]},
+        "stiffness_matrix": {"grid": [0.0, 1.0], "K44": [2e9, 2e9], "K55": [1e9, 1e9]},
+    }
+    blade = {
+        "reference_axis": {"z": ends(0.0, 60.0)},
+        "outer_shape": {"twist": ends(10.0, 0.0)},
+        "structure": {"elastic_properties": elastic},
+    }
+    drivetrain = {
+        "outer_shape": {"uptilt": 5.0, "overhang": 5.0, "distance_tt_hub": 2.4},
+        "elastic_properties": {"mass": 2e5, "location": [1, 0, 2], "inertia": [1e6, 2e6, 3e6]},
+    }
+    hub = {
+        "diameter": 3.0,
+        "cone_angle": 2.5,
+        "elastic_properties": {"mass": 5e4, "inertia": [1e5, 0, 0]},
+    }
+    parts = {"tower": shell(10.0, 90.0, 5.0, 0.03), "blade": blade, "hub": hub}
+    return {
+        "name": "small",
+        "assembly": {"number_of_blades": 3},
+        "components": parts | {"drivetrain": drivetrain} | components,
+        "materials": [{"name": "steel", "E": 2e11, "rho": 7800.0}],
+    }
+
+
+def written(folder: Path, content: Any) -> Path:
+    path = folder / "small.yaml"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_tubes_blades_and_masses_are_the_files(tmp_path: Path) -> None:
+    found = read_windio(written(tmp_path, turbine()), SPRINGS)
+    assert (found.mudline, found.tower_top, found.water) == (10.0, 90.0, None)
+    assert found.tubes[0].density == pytest.approx(1.1 * 7800)
+    assert found.blades is not None
+    mass = sum(each.mass_per_length * each.length for each in found.blades.elements)
+    assert mass == pytest.approx(60 * 200)
+    assert found.blades.elements[0].flapwise_rigidity == pytest.approx(1e9)
+    assert found.blades.elements[0].edgewise_rigidity == pytest.approx(2e9)
+    assert found.rotor_nacelle.bodies[0].mass == 2e5
+
+
+def test_the_hub_is_where_the_file_has_it(tmp_path: Path) -> None:
+    from sensors.structure.rotor_nacelle import apex
+
+    found = read_windio(written(tmp_path, turbine()), SPRINGS)
+    assert apex(found.rotor_nacelle) == pytest.approx([-5.0, 0.0, 2.4])
+
+
+def test_a_monopile_is_cut_at_the_mudline(tmp_path: Path) -> None:
+    path = written(tmp_path, turbine(monopile=shell(-60.0, 10.0, 6.0, 0.06)))
+    found = read_windio(path, SPRINGS, mudline=-25.0)
+    assert found.mudline == -25.0
+    assert found.water is not None
+    assert found.transition == 10.0
+    with pytest.raises(TurbineError, match="at which elevation is the mudline"):
+        read_windio(path, SPRINGS)
+    with pytest.raises(TurbineError, match="the monopile is from -60 to 10 m"):
+        read_windio(path, SPRINGS, mudline=-80.0)
+
+
+@pytest.mark.parametrize("content", [{"a": 1}, [1, 2], "text", {"components": {}}])
+def test_another_file_is_refused(tmp_path: Path, content: Any) -> None:
+    with pytest.raises(TurbineError, match="no turbine of WindIO 2"):
+        read_windio(written(tmp_path, content), SPRINGS)
