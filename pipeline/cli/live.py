@@ -28,7 +28,6 @@ from pipeline.cli.console import (
 )
 from pipeline.cli.tables.cells import count_noun
 from sensors.errors import InputError
-from sensors.feeds.protocol import printable
 
 SpoolOption = Annotated[
     Path | None,
@@ -150,6 +149,7 @@ def _sniff(address: str, seconds: float) -> None:
     """Print topics, channels and a mapping of what comes in some seconds."""
     from sensors.feeds.open_feed import captured_messages
     from sensors.feeds.payloads.sniff import sniffed
+    from sensors.feeds.protocol import printable
 
     with stop_on_signals() as stopping:
         messages = captured_messages(address, seconds, stopping)

@@ -91,6 +91,9 @@ def resolved_by_evidence(
                 or _bears_out(e, inside)
                 or _plausible_addition(e, group, spectrum, settings)
             ]
+        if not kept:  # nothing that the lines suggest is sure: the poles stay
+            reasons += _not_borne_out(found.modes, inside, group)
+            continue
         result = [mode for mode in result if not any(mode is old for old in inside)]
         result += kept
         reasons = [

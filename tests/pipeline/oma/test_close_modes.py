@@ -1,7 +1,9 @@
 """Modes that hide each other, ring-downs and lost seconds: the short form of `close_modes`."""
 
 import numpy as np
+import pytest
 
+from pipeline.oma import close_modes
 from pipeline.oma.data_quality.transients import loudest_octave
 from pipeline.oma.identification import identify
 from tests.benchmarks.close_modes import (
@@ -42,6 +44,16 @@ def test_a_ring_down_is_not_stationary_and_ambient_motion_is() -> None:
             octave = loudest_octave(steady, record.sampling_rate)
             assert octave is not None
             assert (octave.excess > 1) == expected
+
+
+def test_poles_stay_where_nothing_that_the_lines_suggest_is_sure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(close_modes, "_bears_out", lambda mode, poles: False)
+    monkeypatch.setattr(close_modes, "_plausible_addition", lambda *arguments: False)
+    monkeypatch.setattr(close_modes, "UNRESOLVED", np.inf)
+    record = pair(60_001, 0.3)
+    assert identify(record.samples, record.sampling_rate).modes
 
 
 def test_lost_blocks_cost_no_window() -> None:
