@@ -193,7 +193,7 @@ class TurbineBook:
     refused: Counter[str] = field(default_factory=Counter)
     """Estimates that the updating did not use, by the reason's code."""
     pending: dict[WindowKey, int] = field(default_factory=dict)
-    """Estimates without an answer of the updating → estimates answered since."""
+    """Estimates without an answer of the updating, in their order → later ones answered since."""
     known: dict[WindowKey, WindowFate] = field(default_factory=dict)
     """Fates of the latest windows."""
     superseded: int = 0
@@ -313,10 +313,9 @@ class Books:
             _limit(book.known)
             self._note_answer(rejected.turbine, book)
         elif key in book.pending:
-            del book.pending[key]
+            self._answered(book, key)
             book.refused[rejected.code] += 1
             known.estimate = rejected.code
-            self._answered(book)
         elif known.fate == "identified" and rejected.code != known.estimate:
             book.superseded += 1  # by the estimate that the posterior has
 
@@ -324,11 +323,11 @@ class Books:
         key = _key(posterior)
         if not posterior.origins:  # of an older recording: by the end of its window
             key = next((each for each in book.pending if each[-1] == posterior.time_ns), key)
-        if book.pending.pop(key, None) is not None:
+        if key in book.pending:
+            self._answered(book, key)
             book.in_posterior += 1
             if key in book.known:
                 book.known[key].estimate = "in-posterior"
-            self._answered(book)
         book.without_posterior = 0
 
     def _note_answer(self, turbine: str, book: TurbineBook) -> None:
@@ -337,9 +336,14 @@ class Books:
         book.unbalanced = book.unbalanced + 1 if any(self._violations_of(turbine)) else 0
 
     @staticmethod
-    def _answered(book: TurbineBook) -> None:
+    def _answered(book: TurbineBook, answered: WindowKey) -> None:
+        """Strike out an estimate. One that came before it and is still pending was passed over; one
+        that came after it only waits for a slow updating."""
         for key in book.pending:
+            if key == answered:
+                break
             book.pending[key] += 1
+        del book.pending[answered]
 
     @staticmethod
     def _follow(book: TurbineBook, answer: ModalEstimate | WindowRejected) -> None:

@@ -219,3 +219,12 @@ def test_a_unit_that_starts_again_under_its_name_late_in_its_numbers_has_a_book_
         (59, 0),
         (20, 0),
     ]
+
+
+def test_estimates_that_wait_for_a_slow_updating_are_not_forgotten() -> None:
+    """Identified far ahead of the updating, as in a replay at full speed."""
+    ahead = [identified(window) for window in range(12)]
+    answers = [rejected(window, "guards") for window in range(9)]
+    books = books_of(*ahead, *answers, updates=True)
+    assert books.violations() == []
+    assert books.alarms(without_posterior=100) == []
