@@ -24,6 +24,7 @@ SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked 
 SUSPICIOUS_COST = 1.5  # per degree of freedom, likewise
 SUSPICIOUS_PAIRS = 0.85  # share of modes with a partner, below which likewise [-]
 SUSPICIOUS_FIGURE = 3.0  # of a sensor's figure from its prior, likewise [std]
+LOST_PAIRS = 0.02  # share of the modes that may lose their partner by a fault's correction [-]
 LEAST_SIZE = {"gain": 0.03, "heading": 5.0, "height": 0.7}  # that is named [-], [deg], [m]
 
 
@@ -79,13 +80,20 @@ def _best_of(
     best: tuple[SensorFault, JointPeak] | None = None
     for fault in faults:
         fitted = _fitted(fault, evidence, peak)
-        if fitted is not None and (best is None or fitted.cost < best[1].cost):
+        if fitted is None or _share(fitted) < _share(peak) - LOST_PAIRS:
+            continue  # a mode without a partner is cheaper than one with a poor shape
+        if best is None or fitted.cost < best[1].cost:
             best = (fault, fitted)
     if best is None or best[1].cost > peak.cost - LEAST_DROP:
         return None
     fault, end = best
     text = _sized(fault, end) if end.relative_cost <= LARGEST_COST else ""
     return (replace(fault, text=text), end) if text else None
+
+
+def _share(peak: JointPeak) -> float:
+    """Of the identified modes that have a partner."""
+    return peak.comparison.pairing.paired_share
 
 
 def _fitted(fault: SensorFault, evidence: ModalEvidence, peak: JointPeak) -> JointPeak | None:
