@@ -23,8 +23,8 @@ import pytest
 from hypothesis import settings
 
 QUICK_LIST = Path(__file__).with_name("quick.txt")
-# Modules whose tests share a fixture of many seconds: in one process, and begun first, that no
-# process waits for another in the end.
+# Modules whose tests share a fixture of many seconds, or take long: each in one process, and begun
+# first, that no process waits for another in the end.
 TOGETHER = (
     "tests/test_flow.py",
     "tests/test_trials.py",
@@ -33,6 +33,11 @@ TOGETHER = (
     "tests/acceptance",
     "tests/pipeline/updating/structural",
     "tests/pipeline/offline/test_audit.py",
+    "tests/test_golden_run.py",
+    "tests/test_scenario_studies.py",
+    "tests/test_feed_trials.py",
+    "tests/test_readme.py",
+    "tests/docs",
 )
 QUICK_TIME = 18.0  # of all quick tests together; starting takes some seconds more [CPU s]
 SLOW_SHARE = 1.2  # a module that takes longer is not quick [CPU s]
