@@ -139,14 +139,14 @@ units = [
 [oma]
 window_duration = 120.0
 hop = 120.0
-highest_frequency = 9.5
+highest_frequency = 4.0
 
 [updating.pairing]
 search_draws = 100
 refined = 2
 
-[structure.uncertain]
-flooding = "exact"
+[structure]
+uncertain = "exact"
 """
 
 
