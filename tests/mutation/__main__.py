@@ -14,19 +14,26 @@ import argparse
 import json
 import os
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from tests.benchmarks import _results
 
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
 LISTS = ("numerics", "faults", "fresh")
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".*_cache", "pictures")
+# What the tests import and no fault is in: once for all faults.
+LIBRARIES = ("numpy", "scipy.stats", "scipy.optimize", "scipy.signal", "scipy.linalg", "emcee",
+             "pyarrow.parquet", "pyarrow.csv", "google.protobuf", "hypothesis", "typer.testing",
+             "rich.console", "httpx", "aiosmtplib", "mcap.reader", "mcap.writer")  # fmt: skip
 LIMIT = 600.0  # a fault that makes its tests take longer is noticed [s]
 Fault = dict[str, Any]
 
@@ -62,29 +69,46 @@ def outcome(tree: Path, fault: Fault) -> str:
     text = file.read_text(encoding="utf-8")
     file.write_text(text[:offset] + fault["new"] + text[offset + len(fault["old"]) :], "utf-8")
     try:
-        return "caught" if failing(tree, fault["tests"]) else "survived"
-    except subprocess.TimeoutExpired:
+        return "caught" if fails(tree, fault["tests"]) else "survived"
+    except TimeoutError:
         return "timeout"
     finally:
         file.write_text(text, "utf-8")
 
 
-def failing(tree: Path, tests: Sequence[str], limit: float = LIMIT) -> str:
-    """Return the end of what tests print that fail; "" where they pass."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
-    paths = {"PYTHONPATH": f"{tree}:{tree / 'pipeline/api'}", "PYTHONDONTWRITEBYTECODE": "1"}
-    ran = subprocess.run(
-        [*command, *tests],
-        cwd=tree,
-        env={**os.environ, **paths, "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        timeout=limit,
-        check=False,
-    )
-    said = ran.stdout.decode(errors="replace")[-500:]
-    if ran.returncode not in (0, 1, 2):  # nothing was run
-        raise RuntimeError(said)
-    return said if ran.returncode else ""
+def fails(tree: Path, tests: Sequence[str], limit: float = LIMIT) -> bool:
+    """Return whether tests of a tree fail; raises TimeoutError where they last longer."""
+    child = os.fork()
+    if child == 0:
+        os.setsid()  # what its tests start ends with it
+        os._exit(_run_in(tree, tests))
+    end = time.monotonic() + limit
+    while time.monotonic() < end:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            code = os.waitstatus_to_exitcode(status)
+            if code in (0, 1, 2):
+                return code != 0
+            raise RuntimeError(f"pytest {' '.join(tests)} ended with {code}")
+        time.sleep(0.05)
+    os.killpg(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    raise TimeoutError
+
+
+def _run_in(tree: Path, tests: Sequence[str]) -> int:
+    """Run pytest in this process, in a tree whose modules are not imported yet."""
+    silence = os.open(os.devnull, os.O_RDWR)
+    for descriptor in range(3):
+        os.dup2(silence, descriptor)
+    for name in [each for each in sys.modules if each.split(".")[0] == "tests"]:
+        del sys.modules[name]
+    paths = [str(tree), str(tree / "pipeline/api")]
+    sys.path[:] = [*paths, *(each for each in sys.path if Path(each or ".").resolve() != ROOT)]
+    os.environ |= {"PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
+    sys.dont_write_bytecode = True
+    os.chdir(tree)
+    return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests]))
 
 
 def tried(tree: Path, name: str, chosen: Sequence[int]) -> dict[str, list[str]]:
@@ -120,6 +144,9 @@ def main() -> int:
     parser.add_argument("--only", default="", help="numbers within the one list that is named")
     parser.add_argument("--keep", action="store_true", help="write the counts")
     options = parser.parse_args()
+    os.environ["OMP_NUM_THREADS"] = "1"
+    for library in LIBRARIES:
+        import_module(library)
     chosen = [int(each) for each in options.only.split(",") if each]
     found = {}
     with tempfile.TemporaryDirectory() as folder:
