@@ -29,7 +29,7 @@ from tests.benchmarks import _results
 
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
 LISTS = ("numerics", "faults", "fresh")
-LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".*_cache", "pictures")
+LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".*_cache")
 # What the tests import and no fault is in: once for all faults.
 LIBRARIES = ("numpy", "scipy.stats", "scipy.optimize", "scipy.signal", "scipy.linalg", "emcee",
              "pyarrow.parquet", "pyarrow.csv", "google.protobuf", "hypothesis", "typer.testing",
