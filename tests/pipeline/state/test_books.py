@@ -102,6 +102,16 @@ def test_boots_under_one_name_have_books_of_their_own() -> None:
     assert not books.violations()
 
 
+def test_an_estimate_is_forgotten_when_two_later_ones_are_answered() -> None:
+    """One may have been overtaken; of two the updating has lost the estimate."""
+    answered = [identified(k) for k in range(3)]
+    books = books_of(answered[0])
+    for each, expected in zip(answered[1:], (0, 1), strict=True):
+        books.handle(each)
+        books.handle(replace(rejection(each.window), code="guards", origins=each.origins))
+        assert len(books.violations()) == expected
+
+
 def test_an_estimate_that_the_updating_forgets_is_named() -> None:
     answered = [identified(k) for k in range(4)]
     books = books_of(answered[0])
