@@ -95,6 +95,15 @@ def test_a_block_that_comes_after_it_was_reported_missing_is_late() -> None:
     assert not books.violations()
 
 
+def test_a_block_that_may_still_come_is_not_called_missing() -> None:
+    books = books_of(*(block(k) for k in (*range(10), 11, 12)))
+    assert not books.violations()
+    for k in range(13, 17):
+        books.handle(block(k))
+    (violation,) = books.violations()
+    assert violation.endswith("block 10 are neither recorded nor reported missing")
+
+
 def test_boots_under_one_name_have_books_of_their_own() -> None:
     later = [replace(block(k), start_ns=block(k).start_ns + 300 * NANOSECONDS) for k in range(20)]
     books = books_of(*map(block, range(50)), *later)
