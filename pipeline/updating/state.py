@@ -26,6 +26,7 @@ import numpy as np
 from pipeline.messages import ModalEstimate
 from pipeline.updating.change.detector import ChangeState
 from pipeline.updating.change.event_message import TrackSensitivity
+from pipeline.updating.change.revised_size import BeforeEvent
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import ModeObservation, diagonal
 from pipeline.updating.evidence.windows import SeenWindow, with_window
@@ -56,6 +57,7 @@ class UpdatingState:
     sensor_fault: str = ""  # name of the one that the last posterior found
     reference: ModalEvidence | None = None  # of the windows before the last event
     reference_ns: int = 0  # start of the last of them
+    before_event: BeforeEvent | None = None  # by which the last event's size is revised
 
     def with_window(
         self, estimate: ModalEstimate, seen: Sequence[ModeObservation], rise: float
