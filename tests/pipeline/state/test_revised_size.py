@@ -35,7 +35,8 @@ def test_the_latest_posterior_before_the_next_event_gives_the_size():
         ]
     )
     first, last = (state.revised_size(event) for event in (EVENT, second))
-    assert first is not None and last is not None
+    assert first is not None
+    assert last is not None
     assert first.springs[0].median == 0.9
     assert first.n_posteriors == 2
     assert last.springs[0].median == 0.5
