@@ -41,6 +41,7 @@ class Outputs:
     tracks: Path | None = None  # folder of the identification's snapshots
     earlier: tuple[Path, ...] = ()  # recordings in which it finds the samples of an open window
     epoch: int = 0  # number of the run that writes into the folders
+    live: bool = False  # the instruments measure now
 
 
 def build(
@@ -88,6 +89,7 @@ def build(
             metadata=outputs.metadata or {},
             clock=time.time_ns,
             settings=scenario.recording,
+            live=outputs.live,
         )
 
     graph = [Plan(IdentificationNode, identification)]
