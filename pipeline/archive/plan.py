@@ -19,6 +19,7 @@ from pathlib import Path
 from pipeline.archive.survey import FileSurvey, Part
 from pipeline.messages import StreamGap
 from pipeline.oma.settings import OmaSettings
+from pipeline.recording.file_order import agree, logical_starts
 from sensors.acquisition.blocks import NANOSECONDS
 
 JOINT = 0.5  # of a sample, by which the clock of a new session may be off where two parts join
@@ -88,10 +89,16 @@ def parts_by_turbine(surveys: Sequence[FileSurvey]) -> dict[str, list[Part]]:
     for survey in surveys:
         for part in survey.parts:
             parts[part.turbine].append(part)
-    return {
-        turbine: sorted(parts[turbine], key=lambda part: (part.start_ns, part.path, part.unit))
-        for turbine in sorted(parts)
-    }
+    return {turbine: _in_order(parts[turbine]) for turbine in sorted(parts)}
+
+
+def _in_order(parts: Sequence[Part]) -> list[Part]:
+    """Parts of a turbine by time; those of a boot by its count, whatever its clock says."""
+    starts = logical_starts([each.stretch for each in parts])
+    by_time = sorted(
+        zip(parts, starts, strict=True), key=lambda each: (each[1], each[0].path, each[0].unit)
+    )
+    return [part for part, _ in by_time]
 
 
 def turbine_plan(parts: Sequence[Part], settings: OmaSettings) -> TurbinePlan:
@@ -137,13 +144,21 @@ def chains_of(parts: Sequence[Part]) -> list[list[Part]]:
     chains: list[list[Part]] = []
     for part in parts:
         last = chains[-1][-1] if chains else None
-        if last is not None and part.end_ns <= last.end_ns:
+        if last is not None and _is_within(part, last):
             continue
         if last is not None and joins(last, part):
             chains[-1].append(part)
         else:
             chains.append([part])
     return chains
+
+
+def _is_within(part: Part, last: Part) -> bool:
+    """Whether a part holds no time that the one before it does not."""
+    if part.session != last.session:  # no wrong clock brings one into the midst of the other
+        return last.start_ns <= part.start_ns and part.end_ns <= last.end_ns
+    held = last.first_sample <= part.first_sample and part.next_sample <= last.next_sample
+    return held and (agree(last.stretch, part.stretch) or part.end_ns == last.end_ns)
 
 
 def joins(before: Part, after: Part) -> bool:

@@ -24,6 +24,7 @@ from pipeline.archive.store import (
     messages_in,
 )
 from pipeline.messages import StreamGap
+from pipeline.recording.file_order import Stretch
 from pipeline.recording.info import RecordingInfo, UnitInfo, recording_info
 from pipeline.transport.errors import CodecError
 from sensors.acquisition.layout import SensorLayout
@@ -57,6 +58,19 @@ class Part:
     def n_samples(self) -> int:
         """From the first to the last, missing ones counted."""
         return self.next_sample - self.first_sample
+
+    @property
+    def stretch(self) -> Stretch:
+        """Where it lies in its session."""
+        return Stretch(
+            self.path,
+            (self.turbine, self.unit),
+            self.session,
+            self.sampling_rate,
+            self.first_sample,
+            self.next_sample,
+            self.start_ns,
+        )
 
 
 @dataclass(frozen=True, slots=True)
