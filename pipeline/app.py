@@ -75,7 +75,13 @@ def build(
             return IdentificationNode(scenario.oma, limits=scenario.limits)
         store = SnapshotFolder(outputs.tracks, "identification", epoch=outputs.epoch)
         past = recorded_past(outputs.earlier, scenario.oma)
-        return IdentificationNode(scenario.oma, limits=scenario.limits, store=store, past=past)
+        return IdentificationNode(
+            scenario.oma,
+            limits=scenario.limits,
+            store=store,
+            past=past,
+            clock=time.thread_time,
+        )
 
     def viewer() -> Node:
         drawn = scenario.structure if scenario.has_structure else bare_mast(layout)
