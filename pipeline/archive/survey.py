@@ -24,6 +24,7 @@ from pipeline.archive.store import (
     messages_in,
 )
 from pipeline.messages import StreamGap
+from pipeline.recording.file_order import Stretch
 from pipeline.recording.info import RecordingInfo, UnitInfo, recording_info
 from pipeline.transport.errors import CodecError
 from sensors.acquisition.layout import SensorLayout
@@ -52,11 +53,26 @@ class Part:
     start_ns: int  # of the first sample
     end_ns: int  # one sample after the last
     gaps: tuple[StreamGap, ...] = ()
+    missing: tuple[tuple[int, int], ...] = ()  # samples that each gap lacks: first, one after last
+    in_order: bool = True  # whether blocks were recorded in the order of their numbers
 
     @property
     def n_samples(self) -> int:
         """From the first to the last, missing ones counted."""
         return self.next_sample - self.first_sample
+
+    @property
+    def stretch(self) -> Stretch:
+        """Where it lies in its session."""
+        return Stretch(
+            self.path,
+            (self.turbine, self.unit),
+            self.session,
+            self.sampling_rate,
+            self.first_sample,
+            self.next_sample,
+            self.start_ns,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +152,8 @@ def _part(info: RecordingInfo, unit: UnitInfo, fingerprint: str) -> Part:
         start_ns=unit.start_ns,
         end_ns=unit.end_ns,
         gaps=unit.gaps,
+        missing=unit.missing,
+        in_order=unit.in_order,
     )
 
 
@@ -213,7 +231,8 @@ def decoded_survey(path: Path, frames: tuple[StoredFrame, ...]) -> FileSurvey:
     parts = []
     for each in table["parts"]:
         own = tuple(next(gaps) for _ in range(each.pop("gaps")))
-        parts.append(Part(path=path, gaps=own, **each))
+        missing = tuple((int(first), int(end)) for first, end in each.pop("missing"))
+        parts.append(Part(path=path, gaps=own, missing=missing, **each))
     layouts = tuple(each for each in messages if isinstance(each, SensorLayout))
     scenario = tuple((str(name), str(text)) for name, text in table["scenario"])
     return FileSurvey(path, table["fingerprint"], tuple(parts), layouts, scenario)

@@ -27,6 +27,7 @@ from pipeline.oma.whittle.spectral_model import (
     stepped,
     with_derivatives,
 )
+from pipeline.oma.work_limit import checkpoint
 from sensors.arrays import ComplexArray, FloatArray
 
 MOST_SCORING_STEPS = 60
@@ -82,6 +83,7 @@ def fitted(start: CloseModes, band: NarrowBand) -> WhittleFit:
     damping, reach = 1e-2, 1.0
     state = _State(modes, band, prior)
     for _ in range(MOST_SCORING_STEPS):
+        checkpoint()
         before = state.cost
         gradient, information = state.curvature()
         scale = np.maximum(np.diag(information), 1e-9)
