@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 
 from pipeline.messages import Mode
-from pipeline.modal_assurance import modal_assurance_criterion
 from sensors.arrays import FloatArray
 
 DRIFT_PER_WINDOW = 0.001  # std of a frequency's own random walk, relative, a window
@@ -65,16 +64,6 @@ class _Track:
         """One window later: the frequency may have walked."""
         self.unseen += 1
         self.variance += (DRIFT_PER_WINDOW * self.frequency) ** 2
-
-    def cost(self, mode: Mode, shape: FloatArray) -> float:
-        """(Δf)² / var(Δf) + (1 − MAC)² / scatter², the MAC over the channels that both have."""
-        variance = self.variance + mode.frequency_std**2
-        both = np.isfinite(self.shape) & np.isfinite(shape)
-        mac = 1.0
-        if both.any():
-            mac = modal_assurance_criterion(self.shape[None, both], shape[None, both])[0, 0]
-        distance = (mode.frequency - self.frequency) ** 2 / variance
-        return float(distance + (1 - mac) ** 2 / SHAPE_SCATTER**2)
 
     def update(self, mode: Mode, shape: FloatArray) -> None:
         """Kalman filter of the frequency; the shape's mean with the sign that fits."""
@@ -153,12 +142,7 @@ class ModeTracker:
             return {}
         from scipy.optimize import linear_sum_assignment  # slow to load; a first window has no need
 
-        cost = np.array(
-            [
-                [track.cost(mode, shape) for track in self._tracks]
-                for mode, shape in zip(modes, shapes, strict=True)
-            ]
-        )
+        cost = _association_costs(self._tracks, modes, shapes)
         rows, columns = linear_sum_assignment(np.minimum(cost, REJECTION_COST))
         return {
             int(row): self._tracks[column]
@@ -201,6 +185,37 @@ class ModeTracker:
             for track in dead
             if track.seen >= ESTABLISHED_TRACK
         ]
+
+
+def _association_costs(
+    tracks: Sequence[_Track], modes: Sequence[Mode], shapes: Sequence[FloatArray]
+) -> FloatArray:
+    """(n_modes, n_tracks), (Δf)² / var(Δf) + (1 − MAC)² / scatter² [-].
+
+    The MAC is over the channels that both have, 1 where there is none.
+    """
+    frequencies = np.array([[mode.frequency] for mode in modes])
+    variances = np.array([[mode.frequency_std**2] for mode in modes])
+    expected = np.array([track.frequency for track in tracks])
+    distance = (frequencies - expected) ** 2 / (
+        np.array([track.variance for track in tracks]) + variances
+    )
+    mac = _common_mac(np.array(shapes), np.array([track.shape for track in tracks]))
+    return np.asarray(distance + (1 - mac) ** 2 / SHAPE_SCATTER**2)
+
+
+def _common_mac(ones: FloatArray, others: FloatArray) -> FloatArray:
+    """(n, m) MAC of each of (n, n_channels) with each of (m, n_channels), NaN where not measured.
+
+    The sums of |φᵀψ|² / (φᵀφ · ψᵀψ) are over the channels that both shapes have; 1 where these are
+    none.
+    """
+    a, b = np.nan_to_num(ones), np.nan_to_num(others)
+    in_a, in_b = np.isfinite(ones).astype(float), np.isfinite(others).astype(float)
+    energies = (a**2 @ in_b.T) * (in_a @ (b**2).T)
+    products = (a @ b.T) ** 2
+    mac = np.divide(products, energies, out=np.zeros_like(products), where=energies > 0)
+    return np.where(in_a @ in_b.T > 0, mac, 1.0)
 
 
 def _number(name: str) -> int:
