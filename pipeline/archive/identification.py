@@ -19,7 +19,7 @@ from pipeline.messages import (
 )
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
-from pipeline.recording.reader import read_messages
+from pipeline.recording.salvage import remaining_messages
 from pipeline.runtime.runner import one_blas_thread, with_end
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -55,7 +55,8 @@ def identified_frames(call: IdentificationCall) -> tuple[StoredFrame, ...]:
 def identified(call: IdentificationCall) -> tuple[Message, ...]:
     """ModalEstimate or WindowRejected of every window, in order; truths of a simulation too.
 
-    Modes have no names. Raises RecordingError where a file cannot be read to its end.
+    Modes have no names. What is damaged in a file is a gap. Raises RecordingError where a file is
+    gone.
     """
     node = IdentificationNode(call.settings, compared=False)
     answers: list[Message] = []
@@ -83,13 +84,15 @@ def task_messages(task: IdentificationTask) -> Iterator[Message]:
     """What the task's turbine measured in its stretch, as one session from sample 0 on."""
     if task.before is not None:
         since = task.start_ns - round(SCADA_BEFORE * NANOSECONDS)
-        before = read_messages(task.before, (ScadaSample,), start_ns=since, end_ns=task.start_ns)
-        yield from (each for each in before if _is_of(each, task.turbine))
+        for sample in remaining_messages(task.before, (ScadaSample,)):
+            if _is_of(sample, task.turbine) and since <= message_time(sample) < task.start_ns:
+                yield sample
     if not task.pieces:
-        yield from (each for each in read_messages(task.path, READ) if _is_of(each, task.turbine))
+        everything = remaining_messages(task.path, READ)
+        yield from (each for each in everything if _is_of(each, task.turbine))
     for path in dict.fromkeys(piece.path for piece in task.pieces):
         pieces = [piece for piece in task.pieces if piece.path == path]
-        for message in read_messages(path, READ):
+        for message in remaining_messages(path, READ):
             if isinstance(message, AccelerationBlock):
                 yield from _wanted(message, task.turbine, pieces)
             elif _is_of(message, task.turbine) and _within(message, task):

@@ -67,6 +67,7 @@ class ArchiveReport:
     done_now: int = 0
     copies: tuple[Path, ...] = ()  # files whose bytes another one has
     failures: list[FileFailure] = field(default_factory=list)
+    salvaged: list[FileFailure] = field(default_factory=list)  # files that are used in part
     tables: tuple[Path, ...] = ()
 
 
@@ -133,6 +134,9 @@ class _Reprocessing:
             self._say("reading", done, len(files))
         found.sort(key=lambda survey: survey.path)
         originals, copies = without_copies(found)
+        self._report.salvaged += [
+            FileFailure(str(survey.path), survey.damage) for survey in originals if survey.damage
+        ]
         self._report.copies = tuple(copy.path for copy in copies)
         return originals
 
@@ -251,6 +255,7 @@ class _Reprocessing:
             "posteriors": report.posteriors,
             "events": report.events,
             "failures": [{"file": each.path, "reason": each.text} for each in report.failures],
+            "salvaged": [{"file": each.path, "damage": each.text} for each in report.salvaged],
             "tables": [path.name for path in report.tables],
         }
         text = json.dumps(summary, indent=1, ensure_ascii=False) + "\n"

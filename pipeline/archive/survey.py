@@ -24,7 +24,7 @@ from pipeline.archive.store import (
     messages_in,
 )
 from pipeline.messages import StreamGap
-from pipeline.recording.info import RecordingInfo, UnitInfo, recording_info
+from pipeline.recording.info import RecordingInfo, UnitInfo, salvageable_info
 from pipeline.transport.errors import CodecError
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
@@ -68,6 +68,7 @@ class FileSurvey:
     parts: tuple[Part, ...]  # in order of time
     layouts: tuple[SensorLayout, ...]
     scenario: tuple[tuple[str, str], ...] = ()  # it was made under, as `scenario_metadata` has it
+    damage: str = ""  # what of it cannot be read; "" where all can
 
 
 def archive_files(patterns: Iterable[str]) -> tuple[Path, ...]:
@@ -98,7 +99,7 @@ def _named(pattern: str) -> list[Path]:
 
 def surveyed(path: Path) -> FileSurvey:
     """Fingerprint, parts and layouts of a file. Raises RecordingError where it cannot be read."""
-    info = recording_info(path)
+    info = salvageable_info(path)
     fingerprint = fingerprint_of(path)
     parts = [_part(info, unit, fingerprint) for unit in info.units]
     return FileSurvey(
@@ -107,6 +108,7 @@ def surveyed(path: Path) -> FileSurvey:
         parts=tuple(sorted(parts, key=lambda part: (part.start_ns, part.turbine, part.unit))),
         layouts=info.layouts,
         scenario=tuple(sorted(info.metadata.get("scenario", {}).items())),
+        damage=info.damage,
     )
 
 
@@ -191,6 +193,7 @@ def encoded_survey(survey: FileSurvey) -> tuple[StoredFrame, ...]:
     table = {
         "fingerprint": survey.fingerprint,
         "scenario": survey.scenario,
+        "damage": survey.damage,
         "parts": [_part_table(part) for part in survey.parts],
     }
     gaps = [gap for part in survey.parts for gap in part.gaps]
@@ -216,4 +219,5 @@ def decoded_survey(path: Path, frames: tuple[StoredFrame, ...]) -> FileSurvey:
         parts.append(Part(path=path, gaps=own, **each))
     layouts = tuple(each for each in messages if isinstance(each, SensorLayout))
     scenario = tuple((str(name), str(text)) for name, text in table["scenario"])
-    return FileSurvey(path, table["fingerprint"], tuple(parts), layouts, scenario)
+    damage = str(table.get("damage", ""))
+    return FileSurvey(path, table["fingerprint"], tuple(parts), layouts, scenario, damage)

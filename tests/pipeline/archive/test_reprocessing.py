@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from pyarrow import parquet
 from typer.testing import CliRunner
 
@@ -18,10 +19,13 @@ from pipeline.archive.work import ThisProcess
 from pipeline.cli import app
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.identification import IdentificationNode
+from pipeline.recording.mcap_file import record_offsets
+from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.runtime.runner import with_end
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import NANOSECONDS
-from tests.pipeline.archive.archives import Renamed, rewritten
+from tests.pipeline.archive.archives import MEASURED, Renamed, rewritten
 
 CLI = CliRunner()
 
@@ -85,11 +89,11 @@ def test_what_is_finished_is_not_done_again(report: ArchiveReport) -> None:
     assert report.posteriors == 2
 
 
-def test_a_broken_file_is_one_line_and_the_rest_goes_on(
+def test_a_file_without_a_whole_chunk_is_one_line_and_the_rest_goes_on(
     archive: list[Path], results: Path, tmp_path: Path
 ) -> None:
     broken = tmp_path / "broken.mcap"
-    broken.write_bytes(archive[0].read_bytes()[:50_000])
+    broken.write_bytes(archive[0].read_bytes()[:5_000])
 
     said = CLI.invoke(
         app, ["reprocess", *map(str, archive), str(broken), "-o", str(results), "--serial"]
@@ -99,6 +103,37 @@ def test_a_broken_file_is_one_line_and_the_rest_goes_on(
     assert "2 windows identified" in said.output.replace("\n", "")
     (line,) = [line for line in said.output.splitlines() if str(broken) in line]
     assert "was cut off before its end" in line
+
+
+def test_what_a_damaged_file_still_holds_is_surveyed_and_read(
+    archive: list[Path], short_recording: Path, tmp_path: Path
+) -> None:
+    damaged = tmp_path / "damaged.mcap"
+    recorder = Recorder(
+        damaged,
+        metadata=read_metadata(short_recording),
+        clock=None,
+        settings=RecorderSettings(chunk_duration=10.0),
+    )
+    for message in read_messages(short_recording, MEASURED):
+        recorder.handle(message)
+    recorder.close()
+    content = bytearray(damaged.read_bytes())
+    with damaged.open("rb") as file:
+        chunks = [offset for offset, opcode in record_offsets(file) if opcode == Opcode.CHUNK]
+    content[chunks[-3] + 200] ^= 0xFF
+    damaged.write_bytes(content)
+
+    survey = surveyed(damaged)
+    report = reprocessed([damaged], tmp_path / "out", ThisProcess())
+
+    (part,) = survey.parts
+    (gap,) = part.gaps
+    assert (gap.end_ns - gap.start_ns) / NANOSECONDS == pytest.approx(10.0, abs=1.0)
+    assert survey.damage.startswith("has lost 1 of ")
+    assert (report.identified, report.rejected) == (1, 1)  # the damage is in the second window
+    assert [each.path for each in report.salvaged] == [str(damaged)]
+    assert not report.failures
 
 
 def test_a_damaged_result_is_made_again(archive: list[Path], results: Path) -> None:
