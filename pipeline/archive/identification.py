@@ -9,8 +9,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
+from pipeline.archive.compact import kept_frames
 from pipeline.archive.plan import IdentificationTask, Piece
-from pipeline.archive.store import StoredFrame, frames_of, key_of_result
+from pipeline.archive.store import StoredFrame, key_of_result
 from pipeline.messages import (
     FoundationTruth,
     Message,
@@ -43,13 +44,13 @@ class IdentificationCall:
     def key(self) -> str:
         """Fingerprint of the samples and of what is done with them."""
         return key_of_result(
-            "identification", self.task.content, repr(self.settings), repr(self.layouts)
+            "identification 2", self.task.content, repr(self.settings), repr(self.layouts)
         )
 
 
 def identified_frames(call: IdentificationCall) -> tuple[StoredFrame, ...]:
     """What `identified` gives, as it is kept."""
-    return frames_of(identified(call))
+    return tuple(kept_frames(identified(call)))
 
 
 def identified(call: IdentificationCall) -> tuple[Message, ...]:

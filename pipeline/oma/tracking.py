@@ -49,7 +49,7 @@ class ChannelPlaces:
 
 
 @dataclass(slots=True)
-class _Track:
+class Track:
     """What is expected of a mode: a random walk in frequency, a mean shape."""
 
     name: str
@@ -78,14 +78,37 @@ class _Track:
         self.unseen = 0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackerState:
+    """What a tracker remembers between windows."""
+
+    tracks: tuple[Track, ...] = ()  # in order of birth
+    born: int = 0  # tracks in all
+    windows: int = 0  # named in all
+
+
 class ModeTracker:
     """Names the modes of successive windows: "m1", "m2", … in order of first appearance."""
 
     def __init__(self) -> None:
-        self._tracks: list[_Track] = []
+        self._tracks: list[Track] = []
         self._born = 0
         self._windows = 0
         self.events: tuple[TrackEvent, ...] = ()  # of the last window
+
+    @property
+    def state(self) -> TrackerState:
+        """All that the names of later windows depend on."""
+        tracks = tuple(replace(track, shape=track.shape.copy()) for track in self._tracks)
+        return TrackerState(tracks, self._born, self._windows)
+
+    @classmethod
+    def continued(cls, state: TrackerState) -> "ModeTracker":
+        """The tracker that had this state."""
+        tracker = cls()
+        tracker._tracks = [replace(each, shape=each.shape.copy()) for each in state.tracks]
+        tracker._born, tracker._windows = state.born, state.windows
+        return tracker
 
     def named(self, modes: Sequence[Mode], *, on: ChannelPlaces | None = None) -> tuple[Mode, ...]:
         """The modes of the next window, each under its track's name; new ones start a track.
@@ -136,7 +159,7 @@ class ModeTracker:
             track.predict()
         self.events = tuple(self._bury())
 
-    def _assigned(self, modes: Sequence[Mode], shapes: Sequence[FloatArray]) -> dict[int, _Track]:
+    def _assigned(self, modes: Sequence[Mode], shapes: Sequence[FloatArray]) -> dict[int, Track]:
         """Index of a mode → its track, by least total cost."""
         if not modes or not self._tracks:
             return {}
@@ -150,10 +173,10 @@ class ModeTracker:
             if cost[row, column] < REJECTION_COST
         }
 
-    def _birth(self, mode: Mode, shape: FloatArray, name: str | None = None) -> _Track:
+    def _birth(self, mode: Mode, shape: FloatArray, name: str | None = None) -> Track:
         """name   as a mode was called before; None: the next that is free"""
         self._born = self._born + 1 if name is None else max(self._born, _number(name))
-        track = _Track(
+        track = Track(
             name=name or f"m{self._born}",
             frequency=mode.frequency,
             variance=mode.frequency_std**2,
@@ -163,7 +186,7 @@ class ModeTracker:
         self._tracks.append(track)
         return track
 
-    def _birth_event(self, track: _Track) -> list[TrackEvent]:
+    def _birth_event(self, track: Track) -> list[TrackEvent]:
         """While the first windows gather the modes, a birth is no news."""
         if self._windows < ESTABLISHED_TRACK:
             return []
@@ -188,7 +211,7 @@ class ModeTracker:
 
 
 def _association_costs(
-    tracks: Sequence[_Track], modes: Sequence[Mode], shapes: Sequence[FloatArray]
+    tracks: Sequence[Track], modes: Sequence[Mode], shapes: Sequence[FloatArray]
 ) -> FloatArray:
     """(n_modes, n_tracks), (Δf)² / var(Δf) + (1 − MAC)² / scatter² [-].
 
@@ -224,7 +247,7 @@ def _number(name: str) -> int:
     return int(digits) if digits.isdecimal() else 0
 
 
-def _drift_event(track: _Track) -> list[TrackEvent]:
+def _drift_event(track: Track) -> list[TrackEvent]:
     """A frequency that has left its reference by a notable and a significant amount."""
     change = track.frequency / track.reference - 1
     std = np.sqrt(track.variance) / track.reference
