@@ -29,7 +29,7 @@ from pipeline.recording.atomic_write import written_whole
 from sensors.errors import InputError
 
 FINISHED = ".finished"  # folder of what is kept from run to run, within the results
-SURVEYS = ".surveys"  # the same for what is known of files that have not changed
+SURVEYS = "surveys.pw"  # file of what is known of the recordings, in that folder
 SUMMARY = "reprocess.json"
 
 ProgressReport = Callable[[str, int, int], None]  # phase, done, of how many
@@ -131,7 +131,7 @@ class _Reprocessing:
 
     def _surveys(self, files: Sequence[Path]) -> list[FileSurvey]:
         self._report.files = len(files)
-        cache = SurveyCache(FinishedResults(self._out / SURVEYS))
+        cache = SurveyCache(self._out / FINISHED / SURVEYS)
         known = {path: cache.get(path) for path in files}
         found = [survey for survey in known.values() if survey is not None]
         calls = (Call(f"survey-{path}", surveyed, path) for path in files if known[path] is None)
@@ -142,6 +142,7 @@ class _Reprocessing:
                 found.append(outcome.result)
                 cache.put(outcome.result.path, outcome.result)
             self._say("reading", done, len(files))
+        cache.close()
         found.sort(key=lambda survey: survey.path)
         originals, copies = without_copies(found)
         self._report.salvaged += [
