@@ -2,6 +2,7 @@
 
     modes of the poles ─┬─ resolved, alone ──────────────────────────────► as they are
     refused mixtures   ─┤
+    peaks without poles ┤
     coincident modes   ─┴─ groups of suspects ─► one, two, three modes? ─► by evidence
 
 A mode that is reported explains what the others do not: of two poles that a group's lines do not
@@ -20,6 +21,8 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
+from pipeline.oma.whittle.pair_axes import with_leading_pole
+from pipeline.oma.whittle.spectral_peaks import HALF_WIDTH, peaks_of_two
 
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
 HIDDEN = 4.0  # second power over flank of a mode that hides another: of 30 single modes none had
@@ -71,7 +74,7 @@ def resolved_by_evidence(
         found = modes_of_group(group, spectrum, others, settings)
         if found is None or not found.modes:
             continue
-        kept: Sequence[Mode] = found.modes
+        kept: Sequence[Mode] = with_leading_pole(found.modes, inside, found.weaker_share, duration)
         if group.half_bandwidth * duration >= UNRESOLVED:
             kept = _without_broken_pairs([e for e in kept if _believable(e, group)])
             alike = any(group.holds(each.frequency, duration) for each in coincident)
@@ -115,7 +118,12 @@ def _suspects(
     coincident: Sequence[CoincidentModes],
     spectrum: WindowSpectrum,
 ) -> list[Suspect]:
-    found = [Suspect(each.frequency, each.damping_ratio) for each in coincident]
+    named = [each.frequency for each in (*modes, *refused, *coincident)]
+    found = [
+        Suspect(frequency, HALF_WIDTH / spectrum.duration / frequency)
+        for frequency in peaks_of_two(spectrum, named)
+    ]
+    found += [Suspect(each.frequency, each.damping_ratio) for each in coincident]
     found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
     seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
     seen += [Suspect(each.frequency, each.damping_ratio) for each in refused]

@@ -1,0 +1,49 @@
+"""Peaks of a window's spectrum that two directions share: pairs that no pole may show.
+
+Where two modes are nearer than the window resolves, the two poles of a model order mix their shapes
+in complex ones, another mixture in every order, and each is refused for itself. The lines show the
+pair all the same: a peak that stands out in two directions.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.oma.whittle.narrow_band import WindowSpectrum
+
+LOWEST = 20.0  # f T from which lines lie beside a peak on both sides
+HIGHEST = 300.0  # f T below which a mode of 1 % is not resolved
+SECOND_OVER_FLANK = (
+    10.0  # power of the second direction: of pairs never less (`close_modes.HIDDEN`)
+)
+HALF_WIDTH = 1.0  # of such a mode's resonance [lines]
+CLEAR = 6.0  # lines between a peak and a mode that is known
+
+
+def peaks_of_two(spectrum: WindowSpectrum, known: Sequence[float]) -> list[float]:
+    """Frequencies [Hz] of peaks that stand out in two directions and belong to no known mode.
+
+    Parameters
+    ----------
+    spectrum : WindowSpectrum
+    known : sequence of float
+        Frequencies of what the poles show, modes and others [Hz].
+    """
+    T = spectrum.duration
+    band = spectrum.band(LOWEST / T, HIGHEST / T)
+    if len(band.numbers) < 3:
+        return []
+    smooth = band.matrices.real
+    smooth = smooth[:-2] + smooth[1:-1] + smooth[2:]
+    largest = np.linalg.eigvalsh(smooth)[:, -1]
+    inner = largest[1:-1]
+    tops = 1 + np.flatnonzero((inner >= largest[:-2]) & (inner > largest[2:]))
+    found: list[float] = []
+    for top in tops[np.argsort(-largest[tops], kind="stable")].tolist():
+        frequency = float(band.numbers[top + 1]) / T
+        if any(abs(frequency - other) * T < CLEAR for other in (*known, *found)):
+            continue
+        powers = spectrum.powers_over_flank(frequency, frequency, HALF_WIDTH / T)
+        if len(powers) > 1 and powers[1] > SECOND_OVER_FLANK:
+            found.append(frequency)
+    return found
