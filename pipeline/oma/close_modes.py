@@ -22,7 +22,7 @@ from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.pair_axes import with_leading_pole
-from pipeline.oma.whittle.spectral_peaks import HALF_WIDTH, peaks_of_two
+from pipeline.oma.whittle.spectral_peaks import PEAK_HALF_WIDTH, peaks_of_two
 
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
 HIDDEN = 4.0  # second power over flank of a mode that hides another: of 30 single modes none had
@@ -56,14 +56,17 @@ def resolved_by_evidence(
     coincident: Sequence[CoincidentModes],
     spectrum: WindowSpectrum,
     settings: OmaSettings,
+    *,
+    harmonics: Sequence[Mode] = (),
 ) -> ResolvedModes:
     """The modes of the poles, with those of every group of suspects as the evidence has them.
 
     modes     of all bands, each once
     refused   with the reasons; a mixture of neighbours makes a suspect
+    harmonics of machines, whose peaks hide no pair
     """
     duration = spectrum.duration
-    suspects = _suspects(modes, refused, coincident, spectrum)
+    suspects = _suspects(modes, refused, coincident, spectrum, harmonics)
     known = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
     result, reasons = list(modes), list(refused)
     for group in grouped(suspects, duration):
@@ -117,10 +120,12 @@ def _suspects(
     refused: Sequence[RefusedMode],
     coincident: Sequence[CoincidentModes],
     spectrum: WindowSpectrum,
+    harmonics: Sequence[Mode],
 ) -> list[Suspect]:
-    named = [each.frequency for each in (*modes, *refused, *coincident)]
+    named = [mode.frequency for mode in (*modes, *harmonics)]
+    named += [each.frequency for each in refused] + [each.frequency for each in coincident]
     found = [
-        Suspect(frequency, HALF_WIDTH / spectrum.duration / frequency)
+        Suspect(frequency, PEAK_HALF_WIDTH / spectrum.duration / frequency)
         for frequency in peaks_of_two(spectrum, named)
     ]
     found += [Suspect(each.frequency, each.damping_ratio) for each in coincident]

@@ -158,6 +158,7 @@ def concluded(
         twins,
         WindowSpectrum(steady, sampling_rate, integrations),
         settings,
+        harmonics=harmonics,
     )
     alike = _twins_beside(by_band, [*by_evidence.modes, *harmonics])
     warnings += [_coincident(each) for each in alike]

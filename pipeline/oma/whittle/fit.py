@@ -30,7 +30,7 @@ from pipeline.oma.whittle.spectral_model import (
 from sensors.arrays import ComplexArray, FloatArray
 
 MOST_SCORING_STEPS = 60
-CONVERGED = 0.02  # decrease of J of a step that ends the iteration [nats]
+CONVERGED = 0.05  # decrease of J of a step that ends the iteration [nats]
 LARGEST_SHIFT = 2.0  # of a mode's position in a step [lines]
 LARGEST_FACTOR = 1.0  # of a logarithm or a shape's component in a step [-]
 LEAST_WIDTH = 0.02  # of a mode [lines]: a narrower one is a harmonic
@@ -164,7 +164,8 @@ class _State:
         self._k = r @ self._gram  # Φᵀ E⁻¹ Φ
         self._rows = r @ self._loads.T  # Φᵀ E⁻¹
         self._of_rows = self._q @ self._rows  # Q Φᵀ E⁻¹
-        self._seen = self._of_rows @ band.matrices  # Q Φᵀ E⁻¹ D
+        self._rows_of_lines = self._rows @ band.matrices  # Φᵀ E⁻¹ D
+        self._seen = self._q @ self._rows_of_lines  # Q Φᵀ E⁻¹ D
         self._spread = self._q @ r  # V
         sign, log_noise = np.linalg.slogdet(modes.noise)
         log_rest = np.linalg.slogdet(system)[1].sum()
@@ -194,14 +195,23 @@ class _State:
         dq = with_derivatives(modes, band.numbers).derivatives
         rows, of_rows, k = self._rows, self._of_rows, self._k
         inverse = self._precision - self._loads @ of_rows  # E⁻¹
-        w = rows @ band.matrices @ rows.conj().transpose(0, 2, 1)  # Φᵀ E⁻¹ D E⁻¹ Φ
-        inner = np.einsum("akij,kji->a", dq, k - w).real
-        by_shape = 2 * (of_rows - self._seen @ inverse).sum(axis=0).real  # (m, n_channels)
-        dq_k = dq @ k
-        turned = dq_k.transpose(0, 1, 3, 2).reshape(len(dq), -1)
-        by_inner = (dq_k.reshape(len(dq), -1) @ turned.T).real
+        w = self._rows_of_lines @ rows.conj().transpose(0, 2, 1)  # Φᵀ E⁻¹ D E⁻¹ Φ
+        n_lines, n_inner_parameters = dq.shape[:2]
+        tall = dq.reshape(n_lines, -1, m)  # parameters and rows side by side
+        by_line = dq.transpose(1, 0, 3, 2).reshape(n_inner_parameters, -1)  # dQᵀ
+        inner = (by_line @ (k - w).ravel()).real
+        # sums over the lines as products of matrices that hold lines and modes side by side
+        explained = self._seen.transpose(1, 0, 2).reshape(m, -1) @ inverse.reshape(-1, n_channels)
+        by_shape = 2 * (of_rows.sum(axis=0) - explained).real  # (m, n_channels)
+        dq_k = (tall @ k).reshape(dq.shape)
+        turned = dq_k.transpose(1, 0, 3, 2).reshape(n_inner_parameters, -1)
+        flat = dq_k.transpose(1, 0, 2, 3).reshape(n_inner_parameters, -1)
+        by_inner = (flat @ turned.T).real
         q_k = self._q @ k
-        across = 2 * (q_k @ dq @ rows).sum(axis=1).real  # (n_inner, m, n_channels)
+        # Q K dQ = (dQ (Q K)ᴴ)ᴴ, since dQ is Hermitian
+        turned_back = (tall @ q_k.conj().transpose(0, 2, 1)).reshape(dq.shape).conj()
+        before = turned_back.transpose(1, 3, 0, 2).reshape(n_inner_parameters * m, -1)
+        across = 2 * (before @ rows.reshape(-1, n_channels)).real  # (n_inner × m, n_channels)
         left = of_rows.reshape(len(k), -1)
         crossed = (left.T @ left).real.reshape(m, n_channels, m, n_channels)
         squares = (q_k @ self._q).reshape(len(k), -1)  # Q Φᵀ E⁻¹ Φ Q
@@ -213,7 +223,7 @@ class _State:
         free = np.ones((m, n_channels), dtype=bool)
         free[np.arange(m), modes.units] = False
         chosen = free.ravel()
-        off = across.reshape(len(dq), -1)[:, chosen]
+        off = across.reshape(n_inner_parameters, -1)[:, chosen]
         both = shapes.reshape(m * n_channels, -1)[np.ix_(chosen, chosen)]
         gradient = np.concatenate([inner, by_shape.ravel()[chosen]])
         information = np.block([[by_inner, off], [off.T, both]])

@@ -20,7 +20,7 @@ from pipeline.oma.whittle.pair_axes import modal_powers, principal_axes
 from pipeline.oma.whittle.spectral_model import CloseModes, force_parameters, n_inner
 from sensors.arrays import ComplexArray, FloatArray
 
-NEEDED_EVIDENCE = 3.0  # for free axes, ln of the Bayes factor [nats]
+EVIDENCE_OF_FREE_AXES = 3.0  # for free axes, ln of the Bayes factor [nats]
 PARAMETERS_SAVED = 3  # two of the forces' correlation, one of the angle between the axes
 
 
@@ -48,7 +48,7 @@ def along_perpendicular_axes(
     moving = np.delete(everything, [*_correlation(m), *shapes], axis=1)
     found = fitted(start, band, np.column_stack([moving, _turn(start, band)]))
     penalty = 0.5 * PARAMETERS_SAVED * float(np.log(2 * band.n_lines))
-    if found.cost > fit.cost + penalty + NEEDED_EVIDENCE:
+    if found.cost > fit.cost + penalty + EVIDENCE_OF_FREE_AXES:
         return None
     return replace(found, directions=np.delete(everything, _correlation(m), axis=1))
 

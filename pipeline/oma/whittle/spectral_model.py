@@ -10,9 +10,8 @@ add quasi-statically. Of a window of duration T the expected periodogram at line
 whose u holds what the finite window leaks: 1/(iω − λ) would broaden a mode that decays as slowly as
 the window lasts. The colour c of a mode is of its force and of what is measured: accelerations
 under a white force have 3, displacements −1. Left out, the tails of a mode would pull its frequency
-by a share of its std; shared by the modes of a band, as of a tower whose fore-aft mode stands on
-the steep side of a sea's spectrum and whose side-side mode hardly feels the sea, it pulls both. With
-R = (I + Φᵀ N⁻¹ Φ Q)⁻¹,
+by a share of its std. One colour for two modes pulls both: a tower's fore-aft mode stands on the
+steep side of a sea's spectrum that its side-side mode hardly feels. With R = (I + Φᵀ N⁻¹ Φ Q)⁻¹,
 
     E⁻¹ = N⁻¹ − N⁻¹ Φ Q R Φᵀ N⁻¹,   Φᵀ E⁻¹ = R Φᵀ N⁻¹
 
@@ -71,7 +70,8 @@ class ModalSpectra:
     values: ComplexArray
     """Q, (n_lines, n_modes, n_modes)."""
     derivatives: ComplexArray
-    """By ν and ln b of each mode, C's parameters and each c, (n_inner, n_lines, n_modes, n_modes)."""
+    """By ν and ln b of each mode, C's parameters and each c, (n_lines, n_inner, n_modes,
+    n_modes)."""
 
 
 def leaked(sigma: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
@@ -108,38 +108,51 @@ def expected_matrices(modes: CloseModes, numbers: FloatArray) -> ComplexArray:
 def with_derivatives(modes: CloseModes, numbers: FloatArray) -> ModalSpectra:
     """Q_k and its derivatives by ν and ln b of each mode; ln of C's diagonal; real and imaginary
     part of each of C's components below it, row by row; c of each mode."""
-    m = modes.n_modes
+    m, each = modes.n_modes, np.arange(modes.n_modes)
     lam = 2 * np.pi * (-modes.half_widths + 1j * modes.positions)
     u, du = leaked(lam[None, :] - 2j * np.pi * numbers[:, None])
     left, right = u[:, :, None], u[:, None, :].conj()
     decay = -(lam[:, None] + lam[None, :].conj())
     p = modes.forces @ modes.forces.conj().T / decay
-    found: list[ComplexArray] = []
-    steps = [(j, 2j * np.pi) for j in range(m)]
-    steps += [(j, -2 * np.pi * modes.half_widths[j]) for j in range(m)]
-    for j, step in steps:
-        dp = np.zeros((m, m), dtype=complex)
-        dp[j, :] += p[j, :] / decay[j, :] * step
-        dp[:, j] += p[:, j] / decay[:, j] * np.conj(step)
-        dq = left * dp + dp * right
-        dq[:, j, :] += (du[:, j] * step)[:, None] * p[j, :]
-        dq[:, :, j] += (du[:, j] * step).conj()[:, None] * p[:, j]
-        found.append(dq)
-    for i, j, factor in force_parameters(m):
-        dc = np.zeros((m, m), dtype=complex)
-        dc[i, j] = modes.forces[i, i] if factor is None else factor
-        ds = dc @ modes.forces.conj().T
-        dp = (ds + ds.conj().T) / decay
-        found.append(left * dp + dp * right)
+    poles = np.concatenate([np.full(m, 2j * np.pi), -2 * np.pi * modes.half_widths])
+    dp = np.concatenate([_by_poles(p / decay, poles), _by_forces(modes.forces) / decay])
+    found = left[:, None] * dp + dp * right[:, None]
+    moved = du[:, :, None] * p
+    for first in (0, m):
+        step = poles[first : first + m, None]
+        found[:, first + each, each, :] += step * moved
+        found[:, first + each, :, each] += (step * moved).conj().transpose(1, 0, 2)
     plain = left * p + p * right
-    half_log = 0.5 * log_numbers(numbers)[:, None]
-    for j in range(m):
-        dq = np.zeros_like(plain)
-        dq[:, j, :] += half_log * plain[:, j, :]
-        dq[:, :, j] += half_log * plain[:, :, j]
-        found.append(dq)
+    coloured = np.zeros((len(numbers), m, m, m), dtype=complex)
+    half = 0.5 * log_numbers(numbers)[:, None, None] * plain
+    coloured[:, each, each, :] += half
+    coloured[:, each, :, each] += half.transpose(2, 0, 1)
     tint = tints(modes, numbers)
-    return ModalSpectra(tint * plain, tint * np.stack(found))
+    return ModalSpectra(tint * plain, tint[:, None] * np.concatenate([found, coloured], axis=1))
+
+
+def _by_poles(relative: ComplexArray, steps: ComplexArray) -> ComplexArray:
+    """Derivatives of P by each pole times its step, (2 n_modes, n_modes, n_modes).
+
+    relative   P_jl over the decay of the two modes
+    """
+    m = len(relative)
+    places = np.arange(2 * m)
+    dp = np.zeros((2 * m, m, m), dtype=complex)
+    dp[places, places % m, :] += steps[:, None] * relative[places % m, :]
+    dp[places, :, places % m] += steps.conj()[:, None] * relative[:, places % m].T
+    return dp
+
+
+def _by_forces(forces: ComplexArray) -> ComplexArray:
+    """Derivatives of S by the parameters of C, (n_modes², n_modes, n_modes)."""
+    m = len(forces)
+    found = np.zeros((m * m, m, m), dtype=complex)
+    for place, (i, j, factor) in enumerate(force_parameters(m)):
+        step = forces[i, i] if factor is None else factor
+        found[place, i, :] += step * forces[:, j].conj()
+        found[place, :, i] += np.conj(step) * forces[:, j]
+    return found
 
 
 def force_parameters(m: int) -> list[tuple[int, int, complex | None]]:

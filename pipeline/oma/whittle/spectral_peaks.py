@@ -11,13 +11,13 @@ import numpy as np
 
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 
-LOWEST = 20.0  # f T from which lines lie beside a peak on both sides
-HIGHEST = 300.0  # f T below which a mode of 1 % is not resolved
+LOWEST_PEAK = 20.0  # f T from which lines lie beside a peak on both sides
+HIGHEST_PEAK = 300.0  # f T below which a mode of 1 % is not resolved
 SECOND_OVER_FLANK = (
     10.0  # power of the second direction: of pairs never less (`close_modes.HIDDEN`)
 )
-HALF_WIDTH = 1.0  # of such a mode's resonance [lines]
-CLEAR = 6.0  # lines between a peak and a mode that is known
+PEAK_HALF_WIDTH = 1.0  # of such a mode's resonance [lines]
+CLEAR_LINES = 6.0  # lines between a peak and a mode that is known
 
 
 def peaks_of_two(spectrum: WindowSpectrum, known: Sequence[float]) -> list[float]:
@@ -30,7 +30,7 @@ def peaks_of_two(spectrum: WindowSpectrum, known: Sequence[float]) -> list[float
         Frequencies of what the poles show, modes and others [Hz].
     """
     T = spectrum.duration
-    band = spectrum.band(LOWEST / T, HIGHEST / T)
+    band = spectrum.band(LOWEST_PEAK / T, HIGHEST_PEAK / T)
     if len(band.numbers) < 3:
         return []
     smooth = band.matrices.real
@@ -41,9 +41,9 @@ def peaks_of_two(spectrum: WindowSpectrum, known: Sequence[float]) -> list[float
     found: list[float] = []
     for top in tops[np.argsort(-largest[tops], kind="stable")].tolist():
         frequency = float(band.numbers[top + 1]) / T
-        if any(abs(frequency - other) * T < CLEAR for other in (*known, *found)):
+        if any(abs(frequency - other) * T < CLEAR_LINES for other in (*known, *found)):
             continue
-        powers = spectrum.powers_over_flank(frequency, frequency, HALF_WIDTH / T)
+        powers = spectrum.powers_over_flank(frequency, frequency, PEAK_HALF_WIDTH / T)
         if len(powers) > 1 and powers[1] > SECOND_OVER_FLANK:
             found.append(frequency)
     return found
