@@ -33,7 +33,7 @@ from pipeline.updating.likelihood.pairing import (
     pairing_costs,
 )
 from pipeline.updating.prior import UpdatingError
-from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
+from pipeline.updating.structural.prior import N_SPRINGS, GaussianBelief, JointCoordinates
 from pipeline.updating.structural.sensors.figures import SensorReadings
 from sensors.arrays import FloatArray
 from sensors.dynamics.figure_model import FigureModel, FigureModes, Linearisation
@@ -162,6 +162,7 @@ class JointFit:
         self.settings = settings or JointFitSettings()
         self._reach = float(np.nanmax(self._modes(coordinates.origin[None]).frequencies))
         self.tolerance = FINEST_TOLERANCE
+        self.rise = 0.0  # of the water in the evidence above the model's level [m]
         self._draws = coordinates.draws(self.settings.search_draws, generator, spread=0.9)
         self._drawn_modes: FigureModes | None = None  # solved when a fit needs them
 
@@ -180,6 +181,16 @@ class JointFit:
         """The same that pairs modes whose frequencies differ by more, at the end too [-]."""
         other = self._with(self.coordinates)
         other.tolerance = tolerance
+        return other
+
+    def with_belief(self, belief: GaussianBelief) -> "JointFit":
+        """The same with another prior of some coordinates."""
+        return self._with(self.coordinates.with_belief(belief))
+
+    def with_rise(self, rise: float) -> "JointFit":
+        """The same for evidence whose water stood that much above the model's level [m]."""
+        other = self._with(self.coordinates)
+        other.rise = rise
         return other
 
     def with_prior_std(self, place: int, std: float) -> "JointFit":
@@ -350,7 +361,8 @@ class JointFit:
         n = len(middle.frequencies)
         logs, shapes = np.empty((3, n)), np.empty((3, n, middle.shapes.shape[1]))
         for row, rise in enumerate((-1.0, 0.0, 1.0)):
-            there = self.model.linearised(point.theta, point.departures, point.level + rise)
+            level = point.level + self.rise + rise
+            there = self.model.linearised(point.theta, point.departures, level)
             if there is None:
                 there, places = middle, np.arange(n)
             else:
@@ -405,7 +417,7 @@ class JointFit:
     ) -> Comparison | None:
         """Modes paired and compared at one point; None where it cannot stand or pairs nothing."""
         point = self.coordinates.point(u)
-        modes = self.model.linearised(point.theta, point.departures, point.level)
+        modes = self.model.linearised(point.theta, point.departures, point.level + self.rise)
         if modes is None:
             return None
         modes = self._as_read(modes, u)
