@@ -22,7 +22,7 @@ from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.pair_axes import with_leading_pole
-from pipeline.oma.whittle.spectral_peaks import PEAK_HALF_WIDTH, peaks_of_two
+from pipeline.oma.whittle.spectral_peaks import PEAK_HALF_WIDTH, lone_peaks, peaks_of_two
 
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
 HIDDEN = 4.0  # second power over flank of a mode that hides another: of 30 single modes none had
@@ -39,6 +39,9 @@ UNEXPLAINED = 12.0  # rise of ln p that a mode more would promise: a band holds 
 WIDEST_GROUP = (
     30.0  # ζ f T above which poles have data enough, and a band would hold many modes [-]
 )
+
+
+FALLBACK_DAMPING = 0.01  # ζ that the fit of a peak without poles begins with [-]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +131,8 @@ def _suspects(
         Suspect(frequency, PEAK_HALF_WIDTH / spectrum.duration / frequency)
         for frequency in peaks_of_two(spectrum, named)
     ]
+    if not modes and not harmonics:
+        found += [Suspect(frequency, FALLBACK_DAMPING) for frequency in lone_peaks(spectrum)]
     found += [Suspect(each.frequency, each.damping_ratio) for each in coincident]
     found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
     seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]

@@ -1,7 +1,7 @@
 """Blind identification of one window: samples in, modes with their uncertainty out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from pipeline.messages import Mode, QualityWarning
 from pipeline.oma.band_merging import merged
 from pipeline.oma.close_modes import UNRESOLVED, resolved_by_evidence
 from pipeline.oma.coincident_pairs import twin_pairs
+from pipeline.oma.cross_check import CrossCheck, cross_checks, disagreements
 from pipeline.oma.data_quality.input_checks import (
     HARMONIC_DAMPING,
     Finding,
@@ -56,6 +57,7 @@ class Identification:
     )
     diagrams: tuple[PoleCloud, ...] = ()  # stabilisation diagram of each band, slowest first
     refused: tuple[RefusedMode, ...] = ()  # what looked like a mode and is none, and why
+    cross_checks: tuple[CrossCheck | None, ...] = ()  # of each mode, where they were asked for
 
 
 def identify(
@@ -66,6 +68,7 @@ def identify(
     times: FloatArray | None = None,
     channel_names: Sequence[str] | None = None,
     quantities: Sequence[Quantity] | None = None,
+    cross_checked: bool = False,
 ) -> Identification:
     """Modes of the structure that a whole array of samples, taken as one window, shows.
 
@@ -74,6 +77,8 @@ def identify(
     times           (n,) time stamps of the samples, if there are any [s]
     channel_names   for warnings and the references; "channel 1" and so on by default
     quantities      what each channel measures; by default all the same
+    cross_checked   every mode is estimated a second time from its spectral peak (`cross_check.py`);
+                    where the two differ by more than their std allow, a warning says so
 
     Shapes are in the samples' own units: a channel in g beside one in m/s² reads accordingly.
     Of channels that measure different quantities, they are those of the accelerations.
@@ -115,7 +120,19 @@ def identify(
         )
         for band in bands
     ]
-    return concluded(by_band, steady, sampling_rate, findings, settings, integrations)
+    found = concluded(by_band, steady, sampling_rate, findings, settings, integrations)
+    return _cross_checked(found, steady, sampling_rate) if cross_checked else found
+
+
+def _cross_checked(
+    found: Identification, steady: FloatArray, sampling_rate: float
+) -> Identification:
+    checks = cross_checks(found.modes, steady, sampling_rate)
+    return replace(
+        found,
+        cross_checks=tuple(checks),
+        warnings=(*found.warnings, *disagreements(found.modes, checks)),
+    )
 
 
 def concluded(

@@ -17,6 +17,10 @@ SECOND_OVER_FLANK = (
     10.0  # power of the second direction: of pairs never less (`close_modes.HIDDEN`)
 )
 PEAK_HALF_WIDTH = 1.0  # of such a mode's resonance [lines]
+PEAK_DAMPING = 0.003  # ζ from which resolved peaks are wider than that [-]
+HIGHEST_LONE_PEAK = 1500.0  # f T
+FIRST_OVER_FLANK = 30.0  # power of a lone peak
+MOST_LONE_PEAKS = 10
 CLEAR_LINES = 6.0  # lines between a peak and a mode that is known
 
 
@@ -29,9 +33,35 @@ def peaks_of_two(spectrum: WindowSpectrum, known: Sequence[float]) -> list[float
     known : sequence of float
         Frequencies of what the poles show, modes and others [Hz].
     """
+    return [
+        frequency
+        for frequency in _peaks(spectrum, known, HIGHEST_PEAK)
+        if _over_flank(spectrum, frequency, 1) > SECOND_OVER_FLANK
+    ]
+
+
+def lone_peaks(spectrum: WindowSpectrum) -> list[float]:
+    """Frequencies [Hz] of peaks that stand out in one direction: where poles show no mode at all.
+
+    Parameters
+    ----------
+    spectrum : WindowSpectrum
+    """
+    found = _peaks(spectrum, [], HIGHEST_LONE_PEAK)
+    return [f for f in found if _over_flank(spectrum, f, 0) > FIRST_OVER_FLANK][:MOST_LONE_PEAKS]
+
+
+def _over_flank(spectrum: WindowSpectrum, frequency: float, direction: int) -> float:
+    half_bandwidth = max(PEAK_HALF_WIDTH / spectrum.duration, PEAK_DAMPING * frequency)
+    powers = spectrum.powers_over_flank(frequency, frequency, half_bandwidth)
+    return float(powers[direction]) if len(powers) > direction else 0.0
+
+
+def _peaks(spectrum: WindowSpectrum, known: Sequence[float], highest: float) -> list[float]:
+    """Tops of the strongest direction's power over three lines, the highest first."""
     T = spectrum.duration
-    band = spectrum.band(LOWEST_PEAK / T, HIGHEST_PEAK / T)
-    if len(band.numbers) < 3:
+    band = spectrum.band(LOWEST_PEAK / T, highest / T)
+    if len(band.numbers) < 5:
         return []
     smooth = band.matrices.real
     smooth = smooth[:-2] + smooth[1:-1] + smooth[2:]
@@ -41,9 +71,7 @@ def peaks_of_two(spectrum: WindowSpectrum, known: Sequence[float]) -> list[float
     found: list[float] = []
     for top in tops[np.argsort(-largest[tops], kind="stable")].tolist():
         frequency = float(band.numbers[top + 1]) / T
-        if any(abs(frequency - other) * T < CLEAR_LINES for other in (*known, *found)):
-            continue
-        powers = spectrum.powers_over_flank(frequency, frequency, PEAK_HALF_WIDTH / T)
-        if len(powers) > 1 and powers[1] > SECOND_OVER_FLANK:
+        clear = max(CLEAR_LINES / T, 6 * PEAK_DAMPING * frequency)
+        if all(abs(frequency - other) >= clear for other in (*known, *found)):
             found.append(frequency)
     return found
