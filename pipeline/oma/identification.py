@@ -20,6 +20,7 @@ from pipeline.oma.data_quality.input_checks import (
     is_harmonic,
     mended,
 )
+from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
 from pipeline.oma.references import references_among
 from pipeline.oma.refused import RefusedMode, harmonic, unstable
 from pipeline.oma.settings import OmaSettings
@@ -68,6 +69,7 @@ def identify(
     times: FloatArray | None = None,
     channel_names: Sequence[str] | None = None,
     quantities: Sequence[Quantity] | None = None,
+    rotor_speed: FloatArray | None = None,
     cross_checked: bool = False,
 ) -> Identification:
     """Modes of the structure that a whole array of samples, taken as one window, shows.
@@ -77,6 +79,8 @@ def identify(
     times           (n,) time stamps of the samples, if there are any [s]
     channel_names   for warnings and the references; "channel 1" and so on by default
     quantities      what each channel measures; by default all the same
+    rotor_speed     at each sample, (n,) [rpm]: harmonics of a turning rotor are taken off along its
+                    angle (`rotor_harmonics.py`), and what follows it is no mode
     cross_checked   every mode is estimated a second time from its spectral peak (`cross_check.py`);
                     where the two differ by more than their std allow, a warning says so
 
@@ -107,6 +111,9 @@ def identify(
         settings=settings,
     )
     steady = without_offset(clean)
+    turning = rotor_speed is not None and turns(rotor_speed)
+    if rotor_speed is not None and turning:
+        steady = without_harmonics(steady, sampling_rate, rotor_speed)
     integrations = integrations_of(quantities, samples.shape[1])
     at_rate = {q: decimated(steady, q) for q in {band.decimation for band in bands}}
     by_band = [
@@ -121,7 +128,19 @@ def identify(
         for band in bands
     ]
     found = concluded(by_band, steady, sampling_rate, findings, settings, integrations)
+    if rotor_speed is not None and turning:
+        found = _without_followers(found, len(steady) / sampling_rate, rotor_speed)
     return _cross_checked(found, steady, sampling_rate) if cross_checked else found
+
+
+def _without_followers(
+    found: Identification, duration: float, rotor_speed: FloatArray
+) -> Identification:
+    """What is left of the rotor's harmonics is refused, not reported."""
+    followers = [m for m in found.modes if follows_rotor(m.frequency, duration, rotor_speed)]
+    kept = tuple(mode for mode in found.modes if not any(mode is each for each in followers))
+    refused = sorted([*found.refused, *map(harmonic, followers)], key=lambda each: each.frequency)
+    return replace(found, modes=kept, refused=tuple(refused))
 
 
 def _cross_checked(
