@@ -12,6 +12,7 @@ import hashlib
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -49,6 +50,11 @@ class FinishedResults:
         path.parent.mkdir(parents=True, exist_ok=True)
         written_whole(path, packed(frames))
 
+    def forget(self, keys: Iterable[str]) -> None:
+        """Remove results that nothing needs any more."""
+        for key in keys:
+            self._path(key).unlink(missing_ok=True)
+
     def __contains__(self, key: str) -> bool:
         return self._path(key).exists()
 
@@ -59,11 +65,16 @@ class FinishedResults:
 def key_of_result(*parts: str | bytes) -> str:
     """Fingerprint of what a result is made from, this version of pilewatch included."""
     digest = hashlib.blake2b(digest_size=20)
-    for part in (version("pilewatch"), *parts):
+    for part in (_version(), *parts):
         content = part.encode() if isinstance(part, str) else part
         digest.update(struct.pack(">Q", len(content)))
         digest.update(content)
     return digest.hexdigest()
+
+
+@cache
+def _version() -> str:
+    return version("pilewatch")
 
 
 def frames_of(messages: Iterable[Message]) -> tuple[StoredFrame, ...]:

@@ -27,6 +27,7 @@ from pipeline.oma.whittle.spectral_model import (
     stepped,
     with_derivatives,
 )
+from pipeline.oma.work_limit import checkpoint
 from sensors.arrays import ComplexArray, FloatArray
 
 MOST_SCORING_STEPS = 60
@@ -91,6 +92,7 @@ def fitted(start: CloseModes, band: NarrowBand, along: FloatArray) -> WhittleFit
     damping, reach = 1e-2, 1.0
     state = _State(modes, band, prior)
     for _ in range(MOST_SCORING_STEPS):
+        checkpoint()
         before = state.cost
         gradient, information = state.curvature()
         gradient, information = along.T @ gradient, along.T @ information @ along

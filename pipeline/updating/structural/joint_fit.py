@@ -292,11 +292,20 @@ class JointFit:
 
     def _cheapest(self, targets: PairingTargets) -> list[int]:
         """The draws of lowest pairing cost, cheapest first, by each mode's nearest partner."""
+        order = np.argsort(self._bounds(targets), kind="stable")
+        return [int(row) for row in order[: self.settings.most_starts]]
+
+    def _bounds(self, targets: PairingTargets) -> FloatArray:
+        """(n_draws,) pairing cost of each drawn structure if modes could share partners."""
         if self._drawn_modes is None:
             self._drawn_modes = self._modes(self._draws)
         costs = pairing_costs(targets, self._drawn_modes, ANNEALING[0][2], self._pairing.mac_scale)
         bounds = np.minimum(costs.min(axis=2), self._pairing.rejection) @ targets.weights
-        return [int(row) for row in np.argsort(bounds, kind="stable")[: self.settings.most_starts]]
+        return np.asarray(bounds)
+
+    def pairing_bound(self, evidence: ModalEvidence) -> float:
+        """The lowest pairing cost of any drawn structure, for a rough comparison of evidence."""
+        return float(self._bounds(self.targets(evidence)).min())
 
     # ---- one descent -----------------------------------------------------------------------
 
