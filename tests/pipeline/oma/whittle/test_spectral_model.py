@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.oma.whittle.fit import _State, prior_noise
+from pipeline.oma.whittle.fit import COLOUR_STD, _State, prior_noise
 from pipeline.oma.whittle.narrow_band import NarrowBand
 from pipeline.oma.whittle.spectral_model import CloseModes, expected_matrices, leaked, stepped
 
@@ -18,7 +18,7 @@ def two_modes() -> tuple[CloseModes, NarrowBand]:
         half_widths=np.array([1.5, 1.0]),
         shapes=generator.standard_normal((4, 2)),
         forces=np.array([[1.0, 0.0], [0.3 + 0.2j, 0.8]]),
-        colour=1.3,
+        colours=np.array([1.3, -2.0]),
         noise=root @ root.T,
     ).normalised()
     numbers = np.arange(90.0, 115.0)
@@ -62,7 +62,7 @@ def test_the_information_is_that_of_whole_matrices() -> None:
     whole = np.array(
         [[np.einsum("kij,kji->", a, b).real for b in derivatives] for a in derivatives]
     )
-    whole[8, 8] += 1 / 4  # the prior of the colour
+    whole[[8, 9], [8, 9]] += COLOUR_STD**-2 / 2  # the prior of the colours
     np.testing.assert_allclose(information, whole, atol=1e-7)
 
 
