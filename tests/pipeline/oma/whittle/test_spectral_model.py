@@ -29,6 +29,16 @@ def two_modes() -> tuple[CloseModes, NarrowBand]:
     return modes, NarrowBand(matrices, numbers, 1, np.ones(4), 600.0, np.zeros(4, dtype=np.int64))
 
 
+def test_the_scale_of_a_shape_is_no_matter() -> None:
+    """Twice the shape under half the force is the same motion."""
+    modes, band = two_modes()
+    scaled = replace(modes, shapes=2.0 * modes.shapes, forces=0.5 * modes.forces)
+    expected = expected_matrices(modes, band.numbers)
+    np.testing.assert_allclose(expected_matrices(scaled, band.numbers), expected, rtol=1e-12)
+    same = expected_matrices(scaled.normalised(), band.numbers)
+    np.testing.assert_allclose(same, expected, rtol=1e-12)
+
+
 def test_the_gradient_is_that_of_differences() -> None:
     modes, band = two_modes()
     prior = prior_noise(band)
