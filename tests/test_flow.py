@@ -139,10 +139,14 @@ units = [
 [oma]
 window_duration = 120.0
 hop = 120.0
+highest_frequency = 4.0
 
 [updating.pairing]
 search_draws = 100
 refined = 2
+
+[structure]
+uncertain = "exact"
 """
 
 

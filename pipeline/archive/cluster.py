@@ -8,6 +8,7 @@ scheduler is named.
 import logging
 import os
 import sys
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -50,33 +51,42 @@ class DaskWorkers:
         self._client = client
         self._missed = missed
 
-    def outcomes(self, calls: Iterable[Call]) -> Iterator[Outcome]:
+    def outcomes(self, calls: Iterable[Call | None]) -> Iterator[Outcome]:
         """Yield the outcome of each call as it ends; what kills a worker is tried again alone."""
-        suspects = []
-        for call, result in self._results(calls):
-            if isinstance(result, _WorkersDied):
-                suspects.append(call)
-            else:
-                yield Outcome(call, result)
-        for call in suspects:
-            yield Outcome(call, self._alone(call))
-
-    def _results(self, calls: Iterable[Call]) -> Iterator[tuple[Call, Any]]:
-        """What every call gave, as it is ready."""
         waiting: dict[Any, Call] = {}
         ready: SimpleQueue[Any] = SimpleQueue()
+        suspects: deque[Call] = deque()
         pulled = iter(calls)
         while True:
-            for call in pulled:
-                future = self._submitted(call, call.key)
-                waiting[future] = call
-                future.add_done_callback(ready.put)
-                if len(waiting) >= self._room:
-                    break
-            if not waiting:
+            more = self._submit(pulled, waiting, ready)
+            if waiting:
+                future = self._next(ready)
+                call, result = waiting.pop(future), _result_of(future)
+                if isinstance(result, _WorkersDied):
+                    suspects.append(call)
+                else:
+                    yield Outcome(call, result)
+            elif suspects:
+                call = suspects.popleft()
+                yield Outcome(call, self._alone(call))
+            elif not more:
                 return
-            future = self._next(ready)
-            yield waiting.pop(future), _result_of(future)
+
+    def _submit(
+        self, calls: Iterator[Call | None], waiting: dict[Any, Call], ready: "SimpleQueue[Any]"
+    ) -> bool:
+        """As many calls as there is room for; whether more may come."""
+        while len(waiting) < self._room:
+            try:
+                call = next(calls)
+            except StopIteration:
+                return False
+            if call is None:
+                break
+            future = self._submitted(call, call.key)
+            waiting[future] = call
+            future.add_done_callback(ready.put)
+        return True
 
     def _next(self, ready: "SimpleQueue[Any]") -> Any:
         """The next that is ready. While nothing comes, workers that have gone are missed."""

@@ -9,8 +9,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
+from pipeline.archive.compact import kept_frames
 from pipeline.archive.plan import IdentificationTask, Piece
-from pipeline.archive.store import StoredFrame, frames_of, key_of_result
+from pipeline.archive.store import StoredFrame, key_of_result
 from pipeline.messages import (
     FoundationTruth,
     Message,
@@ -19,14 +20,13 @@ from pipeline.messages import (
 )
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
-from pipeline.recording.reader import read_messages
+from pipeline.recording.salvage import remaining_messages
 from pipeline.runtime.runner import one_blas_thread, with_end
+from pipeline.sources.playback import SensorMessage
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import ReplayedTower
 from sensors.acquisition.scada import ScadaSample
-
-SensorMessage = SensorLayout | AccelerationBlock | ScadaSample
 
 ARCHIVE_SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
 SCADA_BEFORE = 600.0  # in which the state at a window's beginning was reported [s]
@@ -47,19 +47,20 @@ class IdentificationCall:
     def key(self) -> str:
         """Fingerprint of the samples and of what is done with them."""
         return key_of_result(
-            "identification", self.task.content, repr(self.settings), repr(self.layouts)
+            "identification 2", self.task.content, repr(self.settings), repr(self.layouts)
         )
 
 
 def identified_frames(call: IdentificationCall) -> tuple[StoredFrame, ...]:
     """What `identified` gives, as it is kept."""
-    return frames_of(identified(call))
+    return tuple(kept_frames(identified(call)))
 
 
 def identified(call: IdentificationCall) -> tuple[Message, ...]:
     """ModalEstimate or WindowRejected of every window, in order; truths of a simulation too.
 
-    Modes have no names. Raises RecordingError where a file cannot be read to its end.
+    Modes have no names. What is damaged in a file is a gap. Raises RecordingError where a file is
+    gone.
     """
     node = IdentificationNode(call.settings, compared=False)
     answers: list[Message] = []
@@ -105,13 +106,15 @@ def _as_recorded(task: IdentificationTask) -> Iterator[Message]:
     """The same in the order of recording."""
     if task.before is not None:
         since = task.start_ns - round(SCADA_BEFORE * NANOSECONDS)
-        before = read_messages(task.before, (ScadaSample,), start_ns=since, end_ns=task.start_ns)
-        yield from (each for each in before if _is_of(each, task.turbine))
+        for sample in remaining_messages(task.before, (ScadaSample,)):
+            if _is_of(sample, task.turbine) and since <= message_time(sample) < task.start_ns:
+                yield sample
     if not task.pieces:
-        yield from (each for each in read_messages(task.path, READ) if _is_of(each, task.turbine))
+        everything = remaining_messages(task.path, READ)
+        yield from (each for each in everything if _is_of(each, task.turbine))
     for path in dict.fromkeys(piece.path for piece in task.pieces):
         pieces = [piece for piece in task.pieces if piece.path == path]
-        for message in read_messages(path, READ):
+        for message in remaining_messages(path, READ):
             if isinstance(message, AccelerationBlock):
                 yield from _wanted(message, task.turbine, pieces)
             elif _is_of(message, task.turbine) and _within(message, task):

@@ -19,13 +19,13 @@ drawn again from its sums.
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
+from pipeline.archive.compact import kept_estimate, restored_estimate
 from pipeline.archive.store import StoredFrame, frames_of, key_of_result, messages_in
 from pipeline.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
 from pipeline.nodes.nacelle_axes import in_nacelle_axes
 from pipeline.nodes.operating_state import OperationSettings, refusal_by_operation
 from pipeline.runtime.runner import one_blas_thread
-from pipeline.transport.codec import decode, encode
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
@@ -91,7 +91,7 @@ class StretchCall:
 
     plan: UpdatingPlan
     state: bytes  # checkpoint: the sums before the first, and the last anchor
-    estimates: tuple[bytes, ...]  # encoded, in order
+    estimates: tuple[bytes, ...]  # as they are kept, in order
 
     @property
     def key(self) -> str:
@@ -106,7 +106,7 @@ def posteriors(call: StretchCall) -> tuple[StoredFrame, ...]:
     answers: list[Message] = []
     with one_blas_thread():
         for payload in call.estimates:
-            estimate = decode(ModalEstimate, payload)
+            estimate = restored_estimate(payload)
             state, _ = updater.accumulated(state, estimate)
             answers.append(updater.refreshed(state, estimate)[1])
     return frames_of(answers)
@@ -116,7 +116,7 @@ def anchored(call: StretchCall) -> tuple[StoredFrame, ...]:
     """The answers to one window, an event among them, and the state after it."""
     updater = _updater(call.plan)
     state = updater.restored(call.state, origin="the state of the archive")
-    estimate = decode(ModalEstimate, call.estimates[0])
+    estimate = restored_estimate(call.estimates[0])
     with one_blas_thread():
         state, said = updater.accumulated(state, estimate)
         state, posterior = updater.refreshed(state, estimate)
@@ -137,20 +137,39 @@ def _updater(plan: UpdatingPlan) -> FoundationUpdater:
     return _made[key]
 
 
+@dataclass(frozen=True, slots=True)
+class SavedPass:
+    """What a pass remembers between days."""
+
+    state: bytes  # checkpoint of the updating
+    since_anchor: int | None  # windows; None: there was no anchor yet
+
+
 class PosteriorPass:
     """The serial pass over one turbine's estimates.
 
     remembered   gives the result of a key, by calling what makes it where there is none yet
+    saved        as `saved` was after the windows before; None: there are none
     """
 
-    def __init__(self, plan: UpdatingPlan, remembered: Memory) -> None:
+    def __init__(
+        self, plan: UpdatingPlan, remembered: Memory, saved: SavedPass | None = None
+    ) -> None:
         self._plan = plan
         self._remembered = remembered
         self._updater = _updater(plan)
         self._state = self._updater.initial_state()
         self._since_anchor: int | None = None  # windows; None: there was none yet
+        if saved is not None:
+            self._state = self._updater.restored(saved.state, origin="the state of the archive")
+            self._since_anchor = saved.since_anchor
         self._before: UpdatingState = self._state  # of the stretch
         self._stretch: list[bytes] = []
+
+    @property
+    def saved(self) -> SavedPass:
+        """All that later windows depend on, after `answers` has come to its end."""
+        return SavedPass(self._updater.saved(self._state), self._since_anchor)
 
     def answers(self, messages: Iterable[Message]) -> Iterator[Message | Call]:
         """Every message in order; after an estimate what it says of the foundation, which is a
@@ -166,8 +185,8 @@ class PosteriorPass:
         if refused is not None:
             yield refused
             return
-        payload = encode(in_nacelle_axes(measured, self._plan.layout))
-        estimate = decode(ModalEstimate, payload)
+        payload = kept_estimate(in_nacelle_axes(measured, self._plan.layout))
+        estimate = restored_estimate(payload)
         with one_blas_thread():
             after, said = self._updater.accumulated(self._state, estimate)
         if isinstance(said, WindowRejected):

@@ -2,13 +2,15 @@
 
     every file ─► [survey] ─► parts                        parallel
     parts ─► chains ─► tasks ─► [identification]           parallel, one a file and turbine
-    windows in order ─► [tracking] ─► [sums, anchors]      serial, milliseconds a window
-                                      [posteriors]         parallel, some windows each
-    all in order ─► Parquet
+    days in order ─► [tracking, sums, anchors]             parallel over turbines, a day each
+                     [posteriors]                          parallel, some windows each
+    months ─► Parquet                                      a row group each day
 
 Every result is kept by the fingerprint of what it was made from: what has been finished is not done
-again. The same archive and settings give the same numbers bit by bit, however many workers there
-are, in whatever order they finish and however often they are interrupted.
+again. A day's pass begins from the state that the day before has left, so that a new day costs the
+same after ten years as after one (`history`). The same archive and settings give the same numbers
+bit by bit, however many workers there are, in whatever order they finish and however often they are
+interrupted.
 """
 
 import json
@@ -16,30 +18,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pipeline.archive.history.months import tables_in
+from pipeline.archive.history.turbine_history import TurbineHistory
 from pipeline.archive.identification import identified_frames
-from pipeline.archive.posteriors import PosteriorPass
-from pipeline.archive.store import (
-    FinishedResults,
-    StoredFrame,
-    messages_in,
-)
+from pipeline.archive.store import FinishedResults, StoredFrame
 from pipeline.archive.survey import FileSurvey, SurveyCache, surveyed, without_copies
-from pipeline.archive.tables import ArchiveTables, ReprocessingRecord
-from pipeline.archive.tracking import ArchiveTracking
-from pipeline.archive.turbines import TurbineArchive, archived_turbines
+from pipeline.archive.turbines import archived_turbines
 from pipeline.archive.work import Call, Failed, Workers
-from pipeline.messages import (
-    FoundationEvent,
-    FoundationPosterior,
-    Message,
-    ModalEstimate,
-    WindowRejected,
-)
 from pipeline.recording.atomic_write import written_whole
 from sensors.errors import InputError
 
 FINISHED = ".finished"  # folder of what is kept from run to run, within the results
-SURVEYS = ".surveys"  # the same for what is known of files that have not changed
+SURVEYS = "surveys.pw"  # file of what is known of the recordings, in that folder
 SUMMARY = "reprocess.json"
 
 ProgressReport = Callable[[str, int, int], None]  # phase, done, of how many
@@ -67,6 +57,7 @@ class ArchiveReport:
     done_now: int = 0
     copies: tuple[Path, ...] = ()  # files whose bytes another one has
     failures: list[FileFailure] = field(default_factory=list)
+    salvaged: list[FileFailure] = field(default_factory=list)  # files that are used in part
     tables: tuple[Path, ...] = ()
 
 
@@ -91,6 +82,25 @@ def reprocessed(
     return _Reprocessing(out, workers, report).run(files, scenario, sampler)
 
 
+def _in_turn(histories: Sequence[TurbineHistory]) -> Iterator[Call | None]:
+    """A call of each turbine in turn, as long as any has one; None where all wait."""
+    active = [history.calls() for history in histories]
+    while active:
+        found = False
+        for calls in list(active):
+            try:
+                call = next(calls)
+            except StopIteration:
+                active.remove(calls)
+                found = True
+                continue
+            if call is not None:
+                found = True
+                yield call
+        if not found:
+            yield None
+
+
 class _Reprocessing:
     """One run over an archive."""
 
@@ -111,16 +121,17 @@ class _Reprocessing:
         surveys = self._surveys(files)
         turbines = archived_turbines(surveys, scenario, sampler)
         self._report.turbines = len(turbines)
-        self._identify(turbines)
-        tables = ArchiveTables(self._out)
-        self._write_histories(turbines, tables)
-        self._report.tables = tables.finished()
+        histories = [TurbineHistory(each, self._out, self._finished) for each in turbines]
+        self._identify(histories)
+        self._update(histories)
+        self._count(histories)
+        self._report.tables = tuple(tables_in(self._out))
         self._write_summary()
         return self._report
 
     def _surveys(self, files: Sequence[Path]) -> list[FileSurvey]:
         self._report.files = len(files)
-        cache = SurveyCache(FinishedResults(self._out / SURVEYS))
+        cache = SurveyCache(self._out / FINISHED / SURVEYS)
         known = {path: cache.get(path) for path in files}
         found = [survey for survey in known.values() if survey is not None]
         calls = (Call(f"survey-{path}", surveyed, path) for path in files if known[path] is None)
@@ -131,25 +142,25 @@ class _Reprocessing:
                 found.append(outcome.result)
                 cache.put(outcome.result.path, outcome.result)
             self._say("reading", done, len(files))
+        cache.close()
         found.sort(key=lambda survey: survey.path)
         originals, copies = without_copies(found)
+        self._report.salvaged += [
+            FileFailure(str(survey.path), survey.damage) for survey in originals if survey.damage
+        ]
         self._report.copies = tuple(copy.path for copy in copies)
         return originals
 
-    def _identify(self, turbines: Sequence[TurbineArchive]) -> None:
+    def _identify(self, histories: Sequence[TurbineHistory]) -> None:
         """Every task that is not finished yet."""
-        total = sum(len(turbine.plan.tasks) for turbine in turbines)
-        done = 0
-        calls = []
-        for turbine in turbines:
-            for call in turbine.identification:
-                if call.key in self._finished:
-                    done += 1
-                else:
-                    calls.append(Call(call.key, identified_frames, call))
+        missing = [call for history in histories for call in history.missing]
+        total = sum(history.n_tasks for history in histories)
+        done = total - len(missing)
         self._report.found_finished += done
         self._say("identifying", done, total)
-        for outcome in self._workers.outcomes(calls):
+        for outcome in self._workers.outcomes(
+            Call(call.key, identified_frames, call) for call in missing
+        ):
             done += 1
             if isinstance(outcome.result, Failed):
                 self._fail(str(outcome.call.argument.task.path), outcome.result)
@@ -157,64 +168,30 @@ class _Reprocessing:
                 self._keep(outcome.call.key, outcome.result)
             self._say("identifying", done, total)
 
-    def _write_histories(self, turbines: Sequence[TurbineArchive], tables: ArchiveTables) -> None:
-        """Tracking, sums and posteriors of every turbine; everything in order into the tables."""
-        ledger = ReprocessingRecord(self._counted(tables))
-        total = sum(turbine.n_windows for turbine in turbines)
-        calls = self._history_calls(turbines, ledger, total)
-        for outcome in self._workers.outcomes(calls):
-            if isinstance(outcome.result, Failed):
+    def _update(self, histories: Sequence[TurbineHistory]) -> None:
+        """Tracking, sums and posteriors of every turbine, months written as they are whole."""
+        total = sum(history.n_days for history in histories)
+        for outcome in self._workers.outcomes(_in_turn(histories)):
+            failed = isinstance(outcome.result, Failed)
+            if failed:
                 self._fail("posteriors of some windows", outcome.result)
-                ledger.settle(outcome.call.key, ())
             else:
                 self._keep(outcome.call.key, outcome.result)
-                ledger.settle(outcome.call.key, tuple(messages_in(outcome.result)))
-            self._say("updating", ledger.windows, total)
+            for history in histories:
+                if history.settle(outcome.call.key, failed=failed):
+                    break
+            self._say("updating", sum(history.done for history in histories), total)
+        self._say("updating", sum(history.done for history in histories), total)
 
-    def _history_calls(
-        self, turbines: Sequence[TurbineArchive], ledger: ReprocessingRecord, total: int
-    ) -> Iterator[Call]:
-        """What is still to be done; everything known already goes to the ledger."""
-        for turbine in turbines:
-            for each in self._history(turbine):
-                if not isinstance(each, Call):
-                    ledger.add(each)
-                    continue
-                known = self._finished.get(each.key)
-                ledger.wait_for(each.key)
-                if known is None:
-                    yield each
-                else:
-                    self._report.found_finished += 1
-                    ledger.settle(each.key, tuple(messages_in(known)))
-                    self._say("updating", ledger.windows, total)
-
-    def _history(self, turbine: TurbineArchive) -> Iterator[Message | Call]:
-        tracking = ArchiveTracking(turbine.channels, turbine.scenario.oma.hop)
-        followed = tracking.followed(self._identified(turbine))
-        plan = turbine.updating
-        if plan is None:
-            yield from followed
-        else:
-            yield from PosteriorPass(plan, self._remembered).answers(followed)
-        yield from turbine.plan.gaps
-
-    def _identified(self, turbine: TurbineArchive) -> Iterator[Message]:
-        """What the tasks gave, in order of time; those that failed are left out."""
-        for call in turbine.identification:
-            frames = self._finished.get(call.key)
-            yield from messages_in(frames or ())
-
-    def _remembered(
-        self, key: str, make: Callable[[], tuple[StoredFrame, ...]]
-    ) -> tuple[StoredFrame, ...]:
-        known = self._finished.get(key)
-        if known is not None:
-            self._report.found_finished += 1
-            return known
-        made = make()
-        self._keep(key, made)
-        return made
+    def _count(self, histories: Sequence[TurbineHistory]) -> None:
+        """What the tables hold now."""
+        for history in histories:
+            self._report.found_finished += history.found
+            for day in history.written:
+                self._report.identified += day.identified
+                self._report.rejected += day.rejected
+                self._report.posteriors += day.posteriors
+                self._report.events += day.events
 
     def _keep(self, key: str, frames: tuple[StoredFrame, ...]) -> None:
         self._finished.put(key, frames)
@@ -222,23 +199,6 @@ class _Reprocessing:
 
     def _fail(self, path: str, failed: Failed) -> None:
         self._report.failures.append(FileFailure(path, failed.text))
-
-    def _counted(self, tables: ArchiveTables) -> Callable[[Message], None]:
-        """What takes a message of the history: it is counted and written."""
-
-        def take(message: Message) -> None:
-            match message:
-                case ModalEstimate():
-                    self._report.identified += 1
-                case WindowRejected():
-                    self._report.rejected += 1
-                case FoundationPosterior():
-                    self._report.posteriors += 1
-                case FoundationEvent():
-                    self._report.events += 1
-            tables.add(message)
-
-        return take
 
     def _write_summary(self) -> None:
         report = self._report
@@ -251,6 +211,7 @@ class _Reprocessing:
             "posteriors": report.posteriors,
             "events": report.events,
             "failures": [{"file": each.path, "reason": each.text} for each in report.failures],
+            "salvaged": [{"file": each.path, "damage": each.text} for each in report.salvaged],
             "tables": [path.name for path in report.tables],
         }
         text = json.dumps(summary, indent=1, ensure_ascii=False) + "\n"

@@ -12,6 +12,7 @@ import hashlib
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -26,6 +27,7 @@ QUICK = 1  # zlib's level: numbers hardly shrink
 
 StoredFrame = tuple[str, bytes]  # what it is, its bytes
 
+_BODY = len(STORE_HEADER) + 4  # offset of what is compressed, behind its checksum [bytes]
 _FRAME_HEAD = struct.Struct(">BI")  # length of the kind, of the bytes
 _TYPES = {stream.message.__name__: stream.message for stream in STREAMS}
 
@@ -49,8 +51,17 @@ class FinishedResults:
         path.parent.mkdir(parents=True, exist_ok=True)
         written_whole(path, packed(frames))
 
+    def forget(self, keys: Iterable[str]) -> None:
+        """Remove results that nothing needs any more."""
+        for key in keys:
+            self._path(key).unlink(missing_ok=True)
+
     def __contains__(self, key: str) -> bool:
-        return self._path(key).exists()
+        """Return whether a result is there and whole: a damaged one is to be made again."""
+        try:
+            return is_whole(self._path(key).read_bytes())
+        except FileNotFoundError:
+            return False
 
     def _path(self, key: str) -> Path:
         return self._folder / key[:2] / f"{key}{SUFFIX}"
@@ -59,11 +70,16 @@ class FinishedResults:
 def key_of_result(*parts: str | bytes) -> str:
     """Fingerprint of what a result is made from, this version of pilewatch included."""
     digest = hashlib.blake2b(digest_size=20)
-    for part in (version("pilewatch"), *parts):
+    for part in (_version(), *parts):
         content = part.encode() if isinstance(part, str) else part
         digest.update(struct.pack(">Q", len(content)))
         digest.update(content)
     return digest.hexdigest()
+
+
+@cache
+def _version() -> str:
+    return version("pilewatch")
 
 
 def frames_of(messages: Iterable[Message]) -> tuple[StoredFrame, ...]:
@@ -90,11 +106,15 @@ def packed(frames: Iterable[StoredFrame]) -> bytes:
 
 def unpacked(content: bytes) -> tuple[StoredFrame, ...]:
     """The frames of a file's bytes. Raises ValueError where these are damaged or something else."""
-    body = content[len(STORE_HEADER) + 4 :]
-    checksum = content[len(STORE_HEADER) : len(STORE_HEADER) + 4]
-    if not content.startswith(STORE_HEADER) or checksum != struct.pack(">I", zlib.crc32(body)):
+    if not is_whole(content):
         raise ValueError("no whole result of an archive")
-    return tuple(_frames(zlib.decompress(body)))
+    return tuple(_frames(zlib.decompress(content[_BODY:])))
+
+
+def is_whole(content: bytes) -> bool:
+    """Return whether a file's bytes have the header and the checksum of what follows."""
+    checksum = struct.pack(">I", zlib.crc32(memoryview(content)[_BODY:]))
+    return content.startswith(STORE_HEADER) and content[len(STORE_HEADER) : _BODY] == checksum
 
 
 def _frames(body: bytes) -> Iterator[StoredFrame]:

@@ -3,7 +3,8 @@
 file ─► fingerprint of its bytes
      ─► parts: one a session of an acquisition unit, by turbine
 
-A survey is kept by path, size and time of the last change, so that a file's bytes are hashed once.
+Surveys are kept by path, size and time of the last change, all in one file, so that a file's bytes
+are hashed once and an unchanged one costs a look at its size and time.
 Changed content with an unchanged size and an unchanged time (in nanoseconds) is taken for the same:
 recordings are written once.
 """
@@ -11,26 +12,27 @@ recordings are written once.
 import glob
 import hashlib
 import json
+import logging
+import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.archive.store import (
-    FinishedResults,
-    StoredFrame,
-    frames_of,
-    key_of_result,
-    messages_in,
-)
+from pipeline.archive.store import packed, unpacked
 from pipeline.messages import StreamGap
+from pipeline.recording.atomic_write import written_whole
 from pipeline.recording.file_order import Stretch
-from pipeline.recording.info import RecordingInfo, UnitInfo, recording_info
+from pipeline.recording.info import RecordingInfo, UnitInfo, salvageable_info
+from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 
-SURVEY = "survey"  # kind of a kept survey
+logger = logging.getLogger(__name__)
+
+SURVEYS_KIND = "surveys 1"  # of the frame that holds them
+UNSAVED = 500  # surveys, or a tenth of all, that an interruption may cost
 HASHED_AT_ONCE = 2**20  # that is read of a file at a time for its fingerprint [bytes]
 
 
@@ -84,6 +86,7 @@ class FileSurvey:
     parts: tuple[Part, ...]  # in order of time
     layouts: tuple[SensorLayout, ...]
     scenario: tuple[tuple[str, str], ...] = ()  # it was made under, as `scenario_metadata` has it
+    damage: str = ""  # what of it cannot be read; "" where all can
 
 
 def archive_files(patterns: Iterable[str]) -> tuple[Path, ...]:
@@ -114,7 +117,7 @@ def _named(pattern: str) -> list[Path]:
 
 def surveyed(path: Path) -> FileSurvey:
     """Fingerprint, parts and layouts of a file. Raises RecordingError where it cannot be read."""
-    info = recording_info(path)
+    info = salvageable_info(path)
     fingerprint = fingerprint_of(path)
     parts = [_part(info, unit, fingerprint) for unit in info.units]
     return FileSurvey(
@@ -123,6 +126,7 @@ def surveyed(path: Path) -> FileSurvey:
         parts=tuple(sorted(parts, key=lambda part: (part.start_ns, part.turbine, part.unit))),
         layouts=info.layouts,
         scenario=tuple(sorted(info.metadata.get("scenario", {}).items())),
+        damage=info.damage,
     )
 
 
@@ -169,70 +173,115 @@ def without_copies(surveys: Sequence[FileSurvey]) -> tuple[list[FileSurvey], lis
     return list(originals.values()), copies
 
 
-_KEPT_FIELDS = tuple(field.name for field in fields(Part) if field.name not in ("path", "gaps"))
-
-
 class SurveyCache:
-    """The surveys of earlier runs among an archive's finished results."""
+    """The surveys of earlier runs, in one file of an archive's results.
 
-    def __init__(self, finished: FinishedResults) -> None:
-        self._finished = finished
+        files     path → size, time of the last change, survey
+        texts     layouts and scenarios, each once
+
+    Raises OSError, from `close`, where the disk refuses.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._texts: dict[str, str] = {}
+        self._layouts: dict[str, SensorLayout] = {}
+        self._files: dict[str, list[Any]] = {}
+        self._unsaved = 0
+        try:
+            kept = dict(unpacked(path.read_bytes()))
+            table = json.loads(kept[SURVEYS_KIND])
+            self._texts, self._files = dict(table["texts"]), dict(table["files"])
+        except (OSError, ValueError, KeyError, TypeError):
+            logger.debug("%s holds no surveys", path)  # none yet, or damaged: files are read again
 
     def get(self, path: Path) -> FileSurvey | None:
         """The survey of a file as it is now; None if there is none."""
-        key = _key(path)
-        frames = None if key is None else self._finished.get(key)
-        if frames is None:
+        stamp, known = _stamp(path), self._files.get(os.path.abspath(path))
+        if known is None or stamp is None or [*stamp] != known[:2]:
             return None
         try:
-            return decoded_survey(path, frames)
+            return self._survey(path, known[2])
         except (CodecError, ValueError, KeyError, TypeError):
-            return None  # damaged: the file is read again
+            return None  # of another layout of this file: the recording is read again
 
     def put(self, path: Path, survey: FileSurvey) -> None:
-        """Keep a survey. Raises OSError if the disk is full."""
-        key = _key(path)
-        if key is not None:
-            self._finished.put(key, encoded_survey(survey))
+        """Keep a survey; a disk sees it now and then."""
+        stamp = _stamp(path)
+        if stamp is not None:
+            self._files[os.path.abspath(path)] = [*stamp, self._entry(survey)]
+            self._unsaved += 1
+        if self._unsaved >= max(UNSAVED, len(self._files) // 10):
+            self.close()
+
+    def close(self) -> None:
+        """Write what is new."""
+        if self._unsaved:
+            table = json.dumps({"texts": self._texts, "files": self._files})
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            written_whole(self._path, packed([(SURVEYS_KIND, table.encode())]))
+            self._unsaved = 0
+
+    def _entry(self, survey: FileSurvey) -> list[Any]:
+        """A survey as JSON holds it: names that many files share stand in `texts`."""
+        layouts = [encode(layout).hex() for layout in survey.layouts]
+        scenario = json.dumps(survey.scenario)
+        return [
+            survey.fingerprint,
+            self._number(scenario),
+            [self._number(layout) for layout in layouts],
+            survey.damage,
+            [_kept_part(part) for part in survey.parts],
+        ]
+
+    def _number(self, text: str) -> str:
+        """A short name of a text."""
+        name = hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+        self._texts[name] = text
+        return name
+
+    def _survey(self, path: Path, entry: list[Any]) -> FileSurvey:
+        fingerprint, scenario, layouts, damage, parts = entry
+        return FileSurvey(
+            path=path,
+            fingerprint=fingerprint,
+            parts=tuple(_part_of(path, fingerprint, each) for each in parts),
+            layouts=tuple(self._layout(name) for name in layouts),
+            scenario=tuple((name, text) for name, text in json.loads(self._texts[scenario])),
+            damage=damage,
+        )
+
+    def _layout(self, name: str) -> SensorLayout:
+        if name not in self._layouts:
+            self._layouts[name] = decode(SensorLayout, bytes.fromhex(self._texts[name]))
+        return self._layouts[name]
 
 
-def _key(path: Path) -> str | None:
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Size [bytes] and time of the last change [ns]; None where the file is gone."""
     try:
-        status = path.stat()
+        status = os.stat(path)
     except OSError:
         return None
-    return key_of_result(SURVEY, str(path.resolve()), f"{status.st_size} {status.st_mtime_ns}")
+    return status.st_size, status.st_mtime_ns
 
 
-def encoded_survey(survey: FileSurvey) -> tuple[StoredFrame, ...]:
-    """A survey as it is kept: one table, then the gaps part by part, then the layouts."""
-    table = {
-        "fingerprint": survey.fingerprint,
-        "scenario": survey.scenario,
-        "parts": [_part_table(part) for part in survey.parts],
-    }
-    gaps = [gap for part in survey.parts for gap in part.gaps]
-    return ((SURVEY, json.dumps(table).encode()), *frames_of((*gaps, *survey.layouts)))
+_KEPT_FIELDS = tuple(
+    field.name for field in fields(Part) if field.name not in ("path", "fingerprint", "gaps")
+)
 
 
-def _part_table(part: Part) -> dict[str, Any]:
-    content = {name: getattr(part, name) for name in _KEPT_FIELDS}
-    return {**content, "gaps": len(part.gaps)}
+def _kept_part(part: Part) -> list[Any]:
+    gaps = [[gap.start_ns, gap.end_ns, gap.first_sequence, gap.n_blocks] for gap in part.gaps]
+    return [*(getattr(part, name) for name in _KEPT_FIELDS), gaps]
 
 
-def decoded_survey(path: Path, frames: tuple[StoredFrame, ...]) -> FileSurvey:
-    """A survey that was kept. Raises CodecError, ValueError, KeyError, TypeError: it is damaged."""
-    kind, content = frames[0]
-    if kind != SURVEY:
-        raise ValueError(f"{kind!r} is no survey")
-    table = json.loads(content)
-    messages = list(messages_in(frames[1:]))
-    gaps = iter([each for each in messages if isinstance(each, StreamGap)])
-    parts = []
-    for each in table["parts"]:
-        own = tuple(next(gaps) for _ in range(each.pop("gaps")))
-        missing = tuple((int(first), int(end)) for first, end in each.pop("missing"))
-        parts.append(Part(path=path, gaps=own, missing=missing, **each))
-    layouts = tuple(each for each in messages if isinstance(each, SensorLayout))
-    scenario = tuple((str(name), str(text)) for name, text in table["scenario"])
-    return FileSurvey(path, table["fingerprint"], tuple(parts), layouts, scenario)
+def _part_of(path: Path, fingerprint: str, kept: list[Any]) -> Part:
+    *values, gaps = kept
+    content = dict(zip(_KEPT_FIELDS, values, strict=True))
+    content["missing"] = tuple((first, end) for first, end in content["missing"])
+    part = Part(path=path, fingerprint=fingerprint, **content)
+    if not gaps:
+        return part
+    own = tuple(StreamGap(part.turbine, part.unit, part.session, *gap) for gap in gaps)
+    return replace(part, gaps=own)

@@ -2,11 +2,12 @@
 
 Modes are followed over all files of a turbine, in order of time, by the tracker that a session has:
 so a mode keeps its name from the first file to the last, and no name depends on where or in what
-order files were identified. This pass is serial and cheap, some milliseconds a window.
+order files were identified. This pass is serial, some milliseconds a window, and continues from the
+state that it has left.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from pipeline.messages import (
     FoundationTruth,
@@ -17,10 +18,21 @@ from pipeline.messages import (
 )
 from pipeline.nodes.operating_state import rejected_estimate
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
-from pipeline.oma.tracking import ChannelPlaces, ModeTracker
+from pipeline.oma.tracking import ChannelPlaces, ModeTracker, TrackerState
 from sensors.acquisition.blocks import NANOSECONDS
 
 FORGETTING = 12  # windows at most by which a gap, however long, widens what is expected of a mode
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackingState:
+    """What is remembered of one turbine's windows; its size does not grow with their number."""
+
+    tracker: TrackerState = field(default_factory=TrackerState)
+    reference: ModalEstimate | None = None  # the last window with its channels in place
+    next_window: int = 0  # its number
+    expected_ns: int | None = None  # start of the next window, were there no gap
+    truth: FoundationTruth | None = None  # the last one
 
 
 class ArchiveTracking:
@@ -28,16 +40,31 @@ class ArchiveTracking:
 
     channels   names of all channels that any of its layouts has
     hop        from one window's start to the next one's [s]
+    state      after the windows before; None: there are none
     """
 
-    def __init__(self, channels: Sequence[str], hop: float) -> None:
+    def __init__(
+        self, channels: Sequence[str], hop: float, state: TrackingState | None = None
+    ) -> None:
+        state = state or TrackingState()
         self._channels = tuple(channels)
         self._hop_ns = round(hop * NANOSECONDS)
-        self._tracker = ModeTracker()
-        self._watch = ChannelSwapMonitor()
-        self._next_window = 0
-        self._expected_ns: int | None = None  # start of the next window, were there no gap
-        self._truths: set[FoundationTruth] = set()
+        self._tracker = ModeTracker.continued(state.tracker)
+        self._watch = ChannelSwapMonitor(state.reference)
+        self._next_window = state.next_window
+        self._expected_ns = state.expected_ns
+        self._truth = state.truth
+
+    @property
+    def state(self) -> TrackingState:
+        """All that later windows depend on."""
+        return TrackingState(
+            tracker=self._tracker.state,
+            reference=self._watch.reference,
+            next_window=self._next_window,
+            expected_ns=self._expected_ns,
+            truth=self._truth,
+        )
 
     def followed(self, answers: Iterable[Message]) -> Iterator[Message]:
         """Answers in order of time, each window under its number in the turbine's history, its
@@ -51,9 +78,13 @@ class ArchiveTracking:
                     self._pass_gap_before(answer)
                     self._tracker.missed()
                     yield self._numbered(answer)
-                case FoundationTruth() if answer not in self._truths:
-                    self._truths.add(answer)
+                case FoundationTruth() if self._is_new(answer):
+                    self._truth = answer
                     yield answer
+
+    def _is_new(self, truth: FoundationTruth) -> bool:
+        """Tasks that read the same file repeat what stands there."""
+        return self._truth is None or truth.time_ns > self._truth.time_ns
 
     def _named(self, estimate: ModalEstimate) -> ModalEstimate | WindowRejected:
         unknown = [name for name in estimate.channels if name not in self._channels]

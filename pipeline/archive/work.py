@@ -38,18 +38,22 @@ class Outcome:
 class Workers(Protocol):
     """What does the calls."""
 
-    def outcomes(self, calls: Iterable[Call]) -> Iterator[Outcome]:
-        """Every call's outcome, as it is ready. An exception that is no InputError is raised."""
+    def outcomes(self, calls: Iterable[Call | None]) -> Iterator[Outcome]:
+        """Every call's outcome, as it is ready. An exception that is no InputError is raised.
+
+        calls   pulled as there is room; None: the next one waits for outcomes still to come
+        """
         ...
 
 
 class ThisProcess:
     """Does every call at once, one after the other."""
 
-    def outcomes(self, calls: Iterable[Call]) -> Iterator[Outcome]:
+    def outcomes(self, calls: Iterable[Call | None]) -> Iterator[Outcome]:
         """Yield the outcome of each call, one after the other."""
         for call in calls:
-            yield Outcome(call, attempted(call.function, call.argument))
+            if call is not None:  # nothing is under way that could be waited for
+                yield Outcome(call, attempted(call.function, call.argument))
 
 
 def attempted(function: Callable[[Any], Any], argument: Any) -> Any:

@@ -209,7 +209,7 @@ def reprocess(
         print_json(asdict(report) | {"out": out})
     else:
         _print_report(report, out)
-    if report.failures:
+    if report.failures or report.salvaged:
         raise typer.Exit(2)
 
 
@@ -256,6 +256,9 @@ def _print_report(report: "ArchiveReport", out: Path) -> None:
         output.print(f"{report.found_finished} results existed already, {report.done_now} are new")
     for copy in report.copies:
         stderr.print(f"{copy} is a copy of another file and was skipped")
+    for each in report.salvaged:
+        warning = f"{each.path} {each.text}"
+        stderr.print(f"[bold yellow]pilewatch:[/] {escape_markup(warning)}", soft_wrap=True)
     for failure in report.failures:
         text = failure.text if failure.path in failure.text else f"{failure.path}: {failure.text}"
         stderr.print(f"[bold red]pilewatch:[/] {escape_markup(text)}", soft_wrap=True)

@@ -4,7 +4,7 @@
 and `mode_shapes`, also where a mode has no name yet.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -237,6 +237,13 @@ RESULT_TABLES = (
         _truth,
     ),
 )  # fmt: skip
+
+
+def table_of_rows(rows: Sequence[Row], schema: pa.Schema) -> pa.Table:
+    """Rows of values in the order of the columns as an Arrow table."""
+    columns = zip(*rows, strict=True)
+    arrays = [pa.array(each, field.type) for each, field in zip(columns, schema, strict=True)]
+    return pa.Table.from_arrays(arrays, schema=schema)
 
 
 def tables_of(message: Message) -> tuple[ResultTable, ...]:

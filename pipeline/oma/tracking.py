@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 
 from pipeline.messages import Mode
-from pipeline.modal_assurance import modal_assurance_criterion
 from sensors.arrays import FloatArray
 
 DRIFT_PER_WINDOW = 0.001  # std of a frequency's own random walk, relative, a window
@@ -50,7 +49,7 @@ class ChannelPlaces:
 
 
 @dataclass(slots=True)
-class _Track:
+class Track:
     """What is expected of a mode: a random walk in frequency, a mean shape."""
 
     name: str
@@ -66,16 +65,6 @@ class _Track:
         self.unseen += 1
         self.variance += (DRIFT_PER_WINDOW * self.frequency) ** 2
 
-    def cost(self, mode: Mode, shape: FloatArray) -> float:
-        """(Δf)² / var(Δf) + (1 − MAC)² / scatter², the MAC over the channels that both have."""
-        variance = self.variance + mode.frequency_std**2
-        both = np.isfinite(self.shape) & np.isfinite(shape)
-        mac = 1.0
-        if both.any():
-            mac = modal_assurance_criterion(self.shape[None, both], shape[None, both])[0, 0]
-        distance = (mode.frequency - self.frequency) ** 2 / variance
-        return float(distance + (1 - mac) ** 2 / SHAPE_SCATTER**2)
-
     def update(self, mode: Mode, shape: FloatArray) -> None:
         """Kalman filter of the frequency; the shape's mean with the sign that fits."""
         gain = self.variance / (self.variance + mode.frequency_std**2)
@@ -89,14 +78,37 @@ class _Track:
         self.unseen = 0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackerState:
+    """What a tracker remembers between windows."""
+
+    tracks: tuple[Track, ...] = ()  # in order of birth
+    born: int = 0  # tracks in all
+    windows: int = 0  # named in all
+
+
 class ModeTracker:
     """Names the modes of successive windows: "m1", "m2", … in order of first appearance."""
 
     def __init__(self) -> None:
-        self._tracks: list[_Track] = []
+        self._tracks: list[Track] = []
         self._born = 0
         self._windows = 0
         self.events: tuple[TrackEvent, ...] = ()  # of the last window
+
+    @property
+    def state(self) -> TrackerState:
+        """All that the names of later windows depend on."""
+        tracks = tuple(replace(track, shape=track.shape.copy()) for track in self._tracks)
+        return TrackerState(tracks, self._born, self._windows)
+
+    @classmethod
+    def continued(cls, state: TrackerState) -> "ModeTracker":
+        """The tracker that had this state."""
+        tracker = cls()
+        tracker._tracks = [replace(each, shape=each.shape.copy()) for each in state.tracks]
+        tracker._born, tracker._windows = state.born, state.windows
+        return tracker
 
     def named(self, modes: Sequence[Mode], *, on: ChannelPlaces | None = None) -> tuple[Mode, ...]:
         """The modes of the next window, each under its track's name; new ones start a track.
@@ -147,18 +159,13 @@ class ModeTracker:
             track.predict()
         self.events = tuple(self._bury())
 
-    def _assigned(self, modes: Sequence[Mode], shapes: Sequence[FloatArray]) -> dict[int, _Track]:
+    def _assigned(self, modes: Sequence[Mode], shapes: Sequence[FloatArray]) -> dict[int, Track]:
         """Index of a mode → its track, by least total cost."""
         if not modes or not self._tracks:
             return {}
         from scipy.optimize import linear_sum_assignment  # slow to load; a first window has no need
 
-        cost = np.array(
-            [
-                [track.cost(mode, shape) for track in self._tracks]
-                for mode, shape in zip(modes, shapes, strict=True)
-            ]
-        )
+        cost = _association_costs(self._tracks, modes, shapes)
         rows, columns = linear_sum_assignment(np.minimum(cost, REJECTION_COST))
         return {
             int(row): self._tracks[column]
@@ -166,10 +173,10 @@ class ModeTracker:
             if cost[row, column] < REJECTION_COST
         }
 
-    def _birth(self, mode: Mode, shape: FloatArray, name: str | None = None) -> _Track:
+    def _birth(self, mode: Mode, shape: FloatArray, name: str | None = None) -> Track:
         """name   as a mode was called before; None: the next that is free"""
         self._born = self._born + 1 if name is None else max(self._born, _number(name))
-        track = _Track(
+        track = Track(
             name=name or f"m{self._born}",
             frequency=mode.frequency,
             variance=mode.frequency_std**2,
@@ -179,7 +186,7 @@ class ModeTracker:
         self._tracks.append(track)
         return track
 
-    def _birth_event(self, track: _Track) -> list[TrackEvent]:
+    def _birth_event(self, track: Track) -> list[TrackEvent]:
         """While the first windows gather the modes, a birth is no news."""
         if self._windows < ESTABLISHED_TRACK:
             return []
@@ -203,13 +210,44 @@ class ModeTracker:
         ]
 
 
+def _association_costs(
+    tracks: Sequence[Track], modes: Sequence[Mode], shapes: Sequence[FloatArray]
+) -> FloatArray:
+    """(n_modes, n_tracks), (Δf)² / var(Δf) + (1 − MAC)² / scatter² [-].
+
+    The MAC is over the channels that both have, 1 where there is none.
+    """
+    frequencies = np.array([[mode.frequency] for mode in modes])
+    variances = np.array([[mode.frequency_std**2] for mode in modes])
+    expected = np.array([track.frequency for track in tracks])
+    distance = (frequencies - expected) ** 2 / (
+        np.array([track.variance for track in tracks]) + variances
+    )
+    mac = _common_mac(np.array(shapes), np.array([track.shape for track in tracks]))
+    return np.asarray(distance + (1 - mac) ** 2 / SHAPE_SCATTER**2)
+
+
+def _common_mac(ones: FloatArray, others: FloatArray) -> FloatArray:
+    """(n, m) MAC of each of (n, n_channels) with each of (m, n_channels), NaN where not measured.
+
+    The sums of |φᵀψ|² / (φᵀφ · ψᵀψ) are over the channels that both shapes have; 1 where these are
+    none.
+    """
+    a, b = np.nan_to_num(ones), np.nan_to_num(others)
+    in_a, in_b = np.isfinite(ones).astype(float), np.isfinite(others).astype(float)
+    energies = (a**2 @ in_b.T) * (in_a @ (b**2).T)
+    products = (a @ b.T) ** 2
+    mac = np.divide(products, energies, out=np.zeros_like(products), where=energies > 0)
+    return np.where(in_a @ in_b.T > 0, mac, 1.0)
+
+
 def _number(name: str) -> int:
     """7 of "m7"; 0 of a name that no tracker gave."""
     digits = name.removeprefix("m")
     return int(digits) if digits.isdecimal() else 0
 
 
-def _drift_event(track: _Track) -> list[TrackEvent]:
+def _drift_event(track: Track) -> list[TrackEvent]:
     """A frequency that has left its reference by a notable and a significant amount."""
     change = track.frequency / track.reference - 1
     std = np.sqrt(track.variance) / track.reference

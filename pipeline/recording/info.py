@@ -2,15 +2,19 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
-from pipeline.messages import NodeStatus, StreamGap
-from pipeline.recording.mcap_file import RecordedMessage
+from pipeline.messages import Message, NodeStatus, StreamGap
+from pipeline.recording.errors import RecordingError
+from pipeline.recording.mcap_file import RecordedMessage, is_closed_properly, open_recording
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
+from pipeline.recording.salvage import Remains, remaining_metadata
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+
+_LOOKED_INTO = (AccelerationBlock, SensorLayout, NodeStatus)  # the others are only counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +66,7 @@ class RecordingInfo:
     units: tuple[UnitInfo, ...]
     layouts: tuple[SensorLayout, ...]
     health: tuple[NodeStatus, ...]  # the last status of every node that was recorded
+    damage: str = ""  # what of the file cannot be read, for people; "" nothing is known of any
 
     @property
     def duration(self) -> float:
@@ -89,21 +94,44 @@ def recording_info(path: Path) -> RecordingInfo:
     metadata = read_metadata(path)
     tally = _Tally()
     for recorded in recorded_messages(path):
-        tally.add(path, recorded)
-    return RecordingInfo(
-        path=path,
-        size=path.stat().st_size,
-        metadata=metadata,
-        channels=tuple(
-            ChannelInfo(key, message_type.__name__, count)
-            for (key, message_type), count in tally.counts.items()
-        ),
-        units=tuple(
-            _unit_info(tally.sessions[session], spans) for session, spans in tally.spans.items()
-        ),
-        layouts=tuple(tally.layouts.values()),
-        health=tuple(tally.statuses.values()),
-    )
+        tally.count(recorded)
+        if recorded.message_type in _LOOKED_INTO:
+            tally.add(decoded(path, recorded))
+    return tally.info(path, metadata)
+
+
+def salvageable_info(path: Path) -> RecordingInfo:
+    """As `recording_info`, of the chunks that can be read; `damage` says which cannot.
+
+    Raises RecordingError where the file is missing or no recording, or nothing of it is left.
+    """
+    tally, remains = _Tally(), Remains()
+    with open_recording(path) as file:
+        metadata = remaining_metadata(file)
+        for recorded in remains.messages(file):
+            tally.count(recorded)
+            if recorded.message_type in _LOOKED_INTO:
+                tally.add(remains.decoded(recorded))
+        closed = is_closed_properly(file)
+    damage = _damage(remains, closed=closed)
+    if damage and not tally.spans:
+        raise RecordingError(f"{path} {damage}; no samples are left")
+    return replace(tally.info(path, metadata), damage=damage)
+
+
+def _damage(remains: Remains, *, closed: bool) -> str:
+    """What cannot be read, and how much is left; "" where all can."""
+    content = remains.counted()
+    problems = []
+    if not closed:
+        problems.append("was cut off before its end")
+    if content.damaged_chunks:
+        count, total = content.damaged_chunks, content.chunks + content.damaged_chunks
+        problems.append(f"has lost {count} of {total} chunks ({remains.lost_bytes} bytes)")
+    if content.unreadable_messages:
+        problems.append(f"has {content.unreadable_messages} unreadable messages")
+    left = f"{content.chunks} chunks are used"
+    return "; ".join([" and ".join(problems), left]) if problems else ""
 
 
 class _Tally:
@@ -116,17 +144,33 @@ class _Tally:
         self.layouts: dict[str, SensorLayout] = {}
         self.statuses: dict[str, NodeStatus] = {}
 
-    def add(self, path: Path, recorded: RecordedMessage) -> None:
+    def count(self, recorded: RecordedMessage) -> None:
         self.counts[recorded.key, recorded.message_type] += 1
-        if recorded.message_type not in (AccelerationBlock, SensorLayout, NodeStatus):
-            return
-        match decoded(path, recorded):
+
+    def add(self, message: Message | None) -> None:
+        match message:
             case AccelerationBlock() as block:
                 self._add_block(block)
             case SensorLayout() as layout:
                 self.layouts[layout.layout_id] = layout
             case NodeStatus() as status:
                 self.statuses[status.node] = status
+
+    def info(self, path: Path, metadata: dict[str, dict[str, str]]) -> RecordingInfo:
+        return RecordingInfo(
+            path=path,
+            size=path.stat().st_size,
+            metadata=metadata,
+            channels=tuple(
+                ChannelInfo(key, message_type.__name__, count)
+                for (key, message_type), count in self.counts.items()
+            ),
+            units=tuple(
+                _unit_info(self.sessions[session], spans) for session, spans in self.spans.items()
+            ),
+            layouts=tuple(self.layouts.values()),
+            health=tuple(self.statuses.values()),
+        )
 
     def _add_block(self, block: AccelerationBlock) -> None:
         session = (block.turbine, block.unit, block.session)

@@ -21,12 +21,14 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Metadata, Schema
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import breakup_chunk
+from mcap.summary import Summary
 
 from pipeline.recording.errors import RecordingError
 from pipeline.streams import STREAMS
 from pipeline.transport.wire import full_name
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
+_FOOTER = struct.Struct("<QQI")  # start of the summary, of its offsets; checksum
 _RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows [bytes]
 
 # What the mcap package raises where bytes are not what they should be.
@@ -97,11 +99,7 @@ def counted_in_summary(path: Path, message_type: type) -> int | None:
     Raises RecordingError where it is no recording at all.
     """
     with open_recording(path) as file:
-        file.seek(0)
-        try:
-            summary = SeekingReader(file).get_summary()
-        except MCAP_DAMAGE:
-            return None
+        summary = summary_of(file)
     if summary is None or summary.statistics is None:
         return None
     name = full_name(message_type.__name__)
@@ -111,6 +109,43 @@ def counted_in_summary(path: Path, message_type: type) -> int | None:
         for channel in summary.channels.values()
         if channel.schema_id in summary.schemas and summary.schemas[channel.schema_id].name == name
     )
+
+
+def summary_of(file: BinaryIO) -> Summary | None:
+    """The summary at the end of a file; None where there is none, or it is damaged."""
+    if not _summary_holds(file):
+        return None
+    file.seek(0)
+    try:
+        return SeekingReader(file).get_summary()
+    except MCAP_DAMAGE:
+        return None
+
+
+def _summary_holds(file: BinaryIO) -> bool:
+    """Whether the summary's own checksum, if it has one, is that of its bytes, which end four bytes
+    before the end of the footer."""
+    end = file.seek(0, 2) - len(MCAP_MAGIC)
+    if end - _FOOTER.size < len(MCAP_MAGIC):
+        return False
+    file.seek(end - _FOOTER.size)
+    summary_start, _, expected = _FOOTER.unpack(file.read(_FOOTER.size))
+    if not len(MCAP_MAGIC) <= summary_start < end:
+        return False
+    file.seek(summary_start)
+    return expected in (0, zlib.crc32(file.read(end - 4 - summary_start)))
+
+
+def chunk_records(file: BinaryIO, summary: Summary | None) -> Iterator[Record]:
+    """Every chunk, in order. Where the file has a summary, its index leads over damaged records;
+    else the records are followed up to the first that is not whole."""
+    if summary is None or not summary.chunk_indexes:
+        yield from (each for each in complete_records(file) if each.opcode == Opcode.CHUNK)
+        return
+    for index in sorted(summary.chunk_indexes, key=lambda each: each.chunk_start_offset):
+        file.seek(index.chunk_start_offset + _RECORD_HEAD.size)
+        content = file.read(max(0, index.chunk_length - _RECORD_HEAD.size))
+        yield Record(index.chunk_start_offset, Opcode.CHUNK, content)
 
 
 def complete_records(file: BinaryIO) -> Iterator[Record]:
@@ -180,6 +215,14 @@ class McapChannels:
         self.known: set[str] = set()  # topics of ours
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, tuple[type | None, str]] = {}
+
+    def learn(self, summary: Summary | None) -> None:
+        """Take schemas and channels from a file's summary too: the chunk that introduces them may
+        be damaged."""
+        if summary is not None:
+            self._schemas |= {each.id: each.name for each in summary.schemas.values()}
+            for channel in summary.channels.values():
+                self._add(channel)
 
     def messages(self, record: Record) -> list[RecordedMessage]:
         """What one chunk holds of the table of streams, in order, its checksum verified.

@@ -1,6 +1,6 @@
 """What is left of a recording that was cut off or damaged."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -12,9 +12,11 @@ from pipeline.recording.mcap_file import (
     MCAP_DAMAGE,
     McapChannels,
     RecordedMessage,
+    chunk_records,
     complete_records,
     metadata_section,
     open_recording,
+    summary_of,
 )
 from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
 from pipeline.transport.codec import decode
@@ -66,8 +68,8 @@ def salvage(source: Path, target: Path) -> SalvagedContent:
     written; nothing is left of it then.
     """
     with open_recording(source) as file:
-        remains = _Remains()
-        with whole_recording(target, metadata=_metadata(file)) as recorder:
+        remains = Remains()
+        with whole_recording(target, metadata=remaining_metadata(file)) as recorder:
             for recorded in remains.messages(file):
                 message = remains.decoded(recorded)
                 if message is not None:
@@ -79,34 +81,37 @@ def salvage(source: Path, target: Path) -> SalvagedContent:
 
 def describe_what_is_left(file: BinaryIO) -> str:
     """For people: how much of an unfinished file can be salvaged."""
-    remains = _Remains()
+    remains = Remains()
     for recorded in remains.messages(file):
         remains.decoded(recorded)
     return str(remains.counted())
 
 
-class _Remains:
+class Remains:
     """Goes through the complete chunks of a file and counts what it meets."""
 
     def __init__(self) -> None:
+        self.lost_bytes = 0  # of damaged chunks, as they lie in the file
         self._chunks = self._damaged = self._messages = self._unreadable = 0
         self._starts_ns: list[int] = []
         self._ends_ns: list[int] = []
 
     def messages(self, file: BinaryIO) -> Iterator[RecordedMessage]:
-        channels = McapChannels()
-        for record in complete_records(file):
-            if record.opcode != Opcode.CHUNK:
-                continue
+        """What the complete chunks hold, in order, not yet decoded."""
+        channels, summary = McapChannels(), summary_of(file)
+        channels.learn(summary)
+        for record in chunk_records(file, summary):
             try:
                 messages = channels.messages(record)
             except MCAP_DAMAGE:
                 self._damaged += 1
+                self.lost_bytes += len(record.content)
                 continue
             self._chunks += 1
             yield from messages
 
     def decoded(self, recorded: RecordedMessage) -> Message | None:
+        """The message itself; None where it is not what its channel says."""
         try:
             message: Message = decode(recorded.message_type, recorded.payload)
         except CodecError:
@@ -119,6 +124,7 @@ class _Remains:
         return message
 
     def counted(self) -> SalvagedContent:
+        """What has been met until now."""
         span_ns = max(self._ends_ns, default=0) - min(self._starts_ns, default=0)
         return SalvagedContent(
             chunks=self._chunks,
@@ -129,7 +135,22 @@ class _Remains:
         )
 
 
-def _metadata(file: BinaryIO) -> dict[str, dict[str, str]]:
+def remaining_messages(path: Path, message_types: Sequence[type]) -> Iterator[Message]:
+    """As `read_messages`, with what is damaged left out.
+
+    Raises RecordingError where the file is missing or no recording at all.
+    """
+    remains = Remains()
+    with open_recording(path) as file:
+        for recorded in remains.messages(file):
+            if recorded.message_type in message_types:
+                message = remains.decoded(recorded)
+                if message is not None:
+                    yield message
+
+
+def remaining_metadata(file: BinaryIO) -> dict[str, dict[str, str]]:
+    """Section → name → text, of the sections that can be read."""
     sections: dict[str, dict[str, str]] = {}
     for record in complete_records(file):
         if record.opcode == Opcode.METADATA:

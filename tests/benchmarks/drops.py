@@ -3,10 +3,10 @@
     python -m tests.benchmarks drops [--sizes 0.03 0.05 0.1] [--trials 20] [--seeds FIRST] [--keep]
 
 A trial: modal data by tests.outside, E −1 % and added mass +10 % off the description, the water's
-level known and moving with a tide of 1 m, springs uniform in .9 to 1.15 of nominal; 36 windows, then
-k22 falls by the size. Delay: windows until the event, 1 is the first after the drop. Size: the ratio
-of k22 to that before the event, as the posterior of the sixth window after the drop has it; bias is
-the median error. No setting was chosen on these seeds.
+level known and moving with a tide of 1 m, springs uniform in .9 to 1.15 of nominal; 36 windows,
+then k22 falls by the size. Delay: windows until the event, 1 is the first after the drop. Size: the
+ratio of k22 to that before the event, as the posterior of the sixth window after the drop has it;
+bias is the median error. No setting was chosen on these seeds.
 """
 
 import argparse

@@ -30,7 +30,7 @@ from pipeline.archive.reprocessing import ArchiveReport, ProgressReport, reproce
 from pipeline.archive.work import ThisProcess, Workers
 from pipeline.scenario import scenario_from_text
 from pipeline.sources.sources import record_simulation, simulated
-from tests.pipeline.archive.archives import cut_into_files
+from tests.pipeline.archive.archives import cut_into_files, tables_of
 
 SCENARIO = """
 title = "An archive to reprocess"
@@ -113,11 +113,6 @@ def made_archive(folder: Path, files: int, minutes: float) -> list[Path]:
         whole = Path(made) / "whole.mcap"
         record_simulation(simulated(scenario_from_text(text, "reprocess.toml")), whole)
         return cut_into_files(whole, folder, seconds)
-
-
-def tables_of(results: Path) -> dict[str, bytes]:
-    """Every table's bytes."""
-    return {path.name: path.read_bytes() for path in sorted(results.glob("*.parquet"))}
 
 
 def _series(archive: list[Path], out: Path, _: int, follow: ProgressReport) -> ArchiveReport:

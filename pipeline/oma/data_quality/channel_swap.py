@@ -16,10 +16,13 @@ BAD, GOOD = 0.9, 0.95  # mean MAC of those modes below which a swap is sought, a
 
 
 class ChannelSwapMonitor:
-    """Remembers the shapes of a turbine's last good window."""
+    """Remembers the shapes of a turbine's last good window.
 
-    def __init__(self) -> None:
-        self._reference: ModalEstimate | None = None
+    reference   that window; None: there was none yet
+    """
+
+    def __init__(self, reference: ModalEstimate | None = None) -> None:
+        self.reference = reference
 
     def swap_in(self, estimate: ModalEstimate) -> str | None:
         """Which two channels have changed place since the last good window, in words, or None.
@@ -27,9 +30,9 @@ class ChannelSwapMonitor:
         A pair is named where exchanging it brings the shapes of the modes found again, at their
         frequencies, back to what they were.
         """
-        reference = self._reference
+        reference = self.reference
         if reference is None or reference.channels != estimate.channels:
-            self._reference = estimate
+            self.reference = estimate
             return None
         now, before = _shapes_of_same_modes(estimate, reference)
         if len(now) < FEWEST_SWAPPED_MODES:
@@ -45,7 +48,7 @@ class ChannelSwapMonitor:
                 found.append((gain, int(changed.sum()), before_it, with_it, (i, j)))
         _, count, bad, good, pair = max(found, default=(0.0, 0, 1.0, 0.0, (0, 0)))
         if bad > BAD or good < GOOD:
-            self._reference = estimate
+            self.reference = estimate
             return None
         first, second = (estimate.channels[index] for index in pair)
         return (

@@ -53,6 +53,14 @@ def rewritten(recording: Path, path: Path, change: "Change") -> Path:
     return path
 
 
+def tables_of(results: Path) -> dict[str, bytes]:
+    """The bytes of every table's files, by their place in the results."""
+    return {
+        path.relative_to(results).as_posix(): path.read_bytes()
+        for path in sorted(results.rglob("*.parquet"))
+    }
+
+
 class Change:
     """What happens to a recording's messages; as it is here, nothing."""
 

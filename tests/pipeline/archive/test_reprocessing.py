@@ -6,25 +6,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from pyarrow import parquet
 from typer.testing import CliRunner
 
 from pipeline.archive.reprocessing import FINISHED, ArchiveReport, reprocessed
 from pipeline.archive.survey import surveyed
-from pipeline.archive.tables import ReprocessingRecord
 from pipeline.archive.tracking import ArchiveTracking
 from pipeline.archive.turbines import archived_turbines
 from pipeline.archive.work import ThisProcess
 from pipeline.cli import app
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.identification import IdentificationNode
+from pipeline.recording.mcap_file import record_offsets
 from pipeline.recording.reader import read_messages, read_metadata
-from pipeline.recording.writer import Recorder
+from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.runtime.runner import with_end
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-from tests.pipeline.archive.archives import MEASURED, Renamed, rewritten
+from tests.pipeline.archive.archives import MEASURED, Renamed, rewritten, tables_of
 
 CLI = CliRunner()
 
@@ -36,7 +37,7 @@ def report(archive: list[Path], results: Path) -> ArchiveReport:
 
 
 def rows(results: Path, table: str) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = parquet.read_table(results / f"{table}.parquet").to_pylist()
+    found: list[dict[str, Any]] = parquet.read_table(results / table).to_pylist()
     return found
 
 
@@ -88,11 +89,11 @@ def test_what_is_finished_is_not_done_again(report: ArchiveReport) -> None:
     assert report.posteriors == 2
 
 
-def test_a_broken_file_is_one_line_and_the_rest_goes_on(
+def test_a_file_without_a_whole_chunk_is_one_line_and_the_rest_goes_on(
     archive: list[Path], results: Path, tmp_path: Path
 ) -> None:
     broken = tmp_path / "broken.mcap"
-    broken.write_bytes(archive[0].read_bytes()[:50_000])
+    broken.write_bytes(archive[0].read_bytes()[:5_000])
 
     said = CLI.invoke(
         app, ["reprocess", *map(str, archive), str(broken), "-o", str(results), "--serial"]
@@ -104,15 +105,47 @@ def test_a_broken_file_is_one_line_and_the_rest_goes_on(
     assert "was cut off before its end" in line
 
 
+def test_what_a_damaged_file_still_holds_is_surveyed_and_read(
+    archive: list[Path], short_recording: Path, tmp_path: Path
+) -> None:
+    damaged = tmp_path / "damaged.mcap"
+    recorder = Recorder(
+        damaged,
+        metadata=read_metadata(short_recording),
+        clock=None,
+        settings=RecorderSettings(chunk_duration=10.0),
+    )
+    for message in read_messages(short_recording, MEASURED):
+        recorder.handle(message)
+    recorder.close()
+    content = bytearray(damaged.read_bytes())
+    with damaged.open("rb") as file:
+        chunks = [offset for offset, opcode in record_offsets(file) if opcode == Opcode.CHUNK]
+    content[chunks[-3] + 200] ^= 0xFF
+    damaged.write_bytes(content)
+
+    survey = surveyed(damaged)
+    report = reprocessed([damaged], tmp_path / "out", ThisProcess())
+
+    (part,) = survey.parts
+    (gap,) = part.gaps
+    assert (gap.end_ns - gap.start_ns) / NANOSECONDS == pytest.approx(10.0, abs=1.0)
+    assert survey.damage.startswith("has lost 1 of ")
+    assert (report.identified, report.rejected) == (1, 1)  # the damage is in the second window
+    assert [each.path for each in report.salvaged] == [str(damaged)]
+    assert not report.failures
+
+
 def test_a_damaged_result_is_made_again(archive: list[Path], results: Path) -> None:
-    before = (results / "posterior.parquet").read_bytes()
-    kept = sorted((results / FINISHED).rglob("*.pw"), key=lambda path: path.stat().st_size)
-    kept[0].write_bytes(kept[0].read_bytes()[:-1])
+    before = tables_of(results)
+    posterior = next(path for path in before if path.startswith("posterior/"))
+    for damaged in (results / posterior, *(results / FINISHED).glob("??/*.pw")):
+        damaged.write_bytes(damaged.read_bytes()[:-1])
 
     again = reprocessed(archive, results, ThisProcess())
 
-    assert again.done_now == 1
-    assert (results / "posterior.parquet").read_bytes() == before
+    assert again.done_now > 1
+    assert tables_of(results) == before
 
 
 def test_turbines_of_one_archive_have_histories_of_their_own(
@@ -151,22 +184,6 @@ def test_a_window_of_channels_that_no_layout_has_is_refused() -> None:
 
     assert isinstance(answer, WindowRejected)
     assert answer.reason == "no layout of the archive has a channel c"
-
-
-def test_results_are_given_on_in_order_whenever_they_come() -> None:
-    given: list[int] = []
-    windows = [WindowRejected("t", number, 0, 0, "", "") for number in range(4)]
-    ledger = ReprocessingRecord(lambda message: given.append(message.window))  # type: ignore[union-attr]
-
-    ledger.add(windows[0])
-    ledger.wait_for("slow")
-    ledger.wait_for("quick")
-    ledger.settle("quick", (windows[2],))
-    ledger.add(windows[3])
-    assert given == [0]
-
-    ledger.settle("slow", (windows[1],))
-    assert given == [0, 1, 2, 3]
 
 
 def test_an_archive_without_its_layout_in_every_file_takes_it_from_the_others(

@@ -10,9 +10,11 @@ from pathlib import Path
 
 import mcap.reader
 import pytest
+from mcap.opcode import Opcode
 
 from pipeline.cli import main
 from pipeline.recording.errors import RecordingError
+from pipeline.recording.mcap_file import record_offsets
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.salvage import salvage
 from pipeline.recording.writer import Recorder
@@ -73,6 +75,25 @@ def test_the_chunks_after_a_damaged_one_are_still_there(recording: Path) -> None
         "11 complete chunks with 56 messages, 60.0 s of samples, can be salvaged "
         "(1 more are damaged)"
     )
+
+
+def test_the_chunks_after_a_damaged_first_one_or_a_damaged_length_are_still_there(
+    recording: Path,
+) -> None:
+    """The first chunk introduces the channels; a record's length leads to the next record."""
+    whole = recording.read_bytes()
+    with recording.open("rb") as file:
+        offsets = [offset for offset, opcode in record_offsets(file) if opcode == Opcode.CHUNK]
+    for place in (offsets[0] + 100, offsets[3] + 1, offsets[3] + 4):
+        damaged = bytearray(whole)
+        damaged[place] ^= 0xFF
+        recording.write_bytes(damaged)
+        target = recording.with_suffix(".salvaged.mcap")
+        target.unlink(missing_ok=True)
+
+        remains = salvage(recording, target)
+
+        assert remains.chunks >= 11
 
 
 def test_salvaging_keeps_metadata_and_times_and_leaves_the_source_alone(recording: Path) -> None:
