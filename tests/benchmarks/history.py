@@ -1,6 +1,6 @@
 """A new day into ten years of one turbine: `python -m tests.benchmarks history`.
 
-    [--years 10] [--files-a-day 24] [--posteriors 2] [--seed 9001]
+    [--years 10] [--new-day 2026-01-13] [--files-a-day 24] [--posteriors 2] [--seed 9001]
 
 Modal estimates are drawn about the turbine's modes as ten minutes give them, 40 modes each with
 the covariance of 40 blocks; no samples are simulated. All files of the ten years are there by name,
@@ -44,7 +44,7 @@ from tests.benchmarks._results import keep
 from tests.pipeline.archive.modal_archives import WINDOW, keep_windows, time_of
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "parked.mcap"  # its layout and scenario
-NEW_DAY = date(2026, 1, 13)
+NEW_DAY = "2026-01-13"
 RATE = 40.0  # of the samples that were never drawn [Hz]
 BLOCKS = 40  # of a covariance
 MODES = 40
@@ -236,11 +236,13 @@ def looked_at(results: Path, archive: Path, files: int) -> tuple[list[FileSurvey
 
 def measured(folder: Path, chosen: argparse.Namespace) -> NewDay:
     """An archive up to the new day, then the new day."""
-    results, month_begins = folder / "results", NEW_DAY.replace(day=1)
+    results, month = folder / "results", chosen.new_day[:7]
+    new_day = date.fromisoformat(chosen.new_day)
+    month_begins = new_day.replace(day=1)
     finished = FinishedResults(results / FINISHED)
     first = month_begins - timedelta(days=round(365.25 * chosen.years))
     surveys = file_surveys(
-        folder / "archive", first, (NEW_DAY - first).days + 1, chosen.files_a_day
+        folder / "archive", first, (new_day - first).days + 1, chosen.files_a_day
     )
     cached = SurveyCache(results / FINISHED / SURVEYS)
     for survey in surveys:
@@ -250,7 +252,7 @@ def measured(folder: Path, chosen: argparse.Namespace) -> NewDay:
 
     old, _ = looked_at(results, folder / "archive", len(surveys) - chosen.files_a_day)
     (turbine,) = archived_turbines(old, None, None)
-    stand_in(turbine, results, finished, NEW_DAY.isoformat()[:7])
+    stand_in(turbine, results, finished, month)
     identify(turbine, finished, drawn, month_begins.isoformat())
     run(TurbineHistory(turbine, results, finished), finished)
     (turbine,) = archived_turbines(surveys, None, None)
@@ -289,8 +291,7 @@ def measured(folder: Path, chosen: argparse.Namespace) -> NewDay:
         posteriors_left=left,
         posterior_cpu=posterior_cpu,
         kept_bytes_a_window=kept,
-        table_bytes_a_window=_size(results, f"*/*/month={NEW_DAY.isoformat()[:7]}/*.parquet")
-        / written,
+        table_bytes_a_window=_size(results, f"*/*/month={month}/*.parquet") / written,
     )
 
 
@@ -302,6 +303,7 @@ def arguments_of(arguments: Sequence[str]) -> argparse.Namespace:
     """What was chosen."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks history")
     parser.add_argument("--years", type=float, default=10.0)
+    parser.add_argument("--new-day", default=NEW_DAY, help="its month is written in full before it")
     parser.add_argument("--files-a-day", type=int, default=24)
     parser.add_argument("--posteriors", type=int, default=2, help="calls of some windows timed")
     parser.add_argument("--seed", type=int, default=9001)
@@ -318,7 +320,8 @@ def main(arguments: Sequence[str]) -> None:
         "history",
         asdict(found),
         command=f"python -m tests.benchmarks history --years {chosen.years:g} "
-        f"--files-a-day {chosen.files_a_day} --posteriors {chosen.posteriors} --seed {chosen.seed}",
+        f"--new-day {chosen.new_day} --files-a-day {chosen.files_a_day} "
+        f"--posteriors {chosen.posteriors} --seed {chosen.seed}",
         seeds=[chosen.seed],
         depends=["pipeline/archive", "pipeline/oma/tracking.py", "pipeline/updating"],
     )

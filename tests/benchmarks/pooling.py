@@ -15,6 +15,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -223,34 +224,50 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--farms", type=int, nargs=3, default=(40, 40, 10))
     parser.add_argument("--soft", type=int, default=50, help="farms with one softer turbine")
     parser.add_argument("--limits", type=int, default=4000, help="farms for what is detectable")
+    parser.add_argument(
+        "--only-soft", action="store_true", help="what pooling gains stays as it was measured"
+    )
     parser.add_argument("--seed", type=int, default=7001)
     chosen = parser.parse_args(arguments)
     lib = library()
+    known = json.loads(RESULT.read_text()) if RESULT.exists() else {}
     results: list[dict[str, float]] = []
     soft: list[dict[str, float]] = []
-    for turbines, farms in zip(SIZES, chosen.farms, strict=True):
-        for spread in SPREADS:
-            found = measured(lib, turbines, spread, range(chosen.seed, chosen.seed + farms))
-            results.append(asdict(found))
-            print(found, flush=True)
-            _write(chosen, results, soft)
+    if chosen.only_soft:
+        results = known["pooling"]
+    else:
+        for turbines, farms in zip(SIZES, chosen.farms, strict=True):
+            for spread in SPREADS:
+                found = measured(lib, turbines, spread, range(chosen.seed, chosen.seed + farms))
+                results.append(asdict(found))
+                print(found, flush=True)
     limits = [detectable(lib, turbines, chosen.limits, chosen.seed) for turbines in SIZES[:2]]
     print(limits, flush=True)
     for turbines in SIZES[:2]:
         soft.append(softened(lib, turbines, range(chosen.seed, chosen.seed + chosen.soft)))
         print(soft[-1], flush=True)
-        _write(chosen, results, soft, limits)
+        _write(chosen, known, results, soft, limits)
 
 
 def _write(
     chosen: argparse.Namespace,
+    known: dict[str, Any],
     results: Sequence[dict[str, float]],
     soft: Sequence[dict[str, float]],
-    limits: Sequence[dict[str, float]] = (),
+    limits: Sequence[dict[str, float]],
 ) -> None:
+    farms = "" if chosen.only_soft else f" --farms {' '.join(map(str, chosen.farms))}"
+    only = " --only-soft" if chosen.only_soft else ""
     command = (
-        f"python -m tests.benchmarks pooling --farms {' '.join(map(str, chosen.farms))} "
-        f"--soft {chosen.soft} --limits {chosen.limits} --seed {chosen.seed}"
+        f"python -m tests.benchmarks pooling{farms} --soft {chosen.soft} "
+        f"--limits {chosen.limits} --seed {chosen.seed}{only}"
     )
-    content = {"command": command, "pooling": results, "soft": soft, "detectable": limits}
+    first = known.get("command_pooling", known.get("command")) if chosen.only_soft else command
+    content = {
+        "command": command,
+        "command_pooling": first,
+        "pooling": results,
+        "soft": soft,
+        "detectable": limits,
+    }
     RESULT.write_text(json.dumps(content, indent=1) + "\n")
