@@ -41,6 +41,7 @@ class Outputs:
     tracks: Path | None = None  # folder of the identification's snapshots
     earlier: tuple[Path, ...] = ()  # recordings in which it finds the samples of an open window
     epoch: int = 0  # number of the run that writes into the folders
+    live: bool = False  # the instruments measure now
 
 
 def build(
@@ -74,7 +75,13 @@ def build(
             return IdentificationNode(scenario.oma, limits=scenario.limits)
         store = SnapshotFolder(outputs.tracks, "identification", epoch=outputs.epoch)
         past = recorded_past(outputs.earlier, scenario.oma)
-        return IdentificationNode(scenario.oma, limits=scenario.limits, store=store, past=past)
+        return IdentificationNode(
+            scenario.oma,
+            limits=scenario.limits,
+            store=store,
+            past=past,
+            clock=time.thread_time,
+        )
 
     def viewer() -> Node:
         drawn = scenario.structure if scenario.has_structure else bare_mast(layout)
@@ -88,6 +95,7 @@ def build(
             metadata=outputs.metadata or {},
             clock=time.time_ns,
             settings=scenario.recording,
+            live=outputs.live,
         )
 
     graph = [Plan(IdentificationNode, identification)]

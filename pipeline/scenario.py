@@ -50,6 +50,8 @@ logger = logging.getLogger(__name__)
 
 DEFAULT_SCENARIO = "parked"
 MODES_ONLY = "modes-only"  # the shipped scenario of a structure of which no model is given
+EXACT, EXACT_AS_RECORDED = "exact", "exact as recorded"  # structure, as recordings store it; the
+# latter where the scenario is from before there was a choice
 NO_STRUCTURE = "none"  # as `[turbine] description`: modes are tracked, nothing is updated
 
 
@@ -446,7 +448,7 @@ def scenario_metadata(scenario: Scenario) -> dict[str, str]:
         as JSON.
     """
     metadata = {
-        "structure": "exact" if scenario.updating.structure.exact else "uncertain",
+        "structure": _structure_word(scenario.updating.structure),
         "name": scenario.name,
         "seed": str(scenario.seed),
         "duration": repr(scenario.simulation.duration),
@@ -454,6 +456,12 @@ def scenario_metadata(scenario: Scenario) -> dict[str, str]:
     }
     files = _named_files(scenario)
     return metadata | ({"files": json.dumps(files, ensure_ascii=False, indent=1)} if files else {})
+
+
+def _structure_word(structure: StructureSettings) -> str:
+    if not structure.exact:
+        return "uncertain"
+    return EXACT if structure.stated else EXACT_AS_RECORDED
 
 
 def _named_files(scenario: Scenario) -> dict[str, str]:
@@ -515,9 +523,12 @@ def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
     stored = _scenario_from_table(_of_this_version(table, origin), text, origin)
-    if "structure" not in metadata and "structure" not in table:
-        # made before there was a choice: its scenario meant the described structure
-        stored = with_structure(stored, StructureSettings(exact=True, stated=False))
+    # made before there was a choice: its scenario meant the described structure
+    earlier = EXACT_AS_RECORDED if "structure" not in table else ""
+    structure = metadata.get("structure", earlier)
+    if structure in (EXACT, EXACT_AS_RECORDED) and not stored.updating.structure.exact:
+        exact = StructureSettings(exact=True, stated=structure == EXACT)
+        stored = with_structure(stored, exact)
     files = json.loads(metadata.get("files", "{}"))
     return with_overrides(
         replace(stored, name=metadata["name"], files=tuple(files.items())),

@@ -31,16 +31,23 @@ transient = 120.0
 [oma]
 window_duration = 120.0
 hop = 120.0
+highest_frequency = 9.5
 
 [updating.pairing]
 search_draws = 100
 refined = 2
+
+[structure.uncertain]
+flooding = "exact"
 """
 
 
 @pytest.fixture(scope="session")
 def short_scenario() -> Scenario:
-    """Four minutes of the parked turbine in two windows, with a short search for pairs."""
+    """Four minutes of the parked turbine in two windows, with a short search for pairs.
+
+    Thirty modes and two alternatives of the structure take every step that forty and four take.
+    """
     return scenario_from_text(SHORT_SCENARIO, "short.toml")
 
 

@@ -14,12 +14,12 @@ import pytest
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.offline.identify_file import recorded_channels
-from pipeline.offline.update_recording import holds_estimates, recorded_source, update_from
+from pipeline.offline.update_recording import holds_estimates, update_from
 from pipeline.recording.reader import read_messages
 from pipeline.run.options import SessionOptions, Way
 from pipeline.run.run import run_session
 from pipeline.scenario import scenario_from_text
-from pipeline.sources.sources import record_simulation, replayed, simulated
+from pipeline.sources.sources import record_simulation, replayed, replayed_with_structure, simulated
 from sensors.acquisition.blocks import AccelerationBlock
 
 
@@ -113,7 +113,7 @@ def test_updating_from_a_recording_gives_the_sessions_posterior(
 ) -> None:
     recording = sessions["threads"] / "session.mcap"
     assert holds_estimates(recording)
-    source = recorded_source(recording, scenario=None, sampler=None)
+    source = replayed_with_structure(recording)
     summary = update_from(source, identify=identify)
     reference = posteriors(sessions["lock-step"])[-1]
     assert summary.main.posterior is not None
@@ -139,10 +139,14 @@ units = [
 [oma]
 window_duration = 120.0
 hop = 120.0
+highest_frequency = 4.0
 
 [updating.pairing]
 search_draws = 100
 refined = 2
+
+[structure]
+uncertain = "exact"
 """
 
 

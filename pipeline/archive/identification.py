@@ -24,11 +24,15 @@ from pipeline.recording.salvage import remaining_messages
 from pipeline.runtime.runner import one_blas_thread, with_end
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.replayed import ReplayedTower
 from sensors.acquisition.scada import ScadaSample
+
+SensorMessage = SensorLayout | AccelerationBlock | ScadaSample
 
 ARCHIVE_SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
 SCADA_BEFORE = 600.0  # in which the state at a window's beginning was reported [s]
 TRACKING = "mode-"  # codes of warnings that come from following modes over windows
+WHOLE_FILES = 10**9  # blocks of a task that wait for those before them: those of its files at most
 READ = (SensorLayout, AccelerationBlock, ScadaSample, FoundationTruth)
 
 
@@ -83,6 +87,24 @@ def _untracked(answer: Message) -> Message:
 
 def task_messages(task: IdentificationTask) -> Iterator[Message]:
     """What the task's turbine measured in its stretch, as one session from sample 0 on."""
+    if task.in_order:
+        yield from _as_recorded(task)
+        return
+    truths = []
+
+    def measured() -> Iterator[SensorMessage]:
+        for message in _as_recorded(task):
+            if isinstance(message, SensorLayout | AccelerationBlock | ScadaSample):
+                yield message
+            else:
+                truths.append(message)
+
+    yield from ReplayedTower(measured(), latest_blocks=WHOLE_FILES)
+    yield from truths
+
+
+def _as_recorded(task: IdentificationTask) -> Iterator[Message]:
+    """The same in the order of recording."""
     if task.before is not None:
         since = task.start_ns - round(SCADA_BEFORE * NANOSECONDS)
         for sample in remaining_messages(task.before, (ScadaSample,)):

@@ -5,6 +5,9 @@
     windows    |0|1|2|3|4|5|6|7|8|     |0|1|2|3|      from the chain's first sample
     tasks      a: 0 to 3, with the beginning of b for window 3;  b: 4 to 8;  c: 0 to 3
 
+Blocks that were sent again after a long cut lie in later files, or late in their own: they are
+taken from where they are, and read in the order of samples.
+
 A window belongs to the file in which it begins; its task reads on in the files that join. So every
 task is independent of the others, and windows lie where one recording of the whole would have them.
 Pure functions of what `survey` has seen.
@@ -19,6 +22,7 @@ from pathlib import Path
 from pipeline.archive.survey import FileSurvey, Part
 from pipeline.messages import StreamGap
 from pipeline.oma.settings import OmaSettings
+from pipeline.recording.file_order import agree, logical_starts
 from sensors.acquisition.blocks import NANOSECONDS
 
 JOINT = 0.5  # of a sample, by which the clock of a new session may be off where two parts join
@@ -50,6 +54,7 @@ class IdentificationTask:
     end_ns: int
     n_windows: int  # complete ones and the one that a chain ends in; 0 where not known before
     before: Path | None = None  # file that the chain comes from: SCADA's last report stands there
+    in_order: bool = True  # whether the pieces hold their samples in order
 
     @property
     def content(self) -> str:
@@ -88,10 +93,16 @@ def parts_by_turbine(surveys: Sequence[FileSurvey]) -> dict[str, list[Part]]:
     for survey in surveys:
         for part in survey.parts:
             parts[part.turbine].append(part)
-    return {
-        turbine: sorted(parts[turbine], key=lambda part: (part.start_ns, part.path, part.unit))
-        for turbine in sorted(parts)
-    }
+    return {turbine: _in_order(parts[turbine]) for turbine in sorted(parts)}
+
+
+def _in_order(parts: Sequence[Part]) -> list[Part]:
+    """Parts of a turbine by time; those of a boot by its count, whatever its clock says."""
+    starts = logical_starts([each.stretch for each in parts])
+    by_time = sorted(
+        zip(parts, starts, strict=True), key=lambda each: (each[1], each[0].path, each[0].unit)
+    )
+    return [part for part, _ in by_time]
 
 
 def turbine_plan(parts: Sequence[Part], settings: OmaSettings) -> TurbinePlan:
@@ -105,8 +116,16 @@ def turbine_plan(parts: Sequence[Part], settings: OmaSettings) -> TurbinePlan:
         tasks = _tasks_of_whole_files(turbine, parts)
     else:
         chains = chains_of(parts)
-        tasks = [task for chain in chains for task in _tasks_of_chain(chain, settings)]
-    gaps = sorted({gap for part in parts for gap in part.gaps}, key=lambda gap: gap.start_ns)
+        tasks = [task for chain in chains for task in _tasks_of_chain(chain, settings, parts)]
+    gaps = sorted(
+        {
+            gap
+            for part in parts
+            for gap, missing in zip(part.gaps, part.missing or [None] * len(part.gaps), strict=True)
+            if missing is None or not _is_filled(part, missing, parts)
+        },
+        key=lambda gap: gap.start_ns,
+    )
     return TurbinePlan(turbine, tuple(tasks), tuple(gaps))
 
 
@@ -124,6 +143,7 @@ def _tasks_of_whole_files(turbine: str, parts: Sequence[Part]) -> list[Identific
             start_ns=min(part.start_ns for part in own),
             end_ns=max(part.end_ns for part in own),
             n_windows=0,
+            in_order=all(part.in_order for part in own),
         )
         for path, own in by_file.items()
     ]
@@ -137,13 +157,21 @@ def chains_of(parts: Sequence[Part]) -> list[list[Part]]:
     chains: list[list[Part]] = []
     for part in parts:
         last = chains[-1][-1] if chains else None
-        if last is not None and part.end_ns <= last.end_ns:
+        if last is not None and _is_within(part, last):
             continue
         if last is not None and joins(last, part):
             chains[-1].append(part)
         else:
             chains.append([part])
     return chains
+
+
+def _is_within(part: Part, last: Part) -> bool:
+    """Whether a part holds no time that the one before it does not."""
+    if part.session != last.session:  # no wrong clock brings one into the midst of the other
+        return last.start_ns <= part.start_ns and part.end_ns <= last.end_ns
+    held = last.first_sample <= part.first_sample and part.next_sample <= last.next_sample
+    return held and (agree(last.stretch, part.stretch) or part.end_ns == last.end_ns)
 
 
 def joins(before: Part, after: Part) -> bool:
@@ -168,8 +196,70 @@ def _links(chain: Sequence[Part]) -> list[_Link]:
     return links
 
 
-def _tasks_of_chain(chain: Sequence[Part], settings: OmaSettings) -> Iterator[IdentificationTask]:
-    """One task for every file of the chain in which a window begins."""
+def sent_again(
+    part: Part, first: int, end: int, parts: Sequence[Part]
+) -> Iterator[tuple[Part, int, int]]:
+    """Where samples that a part lacks were recorded later: the part, the first, one after the last.
+
+    Parameters
+    ----------
+    part : Part
+    first, end : int
+        Of its session: the first sample of the range that is looked at, one after its last.
+    parts : sequence of Part
+        All of the turbine.
+    """
+    others = [each for each in parts if each is not part and _is_of_boot(each, part)]
+    for lacking, lacking_end in part.missing:
+        wanted = [(max(first, lacking), min(end, lacking_end))]
+        for other in others:
+            left: list[tuple[int, int]] = []
+            for start, stop in wanted:
+                held = list(_held(other, start, stop))
+                yield from ((other, *each) for each in held)
+                left += _without(start, stop, held)
+            wanted = left
+
+
+def _is_of_boot(other: Part, part: Part) -> bool:
+    alike = (part.unit, part.session, part.layout_id, part.sampling_rate, part.n_channels)
+    return alike == (
+        other.unit,
+        other.session,
+        other.layout_id,
+        other.sampling_rate,
+        other.n_channels,
+    ) and agree(part.stretch, other.stretch)
+
+
+def _held(part: Part, start: int, stop: int) -> Iterator[tuple[int, int]]:
+    """Ranges of samples from `start` to `stop` that a part holds."""
+    yield from _without(max(start, part.first_sample), min(stop, part.next_sample), part.missing)
+
+
+def _without(start: int, stop: int, taken: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """A range without others, which are in order."""
+    for first, end in taken:
+        if start < min(first, stop):
+            yield start, min(first, stop)
+        start = max(start, end)
+    if start < stop:
+        yield start, stop
+
+
+def _is_filled(part: Part, missing: tuple[int, int], parts: Sequence[Part]) -> bool:
+    """Whether other parts hold all samples of a gap."""
+    found = sent_again(part, *missing, parts)
+    return sum(end - first for _, first, end in found) == missing[1] - missing[0]
+
+
+def _tasks_of_chain(
+    chain: Sequence[Part], settings: OmaSettings, parts: Sequence[Part]
+) -> Iterator[IdentificationTask]:
+    """One task for every file of the chain in which a window begins.
+
+    parts   all of the turbine, with what was sent again
+    """
     links = _links(chain)
     rate, n_samples = chain[0].sampling_rate, links[-1].end
     length = round(settings.window_duration * rate)
@@ -182,7 +272,7 @@ def _tasks_of_chain(chain: Sequence[Part], settings: OmaSettings) -> Iterator[Id
             end = min(own[-1] + length, n_samples)
             read = _beginning_before(end, islice(links, place, None))
             before = chain[place - 1] if place else None
-            yield _task(read, own[0], end, n_windows=len(own), before=before)
+            yield _task(read, own[0], end, parts, n_windows=len(own), before=before)
 
 
 def _beginning_before(end: int, links: Iterable[_Link]) -> list[_Link]:
@@ -201,10 +291,18 @@ def _windows(n_samples: int, length: int, hop: float) -> Iterator[int]:
 
 
 def _task(
-    read: Sequence[_Link], origin: int, end: int, *, n_windows: int, before: Part | None
+    read: Sequence[_Link],
+    origin: int,
+    end: int,
+    parts: Sequence[Part],
+    *,
+    n_windows: int,
+    before: Part | None,
 ) -> IdentificationTask:
     """The samples from `origin` to `end` of a chain, each from the part that holds it."""
     of, pieces, blocks = read[0].part, [], 0
+    late: list[Piece] = []
+    late_parts: list[Part] = []
     for link in read:
         part = link.part
         pieces.append(
@@ -219,18 +317,25 @@ def _task(
             )
         )
         blocks += part.last_sequence + 1 - part.first_sequence
+        own = pieces[-1]
+        for other, first, last in sent_again(part, own.first_sample, own.end_sample, parts):
+            late.append(replace(own, path=other.path, first_sample=first, end_sample=last))
+            late_parts.append(other)
     start = pieces[0].first_sample - of.first_sample
     start_ns = of.start_ns + round(start / of.sampling_rate * NANOSECONDS)
     return IdentificationTask(
         path=of.path,
         fingerprints=tuple(
-            part.fingerprint for part in (before, *(link.part for link in read)) if part
+            part.fingerprint
+            for part in (before, *(link.part for link in read), *late_parts)
+            if part
         ),
         turbine=of.turbine,
         layout_ids=(of.layout_id,),
-        pieces=tuple(pieces),
+        pieces=(*pieces, *late),
         start_ns=start_ns,
         end_ns=start_ns + round((end - origin) / of.sampling_rate * NANOSECONDS),
         n_windows=n_windows,
         before=None if before is None else before.path,
+        in_order=not late and all(link.part.in_order for link in read),
     )

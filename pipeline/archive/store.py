@@ -27,6 +27,7 @@ QUICK = 1  # zlib's level: numbers hardly shrink
 
 StoredFrame = tuple[str, bytes]  # what it is, its bytes
 
+_BODY = len(STORE_HEADER) + 4  # offset of what is compressed, behind its checksum [bytes]
 _FRAME_HEAD = struct.Struct(">BI")  # length of the kind, of the bytes
 _TYPES = {stream.message.__name__: stream.message for stream in STREAMS}
 
@@ -56,7 +57,11 @@ class FinishedResults:
             self._path(key).unlink(missing_ok=True)
 
     def __contains__(self, key: str) -> bool:
-        return self._path(key).exists()
+        """Return whether a result is there and whole: a damaged one is to be made again."""
+        try:
+            return is_whole(self._path(key).read_bytes())
+        except FileNotFoundError:
+            return False
 
     def _path(self, key: str) -> Path:
         return self._folder / key[:2] / f"{key}{SUFFIX}"
@@ -101,11 +106,15 @@ def packed(frames: Iterable[StoredFrame]) -> bytes:
 
 def unpacked(content: bytes) -> tuple[StoredFrame, ...]:
     """The frames of a file's bytes. Raises ValueError where these are damaged or something else."""
-    body = content[len(STORE_HEADER) + 4 :]
-    checksum = content[len(STORE_HEADER) : len(STORE_HEADER) + 4]
-    if not content.startswith(STORE_HEADER) or checksum != struct.pack(">I", zlib.crc32(body)):
+    if not is_whole(content):
         raise ValueError("no whole result of an archive")
-    return tuple(_frames(zlib.decompress(body)))
+    return tuple(_frames(zlib.decompress(content[_BODY:])))
+
+
+def is_whole(content: bytes) -> bool:
+    """Return whether a file's bytes have the header and the checksum of what follows."""
+    checksum = struct.pack(">I", zlib.crc32(memoryview(content)[_BODY:]))
+    return content.startswith(STORE_HEADER) and content[len(STORE_HEADER) : _BODY] == checksum
 
 
 def _frames(body: bytes) -> Iterator[StoredFrame]:

@@ -22,6 +22,7 @@ from typing import Any
 from pipeline.archive.store import packed, unpacked
 from pipeline.messages import StreamGap
 from pipeline.recording.atomic_write import written_whole
+from pipeline.recording.file_order import Stretch
 from pipeline.recording.info import RecordingInfo, UnitInfo, salvageable_info
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
@@ -54,11 +55,26 @@ class Part:
     start_ns: int  # of the first sample
     end_ns: int  # one sample after the last
     gaps: tuple[StreamGap, ...] = ()
+    missing: tuple[tuple[int, int], ...] = ()  # samples that each gap lacks: first, one after last
+    in_order: bool = True  # whether blocks were recorded in the order of their numbers
 
     @property
     def n_samples(self) -> int:
         """From the first to the last, missing ones counted."""
         return self.next_sample - self.first_sample
+
+    @property
+    def stretch(self) -> Stretch:
+        """Where it lies in its session."""
+        return Stretch(
+            self.path,
+            (self.turbine, self.unit),
+            self.session,
+            self.sampling_rate,
+            self.first_sample,
+            self.next_sample,
+            self.start_ns,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +156,8 @@ def _part(info: RecordingInfo, unit: UnitInfo, fingerprint: str) -> Part:
         start_ns=unit.start_ns,
         end_ns=unit.end_ns,
         gaps=unit.gaps,
+        missing=unit.missing,
+        in_order=unit.in_order,
     )
 
 
@@ -260,7 +278,9 @@ def _kept_part(part: Part) -> list[Any]:
 
 def _part_of(path: Path, fingerprint: str, kept: list[Any]) -> Part:
     *values, gaps = kept
-    part = Part(path, fingerprint, *values)
+    content = dict(zip(_KEPT_FIELDS, values, strict=True))
+    content["missing"] = tuple((first, end) for first, end in content["missing"])
+    part = Part(path=path, fingerprint=fingerprint, **content)
     if not gaps:
         return part
     own = tuple(StreamGap(part.turbine, part.unit, part.session, *gap) for gap in gaps)

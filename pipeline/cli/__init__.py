@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
+from pipeline.cli.calibrate import calibrate
 from pipeline.cli.console import escape_markup, stderr
 from pipeline.cli.farm import farm, reprocess
 from pipeline.cli.live import certificates, control, feed, publish
@@ -37,7 +38,7 @@ app = typer.Typer(
 PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "A session": (run, new, status, control, show, report, audit),
     "Recordings and files": (simulate, import_files, info, salvage, export),
-    "Modes and stiffness": (identify, modes, describe, update, reproduce),
+    "Modes and stiffness": (identify, modes, describe, update, calibrate, reproduce),
     "Instruments, parts and alarms": (feed, publish, node, certificates, metrics, notices, ack),
     "A farm, an archive": (farm, reprocess),
 }

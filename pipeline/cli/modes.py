@@ -84,7 +84,9 @@ def identify(
         stderr.print(f"[yellow]{warning.code}[/]: {escape_markup(warning.text)}", soft_wrap=True)
     if as_json:
         figures = {
-            "modes": [mode.as_json() for mode in modes],
+            "modes": [
+                mode.as_json() | {"cross_check": _check_as_json(found, mode.name)} for mode in modes
+            ],
             "warnings": [{"code": each.code, "text": each.text} for each in found.warnings],
             "windows": found.windows_json(),
             "sampling_rate_hz": found.sampling_rate,
@@ -97,9 +99,17 @@ def identify(
         if not modes:
             raise InputError(f"{file}: {_why_no_modes(found)}")
     else:
-        output.print(identified_modes_table(modes, len(found.estimates)))
+        output.print(identified_modes_table(modes, len(found.estimates), found.cross_checks))
         if why:
             output.print(refused_table(found.candidates))
+
+
+def _check_as_json(found: "FileIdentification", name: str) -> dict[str, float] | None:
+    """Return what the second estimator finds of a mode; None where its spectrum has no peak."""
+    check = found.cross_checks.get(name)
+    if check is None:
+        return None
+    return {"frequency_hz": check.frequency, "damping_ratio": check.damping_ratio}
 
 
 def _why_no_modes(found: "FileIdentification") -> str:

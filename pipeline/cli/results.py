@@ -56,6 +56,8 @@ def print_results(
             output.print("[bold red]NOT TRUSTED[/]: the data contradict the model.")
     for event in figures["events"]:
         output.print(f"[bold]change:[/] {escape_markup(event['text'])}")
+        if event["revised"] is not None:
+            output.print(f"  {event['revised']['text']}")
     for code, reasons in _by_code(figures["windows"]["rejected"]).items():
         for rejected in reasons[:PRINTED_PER_CODE]:
             output.print(

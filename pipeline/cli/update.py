@@ -42,10 +42,11 @@ def update(
     as_json: JsonOption = False,
 ) -> None:
     """Update the foundation's stiffness from a recording; print the misfit of every mode."""
-    from pipeline.offline.update_recording import holds_estimates, recorded_source, update_from
+    from pipeline.offline.update_recording import holds_estimates, update_from
+    from pipeline.sources.sources import replayed_with_structure
 
     started = time.monotonic()
-    source = recorded_source(file, scenario=scenario, sampler=sampler)
+    source = replayed_with_structure(file, scenario).with_sampler(sampler)
     again = identify or not holds_estimates(file)
     what = "identifying and updating" if again else "updating from recorded modes"
     with progress(f"{what}: {file}", source.duration) as report:

@@ -191,7 +191,24 @@ def _event(state: TurbineState, event: FoundationEvent) -> Json:
         "noticed": _since_start(state, event.time_ns),
         "since": _since_start(state, event.since_ns),
         "text": event.text,
+        "changes": {
+            each.name: {"median": each.median, "p05": each.p05, "p95": each.p95}
+            for each in event.changes
+        },
+        "revised": _revised(state, event),
     }
+
+
+def _revised(state: TurbineState, event: FoundationEvent) -> Json | None:
+    """Return the size of a change by the windows since, as `changes` has it by the first."""
+    found = state.revised_size(event)
+    if found is None:
+        return None
+    springs = {
+        each.name: {"median": each.median - 1, "p05": each.p05 - 1, "p95": each.p95 - 1}
+        for each in found.springs
+    }
+    return {"posteriors": found.n_posteriors, "changes": springs, "text": found.text}
 
 
 def _rejection(state: TurbineState, rejected: WindowRejected) -> Json:

@@ -18,6 +18,7 @@ from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog, rejected_estimate
 from pipeline.nodes.unit_streams import Boot, JoinedSession, UnitSession
+from pipeline.nodes.window_identification import CpuClock, CpuLimit
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
@@ -74,6 +75,8 @@ class TurbineIdentification:
         False: a caller that has all windows compares each one's channels with the window's before.
     limits : LimitSettings, optional
         What its units may cost.
+    clock : callable, optional
+        → CPU time of this thread [s]; None: a window may cost what it does.
     """
 
     def __init__(
@@ -82,9 +85,11 @@ class TurbineIdentification:
         *,
         compared: bool = True,
         limits: LimitSettings = DEFAULT_LIMITS,
+        clock: CpuClock | None = None,
     ) -> None:
         self.revision = 0
         self._limits = limits
+        self._cpu = None if clock is None else CpuLimit(limits.cpu_seconds, clock)
         self._settings = settings
         self._compared = compared
         self._units: dict[str, _Unit] = {}
@@ -228,8 +233,9 @@ class TurbineIdentification:
         latest = {name: each.layout for name, each in self._units.items()}
         layouts = {name: layout for name, layout in latest.items() if layout is not None}
         if len(layouts) > 1 and block.unit in layouts:
-            return JoinedSession([layouts[name] for name in sorted(layouts)], self._settings)
-        return UnitSession(block, unit.boot, self._settings, self._layouts)
+            joined = [layouts[name] for name in sorted(layouts)]
+            return JoinedSession(joined, self._settings, self._cpu)
+        return UnitSession(block, unit.boot, self._settings, self._layouts, self._cpu)
 
     def _finish_if_complete(self) -> Iterator[Message]:
         """Finish a session whose ends and last blocks are all here, whichever came first: they
@@ -411,6 +417,8 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
         Where it goes on from; None: it begins with nothing seen.
     past : sequence of Message
         What was recorded last, in the order of recording.
+    clock : callable, optional
+        See `TurbineIdentification`.
     """
 
     name = "identification"
@@ -424,10 +432,11 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
         limits: LimitSettings = DEFAULT_LIMITS,
         store: SnapshotStore | None = None,
         past: Sequence[Message] = (),
+        clock: CpuClock | None = None,
     ) -> None:
         chosen = settings or OmaSettings()
         super().__init__(
-            lambda _: TurbineIdentification(chosen, compared=compared, limits=limits),
+            lambda _: TurbineIdentification(chosen, compared=compared, limits=limits, clock=clock),
             store=store,
             past=past,
             most_turbines=limits.turbines,

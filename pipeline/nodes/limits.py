@@ -12,19 +12,21 @@ class LimitError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class LimitSettings:
-    """Section [limits]: blocks beyond them are recorded, counted and not identified."""
+    """Section [limits]: what is beyond them is recorded, counted and not identified."""
 
     channels: int = 100
     """Of a unit: the time for a window grows with their square."""
-    sampling_rate: float = field(default=10_000.0, metadata=NEVER_A_KEY)
+    sampling_rate: float = 10_000.0
     """Of a unit [Hz]."""
-    block_megabytes: float = field(default=5.0, metadata=NEVER_A_KEY)
+    block_megabytes: float = 5.0
     """Samples of one block [10⁶ bytes]."""
+    cpu_seconds: float = 120.0
+    """For the identification of a window, in a run [s]; beyond, the window is rejected."""
     window_values: float = field(default=5e7, metadata=NEVER_A_KEY)
     """Values of a window: ten minutes of eight channels at 10 kHz, 200 MB."""
-    units: int = field(default=16, metadata=NEVER_A_KEY)
+    units: int = 16
     """Names of units of a turbine."""
-    turbines: int = field(default=300, metadata=NEVER_A_KEY)
+    turbines: int = 300
     """Names of turbines; an updater of each holds 3 MB."""
 
     def __post_init__(self) -> None:

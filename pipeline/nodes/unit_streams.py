@@ -11,7 +11,7 @@ from typing import Any
 
 from pipeline.messages import Message, ModalEstimate, UnitOrigin, WindowRejected
 from pipeline.nodes.block_admission import LAYOUT, STUBBORN, UNITS, Refusal
-from pipeline.nodes.window_identification import WindowIdentification
+from pipeline.nodes.window_identification import CpuLimit, WindowIdentification
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.unit_clock import ClockStep, clock_step, stamp_of
@@ -43,12 +43,13 @@ class UnitSession:
         boot: Boot,
         settings: OmaSettings,
         layouts: dict[str, SensorLayout],
+        limit: CpuLimit | None = None,
     ):
         self._unit, self._boot = first.unit, boot
         self._settings = settings
         self._order = BlockOrder(settings.lateness)
         self._windows = WindowIdentification(
-            first.turbine, first.unit, settings, layouts, origins=self._origins
+            first.turbine, first.unit, settings, layouts, origins=self._origins, limit=limit
         )
         self._rate = first.sampling_rate
         self._newest: AccelerationBlock | None = None
@@ -141,7 +142,12 @@ class JoinedSession:
     received agrees with the joined clock, it `has_lost_time`: another session begins.
     """
 
-    def __init__(self, layouts: Sequence[SensorLayout], settings: OmaSettings):
+    def __init__(
+        self,
+        layouts: Sequence[SensorLayout],
+        settings: OmaSettings,
+        limit: CpuLimit | None = None,
+    ):
         self._settings = settings
         self._joiner = UnitJoiner(layouts, settings.lateness)
         self._orders: dict[str, BlockOrder] = {}
@@ -161,6 +167,7 @@ class JoinedSession:
             {joined.layout_id: joined},
             columns={unit: self._joiner.columns(unit) for unit in self._joiner.units},
             origins=self._origins,
+            limit=limit,
         )
 
     @property

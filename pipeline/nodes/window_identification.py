@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from pipeline.oma.tracking import ChannelPlaces, ModeTracker
 from pipeline.oma.windows.missing_samples import MOST_MISSING
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR, ClockFit, ClockStep, text_of_step
 from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
+from pipeline.oma.work_limit import WorkLimitExceeded, working_for
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus, parts_of
 from sensors.acquisition.layout import SensorLayout
 
@@ -56,6 +58,8 @@ def stabilisation_diagram(
 ColumnsOfUnits = dict[str, list[int]]  # which channels are a unit's, of several
 Origins = Callable[[Window], tuple[UnitOrigin, ...]]
 
+CpuClock = Callable[[], float]  # → CPU time of this thread [s]
+
 MOST_CLOCK_STEPS = 8  # of joined units' clocks that are reported with a window
 CORRECTED_DRIFT = 10e-6  # of stamps, beyond which frequencies follow them [-]
 
@@ -65,11 +69,55 @@ def no_origins(_: Window) -> tuple[UnitOrigin, ...]:
     return ()
 
 
+@dataclass(frozen=True, slots=True)
+class CpuLimit:
+    """What a window's identification may cost."""
+
+    seconds: float
+    """CPU time [s]."""
+    clock: CpuClock
+
+
+class _Work:
+    """What the present window has cost, from the first of its new samples to its answer."""
+
+    def __init__(self, limit: CpuLimit | None) -> None:
+        self._limit = limit
+        self._spent = 0.0
+        self.exceeded = False
+
+    @contextmanager
+    def counted(self) -> Iterator[None]:
+        """Give up what runs inside once the window has cost too much; `exceeded` then."""
+        if self._limit is None or self.exceeded:
+            yield
+            return
+        started = self._limit.clock()
+        try:
+            with working_for(self._limit.seconds - self._spent, self._limit.clock):
+                yield
+        except WorkLimitExceeded:
+            self.exceeded = True
+        self._spent += self._limit.clock() - started
+
+    def refusal(self) -> QualityWarning | None:
+        """Why the window has no answer; the next one begins with nothing spent."""
+        exceeded, self.exceeded, self._spent = self.exceeded, False, 0.0
+        if not exceeded or self._limit is None:
+            return None
+        return QualityWarning(
+            "too-much-work",
+            f"identification took more than {self._limit.seconds:g} s of CPU time and was given "
+            "up ([limits] cpu_seconds): fewer channels, a lower rate or a higher limit are needed",
+        )
+
+
 class WindowIdentification:
     """Cuts ordered pieces into windows and answers each.
 
     columns   which channels are a unit's, where several are joined
     origins   → where a window begins in its units' own counts
+    limit     what a window may cost; None: whatever it does
     """
 
     def __init__(
@@ -81,7 +129,9 @@ class WindowIdentification:
         *,
         columns: ColumnsOfUnits | None = None,
         origins: Origins = no_origins,
+        limit: CpuLimit | None = None,
     ):
+        self._work = _Work(limit)
         self._turbine, self._unit = turbine, unit
         self._origins_of = origins
         self._unit_steps: list[tuple[str, ClockStep]] = []  # of joined units, since the last window
@@ -156,6 +206,8 @@ class WindowIdentification:
 
     def _feed(self, block: AccelerationBlock) -> None:
         """Into the running stretch, which after a gap begins with the next window's start."""
+        if self._work.exceeded:
+            return
         if self._stretch is None:
             self._stretch = StreamingIdentifier(
                 block.sampling_rate, block.samples.shape[1], self._settings
@@ -165,18 +217,31 @@ class WindowIdentification:
         before = max(0, self._origin - block.first_sample)
         samples = block.samples[before:]
         # Samples of a unit that is missing are never used: its channels are left out of the window.
-        self._stretch.push(np.nan_to_num(samples) if self._columns else samples)
+        with self._work.counted():
+            self._stretch.push(np.nan_to_num(samples) if self._columns else samples)
+        if self._work.exceeded:
+            self._stretch = None
 
     def _answers(self, window: Window) -> Iterator[Message]:
         """A rejection; or an estimate, and the diagram behind it."""
         missing = self._missing_units(window)
         refusal = self._refusal(window, missing)
         if refusal is not None:
+            self._work.refusal()
             yield self._rejected(window, refusal)
             return
         present = self._present(window, missing)
         names = self._names(window)
-        result = self._identified(window, names, present if missing else None)
+        result = None
+        with self._work.counted():
+            if not self._work.exceeded:
+                result = self._identified(window, names, present if missing else None)
+        refusal = self._work.refusal()
+        if refusal is not None or result is None:
+            assert refusal is not None
+            self._stretch = None
+            yield self._rejected(window, refusal)
+            return
         answer = self._concluded(window, result, missing, present)
         yield answer
         if isinstance(answer, ModalEstimate):
@@ -254,7 +319,11 @@ class WindowIdentification:
             return identify(
                 window.samples, window.sampling_rate, self._settings, channel_names=names
             )
-        assert self._stretch is not None  # a window without a gap lies in the running stretch
+        if self._stretch is None or window.first_sample < self._origin:
+            # what a window before it cost ended the stretch that this one began in
+            return identify(
+                window.samples, window.sampling_rate, self._settings, channel_names=names
+            )
         hops = window.index - self._origin // self._stretch.hop_samples
         return self._stretch.identify(hops, window.samples, channel_names=names)
 

@@ -5,8 +5,8 @@ and one window of any length, where blocks have one rate and windows are the sce
 """
 
 import heapq
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, QualityWarning, WindowRejected
+from pipeline.oma.cross_check import CrossCheck, combined_checks
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.refused import RefusedMode
 from pipeline.oma.settings import OmaSettings
@@ -79,6 +80,8 @@ class FileIdentification:
     """The first identified window; None where every window was rejected."""
     candidates: tuple[RefusedCandidate, ...] = ()
     """Candidates of all windows that were refused, in order of window and frequency."""
+    cross_checks: Mapping[str, CrossCheck] = field(default_factory=dict)
+    """Mean of a second estimator over the windows, by the mode's name."""
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
@@ -141,6 +144,7 @@ def identify_file(
     estimates, rejected = [], []
     first: IdentifiedWindow | None = None
     candidates: list[RefusedCandidate] = []
+    checks: dict[str, list[CrossCheck]] = {}
     for window_found in _windows(table, rate, length, settings or OmaSettings(), quantities):
         answer = _answer(window_found, table, rate)
         refused = window_found.identification.refused
@@ -148,6 +152,10 @@ def identify_file(
         if isinstance(answer, ModalEstimate):
             first = first or window_found
             named = tracker.named(answer.modes)
+            found = window_found.identification.cross_checks
+            for mode, check in zip(named, found, strict=True):
+                if check is not None:
+                    checks.setdefault(mode.name, []).append(check)
             estimates.append(replace(answer, modes=named, warnings=answer.warnings + guessed))
         else:
             rejected.append(answer)
@@ -160,6 +168,7 @@ def identify_file(
         table.start_ns,
         first,
         tuple(candidates),
+        {name: combined_checks(each) for name, each in checks.items()},
     )
 
 
@@ -282,6 +291,7 @@ def _windows(
             times=times,
             channel_names=table.names,
             quantities=quantities,
+            cross_checked=True,
         )
         yield IdentifiedWindow(number, samples, found)
 

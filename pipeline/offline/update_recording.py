@@ -8,27 +8,8 @@ from pipeline.messages import FoundationTruth, Message, ModalEstimate
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.recording.reader import read_messages
 from pipeline.runtime.runner import BlockReport, run_lock_step
-from pipeline.sources.recorded_stream import SourceError
-from pipeline.sources.sources import Source, replayed
+from pipeline.sources.sources import Source
 from sensors.acquisition.blocks import AccelerationBlock
-
-
-def recorded_source(path: Path, *, scenario: str | None, sampler: str | None) -> Source:
-    """Return a recording as a source under its own scenario, unless another one is named.
-
-    Raises
-    ------
-    RecordingError, SourceError, ScenarioError, UpdatingError
-        Also where there is no structure to update.
-    """
-    source = replayed(path, scenario).with_sampler(sampler)
-    if not source.scenario.has_structure:
-        raise SourceError(
-            f"{path}: scenario {source.scenario.name} has no structural model, so there is no "
-            "stiffness to update; --scenario NAME or FILE gives one, `pilewatch report` has the "
-            "modes"
-        )
-    return source
 
 
 def holds_estimates(path: Path) -> bool:

@@ -2,6 +2,7 @@
 
     modes of the poles ─┬─ resolved, alone ──────────────────────────────► as they are
     refused mixtures   ─┤
+    peaks without poles ┤
     coincident modes   ─┴─ groups of suspects ─► one, two, three modes? ─► by evidence
 
 A mode that is reported explains what the others do not: of two poles that a group's lines do not
@@ -20,6 +21,8 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
+from pipeline.oma.whittle.pair_axes import with_leading_pole
+from pipeline.oma.whittle.spectral_peaks import PEAK_HALF_WIDTH, lone_peaks, peaks_of_two
 
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
 HIDDEN = 4.0  # second power over flank of a mode that hides another: of 30 single modes none had
@@ -38,6 +41,9 @@ WIDEST_GROUP = (
 )
 
 
+FALLBACK_DAMPING = 0.01  # ζ that the fit of a peak without poles begins with [-]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ResolvedModes:
     """The modes of a window, and what was refused."""
@@ -53,14 +59,17 @@ def resolved_by_evidence(
     coincident: Sequence[CoincidentModes],
     spectrum: WindowSpectrum,
     settings: OmaSettings,
+    *,
+    harmonics: Sequence[Mode] = (),
 ) -> ResolvedModes:
     """The modes of the poles, with those of every group of suspects as the evidence has them.
 
     modes     of all bands, each once
     refused   with the reasons; a mixture of neighbours makes a suspect
+    harmonics of machines, whose peaks hide no pair
     """
     duration = spectrum.duration
-    suspects = _suspects(modes, refused, coincident, spectrum)
+    suspects = _suspects(modes, refused, coincident, spectrum, harmonics)
     known = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
     result, reasons = list(modes), list(refused)
     for group in grouped(suspects, duration):
@@ -71,7 +80,7 @@ def resolved_by_evidence(
         found = modes_of_group(group, spectrum, others, settings)
         if found is None or not found.modes:
             continue
-        kept: Sequence[Mode] = found.modes
+        kept: Sequence[Mode] = with_leading_pole(found.modes, inside, found.weaker_share, duration)
         if group.half_bandwidth * duration >= UNRESOLVED:
             kept = _without_broken_pairs([e for e in kept if _believable(e, group)])
             alike = any(group.holds(each.frequency, duration) for each in coincident)
@@ -114,8 +123,17 @@ def _suspects(
     refused: Sequence[RefusedMode],
     coincident: Sequence[CoincidentModes],
     spectrum: WindowSpectrum,
+    harmonics: Sequence[Mode],
 ) -> list[Suspect]:
-    found = [Suspect(each.frequency, each.damping_ratio) for each in coincident]
+    named = [mode.frequency for mode in (*modes, *harmonics)]
+    named += [each.frequency for each in refused] + [each.frequency for each in coincident]
+    found = [
+        Suspect(frequency, PEAK_HALF_WIDTH / spectrum.duration / frequency)
+        for frequency in peaks_of_two(spectrum, named)
+    ]
+    if not modes and not harmonics:
+        found += [Suspect(frequency, FALLBACK_DAMPING) for frequency in lone_peaks(spectrum)]
+    found += [Suspect(each.frequency, each.damping_ratio) for each in coincident]
     found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
     seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
     seen += [Suspect(each.frequency, each.damping_ratio) for each in refused]

@@ -1,7 +1,7 @@
 """Blind identification of one window: samples in, modes with their uncertainty out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from pipeline.messages import Mode, QualityWarning
 from pipeline.oma.band_merging import merged
 from pipeline.oma.close_modes import UNRESOLVED, resolved_by_evidence
 from pipeline.oma.coincident_pairs import twin_pairs
+from pipeline.oma.cross_check import CrossCheck, cross_checks, disagreements
 from pipeline.oma.data_quality.input_checks import (
     HARMONIC_DAMPING,
     Finding,
@@ -19,6 +20,7 @@ from pipeline.oma.data_quality.input_checks import (
     is_harmonic,
     mended,
 )
+from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
 from pipeline.oma.references import references_among
 from pipeline.oma.refused import RefusedMode, harmonic, unstable
 from pipeline.oma.settings import OmaSettings
@@ -56,6 +58,7 @@ class Identification:
     )
     diagrams: tuple[PoleCloud, ...] = ()  # stabilisation diagram of each band, slowest first
     refused: tuple[RefusedMode, ...] = ()  # what looked like a mode and is none, and why
+    cross_checks: tuple[CrossCheck | None, ...] = ()  # of each mode, where they were asked for
 
 
 def identify(
@@ -66,6 +69,8 @@ def identify(
     times: FloatArray | None = None,
     channel_names: Sequence[str] | None = None,
     quantities: Sequence[Quantity] | None = None,
+    rotor_speed: FloatArray | None = None,
+    cross_checked: bool = False,
 ) -> Identification:
     """Modes of the structure that a whole array of samples, taken as one window, shows.
 
@@ -74,6 +79,10 @@ def identify(
     times           (n,) time stamps of the samples, if there are any [s]
     channel_names   for warnings and the references; "channel 1" and so on by default
     quantities      what each channel measures; by default all the same
+    rotor_speed     at each sample, (n,) [rpm]: harmonics of a turning rotor are taken off along its
+                    angle (`rotor_harmonics.py`), and what follows it is no mode
+    cross_checked   every mode is estimated a second time from its spectral peak (`cross_check.py`);
+                    where the two differ by more than their std allow, a warning says so
 
     Shapes are in the samples' own units: a channel in g beside one in m/s² reads accordingly.
     Of channels that measure different quantities, they are those of the accelerations.
@@ -102,6 +111,9 @@ def identify(
         settings=settings,
     )
     steady = without_offset(clean)
+    turning = rotor_speed is not None and turns(rotor_speed)
+    if rotor_speed is not None and turning:
+        steady = without_harmonics(steady, sampling_rate, rotor_speed)
     integrations = integrations_of(quantities, samples.shape[1])
     at_rate = {q: decimated(steady, q) for q in {band.decimation for band in bands}}
     by_band = [
@@ -115,7 +127,31 @@ def identify(
         )
         for band in bands
     ]
-    return concluded(by_band, steady, sampling_rate, findings, settings, integrations)
+    found = concluded(by_band, steady, sampling_rate, findings, settings, integrations)
+    if rotor_speed is not None and turning:
+        found = _without_followers(found, len(steady) / sampling_rate, rotor_speed)
+    return _cross_checked(found, steady, sampling_rate) if cross_checked else found
+
+
+def _without_followers(
+    found: Identification, duration: float, rotor_speed: FloatArray
+) -> Identification:
+    """What is left of the rotor's harmonics is refused, not reported."""
+    followers = [m for m in found.modes if follows_rotor(m.frequency, duration, rotor_speed)]
+    kept = tuple(mode for mode in found.modes if not any(mode is each for each in followers))
+    refused = sorted([*found.refused, *map(harmonic, followers)], key=lambda each: each.frequency)
+    return replace(found, modes=kept, refused=tuple(refused))
+
+
+def _cross_checked(
+    found: Identification, steady: FloatArray, sampling_rate: float
+) -> Identification:
+    checks = cross_checks(found.modes, steady, sampling_rate)
+    return replace(
+        found,
+        cross_checks=tuple(checks),
+        warnings=(*found.warnings, *disagreements(found.modes, checks)),
+    )
 
 
 def concluded(
@@ -158,6 +194,7 @@ def concluded(
         twins,
         WindowSpectrum(steady, sampling_rate, integrations),
         settings,
+        harmonics=harmonics,
     )
     alike = _twins_beside(by_band, [*by_evidence.modes, *harmonics])
     warnings += [_coincident(each) for each in alike]

@@ -46,6 +46,7 @@ from pipeline.oma.ssi.covariance import (
 )
 from pipeline.oma.ssi.preprocessing import decimated, n_decimated
 from pipeline.oma.ssi.ssi_cov import SignalSubspace
+from pipeline.oma.work_limit import checkpoint
 from sensors.arrays import FloatArray
 
 FILTERED_AT_ONCE = (
@@ -88,6 +89,7 @@ class CovarianceRing:
         self._held = new if self._held is None else np.concatenate([self._held, new])
         while len(self._held) >= self._block_length + self._n_lags:
             piece = self._held[: self._block_length + self._n_lags]
+            checkpoint()
             self._blocks.append(block_covariances(piece, n_lags=self._n_lags))
             self._held = self._held[self._block_length :]
             self.n_complete += 1

@@ -44,6 +44,10 @@ class UnitInfo:
     next_sample: int = 0  # one after the last
     first_sequence: int = 0  # of the blocks
     last_sequence: int = 0
+    missing: tuple[tuple[int, int], ...] = ()
+    """Samples that each gap lacks: the first, and one after the last."""
+    in_order: bool = True
+    """Whether blocks were recorded in the order of their numbers."""
 
     @property
     def duration(self) -> float:
@@ -194,13 +198,22 @@ def _unit_info(first: AccelerationBlock, spans: list[_Span]) -> UnitInfo:
         next_sample=in_order[-1].next_sample,
         first_sequence=in_order[0].sequence,
         last_sequence=in_order[-1].sequence,
+        missing=tuple(
+            (before.next_sample, after.first_sample) for before, after in _apart(in_order)
+        ),
+        in_order=spans == in_order,
     )
 
 
-def _gaps(first: AccelerationBlock, in_order: list[_Span]) -> Iterator[StreamGap]:
+def _apart(in_order: list[_Span]) -> Iterator[tuple[_Span, _Span]]:
+    """Neighbours that samples are missing between."""
     for before, after in pairwise(in_order):
-        if after.first_sample <= before.next_sample:
-            continue
+        if after.first_sample > before.next_sample:
+            yield before, after
+
+
+def _gaps(first: AccelerationBlock, in_order: list[_Span]) -> Iterator[StreamGap]:
+    for before, after in _apart(in_order):
         yield StreamGap(
             turbine=first.turbine,
             unit=first.unit,

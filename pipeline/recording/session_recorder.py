@@ -36,6 +36,7 @@ from pipeline.recording.rotation import (
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
 from pipeline.state.acknowledgement import Acknowledgements
+from pipeline.state.arrival_clocks import ArrivalClocks
 from pipeline.streams import key_of, stream_of
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -84,6 +85,7 @@ class SessionRecorder:
     clock      → time of receiving [ns since 1970-01-01 UTC]
     settings   when a part ends, what is kept, how much room is left on the disk
     free       → free bytes on the disk of a folder
+    live       the units measure now: their stamps are checked against the clock
 
     A disk that is full, and that retention may not or cannot relieve, ends the recording, not the
     session: the part is closed, `warnings` says so and `lost` counts the blocks since.
@@ -102,8 +104,10 @@ class SessionRecorder:
         clock: Callable[[], int],
         settings: RecordingSettings | None = None,
         free: Callable[[Path], int] = free_bytes,
+        live: bool = False,
     ) -> None:
         self.warnings: tuple[QualityWarning, ...] = ()
+        self._arrivals = ArrivalClocks() if live else None
         self.lost = 0  # acceleration blocks that were received and could not be recorded
         self.duplicate = 0  # acceleration blocks that had been recorded before
         self._path = path
@@ -142,7 +146,7 @@ class SessionRecorder:
             lost=self.lost,
             duplicate=self.duplicate,
             recorded=self.recorded,
-            warnings=self.warnings,
+            warnings=(*self.warnings, *(self._arrivals.warnings if self._arrivals else ())),
         )
 
     def handle_payload(self, message: Message, payload: bytes) -> Iterable[Message]:
@@ -152,6 +156,8 @@ class SessionRecorder:
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Record one message, unless it has been. Acknowledges to units what is on disk."""
+        if self._arrivals is not None and isinstance(message, AccelerationBlock):
+            self._arrivals.note(message, self._clock())
         if self._is_recorded(message):
             self.duplicate += isinstance(message, AccelerationBlock)
         else:

@@ -23,7 +23,14 @@ from pipeline.report.html import (
 )
 from pipeline.report.pictures import identification, operation
 from pipeline.report.recorded_session import RecordedSession, TurbineRecord
-from pipeline.report.sentences import condition, findings, headline, reasons_for_distrust, sentence
+from pipeline.report.sentences import (
+    condition,
+    findings,
+    headline,
+    reasons_for_distrust,
+    revised_sentence,
+    sentence,
+)
 from pipeline.report.tables import (
     channels_table,
     events_table,
@@ -252,7 +259,9 @@ def _changes(record: TurbineRecord, level: int) -> str:
     if not record.state.events:
         return ""
     events = record.state.events
-    words = bullet_list(sentence(event.text) for event in events)
+    words = bullet_list(
+        f"{sentence(event.text)}{revised_sentence(record.state, event)}" for event in events
+    )
     return heading("Changes", level) + words + table_html(events_table(events))
 
 

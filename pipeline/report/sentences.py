@@ -13,6 +13,7 @@ from pipeline.messages import (
 )
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.wording import count_noun, instant, join_with_and, percent, period, span
+from pipeline.state.turbine_state import TurbineState
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 
@@ -68,8 +69,15 @@ def change_sentences(record: TurbineRecord) -> list[str]:
     """Return one sentence for each event."""
     return [
         f"{event_sentence(event)}{_stiffness_before_and_after(record, event)}"
+        f"{revised_sentence(record.state, event)}"
         for event in record.state.events
     ]
+
+
+def revised_sentence(state: TurbineState, event: FoundationEvent) -> str:
+    """Return what the windows since an event make of its size; "" where they say no more."""
+    found = state.revised_size(event)
+    return "" if found is None or event.kind == "modal-drift" else f" {found.text}"
 
 
 def event_sentence(event: FoundationEvent) -> str:

@@ -174,6 +174,7 @@ def session_outputs(
         tracks=options.out / ANSWERS if kept else None,
         earlier=earlier,
         epoch=epoch,
+        live=source.is_live,
     )
 
 

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.recording.info import recording_info
+from pipeline.recording.file_order import logical_starts, stretch_of
+from pipeline.recording.info import UnitInfo, recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.sources.playback import SensorMessage, each_block_once
 from sensors.acquisition.blocks import AccelerationBlock
@@ -20,6 +21,8 @@ class SourceError(InputError):
 def recordings_in(path: Path) -> list[Path]:
     """Return the file itself, or every closed recording in a folder that has samples, oldest first.
 
+    Files of one boot of a unit follow its count of samples, whatever its clock says.
+
     Returns
     -------
     list[Path]
@@ -34,18 +37,18 @@ def recordings_in(path: Path) -> list[Path]:
             return [path]
     except OSError as error:
         raise SourceError(f"cannot read the recording {path}: {error.strerror}") from error
-    order = {}
-    for file in path.glob("*.mcap"):
-        units = recording_info(file).units
-        if units:
-            order[file] = (
-                min(unit.start_ns for unit in units),
-                file.stat().st_mtime_ns,
-                file.name,
-            )
-    if not order:
+    found = [(file, unit) for file in sorted(path.glob("*.mcap")) for unit in _units(file)]
+    if not found:
         raise SourceError(f"the folder {path} holds no recording with acceleration blocks")
-    return sorted(order, key=lambda file: order[file])
+    starts = logical_starts([stretch_of(file, unit) for file, unit in found])
+    first: dict[Path, int] = {}
+    for (file, _), start in zip(found, starts, strict=True):
+        first[file] = min(start, first.get(file, start))
+    return sorted(first, key=lambda file: (first[file], file.stat().st_mtime_ns, file.name))
+
+
+def _units(file: Path) -> tuple[UnitInfo, ...]:
+    return recording_info(file).units
 
 
 def recorded_stream(path: Path) -> Iterator[SensorMessage]:

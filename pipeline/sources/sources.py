@@ -286,6 +286,24 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
     )
 
 
+def replayed_with_structure(path: Path, scenario: str | None = None) -> Source:
+    """Return what `replayed` does, where there is a structure to update.
+
+    Raises
+    ------
+    RecordingError, SourceError, ScenarioError
+        Also where there is none.
+    """
+    source = replayed(path, scenario)
+    if not source.scenario.has_structure:
+        raise SourceError(
+            f"{path}: scenario {source.scenario.name} has no structural model, so there is no "
+            "stiffness to update; --scenario NAME or FILE gives one, `pilewatch report` has the "
+            "modes"
+        )
+    return source
+
+
 def simulated(scenario: Scenario) -> Source:
     """Return the scenario's simulated turbine as a source."""
     first = farm_members(scenario)[0]

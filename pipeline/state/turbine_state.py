@@ -15,6 +15,7 @@ from pipeline.messages import (
     NodeStatus,
     ParameterSummary,
     QualityWarning,
+    RelativeStiffness,
     StreamGap,
     WindowRejected,
     same_window,
@@ -46,6 +47,8 @@ class PosteriorAtWindow:
     trusted: bool
     change_probability: float
     """Probability that the modes have changed since the last event [-]."""
+    relative: tuple[RelativeStiffness, ...] = ()
+    """Springs over those before the last event."""
 
     def parameter(self, name: str) -> ParameterSummary:
         """Return the parameter of that name; KeyError where there is none."""
@@ -69,6 +72,25 @@ class UnitState:
     """Reports of gaps received."""
     missing_ns: int = 0
     """Measured time that these gaps lack [ns]."""
+
+
+@dataclass(frozen=True, slots=True)
+class RevisedSize:
+    """The size of a change by all windows since."""
+
+    springs: tuple[RelativeStiffness, ...]
+    """Over those before it."""
+    n_posteriors: int
+    """Since the event."""
+
+    @property
+    def text(self) -> str:
+        """Return a sentence with the change of each spring."""
+        changes = ", ".join(
+            f"{each.name} {each.median - 1:+.1%} ({each.p05 - 1:+.1%} to {each.p95 - 1:+.1%})"
+            for each in self.springs
+        )
+        return f"Revised after {self.n_posteriors} posteriors since: {changes}."
 
 
 @dataclass(slots=True)
@@ -165,6 +187,17 @@ class TurbineState:
         """The latest true stiffnesses of a simulation."""
         return next(reversed(self.truths.values()), None)
 
+    def revised_size(self, event: FoundationEvent) -> RevisedSize | None:
+        """Return what the windows since an event make of its size; None before the next one."""
+        later = [each.time_ns for each in self.events if each.time_ns > event.time_ns]
+        end_ns = min(later, default=None)
+        since = [
+            each
+            for time_ns, each in self.posteriors.items()
+            if each.relative and time_ns >= event.time_ns and (end_ns is None or time_ns < end_ns)
+        ]
+        return RevisedSize(since[-1].relative, len(since)) if since else None
+
     @property
     def duration(self) -> float:
         """Of the measurements [s]."""
@@ -238,6 +271,7 @@ class TurbineState:
             posterior.parameters,
             posterior.trusted,
             posterior.change_probability,
+            posterior.relative,
         )
         if self.kept is not None and len(self.posteriors) > self.kept:
             del self.posteriors[next(iter(self.posteriors))]

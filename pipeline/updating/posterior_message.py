@@ -4,7 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.messages import FoundationPosterior, ModalEstimate, ModePair, ParameterSummary
+from pipeline.messages import (
+    HALF_INTERVAL,
+    FoundationPosterior,
+    ModalEstimate,
+    ModePair,
+    ParameterSummary,
+    RelativeStiffness,
+)
 from pipeline.updating.acceptance import (
     AcceptanceSettings,
     Fit,
@@ -90,6 +97,20 @@ def _fit(match: Match, theta: FloatArray) -> Fit:
         reduced_chi_square=reduced_chi_square(_misfits(match, theta)),
         paired_share=match.pairing.paired_share,
         pairing_cost=match.pairing.cost,
+    )
+
+
+def relative_stiffness(
+    logs: FloatArray, stds: FloatArray, reference_ns: int
+) -> tuple[RelativeStiffness, ...]:
+    """Springs over those of a reference period, from ln of the ratios and their deviations, (3,).
+
+    reference_ns   end of the reference period
+    """
+    ends = np.exp(logs[:, None] + stds[:, None] * HALF_INTERVAL * np.array([-1.0, 0.0, 1.0]))
+    return tuple(
+        RelativeStiffness(name, float(median), float(low), float(high), reference_ns)
+        for name, (low, median, high) in zip(PARAMETER_NAMES, ends, strict=True)
     )
 
 

@@ -18,6 +18,7 @@ import types
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, asdict, dataclass, field, fields, is_dataclass, replace
+from functools import reduce
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -25,8 +26,10 @@ import numpy as np
 from pipeline.messages import ModalEstimate
 from pipeline.updating.change.detector import ChangeState
 from pipeline.updating.change.event_message import TrackSensitivity
+from pipeline.updating.change.revised_size import BeforeEvent
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import ModeObservation, diagonal
+from pipeline.updating.evidence.windows import SeenWindow, with_window
 from pipeline.updating.structural.alternatives import WarmStart
 from sensors.arrays import FloatArray
 from sensors.errors import InputError
@@ -40,18 +43,6 @@ S = TypeVar("S")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RecentWindow:
-    """What one of the last windows saw, small enough to be kept."""
-
-    start_ns: int
-    duration: float  # [s]
-    weight: float  # hop / window duration [-]
-    rise: float  # of the water above the model's level [m]
-    sightings: tuple[ModeObservation, ...]
-    level_known: bool = True  # whether anything reported the water's level
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class UpdatingState:
     """All that is remembered between windows; its size doesn't grow with their number."""
 
@@ -60,12 +51,13 @@ class UpdatingState:
     # is uncertain beside it
     median: FloatArray | None = None  # (3,) ratios, of the last posterior
     change: ChangeState = field(default_factory=ChangeState)
-    recent: tuple[RecentWindow, ...] = ()  # from which the evidence starts again after a change
+    recent: tuple[SeenWindow, ...] = ()  # from which the evidence starts again after a change
     sensitivities: tuple[TrackSensitivity, ...] = ()  # of the last posterior's pairs
     joint: tuple[WarmStart, ...] = ()  # of each alternative of an uncertain structure, best first
     sensor_fault: str = ""  # name of the one that the last posterior found
     reference: ModalEvidence | None = None  # of the windows before the last event
     reference_ns: int = 0  # start of the last of them
+    before_event: BeforeEvent | None = None  # by which the last event's size is revised
 
     def with_window(
         self, estimate: ModalEstimate, seen: Sequence[ModeObservation], rise: float
@@ -74,20 +66,10 @@ class UpdatingState:
 
         Where correlations aren't used, variances are all that is kept of a recent covariance.
         """
-        level_known = bool(np.isfinite(estimate.water_level))
-        evidence = self.evidence.with_sightings(
-            seen, estimate.weight, estimate.duration, rise=rise, level_known=level_known
-        )
+        latest = SeenWindow.of(estimate, seen, rise)
+        evidence = with_window(self.evidence, latest)
         if not evidence.joint_covariance:
-            seen = [diagonal(sighting) for sighting in seen]
-        latest = RecentWindow(
-            start_ns=estimate.start_ns,
-            duration=estimate.duration,
-            weight=estimate.weight,
-            rise=rise,
-            sightings=tuple(seen),
-            level_known=level_known,
-        )
+            latest = replace(latest, sightings=tuple(map(diagonal, seen)))
         return replace(self, evidence=evidence, recent=(*self.recent, latest)[-RECENT_WINDOWS:])
 
     def begun_anew(self, start_ns: int, nothing: ModalEvidence) -> "UpdatingState":
@@ -112,16 +94,8 @@ class UpdatingState:
         )
 
 
-def _summed(windows: Sequence[RecentWindow], evidence: ModalEvidence) -> ModalEvidence:
-    for window in windows:
-        evidence = evidence.with_sightings(
-            window.sightings,
-            window.weight,
-            window.duration,
-            rise=window.rise,
-            level_known=window.level_known,
-        )
-    return evidence
+def _summed(windows: Sequence[SeenWindow], evidence: ModalEvidence) -> ModalEvidence:
+    return reduce(with_window, windows, evidence)
 
 
 class CheckpointError(InputError):

@@ -9,6 +9,7 @@ from pipeline.messages import (
     FoundationEvent,
     FoundationPosterior,
     ModalEstimate,
+    RelativeStiffness,
     WindowRejected,
 )
 from pipeline.updating.acceptance import refusal
@@ -21,6 +22,7 @@ from pipeline.updating.change.event_message import (
 )
 from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
 from pipeline.updating.change.random_walk import deviation
+from pipeline.updating.change.revised_size import BeforeEvent, relative_change, revised_step
 from pipeline.updating.change.sufficient_statistics import with_tracks_only
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused
@@ -29,7 +31,7 @@ from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.posterior_density import StiffnessDensity
 from pipeline.updating.model_matching import Match, Matcher, partners_in_water, without_partner
 from pipeline.updating.population import StiffnessPopulation
-from pipeline.updating.posterior_message import posterior_message
+from pipeline.updating.posterior_message import posterior_message, relative_stiffness
 from pipeline.updating.prior import Prior, modal_where_supported
 from pipeline.updating.samplers.interface import PosteriorDraws
 from pipeline.updating.samplers.registry import sampler_of
@@ -224,7 +226,9 @@ class FoundationUpdater:
             found, verdict, change, estimate, before=state.median, pairs=state.sensitivities
         )
         anew = state.begun_anew(change.sums.starts_ns[found.restart], self._no_evidence())
-        return replace(anew, change=self._detector.restarted(change, found.restart)), event
+        earlier = BeforeEvent.of(change.sums, found.candidate, state.sensitivities, state.median)
+        after = self._detector.restarted(change, found.restart)
+        return replace(anew, change=after, before_event=earlier), event
 
     def _model_before(self, state: UpdatingState, median: FloatArray) -> ForwardModel:
         """The structure that the last posterior found, its modes followed from there."""
@@ -253,6 +257,7 @@ class FoundationUpdater:
             sensitivities=self._sensitivities(state.evidence, match, representative[:3]),
         )
         posterior = self._posterior(state, estimate, match, draws, representative)
+        posterior = replace(posterior, relative=_relative_to_earlier(after))
         return after, as_exact(posterior, stated=self.settings.structure.stated)
 
     def _refreshed_jointly(
@@ -421,6 +426,17 @@ def _joint_sensitivities(
                 water=np.zeros(2) if water is None else water[first],
             )
     return tuple(sensitivities.values())
+
+
+def _relative_to_earlier(state: UpdatingState) -> tuple[RelativeStiffness, ...]:
+    """Springs over those before the last event, by all windows since."""
+    earlier = state.before_event
+    if earlier is None:
+        return ()
+    step = revised_step(earlier, state.change.sums, state.sensitivities)
+    if step is None:
+        return ()
+    return relative_stiffness(*relative_change(earlier, step), earlier.end_ns)
 
 
 def _rejected(estimate: ModalEstimate, refusal: EstimateRefused) -> WindowRejected:

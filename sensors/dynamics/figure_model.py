@@ -23,8 +23,7 @@ from scipy.sparse import csr_array
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.dynamics.figure_terms import RELATIVE, FigureTerms, Term, figure_terms
-from sensors.dynamics.full_model_modes import decoupled_groups
-from sensors.dynamics.reference_modes import VISIBLE_SHARE
+from sensors.dynamics.full_model_modes import VISIBLE_SHARE, decoupled_groups
 from sensors.dynamics.snapshot_basis import SparseStack, snapshot_basis
 from sensors.structure.assembly import StructuralModel, assemble
 from sensors.structure.description import TurbineDescription

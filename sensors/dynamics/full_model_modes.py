@@ -21,6 +21,7 @@ from sensors.structure.description import Direction, TurbineDescription
 from sensors.structure.foundation import TurbineError
 from sensors.structure.sensor_readings import ChannelReadings
 
+VISIBLE_SHARE = 0.01  # of the largest sensor motion of any mode, all at unit modal mass [-]
 _COUPLED = 1e-11  # relative size of a matrix entry below which two coordinates do not couple [-]
 
 

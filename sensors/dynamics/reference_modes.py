@@ -7,13 +7,12 @@ import numpy as np
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-from sensors.dynamics.full_model_modes import FullModes, solved_modes
+from sensors.dynamics.full_model_modes import VISIBLE_SHARE, FullModes, solved_modes
 from sensors.structure.assembly import StructuralModel
 from sensors.structure.description import Direction, ReferenceMode
 from sensors.structure.foundation import TurbineError
 from sensors.structure.sensor_readings import ChannelReadings
 
-VISIBLE_SHARE = 0.01  # of the largest sensor motion of any mode, all at unit modal mass [-]
 REFERENCE_WINDOW = 0.05  # a published mode is looked for within this relative distance [-]
 
 

@@ -6,7 +6,7 @@ structure, though they look like very sharp ones.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -17,6 +17,7 @@ from sensors.loads.operating_states import SteadyState
 from sensors.loads.spectra import kaimal
 from sensors.loads.synthesis import SegmentedNoise, harmonics, in_chunks
 from sensors.loads.wind import ALONG_LENGTH, Wind
+from sensors.settings import NO_KEY
 from sensors.structure.assembly import StructuralModel
 from sensors.structure.rotor_nacelle import apex, rigid_displacement
 
@@ -35,7 +36,7 @@ class Rotor:
     third_harmonic: float = 0.010
     """Amplitude at 3P over the mean thrust [-]."""
 
-    sixth_harmonic: float = 0.003
+    sixth_harmonic: float = field(default=0.003, metadata=NO_KEY)
     """Amplitude at 6P over the mean thrust [-]."""
 
     side_share: ClassVar[float] = 0.3
@@ -44,7 +45,7 @@ class Rotor:
     damping_share: ClassVar[float] = 0.5
     """dT/dV of the controlled rotor over 2T/V, that of a fixed one [-]."""
 
-    idling_imbalance: float = 2e3
+    idling_imbalance: float = field(default=2e3, metadata=NO_KEY)
     """Amplitude at 1P of an idling rotor [N]."""
 
     def __post_init__(self) -> None:

@@ -58,7 +58,7 @@ class Wind:
     nacelle_drag: ClassVar[float] = 1.2
     """C_D [-]."""
 
-    nacelle_area: float = 100.0
+    nacelle_area: float = field(default=100.0, metadata=NO_KEY)
     """Seen along the wind, and the same across [m²]."""
 
     blade_drag: ClassVar[float] = 0.02

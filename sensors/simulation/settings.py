@@ -71,7 +71,7 @@ class SimulationSettings:
     scada_period: float = 0.0
     """Time between two SCADA samples [s]; 0: there are none."""
 
-    quantisation_step: float = 2.0**-12
+    quantisation_step: float = field(default=2.0**-12, metadata=NO_KEY)
     """Quantisation step [m/s²]: 16 bits over ±8 m/s²; 0: no converter."""
 
     start_ns: int = field(default=1_767_225_600 * NANOSECONDS, metadata=NO_KEY)

@@ -18,6 +18,7 @@ import numpy as np
 from sensors.arrays import FloatArray
 from sensors.constants import STANDARD_GRAVITY
 from sensors.settings import settings_from_table
+from sensors.structure.calibration import Calibration
 from sensors.structure.foundation import FoundationSprings, SpringSign, TurbineError
 
 Direction = Literal["FA", "SS"]
@@ -315,6 +316,8 @@ class TurbineDescription:
     point_masses: tuple[PointMass, ...] = ()
     transition: float | None = None  # elevation of the monopile's top, where a transition piece
     # sits; None: no such place is known [m]
+    calibration: Calibration | None = None
+    """What measurements have reported of its figures (`pilewatch calibrate`)."""
 
     def __post_init__(self) -> None:
         _require_not_negative("turbine", "gravity", self.gravity)

@@ -1,26 +1,51 @@
 """Small faults put into a copy of the tree, one at a time: do their tests notice?
 
-    python -m tests.mutation [--only 3,7] [--list FILE]
+    python -m tests.mutation [LIST …] [--only 3,7] [--keep]
 
-`faults.json` holds where each is (found by its text, wherever the line lives now), what it changes
-and which tests must fail; `survivors.json` those that no test can or need notice, with the reason.
-Exit code 1 where one survives that is not listed there.
+A list holds where each fault is (found by its text, wherever the line lives now), what it changes
+and which tests must fail: `numerics` those of the published statement, `faults` those of states,
+transport and recordings, `fresh` those of other modules, chosen before their tests were read.
+`survivors.json` holds those that no test can or need notice, with the reason. `--keep` writes the
+counts to `tests/benchmarks/results/faults.json`. Exit code 1 where a fault survives that is not
+listed there, or has no place any more.
 """
 
 import argparse
 import json
 import os
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from tests.benchmarks import _results
+
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
-LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".*_cache", "pictures")
+LISTS = ("numerics", "faults", "fresh")
+LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".*_cache")
+# What the tests import and no fault is in: once for all faults.
+LIBRARIES = ("numpy", "scipy.stats", "scipy.optimize", "scipy.signal", "scipy.linalg", "emcee",
+             "pyarrow.parquet", "pyarrow.csv", "google.protobuf", "hypothesis", "typer.testing",
+             "rich.console", "httpx", "aiosmtplib", "mcap.reader", "mcap.writer")  # fmt: skip
 LIMIT = 600.0  # a fault that makes its tests take longer is noticed [s]
+Fault = dict[str, Any]
+
+
+def faults_of(name: str) -> list[Fault]:
+    """Return the faults of a list."""
+    return list(json.loads((HERE / f"{name}.json").read_text(encoding="utf-8")))
+
+
+def excused() -> dict[str, str]:
+    """Return why a fault may survive, by what it changes."""
+    return dict(json.loads((HERE / "survivors.json").read_text(encoding="utf-8")))
 
 
 def place_of(tree: Path, old: str, occurrence: int | None = None) -> tuple[Path, int] | None:
@@ -35,51 +60,112 @@ def place_of(tree: Path, old: str, occurrence: int | None = None) -> tuple[Path,
     return (holding[0], offset) if offset >= 0 else None
 
 
-def outcome(tree: Path, fault: dict[str, Any]) -> str:
-    """Return "caught", "survived", or "gone" where the line is no longer there."""
+def outcome(tree: Path, fault: Fault) -> str:
+    """Return "caught", "timeout", "survived", or "gone" where the line is no longer there."""
     where = place_of(tree, fault["old"], fault["occurrence"])
     if where is None:
         return "gone"
     file, offset = where
     text = file.read_text(encoding="utf-8")
     file.write_text(text[:offset] + fault["new"] + text[offset + len(fault["old"]) :], "utf-8")
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
-    clean = {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1"}
     try:
-        ran = subprocess.run([*command, *fault["tests"]], cwd=tree, env={**os.environ, **clean},
-                             capture_output=True, timeout=LIMIT, check=False)  # fmt: skip
-    except subprocess.TimeoutExpired:
-        return "caught"
+        return "caught" if fails(tree, fault["tests"]) else "survived"
+    except TimeoutError:
+        return "timeout"
     finally:
         file.write_text(text, "utf-8")
-    if ran.returncode not in (0, 1, 2):  # nothing was run
-        raise RuntimeError(f"{fault['what']}: {ran.stdout.decode()[-500:]}")
-    return "caught" if ran.returncode else "survived"
 
 
-def main() -> None:
+def fails(tree: Path, tests: Sequence[str], limit: float = LIMIT) -> bool:
+    """Return whether tests of a tree fail; raises TimeoutError where they last longer."""
+    child = os.fork()
+    if child == 0:
+        os.setsid()  # what its tests start ends with it
+        os._exit(_run_in(tree, tests))
+    end = time.monotonic() + limit
+    while time.monotonic() < end:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            code = os.waitstatus_to_exitcode(status)
+            if code in (0, 1, 2):
+                return code != 0
+            raise RuntimeError(f"pytest {' '.join(tests)} ended with {code}")
+        time.sleep(0.05)
+    os.killpg(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    raise TimeoutError
+
+
+def _run_in(tree: Path, tests: Sequence[str]) -> int:
+    """Run pytest in this process, in a tree whose modules are not imported yet."""
+    silence = os.open(os.devnull, os.O_RDWR)
+    for descriptor in range(3):
+        os.dup2(silence, descriptor)
+    for name in [each for each in sys.modules if each.split(".")[0] == "tests"]:
+        del sys.modules[name]
+    paths = [str(tree), str(tree / "pipeline/api")]
+    sys.path[:] = [*paths, *(each for each in sys.path if Path(each or ".").resolve() != ROOT)]
+    os.environ |= {"PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
+    sys.dont_write_bytecode = True
+    os.chdir(tree)
+    return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests]))
+
+
+def tried(tree: Path, name: str, chosen: Sequence[int]) -> dict[str, list[str]]:
+    """Try faults of a list; what each changes, by what becomes of it."""
+    became: dict[str, list[str]] = {"caught": [], "timeout": [], "survived": [], "gone": []}
+    faults = faults_of(name)
+    for number in chosen or range(len(faults)):
+        fault, started = faults[number], time.monotonic()
+        found = outcome(tree, fault)
+        became[found].append(fault["what"])
+        took = time.monotonic() - started
+        print(f"{name} {number:3d} {found:9s} {fault['what']} ({took:.0f} s)", flush=True)
+    return became
+
+
+def figures_of(became: dict[str, list[str]]) -> dict[str, Any]:
+    """Return counts, and the survivors by name."""
+    total = sum(map(len, became.values()))
+    caught = len(became["caught"]) + len(became["timeout"])
+    return {
+        "faults": total,
+        "caught": caught,
+        "caught_share": round(caught / total, 3),
+        **{each: became[each] for each in ("timeout", "survived", "gone")},
+        "commit": _results.git("rev-parse", "HEAD"),
+    }
+
+
+def main() -> int:
     """Try the faults and count what becomes of them."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--list", type=Path, default=HERE / "faults.json")
-    parser.add_argument("--only", default="")
+    parser.add_argument("lists", nargs="*", choices=[*LISTS, []], default=list(LISTS))
+    parser.add_argument("--only", default="", help="numbers within the one list that is named")
+    parser.add_argument("--keep", action="store_true", help="write the counts")
     options = parser.parse_args()
-    faults = json.loads(options.list.read_text(encoding="utf-8"))
-    excused = set(json.loads((HERE / "survivors.json").read_text(encoding="utf-8")))
-    counts = dict.fromkeys(("caught", "survived", "gone"), 0)
-    unexcused = 0
+    os.environ["OMP_NUM_THREADS"] = "1"
+    for library in LIBRARIES:
+        import_module(library)
+    chosen = [int(each) for each in options.only.split(",") if each]
+    found = {}
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
         shutil.copytree(ROOT, tree, ignore=LEFT_OUT)
-        for number in [int(each) for each in options.only.split(",") if each] or range(len(faults)):
-            fault, begin = faults[number], time.monotonic()
-            became = outcome(tree, fault)
-            counts[became] += 1
-            unexcused += became == "survived" and fault["what"] not in excused
-            print(f"{number:3d} {became:9s} {fault['what']} ({time.monotonic() - begin:.0f} s)",
-                  flush=True)  # fmt: skip
-    print(counts)
-    sys.exit(1 if unexcused else 0)
+        for name in options.lists:
+            found[name] = figures_of(tried(tree, name, chosen))
+    print(json.dumps(found, indent=1, ensure_ascii=False))
+    if options.keep:
+        before = _results.kept("faults") or {"figures": {}}
+        _results.keep(
+            "faults",
+            before["figures"] | found,
+            command="python -m tests.mutation --keep",
+            depends=["tests/mutation"],
+        )
+    missed = [what for each in found.values() for what in (*each["survived"], *each["gone"])]
+    return 1 if set(missed) - set(excused()) else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -126,6 +126,7 @@ def estimates(
     faults: Iterable[SensorFault] = (),
     loads: Loads = STRONG,
     errors: Errors | None = None,
+    lasting: dict[int, FloatArray] | None = None,
 ) -> list[ModalEstimate]:
     """Draw the modal estimates of consecutive windows.
 
@@ -149,6 +150,9 @@ def estimates(
         They decide which modes are found.
     errors : Errors, optional
         None: the defaults.
+    lasting : dict, optional
+        The errors that stay over the windows, by mode; filled here, so that a further call with the
+        same one goes on with them.
 
     Returns
     -------
@@ -160,7 +164,7 @@ def estimates(
     reported = [np.nan] * n_windows if reported_levels is None else list(reported_levels)
     sensors = instruments(layout, faults)
     cache: dict[float, _Visible] = {}
-    persistent: dict[int, FloatArray] = {}
+    persistent = {} if lasting is None else lasting
     found = []
     for window, (level, report) in enumerate(zip(true_levels, reported, strict=True)):
         if level not in cache:

@@ -1,6 +1,6 @@
 """Tables of modes: identified, of the model, of a structure."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -11,17 +11,26 @@ if TYPE_CHECKING:  # their modules load the model, which a table of measured mod
     from pipeline.offline.describe_structure import StructureFigures
     from pipeline.offline.identify_file import RefusedCandidate
     from pipeline.offline.model_modes import ModelModes, NearestMode
+    from pipeline.oma.cross_check import CrossCheck
     from pipeline.state.run_modes import CombinedMode
 
 
-def identified_modes_table(modes: "Sequence[CombinedMode]", windows: int) -> Table:
-    """Return the identified modes, beside the paired modes of the model."""
+def identified_modes_table(
+    modes: "Sequence[CombinedMode]",
+    windows: int,
+    cross_checks: "Mapping[str, CrossCheck] | None" = None,
+) -> Table:
+    """Return the identified modes, beside the paired modes of the model and a second estimate of
+    each from its spectral peak."""
     paired = any(mode.pair is not None for mode in modes)
     table = table_of(f"Identified modes ({count_noun(windows, 'window')})")
     for title in ("mode", "f [Hz]", "± std", "ζ [%]", "± std", "windows"):
         table.add_column(title, justify="right")
     if paired:
         for title in ("model f [Hz]", "MAC"):
+            table.add_column(title, justify="right")
+    if cross_checks is not None:
+        for title in ("EFDD f [Hz]", "ζ [%]"):
             table.add_column(title, justify="right")
     for mode in modes:
         row = [
@@ -34,6 +43,13 @@ def identified_modes_table(modes: "Sequence[CombinedMode]", windows: int) -> Tab
         ]
         if paired and mode.pair is not None:
             row += [f"{mode.pair.model_frequency:.4f}", f"{mode.pair.mac:.3f}"]
+        if cross_checks is not None:
+            check = cross_checks.get(mode.name)
+            row += (
+                ["–", "–"]
+                if check is None
+                else [f"{check.frequency:.4f}", f"{100 * check.damping_ratio:.2f}"]
+            )
         table.add_row(*row)
     if any(mode.pair_id for mode in modes):
         table.caption = "≈ mean of two modes that cannot be separated"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.messages import QualityWarning
+from pipeline.oma.data_quality.ring_downs import RingDown, ring_down
 from pipeline.oma.data_quality.transients import loudest_octave
 from pipeline.oma.ssi.preprocessing import without_drift
 from pipeline.oma.windows.missing_samples import MOST_MISSING, filled
@@ -252,15 +253,32 @@ def check_drift(samples: NDArray[np.floating], channel_names: Sequence[str]) -> 
 def check_stationarity(samples: NDArray[np.floating], sampling_rate: float) -> tuple[Finding, ...]:
     """Windows whose loudness changes: a rotor stop, a ring-down, a passing ship."""
     unspiked = _without_spikes(np.asarray(samples, dtype=np.float64))
-    octave = loudest_octave(without_drift(unspiked), sampling_rate)
-    if octave is None or octave.excess <= 1:
+    steady = without_drift(unspiked)
+    octave, decay = loudest_octave(steady, sampling_rate), ring_down(steady, sampling_rate)
+    if octave is not None and octave.excess > 1:
+        text = (
+            f"from {octave.begin:.3g} s on, what shakes between {octave.low:.2g} and "
+            f"{2 * octave.low:.2g} Hz is {octave.loudness:.2g} times as loud as its median: a "
+            "transient, in which estimates of damping mean little"
+        )
+    elif decay is not None and decay.excess > 1:
+        text = _decay_in_words(decay)
+    else:
         return ()
-    text = (
-        f"from {octave.begin:.3g} s on, what shakes between {octave.low:.2g} and "
-        f"{2 * octave.low:.2g} Hz is {octave.loudness:.2g} times as loud as its median: a "
-        "transient, in which estimates of damping mean little"
-    )
     return (Finding("non-stationary", text, "warn"),)
+
+
+def _decay_in_words(decay: RingDown) -> str:
+    octave = f"between {decay.low:.2g} and {2 * decay.low:.2g} Hz"
+    if decay.kind == "blow":
+        return (
+            f"at {decay.time:.3g} s a blow of {decay.loudness:.2g} times the rms sets what shakes "
+            f"{octave} ringing down: a transient, in which estimates of damping mean little"
+        )
+    return (
+        f"loads {octave} are {decay.loudness:.2g} times as strong about {decay.time:.3g} s as in "
+        "another part of the window: a stop or a start, in which estimates of damping mean little"
+    )
 
 
 def is_harmonic(samples: FloatArray, sampling_rate: float, frequency: float) -> bool:

@@ -31,6 +31,7 @@ from pipeline.oma.ssi.uncertainty import (
     shape_deviations,
     state_deviations,
 )
+from pipeline.oma.work_limit import checkpoint
 from sensors.arrays import ComplexArray, FloatArray, IntArray
 
 
@@ -125,6 +126,7 @@ def _sharp_cloud(
     damping = np.empty_like(frequency)
     by_order = []
     for system in systems:
+        checkpoint()
         here = cloud.orders == system.order
         if not here.any():
             continue

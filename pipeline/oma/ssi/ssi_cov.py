@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import fft, linalg
 
 from pipeline.oma.ssi.covariance import block_hankel
+from pipeline.oma.work_limit import checkpoint
 from sensors.arrays import ComplexArray, FloatArray
 
 Triplets = tuple[FloatArray, FloatArray, FloatArray]  # U, s, V of U diag(s) Vᵀ, largest s first
@@ -174,6 +175,7 @@ def leading_singular_triplets(
     images = np.empty((matrix.shape[1], largest + width), order="F")  # C
     next_check = 2 * count  # below, it is never enough; each costs as much as several blocks
     for size in range(width, largest + 1, width):
+        checkpoint()
         newest = slice(size - width, size)
         bases[:, newest] = block
         images[:, newest] = matrix.transposed_times(block)
@@ -213,6 +215,7 @@ def system_modes(
     for order in orders:
         if order > len(r):
             return
+        checkpoint()
         state_matrix = linalg.solve_triangular(
             r[:order, :order], shifted[:order, :order], check_finite=False
         )

@@ -27,15 +27,17 @@ from pipeline.oma.whittle.spectral_model import (
     stepped,
     with_derivatives,
 )
+from pipeline.oma.work_limit import checkpoint
 from sensors.arrays import ComplexArray, FloatArray
 
 MOST_SCORING_STEPS = 60
-CONVERGED = 0.02  # decrease of J of a step that ends the iteration [nats]
+CONVERGED = 0.05  # decrease of J of a step that ends the iteration [nats]
 LARGEST_SHIFT = 2.0  # of a mode's position in a step [lines]
 LARGEST_FACTOR = 1.0  # of a logarithm or a shape's component in a step [-]
 LEAST_WIDTH = 0.02  # of a mode [lines]: a narrower one is a harmonic
 LONGEST_REACH = 16.0  # of a step of the background, in plain ones [-]
-COLOUR, COLOUR_STD = 1.0, 2.0  # prior of c: from displacements to accelerations under white force
+COLOUR, COLOUR_STD = 1.0, 2.0  # prior of the mean c: from displacements to
+# accelerations under white force
 PRIOR_LINES = 2.0  # n_0
 PRIOR_SHARE = 0.05  # of N_0 in the lower quartile of a channel's lines
 
@@ -49,15 +51,19 @@ class WhittleFit:
     """J at the modes, less the background's prior [nats]."""
     information: FloatArray
     """F of the modes' parameters, in the order of `spectral_model.stepped`."""
+    directions: FloatArray
+    """Columns along which the parameters moved, (n_parameters, n_directions)."""
 
     @property
-    def n_parameters(self) -> int:
-        """Parameters that were fitted."""
-        return len(self.information)
+    def covariance(self) -> FloatArray:
+        """Of the modes' parameters as far as they moved, D (Dᵀ F D)⁻¹ Dᵀ."""
+        along = self.directions
+        inner = np.linalg.pinv(along.T @ self.information @ along, hermitian=True)
+        return np.asarray(along @ inner @ along.T, dtype=np.float64)
 
     def bayes_cost(self, n_lines: int) -> float:
         """Schwarz's approximation of −ln of the evidence [nats]."""
-        return self.cost + 0.5 * self.n_parameters * float(np.log(2 * n_lines))
+        return self.cost + 0.5 * self.directions.shape[1] * float(np.log(2 * n_lines))
 
 
 def prior_noise(band: NarrowBand) -> FloatArray:
@@ -75,18 +81,24 @@ def cost_of_background(band: NarrowBand) -> float:
     return float(n * (log_noise + len(prior)))
 
 
-def fitted(start: CloseModes, band: NarrowBand) -> WhittleFit:
-    """The nearest minimum of J, by Levenberg and Marquardt's damping of Fisher scoring."""
+def fitted(start: CloseModes, band: NarrowBand, along: FloatArray) -> WhittleFit:
+    """The nearest minimum of J, by Levenberg and Marquardt's damping of Fisher scoring.
+
+    along   directions D in which the parameters move, in the order of `spectral_model.stepped`,
+            (n_parameters, n_directions)
+    """
     prior = prior_noise(band)
     modes = start.normalised()
     damping, reach = 1e-2, 1.0
     state = _State(modes, band, prior)
     for _ in range(MOST_SCORING_STEPS):
+        checkpoint()
         before = state.cost
         gradient, information = state.curvature()
+        gradient, information = along.T @ gradient, along.T @ information @ along
         scale = np.maximum(np.diag(information), 1e-9)
-        step: FloatArray = np.asarray(
-            np.linalg.solve(information + damping * np.diag(scale), -gradient), dtype=np.float64
+        step: FloatArray = along @ np.linalg.solve(
+            information + damping * np.diag(scale), -gradient
         )
         moved = stepped(state.modes, _limited(step, modes.n_modes))
         moved = replace(moved, half_widths=np.maximum(moved.half_widths, LEAST_WIDTH))
@@ -98,7 +110,7 @@ def fitted(start: CloseModes, band: NarrowBand) -> WhittleFit:
         state, reach = _with_next_noise(state, band, prior, reach)
         if before - state.cost < CONVERGED and (damping < 1.0 or damping > 1e6):
             break
-    return WhittleFit(state.modes, state.cost, state.curvature()[1])
+    return WhittleFit(state.modes, state.cost, state.curvature()[1], along)
 
 
 def _with_next_noise(
@@ -118,9 +130,20 @@ def _with_next_noise(
     return plain, 2.0
 
 
+def every_parameter(m: int, n_channels: int, *, one_colour: bool) -> FloatArray:
+    """Directions in which every parameter of m modes moves; their colours together, where asked."""
+    n = n_inner(m) + m * (n_channels - 1)
+    along = np.eye(n)
+    if one_colour:
+        first = n_inner(m) - m
+        along[:, first] += along[:, first + 1 : first + m].sum(axis=1)
+        along = np.delete(along, range(first + 1, first + m), axis=1)
+    return along
+
+
 def _limited(step: FloatArray, m: int) -> FloatArray:
     """A step shortened where it would leave what the derivatives describe."""
-    logs = np.concatenate([step[m : 3 * m], step[n_inner(m) - 1 :]])
+    logs = np.concatenate([step[m : 3 * m], step[n_inner(m) - m :]])
     ratio = max(
         float(np.abs(step[:m]).max()) / LARGEST_SHIFT,
         float(np.abs(logs).max()) / LARGEST_FACTOR,
@@ -143,7 +166,8 @@ class _State:
         self._k = r @ self._gram  # Φᵀ E⁻¹ Φ
         self._rows = r @ self._loads.T  # Φᵀ E⁻¹
         self._of_rows = self._q @ self._rows  # Q Φᵀ E⁻¹
-        self._seen = self._of_rows @ band.matrices  # Q Φᵀ E⁻¹ D
+        self._rows_of_lines = self._rows @ band.matrices  # Φᵀ E⁻¹ D
+        self._seen = self._q @ self._rows_of_lines  # Q Φᵀ E⁻¹ D
         self._spread = self._q @ r  # V
         sign, log_noise = np.linalg.slogdet(modes.noise)
         log_rest = np.linalg.slogdet(system)[1].sum()
@@ -153,7 +177,7 @@ class _State:
         if sign > 0 and np.isfinite(log_rest):
             total = len(band.numbers) * log_noise + log_rest + white - explained
             prior_cost = PRIOR_LINES * (log_noise + prior @ np.diag(self._precision))
-            prior_cost += 0.5 * ((modes.colour - COLOUR) / COLOUR_STD) ** 2
+            prior_cost += 0.5 * float((((modes.colours - COLOUR) / COLOUR_STD) ** 2).mean())
             self.cost = float(band.n_together * total + prior_cost)
 
     def noise_given_lines(self) -> FloatArray:
@@ -173,14 +197,23 @@ class _State:
         dq = with_derivatives(modes, band.numbers).derivatives
         rows, of_rows, k = self._rows, self._of_rows, self._k
         inverse = self._precision - self._loads @ of_rows  # E⁻¹
-        w = rows @ band.matrices @ rows.conj().transpose(0, 2, 1)  # Φᵀ E⁻¹ D E⁻¹ Φ
-        inner = np.einsum("akij,kji->a", dq, k - w).real
-        by_shape = 2 * (of_rows - self._seen @ inverse).sum(axis=0).real  # (m, n_channels)
-        dq_k = dq @ k
-        turned = dq_k.transpose(0, 1, 3, 2).reshape(len(dq), -1)
-        by_inner = (dq_k.reshape(len(dq), -1) @ turned.T).real
+        w = self._rows_of_lines @ rows.conj().transpose(0, 2, 1)  # Φᵀ E⁻¹ D E⁻¹ Φ
+        n_lines, n_inner_parameters = dq.shape[:2]
+        tall = dq.reshape(n_lines, -1, m)  # parameters and rows side by side
+        by_line = dq.transpose(1, 0, 3, 2).reshape(n_inner_parameters, -1)  # dQᵀ
+        inner = (by_line @ (k - w).ravel()).real
+        # sums over the lines as products of matrices that hold lines and modes side by side
+        explained = self._seen.transpose(1, 0, 2).reshape(m, -1) @ inverse.reshape(-1, n_channels)
+        by_shape = 2 * (of_rows.sum(axis=0) - explained).real  # (m, n_channels)
+        dq_k = (tall @ k).reshape(dq.shape)
+        turned = dq_k.transpose(1, 0, 3, 2).reshape(n_inner_parameters, -1)
+        flat = dq_k.transpose(1, 0, 2, 3).reshape(n_inner_parameters, -1)
+        by_inner = (flat @ turned.T).real
         q_k = self._q @ k
-        across = 2 * (q_k @ dq @ rows).sum(axis=1).real  # (n_inner, m, n_channels)
+        # Q K dQ = (dQ (Q K)ᴴ)ᴴ, since dQ is Hermitian
+        turned_back = (tall @ q_k.conj().transpose(0, 2, 1)).reshape(dq.shape).conj()
+        before = turned_back.transpose(1, 3, 0, 2).reshape(n_inner_parameters * m, -1)
+        across = 2 * (before @ rows.reshape(-1, n_channels)).real  # (n_inner × m, n_channels)
         left = of_rows.reshape(len(k), -1)
         crossed = (left.T @ left).real.reshape(m, n_channels, m, n_channels)
         squares = (q_k @ self._q).reshape(len(k), -1)  # Q Φᵀ E⁻¹ Φ Q
@@ -192,14 +225,14 @@ class _State:
         free = np.ones((m, n_channels), dtype=bool)
         free[np.arange(m), modes.units] = False
         chosen = free.ravel()
-        off = across.reshape(len(dq), -1)[:, chosen]
+        off = across.reshape(n_inner_parameters, -1)[:, chosen]
         both = shapes.reshape(m * n_channels, -1)[np.ix_(chosen, chosen)]
         gradient = np.concatenate([inner, by_shape.ravel()[chosen]])
         information = np.block([[by_inner, off], [off.T, both]])
         gradient, information = band.n_together * gradient, band.n_together * information
-        at = n_inner(m) - 1
-        gradient[at] += (modes.colour - COLOUR) / COLOUR_STD**2
-        information[at, at] += COLOUR_STD**-2
+        at = np.arange(n_inner(m) - m, n_inner(m))
+        gradient[at] += (modes.colours - COLOUR) / (m * COLOUR_STD**2)
+        information[at, at] += 1 / (m * COLOUR_STD**2)
         return gradient, information
 
 

@@ -16,6 +16,7 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
 from pipeline.oma.whittle.fit import WhittleFit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
+from pipeline.oma.whittle.orthogonal_pairs import along_perpendicular_axes
 from pipeline.oma.whittle.pair_axes import along_axes, compact
 from pipeline.oma.whittle.selection import Needed, best_fit
 from pipeline.oma.whittle.starts import left_unexplained
@@ -23,6 +24,7 @@ from sensors.arrays import FloatArray
 
 REACH_LINES = 30.0  # of a band beyond its group, so that a flat background is resolved from a mode,
 REACH_WIDTHS = 9.0  # and half bandwidths ζ f more
+SLOW_REACH_LINES = 15.0  # of modes a line wide: a sea's spectrum bends within 30 lines
 LEAST_LINES = 8.0  # of a band beyond its group, whatever its neighbours,
 LEAST_WIDTHS = 3.0  # and half bandwidths more
 TOUCHING_WIDTHS = 2.5  # half bandwidths between neighbours of one group,
@@ -32,6 +34,7 @@ FEWEST_BINS_A_WIDTH = 2.0  # in which half a resonance must still show
 MOST_GROUP_MODES = 4  # that a band is fitted with
 RESOLVED = 3.0  # half bandwidth of modes whose own shapes a window knows [lines]
 FEW_LINES = 2.5  # between modes whose axes a window may not know [lines]
+PERPENDICULAR_LINES = 4.0  # between modes that may be perpendicular ones [lines]
 CLOSE = 2.0  # std of the difference within which two modes are a pair
 HARMONIC_WIDTH = 0.1  # half bandwidth below which a line is a harmonic [lines]
 
@@ -94,7 +97,8 @@ def band_of(group: Group, spectrum: WindowSpectrum, others: Sequence[Suspect]) -
     """
     T = spectrum.duration
     width = group.half_bandwidth
-    reach = REACH_LINES / T + REACH_WIDTHS * width
+    lines = REACH_LINES if width * T >= RESOLVED else SLOW_REACH_LINES
+    reach = lines / T + REACH_WIDTHS * width
     least = LEAST_LINES / T + LEAST_WIDTHS * width
     low, high = max(group.low - reach, 0.5 * group.low), group.high + reach
     for other in others:
@@ -118,9 +122,11 @@ class GroupModes:
     mixed: float
     """Largest correlation of two of its modes' forces [-]."""
     colour: float
-    """c of the band [-]."""
+    """c of the mode with the largest absolute one [-]."""
     unexplained: float
     """Rise of ln p that one mode more would promise [nats]."""
+    weaker_share: float = 1.0
+    """Power along the weaker axis of its pair over that along the stronger one [-]."""
 
 
 def modes_of_group(
@@ -133,13 +139,18 @@ def modes_of_group(
     half_width = _round_width(max(0.3, group.half_bandwidth * band.duration))
     margin = LEAST_LINES + LEAST_WIDTHS * group.half_bandwidth * band.duration
     needed = Needed(group.low * band.duration - margin, group.high * band.duration + margin)
-    found = best_fit(band, needed, most_modes=MOST_GROUP_MODES, half_width=half_width)
+    resolved = group.half_bandwidth * band.duration >= RESOLVED
+    found = best_fit(
+        band, needed, most_modes=MOST_GROUP_MODES, half_width=half_width, one_colour=resolved
+    )
     if found is None:
         return None
     best, band = found.fit, found.band
-    covariance: FloatArray = np.asarray(
-        np.linalg.pinv(best.information, hermitian=True), dtype=np.float64
-    )
+    perpendicular = None
+    if not resolved:
+        perpendicular = _perpendicular(best, band, group)
+        best = best if perpendicular is None else perpendicular
+    covariance = best.covariance
     root = _root(covariance)
     modes = {
         place: mode
@@ -153,13 +164,16 @@ def modes_of_group(
     pairs = [
         (one, other)
         for one, other in pairwise(order)
-        if _is_pair(best, one, other, covariance)
+        if (perpendicular is not None and (one, other) in ((0, 1), (1, 0)))
+        or _is_pair(best, one, other, covariance)
         or _of_vague_axes(best, one, other, modes, settings)
     ]
+    share = 1.0
     if len(pairs) == 1:
         ((one, other),) = pairs
-        if group.half_bandwidth * band.duration < RESOLVED:
-            modes[one], modes[other] = along_axes(best, band, (one, other), root)
+        if not resolved:
+            axes = along_axes(best, band, (one, other), root)
+            modes[one], modes[other], share = axes.stronger, axes.weaker, axes.share
         else:
             modes |= _named_as_pair(modes, one, other, band.duration)
     elif pairs:
@@ -171,8 +185,23 @@ def modes_of_group(
     np.fill_diagonal(correlation, 0.0)
     mixed = float(correlation[np.ix_(inside, inside)].max(initial=0.0))
     inside_group = sorted(modes.values(), key=lambda mode: mode.frequency)
+    colour = float(max(best.modes.colours, key=abs))
     left = left_unexplained(best.modes, band, half_width)[0].gain
-    return GroupModes(tuple(inside_group), mixed, best.modes.colour, left)
+    return GroupModes(tuple(inside_group), mixed, colour, left, share)
+
+
+def _perpendicular(fit: WhittleFit, band: NarrowBand, group: Group) -> WhittleFit | None:
+    """The fit with the group's two modes along perpendicular axes, where there are two, hardly
+    resolved, and the evidence allows it."""
+    inside = [
+        place
+        for place, position in enumerate(fit.modes.positions)
+        if group.holds(float(position) / band.duration, band.duration)
+        and fit.modes.half_widths[place] > HARMONIC_WIDTH
+    ]
+    if len(inside) != 2 or abs(np.diff(fit.modes.positions[inside])[0]) > PERPENDICULAR_LINES:
+        return None
+    return along_perpendicular_axes(fit, band, inside)
 
 
 def _round_width(half_width: float) -> float:

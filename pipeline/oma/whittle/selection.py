@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass
 
-from pipeline.oma.whittle.fit import WhittleFit, cost_of_background, fitted
+from pipeline.oma.whittle.fit import WhittleFit, cost_of_background, every_parameter
+from pipeline.oma.whittle.fit import fitted as fitted_along
 from pipeline.oma.whittle.narrow_band import NarrowBand
+from pipeline.oma.whittle.spectral_model import CloseModes
 from pipeline.oma.whittle.starts import (
     left_unexplained,
     strongest,
@@ -43,7 +45,7 @@ class Needed:
 
 
 def best_fit(
-    band: NarrowBand, needed: Needed, *, most_modes: int, half_width: float
+    band: NarrowBand, needed: Needed, *, most_modes: int, half_width: float, one_colour: bool
 ) -> BandFit | None:
     """The fit of one mode, of two and so on, until a further one brings no evidence; None where a
     flat background explains the lines as well.
@@ -52,8 +54,14 @@ def best_fit(
     more.
 
     half_width   b = ζ f T to begin with [lines]
+    one_colour   of all modes of the band
     """
     n_channels = len(band.scales)
+
+    def fitted(start: CloseModes, band: NarrowBand) -> WhittleFit:
+        along = every_parameter(start.n_modes, n_channels, one_colour=one_colour)
+        return fitted_along(start, band, along)
+
     best = fitted(strongest(band, half_width), band)
     while not needed.holds(float(best.modes.positions[0])):
         shorter = _short_of(best.modes.positions[0], band, needed, half_width)

@@ -4,13 +4,14 @@ Each mode is one complex coordinate q' = λ q + w with w white, E[w wᴴ] = S ov
 the modes a band holds a flat background N: the channels' noise, and what modes of other frequencies
 add quasi-statically. Of a window of duration T the expected periodogram at line k is
 
-    E_k = Φ Q_k Φᵀ + N,   Q_k = (k/k̄)^c (U_k P + P U_kᴴ),   P_jl = S_jl / (−λ_j − λ_l*)
-    U_k = diag(u(σ)),  u = −1/σ + (e^σ − 1)/σ²,  σ = (λ_j − 2πi k/T) T
+    E_k = Φ Q_k Φᵀ + N,   Q_k = K_k (U_k P + P U_kᴴ) K_k,   P_jl = S_jl / (−λ_j − λ_l*)
+    U_k = diag(u(σ)),  u = −1/σ + (e^σ − 1)/σ²,  σ = (λ_j − 2πi k/T) T,   K_k = diag((k/k̄)^(c_j/2))
 
 whose u holds what the finite window leaks: 1/(iω − λ) would broaden a mode that decays as slowly as
-the window lasts. The colour c of the band is of the force and of what is measured: accelerations
+the window lasts. The colour c of a mode is of its force and of what is measured: accelerations
 under a white force have 3, displacements −1. Left out, the tails of a mode would pull its frequency
-by a share of its std. With R = (I + Φᵀ N⁻¹ Φ Q)⁻¹,
+by a share of its std. One colour for two modes pulls both: a tower's fore-aft mode stands on the
+steep side of a sea's spectrum that its side-side mode hardly feels. With R = (I + Φᵀ N⁻¹ Φ Q)⁻¹,
 
     E⁻¹ = N⁻¹ − N⁻¹ Φ Q R Φᵀ N⁻¹,   Φᵀ E⁻¹ = R Φᵀ N⁻¹
 
@@ -39,8 +40,8 @@ class CloseModes:
     """φ of the scaled channels, (n_channels, n_modes), largest component 1 [-]."""
     forces: ComplexArray
     """C, lower triangular with real positive diagonal, S = C Cᴴ, (n_modes, n_modes)."""
-    colour: float
-    """c of all modes of the band [-]."""
+    colours: FloatArray
+    """c of each mode's power, (n_modes,) [-]."""
     noise: FloatArray
     """N, (n_channels, n_channels), symmetric, positive definite."""
 
@@ -69,7 +70,8 @@ class ModalSpectra:
     values: ComplexArray
     """Q, (n_lines, n_modes, n_modes)."""
     derivatives: ComplexArray
-    """By ν, ln b of each mode, C's parameters and c, (n_inner, n_lines, n_modes, n_modes)."""
+    """By ν and ln b of each mode, C's parameters and each c, (n_lines, n_inner, n_modes,
+    n_modes)."""
 
 
 def leaked(sigma: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
@@ -84,8 +86,13 @@ def modal_spectra(modes: CloseModes, numbers: FloatArray) -> ComplexArray:
     lam = 2 * np.pi * (-modes.half_widths + 1j * modes.positions)
     u, _ = leaked(lam[None, :] - 2j * np.pi * numbers[:, None])
     p = modes.forces @ modes.forces.conj().T / -(lam[:, None] + lam[None, :].conj())
-    tint = np.exp(modes.colour * log_numbers(numbers))[:, None, None]
-    return np.asarray(tint * (u[:, :, None] * p + p * u[:, None, :].conj()))
+    return np.asarray(tints(modes, numbers) * (u[:, :, None] * p + p * u[:, None, :].conj()))
+
+
+def tints(modes: CloseModes, numbers: FloatArray) -> FloatArray:
+    """(k/k̄)^((c_j + c_l)/2) of each line and two modes, (n_lines, n_modes, n_modes)."""
+    root = np.exp(0.5 * log_numbers(numbers)[:, None] * modes.colours)
+    return np.asarray(root[:, :, None] * root[:, None, :])
 
 
 def log_numbers(numbers: FloatArray) -> FloatArray:
@@ -100,34 +107,52 @@ def expected_matrices(modes: CloseModes, numbers: FloatArray) -> ComplexArray:
 
 def with_derivatives(modes: CloseModes, numbers: FloatArray) -> ModalSpectra:
     """Q_k and its derivatives by ν and ln b of each mode; ln of C's diagonal; real and imaginary
-    part of each of C's components below it, row by row; c."""
-    m = modes.n_modes
+    part of each of C's components below it, row by row; c of each mode."""
+    m, each = modes.n_modes, np.arange(modes.n_modes)
     lam = 2 * np.pi * (-modes.half_widths + 1j * modes.positions)
     u, du = leaked(lam[None, :] - 2j * np.pi * numbers[:, None])
     left, right = u[:, :, None], u[:, None, :].conj()
     decay = -(lam[:, None] + lam[None, :].conj())
     p = modes.forces @ modes.forces.conj().T / decay
-    found: list[ComplexArray] = []
-    steps = [(j, 2j * np.pi) for j in range(m)]
-    steps += [(j, -2 * np.pi * modes.half_widths[j]) for j in range(m)]
-    for j, step in steps:
-        dp = np.zeros((m, m), dtype=complex)
-        dp[j, :] += p[j, :] / decay[j, :] * step
-        dp[:, j] += p[:, j] / decay[:, j] * np.conj(step)
-        dq = left * dp + dp * right
-        dq[:, j, :] += (du[:, j] * step)[:, None] * p[j, :]
-        dq[:, :, j] += (du[:, j] * step).conj()[:, None] * p[:, j]
-        found.append(dq)
-    for i, j, factor in force_parameters(m):
-        dc = np.zeros((m, m), dtype=complex)
-        dc[i, j] = modes.forces[i, i] if factor is None else factor
-        ds = dc @ modes.forces.conj().T
-        dp = (ds + ds.conj().T) / decay
-        found.append(left * dp + dp * right)
+    poles = np.concatenate([np.full(m, 2j * np.pi), -2 * np.pi * modes.half_widths])
+    dp = np.concatenate([_by_poles(p / decay, poles), _by_forces(modes.forces) / decay])
+    found = left[:, None] * dp + dp * right[:, None]
+    moved = du[:, :, None] * p
+    for first in (0, m):
+        step = poles[first : first + m, None]
+        found[:, first + each, each, :] += step * moved
+        found[:, first + each, :, each] += (step * moved).conj().transpose(1, 0, 2)
     plain = left * p + p * right
-    log_k = log_numbers(numbers)[:, None, None]
-    tint = np.exp(modes.colour * log_k)
-    return ModalSpectra(tint * plain, tint * np.stack([*found, log_k * plain]))
+    coloured = np.zeros((len(numbers), m, m, m), dtype=complex)
+    half = 0.5 * log_numbers(numbers)[:, None, None] * plain
+    coloured[:, each, each, :] += half
+    coloured[:, each, :, each] += half.transpose(2, 0, 1)
+    tint = tints(modes, numbers)
+    return ModalSpectra(tint * plain, tint[:, None] * np.concatenate([found, coloured], axis=1))
+
+
+def _by_poles(relative: ComplexArray, steps: ComplexArray) -> ComplexArray:
+    """Derivatives of P by each pole times its step, (2 n_modes, n_modes, n_modes).
+
+    relative   P_jl over the decay of the two modes
+    """
+    m = len(relative)
+    places = np.arange(2 * m)
+    dp = np.zeros((2 * m, m, m), dtype=complex)
+    dp[places, places % m, :] += steps[:, None] * relative[places % m, :]
+    dp[places, :, places % m] += steps.conj()[:, None] * relative[:, places % m].T
+    return dp
+
+
+def _by_forces(forces: ComplexArray) -> ComplexArray:
+    """Derivatives of S by the parameters of C, (n_modes², n_modes, n_modes)."""
+    m = len(forces)
+    found = np.zeros((m * m, m, m), dtype=complex)
+    for place, (i, j, factor) in enumerate(force_parameters(m)):
+        step = forces[i, i] if factor is None else factor
+        found[place, i, :] += step * forces[:, j].conj()
+        found[place, :, i] += np.conj(step) * forces[:, j]
+    return found
 
 
 def force_parameters(m: int) -> list[tuple[int, int, complex | None]]:
@@ -137,12 +162,12 @@ def force_parameters(m: int) -> list[tuple[int, int, complex | None]]:
 
 
 def stepped(modes: CloseModes, step: FloatArray) -> CloseModes:
-    """The modes a step further: of ν and ln b, of C's parameters, of c, then of the shapes'
+    """The modes a step further: of ν and ln b, of C's parameters, of each c, then of the shapes'
     components but those held at 1, mode by mode."""
     m, n_channels = modes.n_modes, len(modes.shapes)
     inner = n_inner(m)
     forces = modes.forces.copy()
-    for (i, j, factor), by in zip(force_parameters(m), step[2 * m : inner - 1], strict=True):
+    for (i, j, factor), by in zip(force_parameters(m), step[2 * m : inner - m], strict=True):
         forces[i, j] = forces[i, j] * np.exp(by) if factor is None else forces[i, j] + by * factor
     shapes = modes.shapes.copy()
     for j, part in enumerate(step[inner:].reshape(m, n_channels - 1)):
@@ -153,10 +178,10 @@ def stepped(modes: CloseModes, step: FloatArray) -> CloseModes:
         half_widths=modes.half_widths * np.exp(step[m : 2 * m]),
         shapes=shapes,
         forces=forces,
-        colour=modes.colour + float(step[inner - 1]),
+        colours=modes.colours + step[inner - m : inner],
     ).normalised()
 
 
 def n_inner(m: int) -> int:
     """Parameters of m modes beside their shapes."""
-    return 2 * m + m * m + 1
+    return 3 * m + m * m

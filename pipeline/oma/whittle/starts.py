@@ -20,7 +20,7 @@ def strongest(band: NarrowBand, half_width: float) -> CloseModes:
         np.empty(0),
         np.empty((len(noise), 0)),
         np.empty((0, 0), complex),
-        COLOUR,
+        np.empty(0),
         np.diag(noise),
     )
     return _with_mode(empty, band, place.index, place.direction * root, half_width)
@@ -78,7 +78,7 @@ def told_apart_by_place(
         np.empty(0),
         np.empty((len(basis), 0)),
         np.empty((0, 0), complex),
-        COLOUR,
+        np.empty(0),
         noise,
     )
     window = np.ones(2 * _reach(band, half_width) + 1)
@@ -133,6 +133,6 @@ def _with_mode(
         np.append(modes.half_widths, half_width),
         np.column_stack([modes.shapes, shape]),
         forces,
-        modes.colour,
+        np.append(modes.colours, COLOUR),
         modes.noise,
     )

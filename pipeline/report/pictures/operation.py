@@ -219,17 +219,15 @@ def campbell(record: TurbineRecord) -> str:
     if not len(speeds) or np.max(speeds) < LOWEST_ROTOR_SPEED:
         return ""
     highest = 1.15 * float(np.max(speeds))
-    top = 1.2 * HARMONICS[-1] * highest / 60
+    top = 1.2 * passing_frequency(HARMONICS[-1], highest)
     with page_figure(3.6) as page:
         axes = page.figure.subplots()
         for harmonic in HARMONICS:
-            axes.plot(
-                [0, highest], [0, harmonic * highest / 60], "--", linewidth=0.9,
-                color=css_colour(colours.MODEL),
-            )  # fmt: skip
+            end = passing_frequency(harmonic, highest)
+            axes.plot([0, highest], [0, end], "--", linewidth=0.9, color=css_colour(colours.MODEL))
             axes.annotate(
-                f"{harmonic}P", (highest, harmonic * highest / 60), xytext=(3, 0),
-                textcoords="offset points", va="center", fontsize=8,
+                f"{harmonic}P", (highest, end), xytext=(3, 0), textcoords="offset points",
+                va="center", fontsize=8,
             )  # fmt: skip
         x, y = _points_below(windows, top)
         axes.plot(x, y, "o", markersize=2.5, alpha=0.8, color=css_colour(colours.MEASURED))
@@ -238,6 +236,11 @@ def campbell(record: TurbineRecord) -> str:
         axes.set_xlabel("rotor speed [rpm]")
         axes.set_ylabel("frequency [Hz]")
         return page.svg()
+
+
+def passing_frequency(harmonic: int, rotor_speed: float) -> float:
+    """Frequency of a harmonic of the rotor speed [rpm], [Hz]."""
+    return harmonic * rotor_speed / 60
 
 
 def _points_below(windows: Sequence[ModalEstimate], top: float) -> tuple[list[float], list[float]]:

@@ -39,7 +39,7 @@ GOOD_ACCEPTANCE = 0.3  # of a random walk in a few dimensions [-]
 class PublishedSettings:
     """TMCMC with the constants of Ching and Chen (2007)."""
 
-    samples: int = 20_000  # of every stage; [foundation-updating] §4.2 has 100 000
+    samples: int = field(default=20_000, metadata=NO_KEY)  # a stage; §4.2 has 100 000
     variation: ClassVar[float] = 1.0  # coefficient of variation of a stage's weights [-]
     scale: ClassVar[float] = 0.2  # β, of the proposal's standard deviations to the stage's [-]
 

@@ -10,7 +10,7 @@ with costs at one σ for all, that of the best, in which a mode without a partne
 Source: MacKay, "Information Theory, Inference, and Learning Algorithms" (2003), chapter 28.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,11 @@ from pipeline.updating.structural.joint_fit import (
     JointPeak,
 )
 from pipeline.updating.structural.posterior import JointPosterior, joint_posterior
-from pipeline.updating.structural.prior import StructuralPrior
+from pipeline.updating.structural.prior import (
+    GaussianBelief,
+    JointCoordinates,
+    StructuralPrior,
+)
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.structure.description import TurbineDescription
@@ -124,6 +128,18 @@ class JointInference:
         self.layout = layout
         self.prior = prior
         self._highest_sigma = highest_sigma
+
+    def with_springs(
+        self, belief: Callable[[JointCoordinates], GaussianBelief]
+    ) -> "JointInference":
+        """The same with a prior of the springs, made for the coordinates."""
+        return JointInference(
+            [(each, fit.with_belief(belief(fit.coordinates))) for each, fit in self.fits],
+            structure=self.structure,
+            layout=self.layout,
+            prior=self.prior,
+            highest_sigma=self._highest_sigma,
+        )
 
     def fit_of(self, name: str) -> JointFit:
         """The alternative of that name; the first where none has it."""

@@ -1,12 +1,14 @@
 """The joint inference of one turbine from its description, layout and settings."""
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.updating.population import StiffnessPopulation
+from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.alternatives import (
     UNDESCRIBED_FLOODING,
     Alternative,
@@ -15,8 +17,10 @@ from pipeline.updating.structural.alternatives import (
 from pipeline.updating.structural.joint_fit import JointFit
 from pipeline.updating.structural.prior import GaussianBelief, JointCoordinates, StructuralPrior
 from pipeline.updating.structural.sensors.figures import SensorReadings, sensor_figures
+from pipeline.updating.structural.settings import StructureSettings
 from sensors.acquisition.layout import SensorLayout
 from sensors.dynamics.figure_model import BladeMesh, FigureModel
+from sensors.structure.calibration import Calibration
 from sensors.structure.description import TurbineDescription
 
 if TYPE_CHECKING:
@@ -36,7 +40,15 @@ def joint_inference(
     seed: int = 0,
     population: StiffnessPopulation | None = None,
 ) -> JointInference | None:
-    """Springs and figures of one turbine; None where its structure is taken as exact."""
+    """Springs and figures of one turbine; None where its structure is taken as exact.
+
+    A description with a calibration begins with what that reports of the figures.
+
+    Raises
+    ------
+    UpdatingError
+        If the calibration was made with other priors, springs or alternatives.
+    """
     structure = settings.structure
     if structure.exact:
         return None
@@ -56,24 +68,36 @@ def joint_inference(
         prior.known_level_std,
         sensor_names=sensors.names,
     )
-    if population is not None:
-        coordinates = coordinates.with_belief(_belief(population, coordinates))
+    springs = None if population is None else _springs_belief(population, coordinates)
+    calibration, turbine = turbine.calibration, replace(turbine, calibration=None)
     floor = min(settings.likelihood.shape_floor, SHAPE_FLOOR)
     likelihood = replace(settings.likelihood, shape_floor=floor)
+    if calibration is not None:
+        _check(calibration, prior_stds(prior, sensors), turbine)
     fits = []
-    for mesh, mesh_probability in _meshes(turbine, exact=structure.is_exact("blade_model")):
-        model = _figure_model(turbine, layout, prior.names, mesh)
-        for flooded, probability in _floodings(turbine, exact=structure.is_exact("flooding")):
-            fit = JointFit(
-                model.with_flooding(flooded),
-                coordinates,
-                likelihood=likelihood,
-                pairing=settings.pairing,
-                generator=np.random.default_rng([seed, SEARCH_SEED]),
-                sensors=sensors,
-            )
-            name = _named(turbine, mesh, flooded)
-            fits.append((Alternative(name, mesh_probability * probability), fit))
+    for each in _structures(turbine, structure):
+        alternative, belief = each.alternative, springs
+        if calibration is not None:
+            weight, figures = _calibrated(calibration, alternative.name, coordinates)
+            if figures is None:
+                continue
+            alternative = replace(alternative, probability=weight)
+            belief = figures if springs is None else springs.beside(figures)
+        model = _figure_model(turbine, layout, prior.names, each.mesh)
+        fit = JointFit(
+            model.with_flooding(each.flooded),
+            coordinates.with_belief(belief),
+            likelihood=likelihood,
+            pairing=settings.pairing,
+            generator=np.random.default_rng([seed, SEARCH_SEED]),
+            sensors=sensors,
+        )
+        fits.append((alternative, fit))
+    if not fits:
+        raise UpdatingError(
+            f"{turbine.name}: the calibration is of no structure that the scenario allows: "
+            "calibrate with the scenario's [structure.uncertain]"
+        )
     return JointInference(
         fits,
         structure=turbine,
@@ -90,6 +114,24 @@ def _figure_model(
     """Built once a process for each structure: sessions, refreshes and turbines of one type share
     it."""
     return FigureModel(turbine, layout, names, blades=mesh)
+
+
+@dataclass(frozen=True, slots=True)
+class _Structure:
+    """One of the structures that a description may stand for."""
+
+    alternative: Alternative
+    mesh: BladeMesh
+    flooded: bool
+
+
+def _structures(turbine: TurbineDescription, settings: StructureSettings) -> list[_Structure]:
+    """Every combination of how the blades may behave and of water inside."""
+    return [
+        _Structure(Alternative(_named(turbine, mesh, flooded), share * probability), mesh, flooded)
+        for mesh, share in _meshes(turbine, exact=settings.is_exact("blade_model"))
+        for flooded, probability in _floodings(turbine, exact=settings.is_exact("flooding"))
+    ]
 
 
 def _meshes(turbine: TurbineDescription, *, exact: bool) -> list[tuple[BladeMesh, float]]:
@@ -115,7 +157,9 @@ def _named(turbine: TurbineDescription, mesh: BladeMesh, flooded: bool) -> str:
     return ", ".join(words) or "as described"
 
 
-def _belief(population: StiffnessPopulation, coordinates: JointCoordinates) -> GaussianBelief:
+def _springs_belief(
+    population: StiffnessPopulation, coordinates: JointCoordinates
+) -> GaussianBelief:
     """A farm's prior of the springs as one Gaussian, outlying turbines in its spread."""
     drawn = population.draws(BELIEF_DRAWS, np.random.default_rng(0))
     u = coordinates.of_ratios(drawn)
@@ -124,4 +168,47 @@ def _belief(population: StiffnessPopulation, coordinates: JointCoordinates) -> G
     )
 
 
-__all__ = ["StructuralPrior", "joint_inference"]
+# ---- a calibration -----------------------------------------------------------------------------
+
+
+def prior_stds(prior: StructuralPrior, sensors: SensorReadings) -> dict[str, float]:
+    """Standard deviation of every figure's prior, in its unit, by the coordinate's name."""
+    figures = {figure.name: figure.std for figure in prior.figures}
+    return figures | {figure.name: figure.std for figure in sensors.figures}
+
+
+def _check(
+    calibration: Calibration, stds: Mapping[str, float], turbine: TurbineDescription
+) -> None:
+    """Raise UpdatingError where the calibration's coordinates are not the scenario's."""
+    sign = turbine.foundation.sign
+    if calibration.springs_sign != sign:
+        raise UpdatingError(
+            f"{turbine.name}: calibrated with springs of sign {calibration.springs_sign!r}, used "
+            f"with {sign!r}: calibrate again"
+        )
+    for name, std in zip(calibration.names, calibration.stds, strict=True):
+        if name in stds and not np.isclose(std, stds[name]):
+            raise UpdatingError(
+                f"{turbine.name}: calibrated with a prior of std {std:g} for {name}, used with "
+                f"{stds[name]:g}: leave [structure.uncertain] as it was, or calibrate again"
+            )
+
+
+def _calibrated(
+    calibration: Calibration, name: str, coordinates: JointCoordinates
+) -> tuple[float, GaussianBelief | None]:
+    """Weight and belief of one alternative; None where the calibration has ruled it out.
+
+    Figures that the session does not have, such as those of other sensors, are left out.
+    """
+    found = next((each for each in calibration.alternatives if each.name == name), None)
+    if found is None:
+        return 0.0, None
+    names = coordinates.names
+    kept = [i for i, figure in enumerate(calibration.names) if figure in names]
+    return found.weight, GaussianBelief(
+        tuple(calibration.names[i] for i in kept),
+        np.array(found.mean)[kept],
+        np.asarray(np.linalg.inv(found.matrix[np.ix_(kept, kept)])),
+    )

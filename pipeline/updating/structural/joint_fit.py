@@ -33,7 +33,7 @@ from pipeline.updating.likelihood.pairing import (
     pairing_costs,
 )
 from pipeline.updating.prior import UpdatingError
-from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
+from pipeline.updating.structural.prior import N_SPRINGS, GaussianBelief, JointCoordinates
 from pipeline.updating.structural.sensors.figures import SensorReadings
 from sensors.arrays import FloatArray
 from sensors.dynamics.figure_model import FigureModel, FigureModes, Linearisation
@@ -162,6 +162,7 @@ class JointFit:
         self.settings = settings or JointFitSettings()
         self._reach = float(np.nanmax(self._modes(coordinates.origin[None]).frequencies))
         self.tolerance = FINEST_TOLERANCE
+        self.rise = 0.0  # of the water in the evidence above the model's level [m]
         self._draws = coordinates.draws(self.settings.search_draws, generator, spread=0.9)
         self._drawn_modes: FigureModes | None = None  # solved when a fit needs them
 
@@ -180,6 +181,16 @@ class JointFit:
         """The same that pairs modes whose frequencies differ by more, at the end too [-]."""
         other = self._with(self.coordinates)
         other.tolerance = tolerance
+        return other
+
+    def with_belief(self, belief: GaussianBelief) -> "JointFit":
+        """The same with another prior of some coordinates."""
+        return self._with(self.coordinates.with_belief(belief))
+
+    def with_rise(self, rise: float) -> "JointFit":
+        """The same for evidence whose water stood that much above the model's level [m]."""
+        other = self._with(self.coordinates)
+        other.rise = rise
         return other
 
     def with_prior_std(self, place: int, std: float) -> "JointFit":
@@ -281,11 +292,20 @@ class JointFit:
 
     def _cheapest(self, targets: PairingTargets) -> list[int]:
         """The draws of lowest pairing cost, cheapest first, by each mode's nearest partner."""
+        order = np.argsort(self._bounds(targets), kind="stable")
+        return [int(row) for row in order[: self.settings.most_starts]]
+
+    def _bounds(self, targets: PairingTargets) -> FloatArray:
+        """(n_draws,) pairing cost of each drawn structure if modes could share partners."""
         if self._drawn_modes is None:
             self._drawn_modes = self._modes(self._draws)
         costs = pairing_costs(targets, self._drawn_modes, ANNEALING[0][2], self._pairing.mac_scale)
         bounds = np.minimum(costs.min(axis=2), self._pairing.rejection) @ targets.weights
-        return [int(row) for row in np.argsort(bounds, kind="stable")[: self.settings.most_starts]]
+        return np.asarray(bounds)
+
+    def pairing_bound(self, evidence: ModalEvidence) -> float:
+        """The lowest pairing cost of any drawn structure, for a rough comparison of evidence."""
+        return float(self._bounds(self.targets(evidence)).min())
 
     # ---- one descent -----------------------------------------------------------------------
 
@@ -350,7 +370,8 @@ class JointFit:
         n = len(middle.frequencies)
         logs, shapes = np.empty((3, n)), np.empty((3, n, middle.shapes.shape[1]))
         for row, rise in enumerate((-1.0, 0.0, 1.0)):
-            there = self.model.linearised(point.theta, point.departures, point.level + rise)
+            level = point.level + self.rise + rise
+            there = self.model.linearised(point.theta, point.departures, level)
             if there is None:
                 there, places = middle, np.arange(n)
             else:
@@ -405,7 +426,7 @@ class JointFit:
     ) -> Comparison | None:
         """Modes paired and compared at one point; None where it cannot stand or pairs nothing."""
         point = self.coordinates.point(u)
-        modes = self.model.linearised(point.theta, point.departures, point.level)
+        modes = self.model.linearised(point.theta, point.departures, point.level + self.rise)
         if modes is None:
             return None
         modes = self._as_read(modes, u)

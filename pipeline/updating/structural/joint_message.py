@@ -21,6 +21,7 @@ from pipeline.updating.diagnostics import contraction, mode_information, unident
 from pipeline.updating.likelihood.pairing import macs
 from pipeline.updating.posterior_message import (
     largest_component_one,
+    relative_stiffness,
     spring_summaries,
     thinned_draws,
 )
@@ -261,11 +262,7 @@ def _relative(found: JointRefresh, reference_ns: int) -> tuple[RelativeStiffness
     if found.relative is None:
         return ()
     stds = np.sqrt(np.diag(found.relative.covariance))
-    ends = np.exp(found.relative.mean[:, None] + stds[:, None] * norm.ppf([0.05, 0.5, 0.95]))
-    return tuple(
-        RelativeStiffness(name, float(median), float(low), float(high), reference_ns)
-        for name, (low, median, high) in zip(PARAMETER_NAMES, ends, strict=True)
-    )
+    return relative_stiffness(found.relative.mean, stds, reference_ns)
 
 
 def as_exact(posterior: FoundationPosterior, *, stated: bool) -> FoundationPosterior:

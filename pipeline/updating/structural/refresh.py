@@ -23,7 +23,12 @@ from pipeline.updating.structural.predictive_checks import (
     held_out_checks,
 )
 from pipeline.updating.structural.relative_change import RelativeSprings, relative_springs
-from pipeline.updating.structural.sensors.faults import SensorFault, sensor_fault, suspicious
+from pipeline.updating.structural.sensors.faults import (
+    SensorFault,
+    exchanged_channels,
+    sensor_fault,
+    suspicious,
+)
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
@@ -118,9 +123,12 @@ def joint_refresh(
         return None
     result, evidence = found
     fault = None
-    if not result.best.fit.is_rough and suspicious(result.best.fit, result.best.peak):
+    if result.best.fit.is_rough or suspicious(result.best.fit, result.best.peak):
         result, evidence, fault = _with_sensor_fault(inference, result, evidence, last_fault)
     best = result.best
+    if fault is not None:
+        pairing = best.peak.comparison.pairing
+        against = refusal(pairing.paired_share, pairing.cost, guards)
     coordinates = best.fit.coordinates
     u, sigma = result.draws(N_DRAWS, generator, widening=WIDENING)
     covariance = best.posterior.covariance
@@ -175,8 +183,12 @@ def _with_sensor_fault(
 ) -> tuple[JointResult, ModalEvidence, SensorFault | None]:
     """The result with the likeliest fault of a sensor taken into account; as it was for none."""
     best = result.best
-    peak = best.fit.settled(evidence, best.peak.u) or best.peak  # by the floors alone
-    found = sensor_fault(best.fit, evidence, peak, last=last)
+    if best.fit.is_rough:
+        fine = best.fit.with_tolerance(FINEST_TOLERANCE)
+        found = exchanged_channels(fine, evidence, best.peak.u, last=last)
+    else:
+        peak = best.fit.settled(evidence, best.peak.u) or best.peak  # by the floors alone
+        found = sensor_fault(best.fit, evidence, peak, last=last)
     if found is None:
         return result, evidence, None
     fault, peak = found

@@ -1,11 +1,9 @@
 """Springs now over springs in a reference period: what both periods have in common cancels.
 
 Both periods are fitted together, x = (springs before, springs now, figures, level before, level
-now): the figures and the sensors are the same, the water's level is not. The systematic floors F
-belong to the identification and to the mesh, so that one mode errs alike in both periods: its
-floors are correlated by FLOOR_CORRELATION.
+now): the figures and the sensors are the same, the water's level is not (`periods`).
 
-    ln (k now / k before) from the joint Gaussian of x about its peak, found by Gauss-Newton
+    ln (k now / k before) from the joint Gaussian of x about its peak
 """
 
 from dataclasses import dataclass
@@ -13,13 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.joint_fit import Comparison, JointFit
+from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE, JointFit
+from pipeline.updating.structural.periods import Period, common_fit
 from pipeline.updating.structural.prior import N_SPRINGS
 from sensors.arrays import FloatArray, IndexArray
-
-FLOOR_CORRELATION = 0.9  # of one mode's systematic error in two periods [-]
-RELINEARISATIONS = 4  # of relinearising
-TOLERANCE = 0.004  # of the pairing [-]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,33 +44,23 @@ def relative_springs(
     own = np.array([0, 1, 2, level])
     before, now = np.arange(n), np.arange(n)
     now[own] = n + np.arange(len(own))
-    x = np.concatenate([start, start[own]])
-    prior = _prior(fit, now, own, level_correlation)
-    origin = np.concatenate([fit.coordinates.origin, fit.coordinates.origin[own]])
-    targets = fit.targets(reference), fit.targets(latest)
-    covariance = None
-    for _ in range(RELINEARISATIONS):
-        compared = [
-            fit.compared(evidence, target, x[places], TOLERANCE)
-            for evidence, target, places in zip(
-                (reference, latest), targets, (before, now), strict=True
-            )
-        ]
-        if compared[0] is None or compared[1] is None:
-            return None
-        J = np.vstack([_spread(compared[0], before, len(x)), _spread(compared[1], now, len(x))])
-        errors = np.concatenate([compared[0].errors, compared[1].errors])
-        information = np.linalg.inv(_covariance(compared[0], compared[1]))
-        hessian = J.T @ information @ J + prior
-        covariance = np.linalg.inv(hessian)
-        x = x - covariance @ (J.T @ information @ errors + prior @ (x - origin))
-    assert covariance is not None
-    change = _log_springs(fit, x, now) - _log_springs(fit, x, before)
-    slopes = _slopes(fit, x, now, len(x)) - _slopes(fit, x, before, len(x))
-    return RelativeSprings(change, slopes @ covariance @ slopes.T)
+    found = common_fit(
+        fit,
+        (Period(reference, before), Period(latest, now)),
+        np.concatenate([start, start[own]]),
+        origin=np.concatenate([fit.coordinates.origin, fit.coordinates.origin[own]]),
+        precision=_prior(fit, own, level_correlation),
+        tolerance=FINEST_TOLERANCE,
+    )
+    if found is None:
+        return None
+    change = _log_springs(fit, found.x, now) - _log_springs(fit, found.x, before)
+    size = len(found.x)
+    slopes = _slopes(fit, found.x, now, size) - _slopes(fit, found.x, before, size)
+    return RelativeSprings(change, slopes @ found.covariance @ slopes.T)
 
 
-def _prior(fit: JointFit, now: IndexArray, own: IndexArray, level_correlation: float) -> FloatArray:
+def _prior(fit: JointFit, own: IndexArray, level_correlation: float) -> FloatArray:
     """Precision of x: the figures' once, springs and level for each period."""
     n = fit.coordinates.n_dim
     precision = np.zeros((n + len(own), n + len(own)))
@@ -86,27 +71,6 @@ def _prior(fit: JointFit, now: IndexArray, own: IndexArray, level_correlation: f
     both = np.ix_([level_before, level_now], [level_before, level_now])
     precision[both] = np.linalg.inv(correlation)
     return precision
-
-
-def _spread(found: Comparison, places: IndexArray, size: int) -> FloatArray:
-    J = np.zeros((len(found.errors), size))
-    J[:, places] = found.jacobian
-    return J
-
-
-def _covariance(before: Comparison, now: Comparison) -> FloatArray:
-    """Of both periods' errors; outlying modes count less in both."""
-    D = [each.variances + each.floors for each in (before, now)]
-    factors = [1 / each.robust_weights(d) for each, d in zip((before, now), D, strict=True)]
-    n = len(before.errors)
-    total = np.diag(np.concatenate([d * w for d, w in zip(D, factors, strict=True)]))
-    known = {key: row for row, key in enumerate(before.keys)}
-    for row, key in enumerate(now.keys):
-        other = known.get(key)
-        if other is not None:
-            shared = FLOOR_CORRELATION * np.sqrt(before.floors[other] * now.floors[row])
-            total[other, n + row] = total[n + row, other] = shared
-    return total
 
 
 def _log_springs(fit: JointFit, x: FloatArray, places: IndexArray) -> FloatArray:

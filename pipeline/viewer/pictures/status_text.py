@@ -80,6 +80,13 @@ class SessionStatus:
         """The latest change."""
         return self._state.events[-1] if self._state.events else None
 
+    def _change(self) -> list[str]:
+        if self._event is None:
+            return []
+        revised = self._state.revised_size(self._event)
+        first = f"**Changed:** {self._event.text}"
+        return [first] if revised is None else [first, revised.text]
+
     @property
     def _missing(self) -> float:
         """Measured time that is missing [s]."""
@@ -94,7 +101,7 @@ class SessionStatus:
         """Return the state of the foundation: summary, figures, warnings, changes."""
         parts = (
             [f"### {self._heading}", f"**{self._summary()}**"],
-            [] if self._event is None else [f"**Changed:** {self._event.text}"],
+            self._change(),
             self._foundation(),
             self._warnings(),
         )

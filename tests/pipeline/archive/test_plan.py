@@ -99,6 +99,50 @@ def test_samples_that_two_files_hold_are_taken_once() -> None:
     assert [(p.first_sample, p.end_sample) for p in first.pieces] == [(0, 250), (250, 300)]
 
 
+TEN_YEARS = 10 * 365 * 86400.0  # [s]
+
+
+def test_a_clock_that_was_wrong_at_first_moves_no_file_out_of_its_place() -> None:
+    """A boot counts samples; its first file is stamped ten years late, the others right."""
+    parts = [part("a", 0, 250, start=TEN_YEARS), part("b", 250, 250), part("c", 500, 250)]
+    in_order = parts_by_turbine([survey(each) for each in parts])["t"]
+
+    assert [each.path.name for each in in_order] == ["a", "b", "c"]
+    assert [[each.path.name for each in chain] for chain in chains_of(in_order)] == [
+        ["a", "b", "c"]
+    ]
+
+
+def test_a_boot_that_is_stamped_years_late_hides_none_that_follows() -> None:
+    late = [part("session.mcap", 0, 250, start=TEN_YEARS)]
+    right = [
+        part("session.part2.mcap", 0, 250, session="r"),
+        part("session.part10.mcap", 250, 250, session="r"),
+    ]
+    in_order = parts_by_turbine([survey(each) for each in (*late, *right)])["t"]
+
+    assert [each.path.name for each in in_order] == [
+        "session.mcap", "session.part2.mcap", "session.part10.mcap",
+    ]  # fmt: skip
+    assert sum(len(chain) for chain in chains_of(in_order)) == 3
+
+
+def test_a_restart_under_the_same_name_is_a_boot_of_its_own() -> None:
+    parts = [part("a", 0, 250), part("b", 250, 250), part("c", 0, 400, start=900.0)]
+    in_order = parts_by_turbine([survey(each) for each in parts])["t"]
+
+    assert [[each.path.name for each in chain] for chain in chains_of(in_order)] == [
+        ["a", "b"], ["c"],
+    ]  # fmt: skip
+
+
+def test_the_same_time_under_another_name_counts_once() -> None:
+    parts = [part("a", 0, 500), part("b", 0, 250, session="again", start=10.0)]
+    in_order = parts_by_turbine([survey(each) for each in parts])["t"]
+
+    assert [len(chain) for chain in chains_of(in_order)] == [1]
+
+
 def test_other_channels_or_rates_never_join() -> None:
     other = replace(part("b", 250, 250), sampling_rate=20.0)
 

@@ -23,7 +23,8 @@ from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.runtime.runner import with_end
 from pipeline.sources.sources import replayed
-from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.archive.archives import MEASURED, Renamed, rewritten, tables_of
 
 CLI = CliRunner()
@@ -201,3 +202,42 @@ def test_the_ways_of_working_exclude_each_other(archive: list[Path]) -> None:
     said = CLI.invoke(app, ["reprocess", str(archive[0]), "--serial", "--workers", "2"])
 
     assert "--cluster, --workers and --serial exclude each other" in str(said.exception)
+
+
+def recorded_after_a_cut(recording: Path, folder: Path, files: int) -> None:
+    """The recording as a shore station has it after a cut of 90 s: what was measured meanwhile
+    comes at the end, mixed with live blocks; in one file, or in a file a stretch."""
+    messages = list(read_messages(recording, MEASURED))
+    blocks = [each for each in messages if isinstance(each, AccelerationBlock)]
+    cut, back = 40, 130
+    before, meanwhile, after = blocks[:cut], blocks[cut:back], blocks[back:]
+    mixed = [each for pair in zip(after, meanwhile, strict=False) for each in pair]
+    mixed += [*after[len(meanwhile) :], *meanwhile[len(after) :]]
+    arrived = [*before, *mixed]
+    length = -(-len(arrived) // files)
+    for number in range(files):
+        recorder = Recorder(
+            folder / f"session.part{number + 1}.mcap", metadata=read_metadata(recording), clock=None
+        )
+        for each in messages:
+            if isinstance(each, SensorLayout):
+                recorder.handle(each)
+        for each in arrived[number * length : (number + 1) * length]:
+            recorder.handle(each)
+        recorder.close()
+
+
+@pytest.mark.parametrize("files", [1, 3])
+def test_blocks_that_were_sent_again_after_a_long_cut_are_taken_up(
+    short_recording: Path, live: list[ModalEstimate], tmp_path: Path, files: int
+) -> None:
+    (tmp_path / "in").mkdir()
+    recorded_after_a_cut(short_recording, tmp_path / "in", files)
+    recordings = sorted((tmp_path / "in").glob("*.mcap"))
+    report = reprocessed(recordings, tmp_path / "out", ThisProcess())
+
+    assert (report.identified, report.rejected) == (len(live), 0)
+    found = rows(tmp_path / "out", "modes")
+    expected = [mode.frequency for each in live for mode in each.modes]
+    np.testing.assert_allclose([row["frequency [Hz]"] for row in found], expected, rtol=1e-6)
+    assert not (tmp_path / "out" / "gaps.parquet").exists() or not rows(tmp_path / "out", "gaps")

@@ -132,6 +132,13 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("update short.mcap --sampler dice", "'dice' is not one of"),
     ("update short.mcap --scenario gone.toml", "gone.toml"),
     ("update short.mcap --scenario modes-only", "no structural model"),
+    # calibrate
+    ("calibrate gone.mcap", "gone.mcap"),
+    ("calibrate short.mcap --scenario modes-only", "no structural model"),
+    ("calibrate short.mcap --design 1e9,1e11", "three numbers are needed"),
+    ("calibrate short.mcap --design 1e9,1e11,1e12", "not positive definite"),
+    ("calibrate short.mcap -o noise.csv", "noise.csv exists"),
+    ("calibrate short.mcap --scenario parked", "taken as exact"),
     # reproduce
     ("reproduce --seeds 0", "--seeds is 0"),
     ("reproduce --seeds many", "a whole number is needed"),

@@ -162,6 +162,22 @@ def test_every_result_has_its_row(form: table_file.Format, tmp_path: Path) -> No
     assert {each.path.suffix for each in files} == {f".{form}"}
 
 
+def test_correlations_stand_under_the_names_of_their_springs(tmp_path: Path) -> None:
+    correlation = np.array([[1.0, 0.12, 0.13], [0.12, 1.0, 0.23], [0.13, 0.23, 1.0]])
+    known = replace(posterior(0), correlation=correlation)
+    table = read(
+        export(recorded(tmp_path / "r.mcap", [known]), tmp_path / "out", "csv"), "posterior"
+    )
+    assert table["correlation_k11_k22 [-]"].to_pylist() == [0.12]
+    assert table["correlation_k11_k12 [-]"].to_pylist() == [0.13]
+    assert table["correlation_k22_k12 [-]"].to_pylist() == [0.23]
+
+
+def test_a_samples_time_is_right_to_the_nearest_nanosecond() -> None:
+    thirty = replace(block(0), start_ns=0, sampling_rate=30.0, samples=block(0).samples[:4])
+    assert sample_times(thirty).tolist() == [0, 33_333_333, 66_666_667, 100_000_000]
+
+
 def test_a_sessions_parts_become_one_table(tmp_path: Path) -> None:
     folder = tmp_path / "session"
     folder.mkdir()

@@ -34,6 +34,13 @@ def test_the_turbine_with_less_stiffness_is_the_only_outlier_and_says_so(farm):
     assert farm.turbines[6].deviations[1].p05 < -0.15 < farm.turbines[6].deviations[1].p95
 
 
+def test_a_pooled_interval_holds_nine_of_ten_of_its_draws(farm):
+    for turbine in farm.turbines:
+        for spring, draws in zip(turbine.pooled, turbine.draws.T, strict=True):
+            assert np.mean(draws < spring.p05) == pytest.approx(0.05, abs=0.02)
+            assert np.mean(draws > spring.p95) == pytest.approx(0.05, abs=0.02)
+
+
 def test_the_farm_knows_how_much_its_turbines_differ_and_about_what(farm):
     for each in farm.spread:
         assert each.p05 < SPREAD < each.p95

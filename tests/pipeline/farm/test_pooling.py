@@ -75,6 +75,15 @@ def test_chains_agree_with_quadrature_in_one_dimension_outlier_included():
     assert drawn.outlier_probabilities[5] > 0.7
 
 
+@pytest.mark.parametrize(("rhat", "sweeps"), [(1.0, 40), (100.0, 10)])
+def test_chains_that_disagree_are_drawn_once_more_and_twice_as_long(rhat, sweeps):
+    """No chains have an R̂ below 1; every R̂ is below 100."""
+    settings = GibbsSettings(chains=4, burn_in=5, sweeps=10, rounds=3, rhat=rhat)
+    evidence = seen(np.zeros((3, 1)), np.full((3, 1), 0.02))
+    drawn = pooled(evidence, PopulationPrior(), np.random.default_rng(3), settings)
+    assert len(drawn.means) == settings.chains * sweeps
+
+
 def test_turbines_that_cannot_differ_have_the_precision_weighted_mean():
     generator = np.random.default_rng(2)
     means, stds = 0.02 * generator.standard_normal((5, 3)), generator.uniform(0.01, 0.03, (5, 3))

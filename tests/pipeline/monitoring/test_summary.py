@@ -140,6 +140,8 @@ def test_a_change_is_told_with_its_time_from_the_first_sample() -> None:
         "noticed": 1800.0,
         "since": 1200.0,
         "text": told,
+        "changes": {},
+        "revised": None,
     }
 
 

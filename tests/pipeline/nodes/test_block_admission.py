@@ -25,6 +25,7 @@ from pipeline.nodes.block_admission import (
 )
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.limits import LimitError, LimitSettings
+from pipeline.scenario import scenario_from_text
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block as message
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, START, cut
@@ -271,3 +272,17 @@ def test_a_block_beyond_a_limit_is_counted_and_not_identified(
 def test_a_limit_that_allows_nothing_is_one_line() -> None:
     with pytest.raises(LimitError, match=r"\[limits\] units is 0; it must be > 0"):
         LimitSettings(units=0)
+
+
+def test_limits_are_keys_of_a_scenario() -> None:
+    text = """
+    [limits]
+    channels = 7
+    sampling_rate = 50.0
+    block_megabytes = 0.5
+    cpu_seconds = 3.0
+    units = 2
+    turbines = 3
+    """
+    limits = scenario_from_text(text, "own.toml").limits
+    assert limits == LimitSettings(7, 50.0, 0.5, 3.0, units=2, turbines=3)

@@ -36,10 +36,16 @@ def test_a_state_holds_until_the_next_sample() -> None:
     assert told.operating_state == "idling"
 
 
+def test_of_earlier_reports_the_latest_holds() -> None:
+    told = with_conditions(sample(-900.0, "start"), sample(-300.0, "idling"))
+    assert told.operating_state == "idling"
+
+
 def test_a_window_in_which_the_state_or_the_yaw_changes_is_changing() -> None:
     assert with_conditions(sample(0), sample(300, "start")).operating_state == CHANGING
     assert with_conditions(sample(0), sample(300, yaw=15.0)).operating_state == CHANGING
-    assert with_conditions(sample(0), sample(300, yaw=0.5)).operating_state == "parked"
+    assert with_conditions(sample(0), sample(300, yaw=1.9)).operating_state == "parked"
+    assert with_conditions(sample(0), sample(300, yaw=2.1)).operating_state == CHANGING
 
 
 def test_a_turbine_without_a_controllers_stream_has_windows_of_unknown_state() -> None:

@@ -59,3 +59,9 @@ def test_the_work_of_a_node_that_answers_nothing_counts() -> None:
 
 def test_all_work_of_a_node_counts_and_what_others_do_with_its_answers_does_not() -> None:
     assert busy_after_three_blocks(Answering()) == 18.0
+
+
+def test_blocks_lost_on_the_way_and_those_that_the_node_misses_are_one_count() -> None:
+    node = Sink()
+    node.statistics = NodeStatistics(lost=3)
+    assert NodeAccount(node, "t1", lambda: 0).status("running", lost=4).lost == 7

@@ -1,13 +1,15 @@
 """After a gap the windows lie where they would have lain without it."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pipeline.messages import ModalEstimate
+from pipeline.messages import ModalEstimate, WindowRejected
 from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.limits import LimitSettings
 from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings
 from sensors.acquisition.blocks import AccelerationBlock
@@ -69,3 +71,59 @@ def test_a_block_longer_than_its_windows_gives_the_estimates_of_short_ones(
 
     assert frequencies([whole])[:8] == pytest.approx(frequencies(short)[:8], rel=1e-9)
     assert len(frequencies([whole])) >= 8
+
+
+class Cost:
+    """A clock on which every reading takes `seconds` more."""
+
+    def __init__(self) -> None:
+        self.now = self.seconds = 0.0
+
+    def __call__(self) -> float:
+        self.now += self.seconds
+        return self.now
+
+
+OVERLAPPING = OmaSettings(window_duration=WINDOW, hop=WINDOW / 2)
+
+
+@pytest.mark.parametrize("settings", [SETTINGS, OVERLAPPING])
+def test_a_turbine_that_costs_too_much_is_rejected_and_the_other_is_as_alone(
+    samples: FloatArray, settings: OmaSettings
+) -> None:
+    clock = Cost()
+    node = IdentificationNode(settings, limits=LimitSettings(cpu_seconds=100.0), clock=clock)
+    alone = IdentificationNode(settings)
+    layouts = (LAYOUT, replace(LAYOUT, turbine="costly"))
+    said = [answer for layout in layouts for answer in node.handle(layout)]
+    expected = list(alone.handle(LAYOUT))
+    n_costly = round(1.5 * WINDOW)  # blocks
+    for block in cut(samples):
+        clock.seconds = 0.0
+        said += node.handle(block)
+        expected += alone.handle(block)
+        clock.seconds = 1.0 if block.sequence < n_costly else 0.0
+        said += node.handle(replace(block, turbine="costly"))
+    windows = [each for each in said if isinstance(each, ModalEstimate | WindowRejected)]
+    costly = [each for each in windows if each.turbine == "costly"]
+    assert isinstance(costly[0], WindowRejected)
+    assert costly[0].code == "too-much-work"
+    assert "more than 100 s of CPU time" in costly[0].reason
+    assert isinstance(costly[-1], ModalEstimate)  # the next cheap window is answered
+    assert [each.window for each in costly] == list(range(len(costly)))  # each has one answer
+    honest = [each for each in windows if each.turbine == LAYOUT.turbine]
+    answered = [each for each in expected if isinstance(each, ModalEstimate)]
+    assert [[m.frequency for m in each.modes] for each in honest] == [
+        [m.frequency for m in each.modes] for each in answered
+    ]
+
+
+def test_the_limit_ends_what_takes_real_time(samples: FloatArray) -> None:
+    limits = LimitSettings(cpu_seconds=0.005)
+    node = IdentificationNode(SETTINGS, limits=limits, clock=time.thread_time)
+    said = list(node.handle(LAYOUT))
+    for block in cut(samples):
+        said += node.handle(block)
+    codes = {each.code for each in said if isinstance(each, WindowRejected)}
+    assert codes == {"too-much-work"}
+    assert not any(isinstance(each, ModalEstimate) for each in said)

@@ -49,12 +49,12 @@ def fates(said: list[Message]) -> list[str]:
 
 
 @pytest.mark.parametrize("size", [1.0, -1.0, 1800.0, -1800.0, -7200.0, YEAR, -20 * YEAR, 12 * YEAR])
-@pytest.mark.parametrize("at", [10, 60, 130, 240])
+@pytest.mark.parametrize("at", [10, 60, 70, 120])
 def test_a_step_costs_the_window_that_it_lies_in(blocks, size: float, at: int) -> None:
-    said = answers([LAYOUT, *stamped(blocks, lambda k: size * (k >= at))])
+    said = answers([LAYOUT, *stamped(blocks[: 3 * WINDOW], lambda k: size * (k >= at))])
     spanned = [] if at % WINDOW == 0 else [at // WINDOW]
-    assert fates(said) == ["clock-step" if k in spanned else "" for k in range(5)]
-    assert [each.origins[0].first_sample for each in said] == [1200 * k for k in range(5)]
+    assert fates(said) == ["clock-step" if k in spanned else "" for k in range(3)]
+    assert [each.origins[0].first_sample for each in said] == [1200 * k for k in range(3)]
     for each in said:
         assert isinstance(each, ModalEstimate | WindowRejected)
         assert each.end_ns - each.start_ns == WINDOW * NANOSECONDS
@@ -130,7 +130,7 @@ def test_a_step_of_both_units_at_once_begins_another_session(blocks, size: float
     assert all(each.end_ns > each.start_ns for each in said)
 
 
-@pytest.mark.parametrize("size", [12 * YEAR, -12 * YEAR, 600.0, -600.0])
+@pytest.mark.parametrize("size", [12 * YEAR, -12 * YEAR, 600.0, -60.0])
 def test_a_step_of_one_unit_leaves_it_out_until_it_agrees_again(blocks, size: float) -> None:
     said = answers(of_two_units(blocks, upper=lambda k: size * (70 <= k < 130)))
     good = [each for each in said if isinstance(each, ModalEstimate)]

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.messages import FoundationPosterior
 from pipeline.offline.draw_recording import draw_recording
-from pipeline.offline.update_recording import recorded_source, update_from
+from pipeline.offline.update_recording import update_from
 from pipeline.recording.reader import read_messages
 from pipeline.report.page import write_page
 from pipeline.report.recorded_session import read_session
@@ -17,7 +17,12 @@ from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
 from pipeline.scenario import load_scenario
 from pipeline.sources.import_files import open_measurement, record_measurement
-from pipeline.sources.sources import record_simulation, replayed, simulated
+from pipeline.sources.sources import (
+    record_simulation,
+    replayed,
+    replayed_with_structure,
+    simulated,
+)
 from pipeline.viewer.outputs.outputs import RrdFile
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.files.layout_file import load_layout
@@ -97,7 +102,7 @@ def test_a_recording_gives_its_posterior_in_an_empty_folder(
 
     replayed_there = _run(Path("mailed.mcap"))
     np.testing.assert_array_equal(replayed_there.draws, made.draws)
-    source = recorded_source(Path("mailed.mcap"), scenario=None, sampler=None)
+    source = replayed_with_structure(Path("mailed.mcap"))
     updated = update_from(source, identify=False).main.posterior
     assert updated is not None
     np.testing.assert_array_equal(updated.draws, made.draws)

@@ -380,3 +380,18 @@ def test_a_disk_that_refuses_to_sync_acknowledges_nothing(
     assert recorder.handle(block(0)) == ()
     assert recorder.warnings[0].code == "recording-stopped"
     assert recorder.handle(block(1)) == ()
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_a_live_units_clock_is_checked_on_arrival_and_a_replayed_ones_is_not(
+    tmp_path: Path, live: bool
+) -> None:
+    clock = Clock()
+    recorder = SessionRecorder(tmp_path / "a.mcap", metadata=METADATA, clock=clock, live=live)
+    clock.now_ns -= 7200 * SECOND  # the blocks are stamped two hours later
+    for number in range(10):
+        recorder.handle(block(number))
+        clock.now_ns += SECOND
+    recorder.close()
+    codes = [each.code for each in recorder.statistics.warnings]
+    assert codes == (["clock-off"] if live else [])

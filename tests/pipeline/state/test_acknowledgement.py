@@ -5,10 +5,10 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.messages import RecordedUntil
+from pipeline.messages import BlockRange, RecordedUntil
 from pipeline.state.acknowledgement import MOST_RANGES, Acknowledgements
 from sensors.acquisition.blocks import AccelerationBlock
-from tests.pipeline.example_messages import block
+from tests.pipeline.example_messages import START_NS, block
 
 SECOND = 10**9  # [ns]
 
@@ -78,3 +78,31 @@ def test_whatever_the_order_exactly_what_was_noted_is_acknowledged(
     said = on_disk(kept)
     known = {n for n in range(12) for each in said if each.has(n, block(n).start_ns)}
     assert known == set(order[:count])
+
+
+def stamped(sequence: int, start_ns: int) -> AccelerationBlock:
+    """A block of a tenth of a second."""
+    return replace(block(sequence), start_ns=start_ns, samples=block(sequence).samples[:4])
+
+
+def ranges_of(*blocks: AccelerationBlock) -> tuple[BlockRange, ...]:
+    kept = Acknowledgements()
+    for each in blocks:
+        kept.note(each)
+    (said,) = on_disk(kept)
+    return said.ranges
+
+
+def test_a_range_has_the_earliest_and_the_latest_stamp_of_its_blocks() -> None:
+    """A clock that is set back by three tenths of a second leaves one run of blocks."""
+    tenth = SECOND // 10
+    stamps = [START_NS, START_NS + tenth, START_NS - tenth, START_NS]
+    (one,) = ranges_of(*(stamped(k, stamp) for k, stamp in enumerate(stamps)))
+    assert (one.first, one.end) == (0, 4)
+    assert (one.earliest_ns, one.latest_ns) == (min(stamps), max(stamps))
+
+
+def test_numbers_that_go_on_after_a_step_of_the_clock_are_another_range() -> None:
+    """They may be those of another boot under the same name."""
+    found = ranges_of(block(0), replace(block(1), start_ns=START_NS + 3600 * SECOND))
+    assert [(each.first, each.end) for each in found] == [(0, 1), (1, 2)]

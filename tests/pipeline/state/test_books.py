@@ -95,11 +95,30 @@ def test_a_block_that_comes_after_it_was_reported_missing_is_late() -> None:
     assert not books.violations()
 
 
+def test_a_block_that_may_still_come_is_not_called_missing() -> None:
+    books = books_of(*(block(k) for k in (*range(10), 11, 12)))
+    assert not books.violations()
+    for k in range(13, 17):
+        books.handle(block(k))
+    (violation,) = books.violations()
+    assert violation.endswith("block 10 are neither recorded nor reported missing")
+
+
 def test_boots_under_one_name_have_books_of_their_own() -> None:
     later = [replace(block(k), start_ns=block(k).start_ns + 300 * NANOSECONDS) for k in range(20)]
     books = books_of(*map(block, range(50)), *later)
     assert [(u["boot"], u["recorded"]) for u in books.as_json()["units"]] == [(0, 50), (1, 20)]
     assert not books.violations()
+
+
+def test_an_estimate_is_forgotten_when_two_later_ones_are_answered() -> None:
+    """One may have been overtaken; of two the updating has lost the estimate."""
+    answered = [identified(k) for k in range(3)]
+    books = books_of(answered[0])
+    for each, expected in zip(answered[1:], (0, 1), strict=True):
+        books.handle(each)
+        books.handle(replace(rejection(each.window), code="guards", origins=each.origins))
+        assert len(books.violations()) == expected
 
 
 def test_an_estimate_that_the_updating_forgets_is_named() -> None:

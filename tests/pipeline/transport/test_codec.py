@@ -12,7 +12,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pipeline import messages as message_types
-from pipeline.messages import FoundationPosterior, Message, ModalEstimate, NodeStatus
+from pipeline.messages import (
+    FoundationPosterior,
+    Message,
+    ModalEstimate,
+    NodeStatus,
+    RecordedUntil,
+)
 from pipeline.streams import STREAMS
 from pipeline.transport.codec import LARGEST_PAYLOAD, SCHEMA_NAMES, decode, encode
 from pipeline.transport.errors import CodecError
@@ -219,6 +225,38 @@ def test_a_posterior_without_its_correlation_is_refused() -> None:
     written.parameters.extend(named)
     with pytest.raises(CodecError, match="correlation"):
         decode(FoundationPosterior, written.SerializeToString())
+
+
+def test_a_nominal_stiffness_of_zero_has_no_ratios_and_is_refused() -> None:
+    written = pilewatch_pb2.FoundationPosterior(turbine="t1", time_ns=START_NS)
+    for name in ("k11", "k22", "k12", "sigma"):
+        written.parameters.add(name=name, nominal=float(name != "k22"))
+    with pytest.raises(CodecError, match=r"k22: nominal is 0\.0; ratios need"):
+        decode(FoundationPosterior, written.SerializeToString())
+
+
+def test_a_mode_with_more_columns_in_common_than_columns_is_refused() -> None:
+    written = pilewatch_pb2.ModalEstimate(turbine="t1", channels=["a"], weight=1.0)
+    mode = written.modes.add(shape=[1.0], n_block_columns=3)
+    mode.covariance_factor.rows, mode.covariance_factor.columns = 3, 2
+    mode.covariance_factor.values.extend([0.0] * 6)
+    with pytest.raises(CodecError, match="3 of 2 columns are common"):
+        decode(ModalEstimate, written.SerializeToString())
+
+
+def test_an_acknowledged_range_without_a_block_is_refused() -> None:
+    written = pilewatch_pb2.RecordedUntil(turbine="t1", unit="tower", session="s1")
+    written.ranges.add(first=7, end=7)
+    with pytest.raises(CodecError, match="blocks 7 to 7 are no range"):
+        decode(RecordedUntil, written.SerializeToString())
+
+
+@pytest.mark.parametrize("direction", [[1.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+def test_a_direction_has_three_numbers_and_no_other_is_understood(direction: list[float]) -> None:
+    written = pilewatch_pb2.SensorLayout(layout_id="l", turbine="t1", unit="tower")
+    written.channels.add(name="a", direction=direction, coupling="dc")
+    with pytest.raises(CodecError, match=f"direction has {len(direction)} numbers, not 3"):
+        decode(SensorLayout, written.SerializeToString())
 
 
 @given(st.floats(width=32))

@@ -6,10 +6,12 @@ import random
 import socket
 import threading
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 import zenoh
 from zenoh import NTP64
@@ -86,6 +88,19 @@ def test_of_too_many_publishers_the_one_silent_longest_goes_and_may_come_back(
             (heard,) = take(inbox, 1)
             assert (heard.turbine, heard.window) == (turbine, window)
         assert [key.split("/")[1] for key in bus._publishers] == ["t4", "t2", "t1"]
+
+
+def test_the_largest_block_that_may_be_sent_passes_a_link() -> None:
+    """Seven and a half megabytes: the codec's bound is eight."""
+    samples = np.ones((1_900_000, 1), np.float32)
+    endpoint = free_endpoint()
+    with closing(ZenohBus(hub(endpoint))) as bus, closing(ZenohBus(peer_of(endpoint))) as other:
+        inbox = Inbox()
+        other.subscribe([AccelerationBlock], inbox)
+        bus.publish(replace(block(0), samples=samples))
+        (heard,) = take(inbox, 1)
+    assert isinstance(heard, AccelerationBlock)
+    np.testing.assert_array_equal(heard.samples, samples)
 
 
 def publish_blocks(endpoint: str, n_blocks: int) -> None:

@@ -317,3 +317,25 @@ def test_a_spring_that_softens_by_a_tenth_is_told_with_when_and_how_much():
         assert each.median == pytest.approx(truth, abs=3 * std)
     assert "k22" in event.text
     assert len(state.recent) == 1 + event.window - 7
+
+
+def test_the_size_of_a_change_is_revised_by_the_windows_that_follow():
+    """Every posterior since compares its springs with those before, and grows surer of it."""
+    updater = FoundationUpdater(SmallTower(), LAYOUT, QUICK, seed=5)
+    generator, state, posteriors, event = np.random.default_rng(14), updater.initial_state(), [], 0
+    for number in range(20):
+        ratios = TRUTH * (np.array([1.0, 0.9, 1.0]) if number >= 7 else 1.0)
+        state, answers = updater.watched(state, drawn_estimate(ratios, generator, window=number))
+        event += sum(isinstance(each, FoundationEvent) for each in answers)
+        if event:
+            posteriors.append(answers[-1])
+        else:
+            assert answers[-1].relative == ()
+        state = updater.restored(updater.saved(state))
+    assert event == 1
+    first, last = (each.relative[1] for each in (posteriors[0], posteriors[-1]))
+    assert first.name == "k22"
+    assert last.p95 - last.p05 < first.p95 - first.p05
+    for spring, truth in zip(posteriors[-1].relative, (1.0, 0.9, 1.0), strict=True):
+        std = (spring.p95 - spring.p05) / (2 * 1.6449)
+        assert spring.median == pytest.approx(truth, abs=3 * std)

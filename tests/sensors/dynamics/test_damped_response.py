@@ -19,6 +19,7 @@ from sensors.dynamics.structure_modes import (
 from sensors.structure.assembly import StructuralModel, assemble
 from sensors.structure.description import load_turbine
 from sensors.structure.foundation import TurbineError
+from sensors.structure.sensor_readings import ChannelReadings
 
 TURBINE = load_turbine("iea15mw_monopile")
 LAYOUT = biaxial_layout("four", turbine="t", unit="u", elevations=(41.0, 80.0, 106.0, 145.0))
@@ -45,6 +46,18 @@ def oscillator(frequency: float, damping_ratio: float) -> DampedSystem:
     )
     vector = one / np.sqrt(2 * pole + damping)
     return DampedSystem(np.array([pole]), vector, np.array([[damping]]), modes, one, one)
+
+
+def test_hardly_damped_modes_read_the_shapes_of_the_undamped_structure_tilt_included() -> None:
+    """φ + g ψ / ω², the first modes' by a quarter more at 41 m."""
+    model = assemble(TURBINE)
+    modes = structure_modes(model, ModalDamping(1e-9, 1e-9), highest_frequency=3.0)
+    observed = observed_modes(model, modes, LAYOUT, np.zeros((model.n_dofs, 1)))
+    squares = (2 * np.pi * modes.frequencies) ** 2
+    expected = ChannelReadings.of(model, LAYOUT).shapes(modes.shapes.T, squares)
+    for ours, theirs in zip(damped_system(model, modes, observed).readings, expected, strict=True):
+        unit = np.argmax(np.abs(theirs))
+        np.testing.assert_allclose(ours / ours[unit], theirs / theirs[unit], atol=1e-6)
 
 
 def test_an_oscillator_under_white_noise_has_the_variance_of_theory() -> None:

@@ -30,7 +30,7 @@ def test_modes_in_risen_water_are_those_of_a_structure_built_in_it(model, rise):
     for column in map(model.labels.index, WATCHED):
         f = found.frequencies[0, column]
         near = int(np.argmin(np.abs(built.frequencies / f - 1)))
-        assert built.frequencies[near] == pytest.approx(f, rel=2e-4)
+        assert built.frequencies[near] == pytest.approx(f, rel=2e-6)
         assert built.shapes[near] == pytest.approx(found.shapes[0, column], abs=0.01)
 
 

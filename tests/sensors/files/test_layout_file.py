@@ -75,3 +75,15 @@ def test_a_layout_with_all_heights_at_sea_level_is_one_line(tmp_path: Path) -> N
         load_layout(path)
     path.write_text(CHANNEL.replace("80.0", "0.0").replace("[1, 0, 0]", "[0, 0, 1]"))
     assert load_layout(path).channels[0].elevation == 0.0  # a vertical sensor on a bridge's deck
+
+
+def test_a_sensitivity_turns_volts_into_what_the_sensor_measures(tmp_path: Path) -> None:
+    """0.1 V per g: a volt is ten g."""
+    path = tmp_path / "layout.toml"
+    path.write_text(f'{CHANNEL}unit = "g"\nsensitivity = 0.1\n', encoding="utf-8")
+    measured = tmp_path / "volts.csv"
+    volts = ["0.5", "-1.0", "0.25"]
+    measured.write_text("\n".join(["time [s],a", *(f"{i / 50},{v}" for i, v in enumerate(volts))]))
+    table = load_layout(path).chosen(read_file(measured))
+    assert table.units == ("m/s²",)
+    np.testing.assert_allclose(table.samples[:, 0], 98.0665 * np.array([0.5, -1.0, 0.25]))

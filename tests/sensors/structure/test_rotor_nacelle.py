@@ -66,6 +66,15 @@ def test_blade_axes_are_orthonormal_and_feathered_edges_lie_along_the_shaft(numb
     assert abs(axes.edge @ shaft) == pytest.approx(np.cos(np.radians(4)))
 
 
+def test_blades_begin_three_metres_from_the_apex_on_the_hub() -> None:
+    turbine = parked_turbine()
+    assert turbine.blades is not None
+    nacelle, blades = turbine.rotor_nacelle, turbine.blades
+    for number in range(blades.number):
+        axes = blade_axes(nacelle, blades, number)
+        assert axes.root - apex(nacelle) == pytest.approx(3.0 * axes.span)
+
+
 def test_the_first_blade_stands_up_and_the_cone_points_upwind() -> None:
     turbine = parked_turbine()
     assert turbine.blades is not None

@@ -16,9 +16,11 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.structural.joint_fit import JointFit, JointPeak
 from pipeline.updating.structural.prior import JointCoordinates
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 
 WIDE = {"gain": 40.0, "heading": 30.0, "height": 30.0}  # factor on the prior's std of a fault
-LEAST_DROP = 25.0  # of the cost: 12 nats against some thirty faults tried
+EXCHANGES_TRIED = 3  # of two channels, those that pair the modes best
+LEAST_DROP = 25.0  # of the cost: 12 nats against some sixty faults tried
 LARGEST_COST = 2.5  # per degree of freedom with the fault: above, the structure is another one
 SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked for
 SUSPICIOUS_COST = 1.5  # per degree of freedom, likewise
@@ -33,7 +35,7 @@ class SensorFault:
     """What is wrong with one sensor, or with two."""
 
     name: str
-    """ "heading 80 m", "flipped z80-fa", "swapped 80 106" """
+    """ "heading 80 m", "flipped z80-fa", "swapped 80 106", "exchanged z80-fa z80-ss" """
     text: str
     """ "the sensor at 80 m is turned by 14°" """
     fit: JointFit
@@ -70,8 +72,28 @@ def sensor_fault(
            looked for
     """
     faults = list(_faults(fit))
-    known = [fault for fault in faults if fault.name == last]
-    return _best_of(known, evidence, peak) or _best_of(faults, evidence, peak)
+    known = [fault for fault in (*faults, *_exchanges(fit)) if fault.name == last]
+    found = _best_of(known, evidence, peak)
+    if found is None:
+        found = _best_of([*faults, *_likely_exchanges(fit, evidence)], evidence, peak)
+    return found
+
+
+def exchanged_channels(
+    fit: JointFit, evidence: ModalEvidence, start: FloatArray, *, last: str = ""
+) -> tuple[SensorFault, JointPeak] | None:
+    """Two exchanged channels that explain why modes find no partners, and the peak with them.
+
+    fit     at the finest tolerance, within which modes find none
+    start   (n_dim,) where the fit without a fault ended
+    last    as for `sensor_fault`
+    """
+    peak = fit.best(evidence, [start], most_starts=2)
+    if peak is None:
+        return None
+    known = [fault for fault in _exchanges(fit) if fault.name == last]
+    found = _best_of(known, evidence, peak)
+    return found or _best_of(_likely_exchanges(fit, evidence), evidence, peak)
 
 
 def _best_of(
@@ -124,6 +146,27 @@ def _faults(fit: JointFit) -> Iterator[SensorFault]:
                 swapped[a], swapped[b] = b, a
             text = f"the sensors at {low:g} m and {high:g} m are swapped"
             yield SensorFault(f"swapped {low:g} {high:g}", text, fit, tuple(swapped), signs)
+
+
+def _exchanges(fit: JointFit) -> Iterator[SensorFault]:
+    """Any two channels whose cables are exchanged."""
+    layout: SensorLayout = fit.model.layout
+    n = len(layout.channels)
+    for one, other in combinations(range(n), 2):
+        order = list(range(n))
+        order[one], order[other] = other, one
+        first, second = layout.channels[one].name, layout.channels[other].name
+        text = f"channels {first} and {second} are exchanged"
+        name = f"exchanged {first} {second}"
+        yield SensorFault(name, text, fit, tuple(order), (1.0,) * n)
+
+
+def _likely_exchanges(fit: JointFit, evidence: ModalEvidence) -> list[SensorFault]:
+    """Those with which modes find nearer partners among drawn structures, the nearest first."""
+    as_it_is = fit.pairing_bound(evidence)
+    bounds = [(fit.pairing_bound(each.corrected(evidence)), each) for each in _exchanges(fit)]
+    better = [each for each in bounds if each[0] < as_it_is]
+    return [fault for _, fault in sorted(better, key=lambda each: each[0])][:EXCHANGES_TRIED]
 
 
 def _loosened(fit: JointFit, number: int) -> JointFit:

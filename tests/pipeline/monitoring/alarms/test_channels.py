@@ -60,6 +60,16 @@ def test_a_webhook_that_answers_an_error_or_nothing_has_failed() -> None:
         webhook.send(MESSAGE)
 
 
+@pytest.mark.parametrize(("status", "message_only"), [(400, True), (422, True), (503, False)])
+def test_an_answer_is_about_the_message_or_about_the_server(
+    status: int, message_only: bool
+) -> None:
+    """After a message that is refused the next one is tried; a server that is away holds all up."""
+    with web_server(status) as server, pytest.raises(DeliveryFailed) as failure:
+        Webhook("webhook-1", WebhookSettings(server.url)).send(MESSAGE)
+    assert failure.value.message_only is message_only
+
+
 def test_a_mail_says_it_in_its_subject_and_how_to_acknowledge_it() -> None:
     settings = MailSettings(
         "127.0.0.1", "p@example.org", ("a@example.org", "b@example.org"), free_port(), False

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from pipeline.monitoring.alarms.channels import DeliveryFailed
 from pipeline.monitoring.alarms.outbox import (
     REFUSED_DELIVERY,
@@ -54,6 +56,19 @@ def test_everything_is_sent_in_order_once_the_outside_is_back(tmp_path: Path) ->
     assert channel.attempts == 7
     assert outbox.waiting() == []
     assert delivery.problem == ""
+
+
+def test_a_receiver_that_was_away_for_long_has_its_messages_soon_after_it_is_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pauses double up to the longest: of twenty attempts the last would wait a quarter hour."""
+    monkeypatch.setattr("pipeline.monitoring.alarms.outbox.LONGEST_PAUSE", 4 * PAUSE)
+    outbox, channel = Outbox(tmp_path), Flaky(failures=20, until=1)
+    outbox.put({"number": 0})
+    delivery = DeliveryThread(channel, outbox, PAUSE)
+    delivery.start()
+    assert channel.all_taken.wait(20)
+    delivery.stop(20)
 
 
 def test_what_was_not_taken_waits_for_the_next_session(tmp_path: Path) -> None:

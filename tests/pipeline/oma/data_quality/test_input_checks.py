@@ -9,6 +9,7 @@ from pipeline.oma.data_quality.input_checks import (
     check_samples,
     check_timestamps,
     is_harmonic,
+    mended,
 )
 from pipeline.oma.identification import hardly_damped, identify
 from tests.pipeline.oma.conftest import KnownStructure
@@ -64,10 +65,17 @@ def test_a_bit_error_is_mended_and_does_not_move_the_modes(record: np.ndarray) -
     finding = only(check_samples(record, RATE, NAMES))
     assert (finding.code, finding.action) == ("spikes", "mend")
     assert "z145 has 1 spikes of one sample, the first at 150.000 s" in finding.text
-    mended = identify(record, RATE)
-    assert [m.frequency for m in mended.modes] == pytest.approx(
+    found = identify(record, RATE)
+    assert [m.frequency for m in found.modes] == pytest.approx(
         [m.frequency for m in clean.modes], rel=1e-4
     )
+
+
+def test_a_spike_becomes_the_mean_of_its_neighbours(record: np.ndarray) -> None:
+    expected = record.copy()
+    expected[3000, 1] = (record[2999, 1] + record[3001, 1]) / 2
+    record[3000, 1] += 400.0
+    np.testing.assert_array_equal(mended(record, check_samples(record, RATE, NAMES)), expected)
 
 
 def test_a_drifting_sensor_is_mended(record: np.ndarray) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.oma.whittle.fit import _State, prior_noise
+from pipeline.oma.whittle.fit import COLOUR_STD, _State, prior_noise
 from pipeline.oma.whittle.narrow_band import NarrowBand
 from pipeline.oma.whittle.spectral_model import CloseModes, expected_matrices, leaked, stepped
 
@@ -18,7 +18,7 @@ def two_modes() -> tuple[CloseModes, NarrowBand]:
         half_widths=np.array([1.5, 1.0]),
         shapes=generator.standard_normal((4, 2)),
         forces=np.array([[1.0, 0.0], [0.3 + 0.2j, 0.8]]),
-        colour=1.3,
+        colours=np.array([1.3, -2.0]),
         noise=root @ root.T,
     ).normalised()
     numbers = np.arange(90.0, 115.0)
@@ -27,6 +27,16 @@ def two_modes() -> tuple[CloseModes, NarrowBand]:
     lines = (lower @ (white[0] + 1j * white[1]))[:, :, 0]
     matrices = lines[:, :, None] * lines[:, None, :].conj()
     return modes, NarrowBand(matrices, numbers, 1, np.ones(4), 600.0, np.zeros(4, dtype=np.int64))
+
+
+def test_the_scale_of_a_shape_is_no_matter() -> None:
+    """Twice the shape under half the force is the same motion."""
+    modes, band = two_modes()
+    scaled = replace(modes, shapes=2.0 * modes.shapes, forces=0.5 * modes.forces)
+    expected = expected_matrices(modes, band.numbers)
+    np.testing.assert_allclose(expected_matrices(scaled, band.numbers), expected, rtol=1e-12)
+    same = expected_matrices(scaled.normalised(), band.numbers)
+    np.testing.assert_allclose(same, expected, rtol=1e-12)
 
 
 def test_the_gradient_is_that_of_differences() -> None:
@@ -52,7 +62,7 @@ def test_the_information_is_that_of_whole_matrices() -> None:
     whole = np.array(
         [[np.einsum("kij,kji->", a, b).real for b in derivatives] for a in derivatives]
     )
-    whole[8, 8] += 1 / 4  # the prior of the colour
+    whole[[8, 9], [8, 9]] += COLOUR_STD**-2 / 2  # the prior of the colours
     np.testing.assert_allclose(information, whole, atol=1e-7)
 
 

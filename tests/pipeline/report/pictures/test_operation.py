@@ -32,6 +32,11 @@ def tidal(n_windows: int = 30) -> list[ModalEstimate]:
     ]
 
 
+def test_three_blades_of_a_rotor_at_ten_rounds_a_minute_pass_every_two_seconds() -> None:
+    assert operation.passing_frequency(1, 10.0) == pytest.approx(1 / 6)
+    assert operation.passing_frequency(3, 10.0) == pytest.approx(0.5)
+
+
 def test_limits_are_three_robust_standard_deviations_of_the_reference() -> None:
     values = np.random.default_rng(4).normal(5.0, 0.1, 10_000)
     values[::100] = 50.0  # outliers do not widen the limits

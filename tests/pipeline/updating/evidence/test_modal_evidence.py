@@ -52,6 +52,20 @@ def test_combined_frequencies_are_the_precision_weighted_means():
         assert mode.frequency == pytest.approx((wa * a.frequency + wb * b.frequency) / (wa + wb))
 
 
+def test_what_windows_resolve_is_what_the_shortest_of_them_does():
+    long, other = windows(2, seed=3)
+    short = replace(other, end_ns=(other.start_ns + other.end_ns) // 2)
+    for order in ([long, short], [short, long]):
+        assert combined(order).window_duration == pytest.approx(short.duration)
+
+
+def test_the_share_of_windows_without_a_water_level_is_known():
+    """It decides how far the level may be off: as a gauge reports it, or by the tide."""
+    told, untold = windows(2, seed=3)
+    evidence = combined([replace(told, water_level=0.4), untold, untold, untold])
+    assert evidence.unknown_level_share == 0.75
+
+
 def test_a_window_that_overlaps_by_nine_tenths_counts_a_tenth():
     whole = combined(windows(1, seed=4))
     tenth = combined(windows(1, seed=4, weight=0.1))

@@ -110,6 +110,19 @@ def test_the_ratio_of_two_sigmas_also_agrees_with_the_normal_density():
         assert values[index] - values[0] == pytest.approx(brute - base, abs=1e-6)
 
 
+def test_sigma_is_the_relative_error_of_slow_and_fast_frequencies_alike():
+    """Each frequency of the model 1 % off: each mode by itself says σ = .01."""
+    evidence, _ = evidence_of(1, seed=3)
+    for mode in (evidence.modes[0], evidence.modes[-1]):
+        likelihood = likelihood_of(replace(evidence, modes=(mode,)), shape_used=False)
+        model = near_truth(1, seed=4)
+        off = replace(
+            model, frequencies=np.array([[1.01 * mode.frequency]]), shapes=model.shapes[:, :1]
+        )
+        likeliest = likelihood.sigma[np.argmax(likelihood.log_likelihood(off)[0])]
+        assert likeliest == pytest.approx(0.01, rel=0.05)
+
+
 def test_a_joint_covariance_is_used_whole():
     generator = np.random.default_rng(5)
     estimate = drawn_estimate(TRUTH, generator, tower=TOWER)

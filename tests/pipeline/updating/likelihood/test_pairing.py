@@ -102,6 +102,16 @@ def test_a_pair_that_costs_more_than_a_rejection_is_never_made():
     assert pairing.cost == 9.0
 
 
+@pytest.mark.parametrize(("mac", "partner"), [(0.6, 0), (0.5, -1)])
+def test_a_mode_three_standard_deviations_off_is_left_alone(mac: float, partner: int) -> None:
+    """1 − MAC of .45 is three times .15: at one frequency, a MAC of .6 still makes a pair."""
+    targets, _ = targets_of(drawn_estimate(np.ones(3), np.random.default_rng(6), labels=("3",)))
+    settings = PairingSettings()
+    costs = np.array([[((1 - mac) / settings.mac_scale) ** 2]])
+    pairing = assigned(costs, targets, np.ones(3), rejection=settings.rejection)
+    assert pairing.model_modes == (partner,)
+
+
 def test_the_cheapest_sum_is_taken_rather_than_the_cheapest_pair_first():
     targets, _ = targets_of(drawn_estimate(np.ones(3), np.random.default_rng(7), labels=("3", "4")))
     pairing = assigned(np.array([[0.0, 1.0], [0.5, 8.0]]), targets, np.ones(3), rejection=9.0)

@@ -76,6 +76,30 @@ def test_a_turned_sensor_is_named(inference: JointInference) -> None:
     assert "sensor at 80 m is turned by 1" in found.fault.text
 
 
+@pytest.mark.parametrize(("seed", "pair"), [(21, (0, 1)), (22, (2, 4))])
+def test_two_channels_exchanged_from_the_start_are_named(
+    inference: JointInference, seed: int, pair: tuple[int, int]
+) -> None:
+    """Along one direction modes keep their partners; across, most lose them."""
+    one, other = pair
+    channels = list(LAYOUT.channels)
+    names = [channels[one].name, channels[other].name]
+    channels[one] = replace(LAYOUT.channels[other], name=names[0])
+    channels[other] = replace(LAYOUT.channels[one], name=names[1])
+    exchanged = replace(LAYOUT, channels=tuple(channels))
+    truth, rng = truth_of(seed), np.random.default_rng(seed)
+    evidence = ModalEvidence(channels=LAYOUT.channel_names)
+    for estimate in estimates(truth, 3, rng, layout=exchanged, reported_levels=[0.0] * 3):
+        evidence = evidence.with_estimate(estimate)
+    found = joint_refresh(inference, evidence, (), rng)
+    assert found is not None
+    assert found.fault is not None
+    assert found.fault.text == f"channels {names[0]} and {names[1]} are exchanged"
+    assert found.refusal is None
+    draws = np.log(found.draws[:, :3] * NOMINAL / truth.theta)
+    assert np.abs(draws.mean(axis=0) / draws.std(axis=0)).max() < 3.5
+
+
 def test_the_budget_names_what_makes_the_interval(inference: JointInference) -> None:
     budget = refreshed(inference, truth_of(7), 7).budget
     np.testing.assert_allclose(budget.shares.sum(axis=0), 1.0, rtol=1e-9)
@@ -149,6 +173,7 @@ def test_a_rough_description_gives_a_wide_interval_and_says_so() -> None:
     assert found is not None
     assert found.refusal is None
     assert found.best.fit.is_rough
+    assert found.fault is None
     codes = [each.code for each in distrust(found, SETTINGS.guards)]
     assert "description-off" in codes
     low, high = np.quantile(found.draws[:, :3] * NOMINAL / truth.theta, [0.05, 0.95], axis=0)

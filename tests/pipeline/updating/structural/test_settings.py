@@ -10,7 +10,9 @@ from pipeline.scenario import (
     scenario_from_metadata,
     scenario_from_text,
     scenario_metadata,
+    with_structure,
 )
+from pipeline.updating.structural.settings import StructureSettings
 from sensors.structure.description import load_turbine
 
 TURBINE = load_turbine("iea15mw_monopile")
@@ -69,3 +71,11 @@ def test_a_recording_from_before_the_choice_keeps_its_exact_structure() -> None:
     old = scenario_from_metadata(stored, "old.mcap").updating.structure
     assert old.exact
     assert not old.stated
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_session_of_an_exact_structure_is_replayed_with_it(stated: bool) -> None:
+    settings = StructureSettings(exact=True, stated=stated)
+    session = with_structure(scenario_from_text("", "mine.toml"), settings)  # no [structure] in it
+    stored = scenario_metadata(session)
+    assert scenario_from_metadata(stored, "session.mcap").updating.structure == settings

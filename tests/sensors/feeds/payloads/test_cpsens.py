@@ -62,6 +62,18 @@ def test_samples_are_read_in_either_order_and_precision(order: str, named: str, 
     assert (piece.sampling_rate, piece.unit) == (512.0, "m/s^2")
 
 
+@pytest.mark.parametrize(("named", "kind"), [("short", "h"), ("int", "i"), ("long", "i")])
+def test_integers_have_the_bytes_that_the_units_c_compiler_gives_them(
+    named: str, kind: str
+) -> None:
+    """A long of the unit has four bytes."""
+    counts = np.arange(-3, 29)
+    head = struct.pack("<HHQQQ", 28, 2, SECONDS, 0, 0)
+    metadata = METADATA | {"Data": {"Type": named, "Unit": "m/s^2"}}
+    piece = told(metadata, head + struct.pack(f"<32{kind}", *counts.tolist()))
+    np.testing.assert_array_equal(piece.samples[:, 0], counts)
+
+
 def test_a_descriptor_of_32_bytes_tells_its_columns() -> None:
     head = struct.pack(">HHQQQHH", 32, 2, SECONDS, 0, 0, 4, 2)
     piece = told(METADATA, head + VALUES.astype("<f4").tobytes())

@@ -8,7 +8,13 @@ import pytest
 
 from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.modal_model import ModalModel
-from sensors.structure.decks.elastodyn import mean_between, read_elastodyn, tube_of
+from sensors.structure.decks.elastodyn import (
+    Deck,
+    mean_between,
+    read_elastodyn,
+    tower_tubes,
+    tube_of,
+)
 from sensors.structure.decks.toml_text import description_toml
 from sensors.structure.description import TurbineDescription, load_turbine, parse_turbine
 from sensors.structure.foundation import FoundationSprings, TurbineError
@@ -36,6 +42,18 @@ def test_a_tube_is_found_again_from_its_mass_and_rigidity() -> None:
     assert tube.mass_per_length == pytest.approx(4306.51)
     assert tube.bending_rigidity == pytest.approx(4.7449e11)
     assert (tube.diameter, tube.thickness) == pytest.approx((6.0, 0.027), rel=2e-3)
+
+
+def test_a_decks_factors_scale_the_towers_mass_and_rigidity(tmp_path: Path) -> None:
+    (tmp_path / "tower.dat").write_text(
+        "2 NTwInpSt\n1.1 AdjTwMa\n0.9 AdjFASt\nHtFract TMassDen TwFAStif TwSSStif\n(-) (kg/m) "
+        "(Nm^2) (Nm^2)\n0.0 4000.0 4.5e11 4.5e11\n1.0 4000.0 4.5e11 4.5e11\n"
+    )
+    (tmp_path / "main.dat").write_text('"tower.dat" TwrFile\n10.0 TowerBsHt\n90.0 TowerHt\n')
+    (tube,) = tower_tubes(Deck(tmp_path / "main.dat"))
+    assert (tube.bottom, tube.top) == (10.0, 90.0)
+    assert tube.mass_per_length == pytest.approx(1.1 * 4000.0)
+    assert tube.bending_rigidity == pytest.approx(0.9 * 4.5e11)
 
 
 def test_what_no_tube_has_is_refused() -> None:

@@ -1,0 +1,72 @@
+"""Two modes that a window does not resolve, perpendicular to each other, under unlike loads."""
+
+import numpy as np
+
+from pipeline.messages import Mode
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.whittle.groups import Group, Suspect, modes_of_group
+from pipeline.oma.whittle.narrow_band import WindowSpectrum
+from pipeline.oma.whittle.spectral_peaks import peaks_of_two
+from sensors.arrays import FloatArray
+from tests.benchmarks.close_modes import ambient
+
+RATE = 5.0
+HEIGHT = np.array([0.3, 0.55, 0.75, 1.0])
+SIDE_SIDE, FORE_AFT = 0.158, 0.1594  # .84 lines of ten minutes apart [Hz]
+
+
+def tower(seed: int) -> FloatArray:
+    """Fore-aft shaken four times as much as side-side; axes along every other channel."""
+    shapes = np.zeros((2, 8))
+    shapes[0, 1::2], shapes[1, 0::2] = HEIGHT**1.8, HEIGHT**1.8
+    return ambient(
+        np.array([SIDE_SIDE, FORE_AFT]),
+        np.array([0.007, 0.007]),
+        shapes,
+        RATE,
+        np.array([0.25, 1.0]),
+        0.03,
+        np.random.default_rng(seed),
+    )
+
+
+def pair_of(seed: int) -> tuple[Mode, ...]:
+    spectrum = WindowSpectrum(tower(seed), RATE)
+    group = Group(0.1588, 0.1588, 0.0011)
+    found = modes_of_group(group, spectrum, [Suspect(1.0, 0.01)], OmaSettings())
+    return () if found is None else found.modes
+
+
+def test_frequencies_of_a_perpendicular_pair_do_not_fall_near_their_mean() -> None:
+    gaps, errors = [], []
+    for seed in range(24):
+        modes = pair_of(seed)
+        by_axis = {int(np.argmax(np.abs(mode.shape))) % 2: mode for mode in modes}
+        if len(modes) == 2 and len(by_axis) == 2:
+            gaps.append(by_axis[0].frequency - by_axis[1].frequency)
+            errors.append((by_axis[0].frequency - FORE_AFT) / by_axis[0].frequency_std)
+    assert len(gaps) >= 20
+    assert abs(np.mean(gaps) - (FORE_AFT - SIDE_SIDE)) < 3 * np.std(gaps) / np.sqrt(len(gaps))
+    assert np.mean(gaps) > 0.5 * (FORE_AFT - SIDE_SIDE)
+    assert np.sqrt(np.mean(np.square(errors))) < 1.3
+
+
+def test_a_peak_of_two_directions_is_seen_unless_its_mode_is_known() -> None:
+    spectrum = WindowSpectrum(tower(3), RATE)
+    (peak,) = peaks_of_two(spectrum, [])
+    assert abs(peak - 0.159) < 0.004
+    assert peaks_of_two(spectrum, [0.159]) == []
+
+
+def test_a_mode_alone_is_no_peak_of_two_directions() -> None:
+    for seed in range(6):
+        samples = ambient(
+            np.array([0.16]),
+            np.array([0.007]),
+            HEIGHT[None] ** 1.8,
+            RATE,
+            np.array([1.0]),
+            0.03,
+            np.random.default_rng(seed),
+        )
+        assert peaks_of_two(WindowSpectrum(samples, RATE), []) == []

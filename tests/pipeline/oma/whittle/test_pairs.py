@@ -1,0 +1,33 @@
+"""What two entries of a pair say of their frequencies and of where in the plane they lie."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.messages import Mode
+from pipeline.oma.whittle.fit import WhittleFit
+from pipeline.oma.whittle.pair_axes import along_axes
+from pipeline.oma.whittle.pairs import Partner, joint_pair
+from tests.pipeline.oma.whittle.test_spectral_model import two_modes
+
+
+def test_a_partner_of_a_twentyfifth_of_the_power_leaves_the_shape_a_fifth_of_its_direction() -> (
+    None
+):
+    """The angle in the plane has the std √(power share)."""
+    leader = Mode("", 1.0, 1e-3, 0.01, 1e-3, np.array([1.0, 0.5]), np.zeros((4, 1)), 0)
+    partner = Partner(np.array([-0.5, 1.0]), power_share=0.04, noise_share=0.0)
+    first, _ = joint_pair(leader, np.full(2, 1.0), np.zeros(2), partner)
+    across = partner.shape - leader.shape * partner.shape[0]  # its unit component stays 1
+    np.testing.assert_allclose(first.shape_std, 0.2 * np.abs(across), atol=1e-12)
+
+
+def test_frequencies_of_a_pair_are_known_to_half_a_line_at_best() -> None:
+    """However exact a fit is: which of the two is which, the window does not know."""
+    modes, band = two_modes()
+    modes = replace(modes, positions=np.array([100.3, 100.5]))
+    n_parameters = 2 * 2 + 4 + 1 + 2 * 3
+    fit = WhittleFit(modes, 0.0, np.eye(n_parameters))
+    for mode in along_axes(fit, band, (0, 1), np.zeros((n_parameters, 1))):
+        assert mode.frequency_std * band.duration == pytest.approx(0.5, rel=0.1)

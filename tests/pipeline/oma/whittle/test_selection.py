@@ -1,0 +1,47 @@
+"""Which modes a band of spectral lines holds, and which it does not."""
+
+import numpy as np
+import pytest
+
+from pipeline.oma.whittle.fit import WhittleFit
+from pipeline.oma.whittle.narrow_band import WindowSpectrum
+from pipeline.oma.whittle.selection import Needed, best_fit
+from tests.pipeline.oma.conftest import structure
+from tests.pipeline.oma.whittle.test_spectral_model import two_modes
+
+RATE, DURATION = 10.0, 600.0  # [Hz], [s]
+ANYWHERE = Needed(510.0, 690.0)  # of the lines from 0.85 to 1.15 Hz
+
+
+def found_in(samples: np.ndarray) -> int:
+    """Number of modes in the band about 1 Hz."""
+    band = WindowSpectrum(samples - samples.mean(axis=0), RATE).band(0.85, 1.15)
+    fitted = best_fit(band, ANYWHERE, most_modes=4, half_width=6.0)
+    return 0 if fitted is None else fitted.fit.modes.n_modes
+
+
+def test_noise_has_no_mode_and_one_mode_is_one() -> None:
+    known = structure([1.0], 0.01, np.array([[1.0, 0.6, -0.4]]))
+    for seed in range(10):
+        noise = np.random.default_rng(seed).standard_normal((round(RATE * DURATION), 3))
+        assert found_in(noise) == 0
+        motion = known.ambient_response(sampling_rate=RATE, duration=DURATION, seed=seed)
+        assert found_in(motion + 0.05 * motion.std() * noise) == 1
+
+
+def test_a_parameter_costs_half_the_logarithm_of_twice_the_lines() -> None:
+    """The real and the imaginary part of each line are data (Schwarz's criterion)."""
+    modes, _ = two_modes()
+    fewer, more = (WhittleFit(modes, 100.0, np.eye(n)) for n in (10, 14))
+    assert more.bayes_cost(50) - fewer.bayes_cost(50) == pytest.approx(2 * np.log(100))
+
+
+def test_a_channel_of_velocities_moves_with_one_of_accelerations() -> None:
+    """An integral lags by a quarter period; the spectrum takes that out, so shapes are real."""
+    time = np.arange(round(RATE * DURATION)) / RATE
+    samples = np.column_stack([np.cos(2 * np.pi * time), np.sin(2 * np.pi * time)])
+    spectrum = WindowSpectrum(samples, RATE, np.array([0, 1]))
+    cross = spectrum.band(0.9, 1.1).matrices[:, 0, 1]
+    strongest = cross[np.argmax(np.abs(cross))]
+    assert abs(strongest.imag) < 1e-9 * abs(strongest)
+    assert strongest.real > 0

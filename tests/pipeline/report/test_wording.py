@@ -1,0 +1,26 @@
+"""Durations and shares as people say them."""
+
+import pytest
+
+from pipeline.report.wording import percent, span
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [
+        (0.4, "0.4 s"),
+        (90.0, "90 s"),
+        (600.0, "10 min"),
+        (5400.0, "1 h 30 min"),
+        (90_000.0, "1 d 1 h"),
+    ],
+)
+def test_a_duration_is_said_in_its_largest_units(seconds: float, said: str) -> None:
+    assert span(seconds) == said
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(0.123, "12 %"), (-0.0123, "1.2 %"), (0.00123, "0.12 %")]
+)
+def test_a_share_has_two_digits(share: float, said: str) -> None:
+    assert percent(share) == said

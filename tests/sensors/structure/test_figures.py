@@ -1,0 +1,33 @@
+"""A figure changes what its title says, and nothing else."""
+
+from sensors.structure.description import TurbineDescription
+from sensors.structure.figures import varied
+from tests.sensors.structure.towers import parked_turbine
+
+
+def masses(turbine: TurbineDescription) -> dict[str, float]:
+    """Of the parts [kg]."""
+    nacelle, blades = turbine.rotor_nacelle, turbine.blades
+    assert blades is not None
+    return {
+        "bodies": sum(body.mass for body in nacelle.bodies),
+        "hub": nacelle.hub_mass,
+        "blades": sum(e.mass_per_length * (e.outer - e.inner) for e in blades.elements),
+        "tubes": sum(tube.mass_per_length * tube.length for tube in turbine.tubes),
+    }
+
+
+def changed_by(figure: str, departure: float) -> dict[str, float]:
+    """Relative change of every part's mass, parts that keep theirs left out."""
+    before, after = masses(parked_turbine()), masses(varied(parked_turbine(), {figure: departure}))
+    changes = {name: round(after[name] / before[name] - 1, 9) for name in before}
+    return {name: change for name, change in changes.items() if change}
+
+
+def test_the_rotor_nacelle_mass_is_that_of_nacelle_yaw_bearing_and_hub() -> None:
+    assert changed_by("rna_mass", 0.02) == {"bodies": 0.02, "hub": 0.02}
+
+
+def test_masses_of_blades_and_of_steel_are_figures_of_their_own() -> None:
+    assert changed_by("blade_mass", -0.03) == {"blades": -0.03}
+    assert changed_by("steel_density", 0.01) == {"tubes": 0.01}
