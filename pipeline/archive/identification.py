@@ -22,12 +22,11 @@ from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.salvage import remaining_messages
 from pipeline.runtime.runner import one_blas_thread, with_end
+from pipeline.sources.playback import SensorMessage
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import ReplayedTower
 from sensors.acquisition.scada import ScadaSample
-
-SensorMessage = SensorLayout | AccelerationBlock | ScadaSample
 
 ARCHIVE_SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
 SCADA_BEFORE = 600.0  # in which the state at a window's beginning was reported [s]

@@ -1,6 +1,8 @@
 """`pilewatch run` and `pilewatch node`: a run, and one of its nodes."""
 
 import json
+import os
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -99,6 +101,7 @@ def run(
     """Estimate the foundation's stiffness from accelerations."""
     from pipeline.monitoring.alarms.settings import load_notices
     from pipeline.run.run import run_session
+    from pipeline.runtime.runner import busy_nodes
     from pipeline.sources.feed_publisher import feed_source
     from pipeline.sources.playback import Playback
     from pipeline.sources.sources import open_source
@@ -155,6 +158,10 @@ def run(
         shown.wait(stopping)
     if not session.complete:
         raise typer.Exit(2)
+    if busy_nodes():  # an interpreter that ends beneath a thread at work aborts
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def _imported(

@@ -15,8 +15,15 @@ too little or too much. τ is inferred with its uncertainty (half-t: Gelman 2006
 1, 515).
 
 An outlier's o_i takes up what is unlike the others, so that it widens neither Σ nor their
-posteriors; the probability of z_i = 1 says how sure that is (Box and Tiao 1968, Biometrika 55, 119,
-for the contaminated Gaussian).
+posteriors (Box and Tiao 1968, Biometrika 55, 119, for the contaminated Gaussian). How sure it is
+that a turbine is one is asked of that turbine alone, against the others: the Bayes factor
+
+    B_i = E₋ᵢ p(data_i | z_i = 1) / E₋ᵢ p(data_i | z_i = 0)
+
+with the expectations over the farm as the others show it, of spread and mean unsure, times the odds
+α / β that were thought of a turbine beforehand. Why not the posterior probability of z_i = 1: its
+odds are those of ε given the others, so that nineteen regular turbines speak against the twentieth
+being an outlier, and one outlier makes another likelier.
 
 The draws come from `gibbs`.
 
@@ -48,7 +55,7 @@ class PooledDraws:
     covariances: FloatArray  # Σ, (n_draws, d, d)
     outlier_shares: FloatArray  # ε, (n_draws,)
     points: FloatArray  # x, (n_draws, n_turbines, d)
-    outlier_probabilities: FloatArray  # of z_i = 1, (n_turbines,)
+    outlier_probabilities: FloatArray  # each turbine's, against the others, (n_turbines,)
     ess: float  # smallest effective sample size over μ and √Σ_jj
     rhat: float  # largest split R̂ over the same
 
@@ -70,24 +77,28 @@ def pooled(
     for _ in range(settings.burn_in):
         gibbs.sweep(state)
     for number in range(settings.rounds):
-        drawn = _drawn(gibbs, state, settings.sweeps * 2**number)
+        drawn = _drawn(gibbs, state, settings.sweeps * 2**number, prior.outliers / prior.regular)
         if drawn.rhat <= settings.rhat:
             break
     return drawn
 
 
-def _drawn(gibbs: Gibbs, state: State, sweeps: int) -> PooledDraws:
-    """The sweeps that follow a state."""
+def _drawn(gibbs: Gibbs, state: State, sweeps: int, odds: float) -> PooledDraws:
+    """The sweeps that follow a state.
+
+    odds   of a turbine's being an outlier, beforehand
+    """
     n_chains, d = state.mean.shape
     size = (sweeps, n_chains)
     means, covariances = np.empty((*size, d)), np.empty((*size, d, d))
-    shares, points, chances = np.empty(size), [], []
+    shares, points, likelihoods = np.empty(size), [], []
     for sweep in range(sweeps):
+        share = state.outlier_share[:, None]
         x, outlying = gibbs.sweep(state)
+        likelihoods.append((outlying / share, (1 - outlying) / (1 - share)))
         means[sweep], covariances[sweep] = state.mean, state.covariance
         shares[sweep] = state.outlier_share
         points.append(x)
-        chances.append(outlying)
     spreads = np.sqrt(np.diagonal(covariances, axis1=2, axis2=3))
     watched = np.concatenate([means, spreads], axis=2)
     return PooledDraws(
@@ -95,7 +106,19 @@ def _drawn(gibbs: Gibbs, state: State, sweeps: int) -> PooledDraws:
         covariances=covariances.reshape(-1, d, d),
         outlier_shares=shares.ravel(),
         points=np.concatenate(points),
-        outlier_probabilities=np.mean(chances, axis=(0, 1)),
+        outlier_probabilities=_outlier_probabilities(np.array(likelihoods), odds),
         ess=min(effective_sample_size(each) for each in np.moveaxis(watched, 2, 0)),
         rhat=max(split_rhat(each) for each in np.moveaxis(watched, 2, 0)),
     )
+
+
+def _outlier_probabilities(likelihoods: FloatArray, odds: float) -> FloatArray:
+    """(n_turbines,) from p(data_i | z_i) / p(data_i) of each draw of the farm, z_i = 1 and 0,
+    (n_sweeps, 2, n_chains, n_turbines).
+
+    A draw given all turbines' data, weighted by 1 / p(data_i), is one given the others' alone: the
+    mean of these ratios over the draws is proportional to E₋ᵢ p(data_i | z_i).
+    Source: Gelfand, Dey and Chang (1992), Bayesian Statistics 4, 147.
+    """
+    outlying, regular = likelihoods.mean(axis=(0, 2))
+    return np.asarray(odds * outlying / (odds * outlying + regular))

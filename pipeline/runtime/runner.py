@@ -39,10 +39,12 @@ STATUS_BLOCKS = 16  # a status at the latest after so many blocks, so that the s
 START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports for seconds
 FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]
 SOURCE = "source"
-DRAINED_WITHIN = 5.0  # what a node has received when it is asked to stop [s]
-KEPT_FOR_LAST = 2.5  # of that, for the recorder [s]
-LEAST_PATIENCE = 0.5  # with the last of them [s]
-STOPPED_WITHIN = 9.0  # all nodes, together [s]
+DRAINED_WITHIN = 2.0  # what a node has received when it is asked to stop [s]
+STOPPED_WITHIN = 7.0  # all nodes, together; what remains of ten seconds is the summary's [s]
+KEPT_FOR_RECORDER = 4.0  # of that, when the nodes before it have ended [s]
+KEPT_FOR_LAST = 1.0  # of that, for what follows the recorder [s]
+LEAST_PATIENCE = 0.2  # with the last of them [s]
+RECORDER = "recorder"
 
 BlockReport = Callable[[AccelerationBlock], None]
 
@@ -142,11 +144,21 @@ def run_workers(
             logger.info("the session was ended early")
         finally:
             deadline = time.monotonic() + STOPPED_WITHIN
-            for worker in workers:  # in the order of the flow: the recorder sees the others stop
-                last = worker is workers[-1]
-                worker.stop(deadline - time.monotonic() - (0.0 if last else KEPT_FOR_LAST))
+            for worker, kept in zip(workers, _kept_for_others(workers), strict=True):
+                worker.stop(deadline - kept - time.monotonic())
         for worker in workers:
             worker.check()
+
+
+def _kept_for_others(workers: Sequence[Worker]) -> list[float]:
+    """Of the time in which all stop, what each leaves to those behind it [s].
+
+    They stop in the order of the flow: the recorder sees the others stop.
+    """
+    names = [worker.name for worker in workers]
+    recorder = names.index(RECORDER) if RECORDER in names else len(names) - 1
+    kept = [KEPT_FOR_RECORDER] * recorder + [KEPT_FOR_LAST] * (len(names) - recorder)
+    return [*kept[:-1], 0.0]
 
 
 class NodeThread(threading.Thread):
@@ -186,6 +198,11 @@ class NodeThread(threading.Thread):
             logger.error(
                 "node %s is busy and does not stop; what it has not answered is recorded", self.name
             )
+
+
+def busy_nodes() -> list[str]:
+    """Names of nodes whose threads did not stop when they were asked to."""
+    return [each.name for each in threading.enumerate() if isinstance(each, NodeThread)]
 
 
 def serve(

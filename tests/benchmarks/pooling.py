@@ -15,6 +15,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,8 @@ RESULT = Path(__file__).parent / "results" / "pooling.json"
 SIZES, SPREADS = (5, 20, 100), (0.02, 0.05)
 SETTINGS = GibbsSettings(burn_in=80, sweeps=150, rounds=1)  # shorter than a farm's own: for time
 SOFT = 0.9  # of k22
+KNOWN = ("farm", "spread", "shape", "k22")
+FALSE_SHARE = 0.001  # of regular turbines that are called soft
 WINDOWS = 6  # of a turbine, where a softer one is looked for
 
 
@@ -173,36 +176,98 @@ def softened(lib: Library, turbines: int, seeds: Sequence[int]) -> dict[str, flo
     }
 
 
+def detectable(lib: Library, turbines: int, farms: int, seed: int) -> dict[str, float]:
+    """Power to tell the softer turbine of `softened` where one regular turbine of a thousand is
+    called soft, by what is known of the farm beside the widths of all posteriors.
+
+    farm       its mean and spread: χ² of the turbine's distance
+    spread     but not the mean, which the others show
+    shape      but not how large the spread is: by the spread of the others too
+    k22        the same, and that it would be k22 alone that differs, and be less
+    """
+    found: dict[str, list[list[float]]] = {name: [[], []] for name in KNOWN}
+    for number in range(farms):
+        generator = np.random.default_rng([seed + number, turbines, 13])
+        for soft in (0, 1):
+            truths = np.exp(SPREADS[0] * generator.standard_normal((turbines, 3)))
+            if soft:
+                truths[0] = [truths[0, 0], SOFT, truths[0, 2]]
+            means, covariances = drawn(lib, truths, WINDOWS, generator)
+            for name, value in zip(KNOWN, _distances(lib, means, covariances), strict=True):
+                found[name][soft].append(value)
+    powers = {
+        name: float(np.mean(np.array(soft) > np.quantile(regular, 1 - FALSE_SHARE)))
+        for name, (regular, soft) in found.items()
+    }
+    return {"turbines": turbines, "farms": farms, **powers}
+
+
+def _distances(lib: Library, means: FloatArray, covariances: FloatArray) -> list[float]:
+    """Of the first turbine from the others, by what is known; in the order of `KNOWN`."""
+    population = SPREADS[0] ** 2 * equal_spreads(lib.coordinates)
+    inverse = np.linalg.inv(covariances + population)
+    own = float(means[0] @ inverse[0] @ means[0])
+    total = np.linalg.inv(inverse[1:].sum(axis=0))
+    centre = total @ (inverse[1:] @ means[1:, :, None]).sum(axis=0)[:, 0]
+    offset = means[0] - centre
+    spread = float(offset @ np.linalg.solve(covariances[0] + population + total, offset))
+    rest = means[1:] - centre
+    scatter = float(np.einsum("ni,nij,nj->", rest, inverse[1:], rest)) / rest.size
+    ratios = np.log(_ratios(lib, np.vstack([means, centre])))
+    less = (ratios[-1, 1] - ratios[0, 1]) / np.sqrt(scatter)
+    return [own, spread, spread / scatter, float(less)]
+
+
 def main(arguments: Sequence[str]) -> None:
     """Measure each size and spread, print, write the results."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks pooling")
     parser.add_argument("--farms", type=int, nargs=3, default=(40, 40, 10))
     parser.add_argument("--soft", type=int, default=50, help="farms with one softer turbine")
+    parser.add_argument("--limits", type=int, default=4000, help="farms for what is detectable")
+    parser.add_argument(
+        "--only-soft", action="store_true", help="what pooling gains stays as it was measured"
+    )
     parser.add_argument("--seed", type=int, default=7001)
     chosen = parser.parse_args(arguments)
     lib = library()
+    known = json.loads(RESULT.read_text()) if RESULT.exists() else {}
     results: list[dict[str, float]] = []
     soft: list[dict[str, float]] = []
-    for turbines, farms in zip(SIZES, chosen.farms, strict=True):
-        for spread in SPREADS:
-            found = measured(lib, turbines, spread, range(chosen.seed, chosen.seed + farms))
-            results.append(asdict(found))
-            print(found, flush=True)
-            _write(chosen, results, soft)
+    if chosen.only_soft:
+        results = known["pooling"]
+    else:
+        for turbines, farms in zip(SIZES, chosen.farms, strict=True):
+            for spread in SPREADS:
+                found = measured(lib, turbines, spread, range(chosen.seed, chosen.seed + farms))
+                results.append(asdict(found))
+                print(found, flush=True)
+    limits = [detectable(lib, turbines, chosen.limits, chosen.seed) for turbines in SIZES[:2]]
+    print(limits, flush=True)
     for turbines in SIZES[:2]:
         soft.append(softened(lib, turbines, range(chosen.seed, chosen.seed + chosen.soft)))
         print(soft[-1], flush=True)
-        _write(chosen, results, soft)
+        _write(chosen, known, results, soft, limits)
 
 
 def _write(
     chosen: argparse.Namespace,
+    known: dict[str, Any],
     results: Sequence[dict[str, float]],
     soft: Sequence[dict[str, float]],
+    limits: Sequence[dict[str, float]],
 ) -> None:
+    farms = "" if chosen.only_soft else f" --farms {' '.join(map(str, chosen.farms))}"
+    only = " --only-soft" if chosen.only_soft else ""
     command = (
-        f"python -m tests.benchmarks pooling --farms {' '.join(map(str, chosen.farms))} "
-        f"--soft {chosen.soft} --seed {chosen.seed}"
+        f"python -m tests.benchmarks pooling{farms} --soft {chosen.soft} "
+        f"--limits {chosen.limits} --seed {chosen.seed}{only}"
     )
-    content = {"command": command, "pooling": results, "soft": soft}
+    first = known.get("command_pooling", known.get("command")) if chosen.only_soft else command
+    content = {
+        "command": command,
+        "command_pooling": first,
+        "pooling": results,
+        "soft": soft,
+        "detectable": limits,
+    }
     RESULT.write_text(json.dumps(content, indent=1) + "\n")

@@ -1,6 +1,5 @@
 """The notebooks run from top to bottom, and each draws or prints something."""
 
-import importlib.util
 from pathlib import Path
 from types import ModuleType
 
@@ -11,16 +10,6 @@ pytest.importorskip("pilewatch", reason="the project is not installed")
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
-
-
-@pytest.fixture(scope="module")
-def runner() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("notebooks", ROOT / "docs" / "notebooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_there_are_five() -> None:

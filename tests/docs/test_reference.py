@@ -1,6 +1,5 @@
 """The generated reference names every key of every file, each with its meaning."""
 
-import importlib.util
 from pathlib import Path
 from types import ModuleType
 
@@ -14,16 +13,6 @@ from sensors.files.layout_file import LayoutFile
 from sensors.structure.description import TurbineDescription
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def reference() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("reference", ROOT / "docs" / "reference.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ class TurbineHistory:
             self._keys.append(key)
         self._first_pass = len(self._keys)
         while 0 < self._first_pass < len(self._days):
-            if self._finished.get(_state_key(self._keys[self._first_pass - 1])) is not None:
+            if self._finished.get(state_key(self._keys[self._first_pass - 1])) is not None:
                 break
             self._first_pass -= 1
 
@@ -150,7 +150,7 @@ class TurbineHistory:
         return {day.month for day in self._days}
 
     def _state_before(self, number: int) -> tuple[StoredFrame, ...]:
-        return (self._finished.get(_state_key(self._keys[number - 1])) or ()) if number else ()
+        return (self._finished.get(state_key(self._keys[number - 1])) or ()) if number else ()
 
     def _passed(
         self, number: int, day: Day, state: tuple[StoredFrame, ...]
@@ -173,7 +173,7 @@ class TurbineHistory:
         if frames is None:
             return None
         passed = passed_day(self._plan, frames)
-        self._finished.put(_state_key(key), passed.state)
+        self._finished.put(state_key(key), passed.state)
         if self._written.get(day.date) != key:
             for posterior in passed.calls:
                 if posterior.key in self._finished:
@@ -199,7 +199,7 @@ class TurbineHistory:
                 used += self._add(writer, self._days[number], self._keys[number])
             self._months[month] = writer.finished()
         gone = set(before.keys.values()) - set(keys.values())
-        self._finished.forget([*used, *map(_state_key, gone)])
+        self._finished.forget([*used, *map(state_key, gone)])
 
     def _add(self, writer: MonthWriter, day: Day, key: str) -> list[str]:
         """A day into the month's files; the keys of the results that it was made of."""
@@ -225,7 +225,7 @@ class TurbineHistory:
             for number, (day, after) in enumerate(pairwise(self._days))
             if day.month == after.month < newest
         ]
-        self._finished.forget(map(_state_key, within))
+        self._finished.forget(map(state_key, within))
 
     @property
     def written(self) -> Iterator[WrittenDay]:
@@ -239,7 +239,7 @@ def _pass_key(day: str) -> str:
     return key_of_result("pass", day)
 
 
-def _state_key(day: str) -> str:
+def state_key(day: str) -> str:
     """Of the state after a day, by the day's fingerprint."""
     return key_of_result("state", day)
 

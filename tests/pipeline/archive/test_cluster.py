@@ -62,6 +62,26 @@ def test_a_task_that_kills_every_worker_fails_alone(two_workers: Workers) -> Non
     assert found["good"] == 9
 
 
+def test_what_waits_for_a_call_goes_on_also_where_that_call_kills_its_workers() -> None:
+    """A day's pass waits for the one of the day before."""
+    over: set[str] = set()
+
+    def calls() -> Iterator[Call | None]:
+        yield Call("fatal at first", killed_always, 0)
+        while "fatal at first" not in over:
+            yield None
+        yield Call("afterwards", squared, 4)
+
+    found = {}
+    with local_workers(2) as workers:
+        for outcome in workers.outcomes(calls()):
+            over.add(outcome.call.key)
+            found[outcome.call.key] = outcome.result
+
+    assert isinstance(found["fatal at first"], Failed)
+    assert found["afterwards"] == 16
+
+
 def test_calls_are_pulled_only_when_there_is_room(two_workers: Workers) -> None:
     """An archive of any size never waits in memory."""
     pulled = []

@@ -62,6 +62,10 @@ def test_recordings_become_a_table_a_prior_and_figures(recorded: Path, tmp_path:
     assert len(rows) == 9
     assert rows[1]["parameter"] == "k22"
     assert rows[1]["pooled_median"] == spring["median"]
+    for whose in ("own", "pooled"):
+        told_of = told["turbines"][0][whose]["k22"]
+        ratios = [rows[1][f"{whose}_{each}"] / rows[1]["nominal"] for each in ("p05", "p95")]
+        assert ratios == pytest.approx([told_of["ratio_p05"], told_of["ratio_p95"]])
     assert rows[0]["time"].year == 2023
 
 

@@ -25,7 +25,8 @@ def seen(means, stds):
 
 
 class Quadrature:
-    """The same posterior in one dimension, summed over a grid of μ, τ and ε."""
+    """The same posterior in one dimension, summed over a grid of μ, τ and ε; of each turbine's
+    being an outlier, with the others' data alone."""
 
     def __init__(self, means, stds, prior):
         tau = np.geomspace(1e-4, 0.6, 100)
@@ -45,8 +46,12 @@ class Quadrature:
         log += sum(np.log(a + b) for a, b in zip(regular, outlying, strict=True))
         self.weights = np.exp(log - log.max())
         self.weights /= self.weights.sum()
-        pairs = zip(regular, outlying, strict=True)
-        self.outlying = [self.mean(b / (a + b)) for a, b in pairs]
+        odds = prior.outliers / prior.regular
+        self.outlying = []
+        for a, b in zip(regular, outlying, strict=True):
+            others = np.exp(log - np.log(a + b) - log.max())  # what the others alone say
+            evidence = odds * (others * b / share).sum() / (others * a / (1 - share)).sum()
+            self.outlying.append(float(evidence / (1 + evidence)))
 
     def mean(self, values):
         return float((self.weights * values).sum())

@@ -13,9 +13,11 @@ import pytest
 from pipeline.messages import Message, ModalEstimate, StabilisationDiagram, WindowRejected
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.runtime.runner import with_end
+from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
 from sensors.simulation.acquisition_units import UnitSettings, read_by_units, unit_layouts
+from tests.benchmarks import drift
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, cut
 from tests.pipeline.oma.conftest import structure
 
@@ -130,7 +132,7 @@ def test_a_step_of_both_units_at_once_begins_another_session(blocks, size: float
     assert all(each.end_ns > each.start_ns for each in said)
 
 
-@pytest.mark.parametrize("size", [12 * YEAR, -12 * YEAR, 600.0, -60.0])
+@pytest.mark.parametrize("size", [12 * YEAR, -12 * YEAR, 600.0, -20.0])
 def test_a_step_of_one_unit_leaves_it_out_until_it_agrees_again(blocks, size: float) -> None:
     said = answers(of_two_units(blocks, upper=lambda k: size * (70 <= k < 130)))
     good = [each for each in said if isinstance(each, ModalEstimate)]
@@ -146,3 +148,17 @@ def test_a_unit_that_starts_in_2036_does_not_take_the_others_along(blocks) -> No
     good = [each for each in said if isinstance(each, ModalEstimate)]
     assert len(good) >= 4
     assert good[-1].channels == ("z20", "z60")
+
+
+def test_a_converter_that_is_off_by_what_stamps_show_costs_the_tower_little_and_replays() -> None:
+    """A pair of `tests.benchmarks drift`: one response, two converters; live and recorded."""
+    (plain,) = drift.estimates_of(drift.measured(8104, 0.0))
+    blocks = drift.measured(8104, 2500.0)
+    (live,) = drift.estimates_of(blocks)
+    assert [encode(each) for each in drift.estimates_of(drift.replayed(blocks))] == [encode(live)]
+    frequencies = np.array([mode.frequency for mode in live.modes])
+    shifts = [
+        np.abs(frequencies - mode.frequency).min() / mode.frequency_std for mode in plain.modes
+    ]
+    assert np.median(shifts) < 0.2
+    assert 0.9 < len(live.modes) / len(plain.modes) < 1.1

@@ -1,0 +1,25 @@
+"""Modes of an archive are followed over hours of which nothing was recorded."""
+
+import numpy as np
+import pytest
+
+from pipeline.archive.tracking import ArchiveTracking
+from pipeline.messages import ModalEstimate
+from tests.pipeline.example_estimates import WINDOW, estimate, mode
+from tests.pipeline.example_messages import LAYOUT
+
+SHAPE = np.linspace(0.2, 1.0, 8)
+
+
+@pytest.mark.parametrize(("windows_missing", "same"), [(0, False), (12, True)])
+def test_what_moves_by_a_percent_is_another_mode_at_once_and_the_same_after_two_hours(
+    windows_missing: int, same: bool
+) -> None:
+    """Tide and temperature move a frequency meanwhile: the longer the gap, the farther."""
+    tracking = ArchiveTracking(LAYOUT.channel_names, float(WINDOW))
+    windows = [estimate(mode(1.0, SHAPE), number=number) for number in range(5)]
+    later = estimate(mode(1.012, SHAPE), number=5 + windows_missing)
+    followed = list(tracking.followed([*windows, later]))
+    assert all(isinstance(each, ModalEstimate) for each in followed)
+    names = [each.modes[0].name for each in followed if isinstance(each, ModalEstimate)]
+    assert (names[-1] == names[0]) is same

@@ -1,0 +1,84 @@
+"""`calibrate` on recorded sessions: a description that later sessions begin with."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.messages import FoundationEvent, Message
+from pipeline.offline.calibrate_turbine import calibrate_turbine, with_section
+from pipeline.recording.writer import whole_recording
+from pipeline.scenario import scenario_from_text, scenario_metadata
+from pipeline.sources.sources import replayed
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.errors import InputError
+from sensors.structure.calibration import AlternativeFigures, Calibration
+from sensors.structure.description import parse_turbine, shipped_text
+from tests.benchmarks.first_weeks import LAYOUT, drawn
+
+SECTION = Calibration(
+    "published", ("steel_modulus", "rna_mass"), (0.01, 0.02),
+    (AlternativeFigures("converged blades", 1.0, (0.4, -0.1), (0.5, -0.25, 0.75)),), 'two "weeks"',
+)  # fmt: skip
+EXACT = '[structure]\nuncertain = "exact"\n'
+
+
+@pytest.fixture(scope="module")
+def estimates():
+    return drawn(62002, "published", 24)[1]
+
+
+def session(path: Path, messages: list[Message], scenario: str = "") -> Path:
+    """A session of a few estimates with a second of samples."""
+    chosen = scenario_from_text(scenario, "tower.toml")
+    samples = np.random.default_rng(0).standard_normal((20, len(LAYOUT.channels)))
+    block = AccelerationBlock(
+        LAYOUT.turbine, LAYOUT.unit, "s", LAYOUT.layout_id, 0, 0, 0, 20.0,
+        samples.astype(np.float32),
+    )  # fmt: skip
+    with whole_recording(path, metadata={"scenario": scenario_metadata(chosen)}) as recorder:
+        for message in (LAYOUT, block, *messages):
+            recorder.handle(message)
+    return path
+
+
+def test_a_description_with_a_calibration_reads_as_it_was_written() -> None:
+    text = with_section(shipped_text("iea15mw_monopile"), SECTION)
+    assert parse_turbine(text, source="x.toml").calibration == SECTION
+    again = with_section(text, replace(SECTION, source="three weeks"))
+    assert again.count("[calibration]") == 1
+    assert parse_turbine(again, source="x.toml").calibration.source == "three weeks"
+
+
+def test_sessions_in_any_order_and_twice_give_one_calibration(estimates, tmp_path: Path) -> None:
+    first = session(tmp_path / "a.mcap", estimates[:14])
+    second = session(tmp_path / "b.mcap", estimates[10:])
+    found = calibrate_turbine([second, first])
+    assert found.n_windows == len(estimates)
+    assert found.level_known
+    assert len(found.levels) > 2
+    figures = found.as_json()
+    assert 0.5 < figures["springs_over_nominal"]["k11"]["median"] < 2.0
+    described = tmp_path / "calibrated.toml"
+    described.write_text(found.text, "utf-8")
+    later = session(tmp_path / "c.mcap", [], f'[turbine]\ndescription = "{described}"\n')
+    described.unlink()  # the recording holds its text
+    stored = replayed(later).scenario.structure.calibration
+    assert stored == parse_turbine(found.text, source="x.toml").calibration
+    assert stored is not None
+    np.testing.assert_allclose(stored.alternatives[0].mean, found.best.mean, rtol=1e-8)
+
+
+def test_what_cannot_be_calibrated_is_refused_in_one_line(estimates, tmp_path: Path) -> None:
+    event = FoundationEvent("iea15mw", 3, 1, "foundation", 0.99, 1, 1, 1, (), (), "it changed")
+    refused = {
+        "taken as exact": session(tmp_path / "exact.mcap", estimates, EXACT),
+        "has no modal estimates": session(tmp_path / "none.mcap", []),
+        "3 windows can be used": session(tmp_path / "few.mcap", estimates[:3]),
+        "its structure changed in window 3": session(tmp_path / "e.mcap", [*estimates, event]),
+    }
+    for words, path in refused.items():
+        with pytest.raises(InputError, match=words) as error:
+            calibrate_turbine([path])
+        assert "\n" not in str(error.value)

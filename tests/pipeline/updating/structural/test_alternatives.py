@@ -1,0 +1,37 @@
+"""Structures are weighed by what was thought of them before and by how they explain the data."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from pipeline.updating.structural.alternatives import Alternative, JointInference
+
+
+def weights_of(costs: dict[str, float], probabilities: dict[str, float]) -> list[float]:
+    """Of structures whose fits end at these costs."""
+    found = [
+        (
+            Alternative(name, probabilities[name]),
+            SimpleNamespace(is_rough=False, judged=lambda *_, cost=cost: (cost, 0.0)),
+            None,
+            SimpleNamespace(likeliest_sigma=0.0),
+        )
+        for name, cost in costs.items()
+    ]
+    nothing = cast(Any, None)
+    inference = JointInference(
+        (), structure=nothing, layout=nothing, prior=nothing, highest_sigma=0.1
+    )
+    return inference._weights(cast(Any, found), nothing)
+
+
+def test_structures_that_explain_the_data_alike_keep_their_prior_probabilities() -> None:
+    assert weights_of({"dry": 40.0, "flooded": 40.0}, {"dry": 0.9, "flooded": 0.1}) == (
+        pytest.approx([0.9, 0.1])
+    )
+
+
+def test_a_cost_of_two_more_is_a_factor_of_e() -> None:
+    dry, flooded = weights_of({"dry": 40.0, "flooded": 42.0}, {"dry": 0.5, "flooded": 0.5})
+    assert dry / flooded == pytest.approx(2.718281828)
