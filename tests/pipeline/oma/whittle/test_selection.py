@@ -16,7 +16,7 @@ ANYWHERE = Needed(510.0, 690.0)  # of the lines from 0.85 to 1.15 Hz
 def found_in(samples: np.ndarray) -> int:
     """Number of modes in the band about 1 Hz."""
     band = WindowSpectrum(samples - samples.mean(axis=0), RATE).band(0.85, 1.15)
-    fitted = best_fit(band, ANYWHERE, most_modes=4, half_width=6.0)
+    fitted = best_fit(band, ANYWHERE, most_modes=4, half_width=6.0, one_colour=True)
     return 0 if fitted is None else fitted.fit.modes.n_modes
 
 
@@ -32,7 +32,7 @@ def test_noise_has_no_mode_and_one_mode_is_one() -> None:
 def test_a_parameter_costs_half_the_logarithm_of_twice_the_lines() -> None:
     """The real and the imaginary part of each line are data (Schwarz's criterion)."""
     modes, _ = two_modes()
-    fewer, more = (WhittleFit(modes, 100.0, np.eye(n)) for n in (10, 14))
+    fewer, more = (WhittleFit(modes, 100.0, np.eye(n), np.eye(n)) for n in (10, 14))
     assert more.bayes_cost(50) - fewer.bayes_cost(50) == pytest.approx(2 * np.log(100))
 
 
