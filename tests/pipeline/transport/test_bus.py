@@ -122,6 +122,15 @@ def test_a_full_inbox_drops_the_oldest_and_counts() -> None:
     assert inbox.dropped_of(NodeStatus) == 0
 
 
+def test_what_waits_never_has_more_bytes_than_are_allowed() -> None:
+    sizes = [len(delivered(block(sequence)).payload) for sequence in range(3)]
+    inbox = Inbox(capacity_bytes=sum(sizes) - 1)
+    for sequence in range(3):
+        inbox.put(delivered(block(sequence)))
+    assert [message.sequence for message in take(inbox, 2)] == [1, 2]
+    assert inbox.dropped == 1
+
+
 def test_a_broken_message_is_counted_and_the_next_one_taken() -> None:
     inbox = Inbox()
     inbox.put(delivered(block(0), payload=b"\xff\xff"))
