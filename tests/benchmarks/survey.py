@@ -12,7 +12,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.archive.store import FinishedResults
 from pipeline.archive.survey import SurveyCache, surveyed
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "parked.mcap"
@@ -29,7 +28,7 @@ def main(arguments: Sequence[str]) -> None:
         files = [folder / f"{number:05d}.mcap" for number in range(chosen.files)]
         for path in files:
             shutil.copy(RECORDING, path)
-        cache = SurveyCache(FinishedResults(folder / "finished"))
+        cache = SurveyCache(folder / "surveys.pw")
         survey = surveyed(files[0])
         for path in files:
             cache.put(path, survey)
