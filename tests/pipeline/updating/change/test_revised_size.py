@@ -46,10 +46,10 @@ def revised(seed, n_after, tide=1.0):
 
 
 def test_more_windows_make_the_size_surer_and_it_stays_right():
-    first = [revised(seed, 0, tide=0.0) for seed in range(40)]
-    later = [revised(seed, 33, tide=0.0) for seed in range(40)]
+    first = [revised(seed, 0, tide=0.0) for seed in range(20)]
+    later = [revised(seed, 33, tide=0.0) for seed in range(20)]
     assert np.mean([std[1] for _, std in later]) < 0.6 * np.mean([std[1] for _, std in first])
-    tidal = [revised(seed, 33) for seed in range(40)]
+    tidal = [revised(seed, 33) for seed in range(20)]
     z = np.array([(log - np.log(1 + SOFTENED)) / std for log, std in tidal])
     assert 0.75 < np.sqrt(np.mean(z**2)) < 1.25
     assert np.abs(np.mean([log[1] for log, _ in tidal]) - np.log(0.9)) < 0.005

@@ -76,7 +76,9 @@ def test_a_turned_sensor_is_named(inference: JointInference) -> None:
     assert "sensor at 80 m is turned by 1" in found.fault.text
 
 
-@pytest.mark.parametrize(("seed", "pair"), [(21, (0, 1)), (22, (2, 4))])
+@pytest.mark.parametrize(
+    ("seed", "pair"), [(21, (0, 1)), pytest.param(22, (2, 4), marks=pytest.mark.nightly)]
+)
 def test_two_channels_exchanged_from_the_start_are_named(
     inference: JointInference, seed: int, pair: tuple[int, int]
 ) -> None:
