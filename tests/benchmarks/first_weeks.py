@@ -6,7 +6,8 @@ A set: every figure drawn from its prior, springs uniform in .8 to 1.25 of nomin
 tests.outside (its own elements); 1008 windows under a spring-neap tide of 1.5 m, the gauge off by
 .1 m, then six windows at the mean level whose springs are inferred with all defaults: with the
 figures' priors ("before") and with the calibration of the week ("after"). Held: inside the 90 %
-interval. Settings were chosen on seeds 18000 to 18042 with 300 windows.
+interval. Settings were chosen on seeds 18000 to 18042 with 300 and 400
+windows, and after eight sets of the other sign (61000 to 61007) had shown floors counted twice.
 """
 
 import argparse
@@ -39,7 +40,7 @@ from tests.outside.figures import draw
 from tests.outside.modal_data import DURATION, LAYOUT, Truth, estimates
 from tests.outside.model import NOMINAL, SpringSign, averaged, converged
 
-FIRST_SEED = 61000
+FIRST_SEED = 65000
 WEEK = 1008  # windows
 LATER = 6  # windows whose springs are inferred
 TIDE = 1.5  # amplitude [m]

@@ -4,9 +4,10 @@ Each period has its own evidence and its own place in x, the vector of all unkno
 share a coordinate share its index. The systematic floors F belong to the identification and to the
 mesh, so that one mode errs alike in all periods: its errors have the covariance
 
-    C_bb' = (S_b + F_b) δ_bb' + ρ (F_b F_b')^(1/2) (1 − δ_bb')
+    C_bb' = (S_b + (1 − ρ) F_b) δ_bb' + c ρ (F_b F_b')^(1/2)
 
-of one component in periods b and b', ρ = FLOOR_CORRELATION, and x follows by Gauss-Newton:
+of one component in periods b and b', ρ = FLOOR_CORRELATION and c = 1, and x follows by
+Gauss-Newton:
 
     x ← x − H⁻¹ (Jᵀ C⁻¹ η + P (x − x₀)),   H = Jᵀ C⁻¹ J + P
 
@@ -59,6 +60,7 @@ def common_fit(
     precision: FloatArray,
     tolerance: float,
     sigma: float = 0.0,
+    common_floors: float = 1.0,
     rounds: int = RELINEARISATIONS,
 ) -> CommonFit | None:
     """Fit all periods from a point that is near; None where one of them pairs nothing.
@@ -68,6 +70,8 @@ def common_fit(
     precision   (n, n) of the prior
     tolerance   of the pairing in ln f [-]
     sigma       discrepancy of the model, common to the periods as the floors are [-]
+    common_floors   c, more than 1 where other data with the same floors come beside: what all
+                periods have in common then counts less, what differs between them does not [-]
     """
     fits = [fit.with_rise(period.rise) for period in periods]
     targets = [fit.targets(period.evidence) for period in periods]
@@ -80,7 +84,7 @@ def common_fit(
                 return None
             found.append(compared)
         hessian, gradient = precision.copy(), precision @ (x - origin)
-        for J, errors, information in _by_component(found, periods, len(x), sigma):
+        for J, errors, information in _by_component(found, periods, len(x), sigma, common_floors):
             weighted = J.T @ information
             hessian += weighted @ J
             gradient += weighted @ errors
@@ -90,7 +94,11 @@ def common_fit(
 
 
 def _by_component(
-    found: Sequence[Comparison], periods: Sequence[Period], size: int, sigma: float
+    found: Sequence[Comparison],
+    periods: Sequence[Period],
+    size: int,
+    sigma: float,
+    common_floors: float,
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Jacobian (b, size), errors (b,) and information (b, b) of each component, b the periods that
     have it; outlying modes count less."""
@@ -98,8 +106,9 @@ def _by_component(
     for each in found:
         floors = each.floors + sigma**2 * each.reference
         variances = each.variances + floors
-        own.append(variances / each.robust_weights(variances))
-        shared.append(np.sqrt(FLOOR_CORRELATION * floors))
+        common = common_floors * FLOOR_CORRELATION * floors
+        own.append(variances / each.robust_weights(variances) + common - common / common_floors)
+        shared.append(np.sqrt(common))
     rows: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
     for b, each in enumerate(found):
         for row, key in enumerate(each.keys):
