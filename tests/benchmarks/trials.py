@@ -63,6 +63,10 @@ hop = 60.0
 [updating.pairing]
 search_draws = 100
 refined = 2
+
+[structure.uncertain]  # what survives does not depend on how many structures are compared
+flooding = "exact"
+blade_model = "exact"
 """
 
 

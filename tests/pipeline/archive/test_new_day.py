@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import pytest
+
 from tests.benchmarks.history import arguments_of, measured
 
 
+@pytest.mark.nightly
 def test_a_new_day_costs_a_day_and_a_window_keeps_twenty_kilobytes(tmp_path: Path) -> None:
     chosen = arguments_of(["--years", "0.04", "--new-day", "2026-01-01", "--posteriors", "0"])
 
