@@ -33,14 +33,17 @@ def calibrate(
     """
     from pipeline.cli.tables.calibration import calibration_table, unknown_lines
     from pipeline.offline.calibrate_turbine import calibrate_turbine
+    from pipeline.recording.atomic_write import written_whole
     from pipeline.updating.structural.calibration import DesignSprings
 
     if out.exists():
         raise InputError(f"{out} exists; -o names another file")
+    if not out.parent.is_dir():
+        raise InputError(f"{out}: there is no folder {out.parent}")
     springs = None if design is None else DesignSprings(_springs(design), design_std)
     with stderr.status("fitting springs and figures to all water levels"):
         found = calibrate_turbine(sessions, scenario=scenario, design=springs)
-    out.write_text(found.text, "utf-8")
+    written_whole(out, found.text.encode())
     if as_json:
         print_json({"file": str(out)} | found.as_json())
         return

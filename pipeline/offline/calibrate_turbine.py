@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.messages import HALF_INTERVAL, FoundationEvent, ModalEstimate
+from pipeline.messages import HALF_INTERVAL, FoundationEvent, ModalEstimate, UnitOrigin
 from pipeline.nodes.nacelle_axes import in_nacelle_axes
 from pipeline.nodes.operating_state import refusal_by_operation
 from pipeline.recording.reader import read_messages
@@ -33,7 +33,7 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 from sensors.settings import toml_string
 from sensors.structure.calibration import Calibration
-from sensors.structure.description import turbine_text
+from sensors.structure.description import parse_turbine, turbine_text
 
 FEWEST_TO_CALIBRATE = 6
 SECTION = "[calibration]"
@@ -189,7 +189,7 @@ def _calibrated(
         alternatives,
         prior_stds(inference.prior, fit.sensors),
         springs_sign=source.scenario.structure.foundation.sign,
-        source=f"{names}: {len(windows)} windows at {len(levels)} water levels",
+        source=f"{names}: {len(windows)} windows, water levels: {len(levels)}",
     )
     return TurbineCalibration(
         calibration=calibration,
@@ -204,24 +204,25 @@ def _calibrated(
 
 def _windows(sources: Sequence[Source], water_level: float) -> tuple[list[SeenWindow], int]:
     """Usable windows of all sources in the order of time, each once, and how many were refused."""
-    found: dict[int, SeenWindow] = {}
+    found: dict[tuple[UnitOrigin, ...] | int, SeenWindow] = {}
     refused = 0
     for source in sources:
         n_before = len(found) + refused
         for estimate in _estimates(source):
-            if estimate.start_ns in found:
+            identity = estimate.origins or estimate.start_ns  # older recordings have no origins
+            if identity in found:
                 continue
             window = _seen(estimate, source, water_level)
             if window is None:
                 refused += 1
             else:
-                found[estimate.start_ns] = window
+                found[identity] = window
         if len(found) + refused == n_before:
             raise InputError(
                 f"{source.recording}: it has no modal estimates of its own; `pilewatch run "
                 f"--source replay:{source.recording}` writes a session with them"
             )
-    return [found[start] for start in sorted(found)], refused
+    return sorted(found.values(), key=lambda window: window.start_ns), refused
 
 
 def _estimates(source: Source) -> list[ModalEstimate]:
@@ -285,7 +286,10 @@ def description_text(scenario: Scenario) -> str:
 
 
 def with_section(text: str, calibration: Calibration) -> str:
-    """A description's text with the calibration at its end, in place of an earlier one."""
+    """A description's text with the calibration at its end, in place of an earlier one.
+
+    Raises InputError where something else stands behind an earlier one: it would be lost.
+    """
     before = text.split(f"\n{SECTION}", 1)[0].rstrip()
     lines = [
         SECTION,
@@ -303,7 +307,11 @@ def with_section(text: str, calibration: Calibration) -> str:
             f"mean = {_numbers(each.mean)}",
             f"covariance = {_numbers(each.covariance)}",
         ]
-    return before + "\n\n" + "\n".join(lines) + "\n"
+    written = before + "\n\n" + "\n".join(lines) + "\n"
+    described, again = (parse_turbine(each, source="the description") for each in (text, written))
+    if replace(described, calibration=None) != replace(again, calibration=None):
+        raise InputError(f"the description has sections behind {SECTION}: move that one to its end")
+    return written
 
 
 def _numbers(values: Sequence[float]) -> str:

@@ -9,9 +9,9 @@ import pytest
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def script(name: str) -> ModuleType:
-    """The module in docs/NAME.py."""
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+def script(name: str, folder: Path = DOCS) -> ModuleType:
+    """The module in NAME.py of a folder, not run as a program."""
+    spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -1,6 +1,5 @@
 """Dashboard and alert rules on a real Prometheus; skipped where it is not installed."""
 
-import importlib.util
 import json
 import re
 import shutil
@@ -14,7 +13,6 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -26,6 +24,7 @@ from pipeline.monitoring.alarms.outbox import DeliveryState
 from pipeline.monitoring.metrics import MetricsNode, served
 from pipeline.recording.reader import read_messages
 from pipeline.transport.zenoh_bus import free_endpoint
+from tests.docs.conftest import script
 from tests.pipeline.example_messages import START_NS, block, rejection, status
 from tests.pipeline.report.example_session import session
 
@@ -171,28 +170,18 @@ def test_no_sample_of_a_scrape_is_refused(prometheus: str) -> None:
     assert target["lastError"] == ""
 
 
-def module_of(name: str) -> ModuleType:
-    """A script of the folder, not run."""
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_what_is_stored_is_what_the_scripts_write() -> None:
     dashboard = json.loads((FOLDER / "grafana.json").read_text("utf-8"))
     layout = json.loads((FOLDER / "foxglove.json").read_text("utf-8"))
-    assert module_of("dashboard").dashboard() == dashboard
-    assert module_of("foxglove").layout() == layout
+    assert script("dashboard", FOLDER).dashboard() == dashboard
+    assert script("foxglove", FOLDER).layout() == layout
 
 
 def test_every_path_of_foxgloves_layout_leads_to_a_figure_of_a_recording(
     short_session: Path,
 ) -> None:
     messages = {"foundation-posterior": FoundationPosterior, "modal-estimate": ModalEstimate}
-    for topic, field in chain.from_iterable(module_of("foxglove").PLOTS.values()):
+    for topic, field in chain.from_iterable(script("foxglove", FOLDER).PLOTS.values()):
         newest = list(read_messages(short_session, (messages[topic],)))[-1]
         place: Any = newest
         for name, index in re.findall(r"(\w+)(?:\[(\d+)\])?", field):

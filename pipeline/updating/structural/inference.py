@@ -16,7 +16,13 @@ from pipeline.updating.structural.alternatives import (
 )
 from pipeline.updating.structural.joint_fit import JointFit
 from pipeline.updating.structural.prior import GaussianBelief, JointCoordinates, StructuralPrior
-from pipeline.updating.structural.sensors.figures import SensorReadings, sensor_figures
+from pipeline.updating.structural.sensors.figures import (
+    GAIN_STD,
+    HEADING_STD,
+    HEIGHT_STD,
+    SensorReadings,
+    sensor_figures,
+)
 from pipeline.updating.structural.settings import StructureSettings
 from sensors.acquisition.layout import SensorLayout
 from sensors.dynamics.figure_model import BladeMesh, FigureModel
@@ -56,9 +62,9 @@ def joint_inference(
     sensors = SensorReadings(
         sensor_figures(
             layout,
-            gain=structure.std("sensor_gain", 0.01),
-            heading=structure.std("sensor_heading", 2.0),
-            height=structure.std("sensor_height", 0.2),
+            gain=structure.std("sensor_gain", GAIN_STD),
+            heading=structure.std("sensor_heading", HEADING_STD),
+            height=structure.std("sensor_height", HEIGHT_STD),
         ),
         len(layout.channels),
     )

@@ -113,7 +113,7 @@ def _by_component(
     for b, each in enumerate(found):
         for row, key in enumerate(each.keys):
             rows[key].append((b, row))
-    parts = []
+    parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for places in rows.values():
         J = np.zeros((len(places), size))
         for i, (b, row) in enumerate(places):
@@ -122,5 +122,5 @@ def _by_component(
         covariance = np.outer(common, common)
         np.fill_diagonal(covariance, [own[b][row] for b, row in places])
         errors = np.array([found[b].errors[row] for b, row in places])
-        parts.append((J, errors, np.linalg.inv(covariance)))
+        parts.append((J, errors, np.asarray(np.linalg.inv(covariance))))
     return parts

@@ -138,6 +138,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("calibrate short.mcap --design 1e9,1e11", "three numbers are needed"),
     ("calibrate short.mcap --design 1e9,1e11,1e12", "not positive definite"),
     ("calibrate short.mcap -o noise.csv", "noise.csv exists"),
+    ("calibrate short.mcap -o nowhere/x.toml", "there is no folder nowhere"),
     ("calibrate short.mcap --scenario parked", "taken as exact"),
     # reproduce
     ("reproduce --seeds 0", "--seeds is 0"),

@@ -51,6 +51,14 @@ def test_a_description_with_a_calibration_reads_as_it_was_written() -> None:
     assert parse_turbine(again, source="x.toml").calibration.source == "three weeks"
 
 
+def test_what_stands_behind_an_earlier_calibration_is_not_lost() -> None:
+    plain = shipped_text("iea15mw_monopile")
+    water = plain[plain.index("[water]") :].split("\n[", 1)[0]
+    moved = with_section(plain.replace(water, ""), SECTION) + "\n" + water
+    with pytest.raises(InputError, match="move that one to its end"):
+        with_section(moved, SECTION)
+
+
 def test_sessions_in_any_order_and_twice_give_one_calibration(estimates, tmp_path: Path) -> None:
     first = session(tmp_path / "a.mcap", estimates[:14])
     second = session(tmp_path / "b.mcap", estimates[10:])
