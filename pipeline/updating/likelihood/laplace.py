@@ -9,7 +9,7 @@ from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.interface import Peak
 from sensors.arrays import FloatArray
 
-GAUSS_NEWTON_STEPS = 12  # of Gauss-Newton
+GAUSS_NEWTON_STEPS = 12  # at most
 WIDEST = 1.0  # standard deviation of a ratio beyond which a Gaussian has no information [-]
 
 
