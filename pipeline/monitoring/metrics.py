@@ -226,21 +226,21 @@ def _filled(family: Any, values: Iterable[Sample]) -> "Metric":
     return family
 
 
-def listened(desk: MetricsNode, bus: Bus, stopping: threading.Event) -> None:
-    """Give the desk every message until `stopping` is set. Nothing is published: who may only read
+def listened(node: MetricsNode, bus: Bus, stopping: threading.Event) -> None:
+    """Give the node every message until `stopping` is set. Nothing is published: who may only read
     may do this."""
     inbox = Inbox()
-    subscription = bus.subscribe(desk.inputs, inbox)
+    subscription = bus.subscribe(node.inputs, inbox)
     while not stopping.is_set():
         message = inbox.get(timeout=0.2)
         if message is not None:
-            desk.handle(message)
+            node.handle(message)
     subscription.close()
 
 
 @contextmanager
-def served(desk: MetricsNode, port: int, address: str = LOOPBACK) -> Iterator[int]:
-    """The desk's figures over HTTP under /metrics; gives the port, which 0 leaves to the system.
+def served(node: MetricsNode, port: int, address: str = LOOPBACK) -> Iterator[int]:
+    """The node's figures over HTTP under /metrics; gives the port, which 0 leaves to the system.
 
     Raises InputError where the port is taken or the extra `metrics` is missing.
     """
@@ -251,7 +251,7 @@ def served(desk: MetricsNode, port: int, address: str = LOOPBACK) -> Iterator[in
         raise InputError(f"{port} is no port for the figures; ports are 0 (any) to {LAST_PORT}")
 
     registry = CollectorRegistry()
-    registry.register(desk)  # a Collector by its method
+    registry.register(node)  # a Collector by its method
     try:
         server, thread = start_http_server(port, addr=address, registry=registry)
     except OSError as error:
