@@ -19,8 +19,8 @@ from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.metrics import MetricsNode, served
 from pipeline.monitoring.status import STATUS_KEY, StatusNode
 from pipeline.monitoring.summary import SessionSummary
-from pipeline.nodes.by_turbine import ShardedNode, parsed_shard
 from pipeline.nodes.node import Node, Plan
+from pipeline.nodes.sharding import ShardedNode, parsed_shard
 from pipeline.recording.latest_messages import files_of
 from pipeline.recording.rotation import raw_files
 from pipeline.run.endpoints import meeting_point, open_hub
