@@ -158,6 +158,7 @@ def identify_file(
                     checks.setdefault(mode.name, []).append(check)
             estimates.append(replace(answer, modes=named, warnings=answer.warnings + guessed))
         else:
+            tracker.missed()
             rejected.append(answer)
     return FileIdentification(
         tuple(estimates),

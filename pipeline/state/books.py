@@ -11,7 +11,7 @@ by the status and the summary, offline by `pilewatch audit` from the files.
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -65,8 +65,10 @@ class WindowFate:
 class Intervals:
     """A set of whole numbers, kept as ranges."""
 
-    def __init__(self) -> None:
+    def __init__(self, ranges: Iterable[tuple[int, int]] = ()) -> None:
         self._ranges: list[tuple[int, int]] = []  # first, one past the last; in order
+        for first, end in ranges:
+            self.add(first, end)
 
     def __len__(self) -> int:
         return sum(end - first for first, end in self._ranges)
@@ -85,7 +87,10 @@ class Intervals:
         end = first + 1 if end is None else end
         if end <= first:
             return
-        if self._ranges and self._ranges[-1][1] == first:
+        if not self._ranges or self.end < first:
+            self._ranges.append((first, end))
+            return
+        if self.end == first:
             self._ranges[-1] = (self._ranges[-1][0], end)
             return
         touching = [r for r in self._ranges if r[0] <= end and r[1] >= first]
@@ -104,23 +109,23 @@ class Intervals:
         """One more than the largest."""
         return self._ranges[-1][1]
 
-    def holes(self) -> Iterator[tuple[int, int]]:
-        """Ranges that are missing between the smallest and the largest."""
-        for (_, end), (first, _) in zip(self._ranges[:-1], self._ranges[1:], strict=True):
-            yield end, first
+    @property
+    def holes(self) -> "Intervals":
+        """What is missing between the smallest and the largest."""
+        pairs = zip(self._ranges[:-1], self._ranges[1:], strict=True)
+        return Intervals((end, first) for (_, end), (first, _) in pairs)
 
-    def without(self, other: "Intervals") -> Iterator[tuple[int, int]]:
-        """Ranges of this set that are not in another."""
-        for first, end in self._ranges:
-            at = first
-            for low, high in other._ranges:
-                if high <= at or low >= end:
-                    continue
-                if low > at:
-                    yield at, low
-                at = max(at, high)
-            if at < end:
-                yield at, end
+    def __or__(self, other: "Intervals") -> "Intervals":
+        return Intervals([*self, *other])
+
+    def __sub__(self, other: "Intervals") -> "Intervals":
+        left = Intervals()
+        for first, end in self:
+            for low, high in other:
+                left.add(first, min(low, end))
+                first = max(first, high)
+            left.add(first, end)
+        return left
 
 
 @dataclass(slots=True)
@@ -141,38 +146,26 @@ class BlockBook:
     @property
     def lost(self) -> int:
         """Blocks that are missing between those that arrived, and at the end."""
-        inside = sum(end - first for first, end in self.recorded.holes())
+        inside = len(self.recorded.holes)
         if self.published is None:
             return inside
         return max(inside, self.published - len(self.recorded))
 
     def violations(self) -> Iterator[str]:
         """Where the book does not balance, in words."""
-        missing = Intervals()
-        for first, end in self.recorded.holes():
-            missing.add(first, end)
-        for first, end in missing.without(self.reported):
+        missing = self.recorded.holes
+        for first, end in missing - self.reported:
             if self.published is None and end > self.recorded.end - REPORTED_WITHIN:
                 continue  # they may still come
             yield f"{_numbers(first, end)} are neither recorded nor reported missing"
-        inside = Intervals()
-        if self.recorded:
-            inside.add(self.recorded.first, self.recorded.end)
-        absent = Intervals()
-        for each in (missing, self.late):
-            for first, end in each:
-                absent.add(first, end)
-        for first, end in self.reported.without(absent):
-            wrong = Intervals()
-            wrong.add(first, end)
-            outside = sum(b - a for a, b in wrong.without(inside))
-            if end - first > outside:
+        span = Intervals([(self.recorded.first, self.recorded.end)] if self.recorded else ())
+        for first, end in self.reported - (missing | self.late):
+            if len(Intervals([(first, end)]) - span) < end - first:
                 yield f"{_numbers(first, end)} are reported missing and recorded"
         if self.published is None:
             return
-        unreported = sum(end - first for first, end in missing.without(self.reported))
-        elsewhere = sum(end - first for first, end in self.reported.without(self.recorded))
-        unknown = self.published - len(self.recorded) - elsewhere - unreported
+        elsewhere = len(self.reported - self.recorded) + len(missing - self.reported)
+        unknown = self.published - len(self.recorded) - elsewhere
         if unknown > 0:
             yield (
                 f"{unknown} of {self.published} published blocks are neither recorded nor reported "

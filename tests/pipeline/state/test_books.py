@@ -44,7 +44,7 @@ def test_intervals_are_the_set_of_their_numbers(numbers: list[int]) -> None:
         intervals.add(number)
     assert len(intervals) == len(set(numbers))
     if numbers:
-        inside = {n for first, end in intervals.holes() for n in range(first, end)}
+        inside = {n for first, end in intervals.holes for n in range(first, end)}
         assert inside == set(range(min(numbers), max(numbers))) - set(numbers)
 
 
@@ -58,7 +58,7 @@ def test_a_difference_of_intervals_is_that_of_the_sets(spans, others) -> None:
         one.add(first, first + n)
     for number in others:
         other.add(number)
-    left = {n for first, end in one.without(other) for n in range(first, end)}
+    left = {n for first, end in one - other for n in range(first, end)}
     assert left == {n for first, size in spans for n in range(first, first + size)} - others
 
 
