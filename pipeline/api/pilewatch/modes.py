@@ -230,10 +230,12 @@ def identify(
         If the samples have no rate or not two axes, or the window does not fit.
     """
     from pipeline.oma.identification import identify as identify_samples
+    from pipeline.oma.ssi.measured_quantities import guessed_quantities
     from pipeline.oma.tracking import ModeTracker
 
     measured = measurement_of(samples, sampling_rate, channels, layout)
     speed = measured.rotor_speed if rotor_speed is None else _speed(rotor_speed, measured)
+    quantities = measured.quantities or guessed_quantities(measured.samples, measured.sampling_rate)
     length = _window_samples(measured, window)
     tracker = ModeTracker()
     estimates: list[ModalEstimate] = []
@@ -244,7 +246,7 @@ def identify(
             measured.samples[first : first + length],
             measured.sampling_rate,
             channel_names=measured.channels,
-            quantities=measured.quantities,
+            quantities=quantities,
             rotor_speed=None if speed is None else speed[first : first + length],
         )
         start_ns = measured.start_ns + round(first / measured.sampling_rate * NANOSECONDS)
