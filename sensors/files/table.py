@@ -137,6 +137,9 @@ class ChannelTable:
     stated_quantities: tuple[Quantity | None, ...] = ()
     """Quantities where file or layout state them; () = neither."""
 
+    rotor_speed: NDArray[np.float64] | None = None
+    """Speed of a wind turbine's rotor, (n_samples,) [rpm], where the file holds it."""
+
     @property
     def quantities(self) -> tuple[Quantity, ...] | None:
         """What each channel measures; None where neither file, unit nor name state it."""
