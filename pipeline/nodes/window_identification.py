@@ -369,7 +369,7 @@ class WindowIdentification:
         if not window.complete:
             return QualityWarning(
                 "short",
-                f"the session of unit {self._unit} ended {window.duration:.3g} s into a window of "
+                f"the session of unit {self._unit} ended {window.duration:.6g} s into a window of "
                 f"{self._settings.window_duration:g} s",
             )
         if window.steps:

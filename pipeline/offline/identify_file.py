@@ -26,6 +26,7 @@ from pipeline.recording.reader import read_messages
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
+from sensors.files.channel_names import UnusedChannel, split_motions
 from sensors.files.formats import read_file
 from sensors.files.layout_file import LayoutFile
 from sensors.files.table import EVERYTHING, STANDING_STAMPS, ChannelTable, FileError, Quantity
@@ -127,7 +128,7 @@ def identify_file(
     InputError
         If the file cannot be read, has no sampling rate or is shorter than the window.
     """
-    table, rate = _read(path, sampling_rate, layout)
+    table, rate, unused = _read(path, sampling_rate, layout)
     lowest = None if settings is None else settings.lowest_frequency
     if lowest is not None and lowest >= rate / 2:
         raise InputError(
@@ -139,7 +140,7 @@ def identify_file(
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
     length = len(table.samples) if window is None else round(window * rate)
     quantities = table.quantities or guessed_quantities(table.samples, rate)
-    guessed = _guess(table, quantities)
+    guessed = _guess(table, quantities) + _unused(unused)
     tracker = ModeTracker()
     estimates, rejected = [], []
     first: IdentifiedWindow | None = None
@@ -174,12 +175,17 @@ def identify_file(
 
 def _read(
     path: Path, sampling_rate: float | None, layout: LayoutFile | None
-) -> tuple[ChannelTable, float]:
+) -> tuple[ChannelTable, float, tuple[UnusedChannel, ...]]:
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
     wanted = EVERYTHING if layout is None else layout.wanted()
     table = recorded_channels(path) if path.suffix == ".mcap" else read_file(path, wanted=wanted)
-    table = table if layout is None else layout.chosen(table)
+    unused: tuple[UnusedChannel, ...] = ()
+    if layout is not None:
+        table = layout.chosen(table)
+    elif path.suffix != ".mcap":
+        columns, unused = split_motions(table)
+        table = table.only(columns)
     stamped = table.sampling_rate
     if stamped is None and table.times is not None:  # they stand still
         table = replace(table, times=None)
@@ -190,7 +196,7 @@ def _read(
             f"{path} has neither a sampling rate nor a time column (t, time or timestamp): give "
             "--sampling-rate HZ"
         )
-    return table, sampling_rate or stamped or 0.0
+    return table, sampling_rate or stamped or 0.0, unused
 
 
 def recorded_channels(path: Path) -> ChannelTable:
@@ -271,6 +277,16 @@ def _guess(
         "velocities); give units in the header to set this"
     )
     return (QualityWarning("quantities-guessed", text),)
+
+
+def _unused(channels: tuple[UnusedChannel, ...]) -> tuple[QualityWarning, ...]:
+    if not channels:
+        return ()
+    text = (
+        f"not used, as no motion of the structure: {', '.join(map(str, channels))}; a layout file "
+        "(--layout) chooses the channels"
+    )
+    return (QualityWarning("channels-left-out", text),)
 
 
 def _windows(
