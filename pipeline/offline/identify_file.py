@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.messages import ModalEstimate, QualityWarning, WindowRejected
+from pipeline.messages import ModalEstimate, QualityWarning, RefusedMode, WindowRejected
 from pipeline.oma.cross_check import CrossCheck, combined_checks
 from pipeline.oma.identification import Identification, identify
-from pipeline.oma.refused import RefusedMode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.measured_quantities import guessed_quantities
 from pipeline.oma.tracking import ModeTracker

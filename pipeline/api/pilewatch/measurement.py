@@ -266,7 +266,7 @@ def measurement_of(
 
 def _array(samples: ArrayLike) -> FloatArray:
     """(n_samples, n_channels), NaN where a masked array has nothing."""
-    found = np.ma.asarray(samples)
+    found: np.ma.MaskedArray[Any, Any] = np.ma.asarray(samples)
     if found.dtype.kind not in "fiubO":
         raise InputError(f"samples are of type {found.dtype}; real numbers are needed")
     try:
