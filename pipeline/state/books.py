@@ -138,6 +138,8 @@ class BlockBook:
     """Block numbers that were reported missing."""
     late: Intervals = field(default_factory=Intervals)
     """Block numbers that arrived after they had been reported missing."""
+    unused: Intervals = field(default_factory=Intervals)
+    """Block numbers that the unit passed over: no sample is missing."""
     repeated: int = 0
     """Blocks that arrived again."""
     published: int | None = None
@@ -146,22 +148,32 @@ class BlockBook:
     @property
     def lost(self) -> int:
         """Blocks that are missing between those that arrived, and at the end."""
-        inside = len(self.recorded.holes)
+        inside = len(self.missing)
         if self.published is None:
             return inside
         return max(inside, self.published - len(self.recorded))
 
+    @property
+    def missing(self) -> Intervals:
+        """Block numbers between those that arrived whose samples are not there."""
+        return self.recorded.holes - self.unused
+
+    @property
+    def refuted(self) -> Iterator[tuple[int, int, int]]:
+        """Ranges of block numbers reported missing, and how many of them arrived in time."""
+        span = Intervals([(self.recorded.first, self.recorded.end)] if self.recorded else ())
+        for first, end in self.reported - (self.missing | self.late):
+            there = end - first - len(Intervals([(first, end)]) - span)
+            if there > 0:
+                yield first, end, there
+
     def violations(self) -> Iterator[str]:
-        """Where the book does not balance, in words."""
-        missing = self.recorded.holes
+        """Where the book does not balance, in words; but for what is reported and arrived."""
+        missing = self.missing
         for first, end in missing - self.reported:
             if self.published is None and end > self.recorded.end - REPORTED_WITHIN:
                 continue  # they may still come
             yield f"{_numbers(first, end)} are neither recorded nor reported missing"
-        span = Intervals([(self.recorded.first, self.recorded.end)] if self.recorded else ())
-        for first, end in self.reported - (missing | self.late):
-            if len(Intervals([(first, end)]) - span) < end - first:
-                yield f"{_numbers(first, end)} are reported missing and recorded"
         if self.published is None:
             return
         elsewhere = len(self.reported - self.recorded) + len(missing - self.reported)
@@ -253,6 +265,7 @@ class Books:
         counter = self._boots.setdefault(session, BootCounter())
         present = self._blocks.get((*session, counter.boot))
         repeats = present is not None and block.sequence in present.recorded
+        unused = counter.unused_before(block)
         boot = counter.boot_of(block, repeats=repeats)
         _limit(self._boots)
         book = self._blocks.setdefault((*session, boot), BlockBook())
@@ -260,6 +273,7 @@ class Books:
         if counter.also and present is not None:  # they were taken for the same once more
             present.repeated -= counter.also
             book.recorded.add(block.sequence - counter.also, block.sequence)
+        book.unused.add(block.sequence - unused, block.sequence)
         before = len(book.recorded)
         book.recorded.add(block.sequence)
         if len(book.recorded) == before:
@@ -361,10 +375,16 @@ class Books:
         return [text for turbine in turbines for text in self._violations_of(turbine)]
 
     def _violations_of(self, turbine: str) -> Iterator[str]:
+        refused = self._refused_blocks(turbine)
         for (of, unit, session, boot), blocks in self._blocks.items():
-            if of == turbine and blocks.recorded:
-                for text in blocks.violations():
-                    yield f"unit {unit} of {turbine}, session {session}, boot {boot}: {text}"
+            if of != turbine or not blocks.recorded:
+                continue
+            place = f"unit {unit} of {turbine}, session {session}, boot {boot}"
+            yield from (f"{place}: {text}" for text in blocks.violations())
+            for first, end, there in blocks.refuted:
+                if there > refused:
+                    yield f"{place}: {_numbers(first, end)} are reported missing and recorded"
+                refused = max(0, refused - there)
         book = self._turbines.get(turbine)
         if book is None:
             return
@@ -372,6 +392,14 @@ class Books:
         forgotten = sum(count >= UNANSWERED for count in book.pending.values())
         if forgotten and self._is_updating:
             yield f"{turbine}: {forgotten} estimates are neither in the posterior nor refused"
+
+    def _refused_blocks(self, turbine: str) -> int:
+        """Blocks that the identification refused: it misses them although they are recorded."""
+        return sum(
+            codes.total()
+            for (of, node), codes in self._refused.items()
+            if of == turbine and node.partition("-")[0] != UPDATING
+        )
 
     def alarms(self, without_posterior: int = WITHOUT_POSTERIOR) -> list[BooksAlarm]:
         """What a person must look into now.

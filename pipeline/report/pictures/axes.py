@@ -78,7 +78,7 @@ def time_axis(axes: Any, span_ns: tuple[int, int], *, label: bool = True) -> Non
     margin = (end_ns - start_ns) // 50  # without limits, a single window spans years
     axes.set_xlim(*datetimes([start_ns - margin, end_ns + margin]))
     dates: Any = importlib.import_module("matplotlib.dates")  # its classes have no types
-    locator = dates.AutoDateLocator(minticks=3, maxticks=7 if label else 5)
+    locator = dates.AutoDateLocator(minticks=3, maxticks=7 if label else 4)
     locator.intervald[dates.SECONDLY].append(60)  # else two minutes fit no interval,
     locator.intervald[dates.MINUTELY].append(60)  # nor two hours
     locator.intervald[dates.HOURLY].append(24)  # nor two days

@@ -88,6 +88,24 @@ def test_blocks_that_are_reported_missing_and_are_there_are_named() -> None:
     assert violation.endswith("blocks 5 to 14 are reported missing and recorded")
 
 
+def test_blocks_that_are_recorded_and_refused_may_be_reported_missing() -> None:
+    """A unit sends old samples under new numbers: recorded, refused, missing in the windows."""
+    refusing = replace(status("identification"), refused=(MessageCount("repeated-samples", 4),))
+    books = books_of(*map(block, range(30)), gap(6, 1), gap(13, 3), refusing)
+    assert not books.violations()
+    books.handle(gap(20, 1))
+    (violation,) = books.violations()
+    assert violation.endswith("block 20 are reported missing and recorded")
+
+
+def test_numbers_that_a_unit_passes_over_without_missing_a_sample_are_not_lost() -> None:
+    jumped = [replace(block(k), sequence=k + 5000) for k in range(10, 20)]
+    books = books_of(*map(block, range(10)), *jumped)
+    books.handle(StreamEnd("t1", "tower", "session-1", block(19).end_ns, 20))
+    assert not books.violations()
+    assert books.as_json()["units"][0]["lost"] == 0
+
+
 def test_a_block_that_comes_after_it_was_reported_missing_is_late() -> None:
     books = books_of(*(block(k) for k in (*range(10), *range(12, 20))), gap(10, 2), block(11))
     (unit,) = books.as_json()["units"]
