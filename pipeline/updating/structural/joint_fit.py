@@ -59,7 +59,7 @@ ROUGH_FIGURES = 3.0  # how much farther figures of a description that does not h
 # structure, seeds 20000 to 20005 [-]
 LONGEST_SPRING_STEP = np.array([0.35, 0.35, 0.8])  # of the springs' coordinates [-]
 LONGEST_FIGURE_STEP = 1.5  # [prior standard deviations]
-MOST_STEPS = 25  # at the data's own errors
+MOST_DESCENT_STEPS = 25  # at the data's own errors
 SETTLED_STEP = 0.02  # step of the fitted values at which the descent ends [standard deviations]
 
 
@@ -352,7 +352,7 @@ class JointFit:
         if found is None:
             return None
         cost, damping = self._cost(u, found, targets, sigma), 0.0
-        for _ in range(MOST_STEPS):
+        for _ in range(MOST_DESCENT_STEPS):
             step = self._bounded(self._step(u, found, sigma, 0.0, damping))
             trial = self.compared(evidence, targets, u + step, self.tolerance)
             trial_cost = np.inf if trial is None else self._cost(u + step, trial, targets, sigma)
