@@ -72,3 +72,12 @@ def test_wider_figures_leave_springs_level_and_sensors_as_they_were(
     others = [i for i in range(coordinates.n_dim) if i not in figures]
     np.testing.assert_allclose(ratios[figures], 3.0)
     np.testing.assert_allclose(ratios[others], 1.0)
+
+
+def test_no_figure_falls_below_a_tenth_of_the_described_one() -> None:
+    """A nacelle's inertia is uncertain by a fifth: five deviations below, nothing would be left."""
+    coordinates = JointCoordinates(NOMINAL, (UncertainFigure("nacelle_roll_inertia", 0.2),), 0.1)
+    u = coordinates.origin
+    u[3] = -7.0
+    assert coordinates.departures(u)[0] == pytest.approx(-0.9)
+    assert coordinates.slopes(u)[3, 3] == 0.0
