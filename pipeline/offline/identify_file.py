@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from pipeline.messages import ModalEstimate, QualityWarning, RefusedMode, WindowRejected
 from pipeline.nodes.operating_state import OperationLog
 from pipeline.oma.cross_check import CrossCheck, combined_checks
+from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.measured_quantities import guessed_quantities
 from pipeline.oma.tracking import ModeTracker
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.windowing import BlockOrder, MissingSamples

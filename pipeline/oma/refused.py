@@ -25,6 +25,17 @@ def harmonic(mode: Mode) -> RefusedMode:
     )
 
 
+def unsteady(mode: Mode, least: float) -> RefusedMode:
+    """What too few model orders of its only band agree upon."""
+    return RefusedMode(
+        mode.frequency,
+        mode.damping_ratio,
+        "unstable",
+        f"stable in {100 * mode.presence:.0f} % of the model orders of one rate only, "
+        f"{100 * least:.0f} % are the least",
+    )
+
+
 def unstable(
     by_band: Sequence[BandIdentification],
     modes: Sequence[Mode],

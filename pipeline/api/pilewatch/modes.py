@@ -239,8 +239,8 @@ def identify(
     InputError
         If the samples have no rate or not two axes, or the window does not fit.
     """
+    from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
     from pipeline.oma.identification import identify as identify_samples
-    from pipeline.oma.ssi.measured_quantities import guessed_quantities
     from pipeline.oma.tracking import ModeTracker
 
     measured = measurement_of(samples, sampling_rate, channels, layout)
