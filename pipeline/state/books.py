@@ -146,7 +146,7 @@ class BlockBook:
         inside = len(self.missing)
         if self.published is None:
             return inside
-        return max(inside, self.published - len(self.recorded))
+        return max(inside, self.published - len(self.recorded) - self.repeated)
 
     @property
     def missing(self) -> Intervals:
@@ -186,6 +186,7 @@ class BlockBook:
         unreported = sum(end - first for first, end in missing.without(self.reported))
         elsewhere = sum(end - first for first, end in self.reported.without(self.recorded))
         unknown = self.published - len(self.recorded) - elsewhere - unreported
+        unknown -= min(self.repeated, max(0, unknown))  # that were published twice
         if unknown > 0:
             yield (
                 f"{unknown} of {self.published} published blocks are neither recorded nor reported "
