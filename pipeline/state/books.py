@@ -151,7 +151,7 @@ class BlockBook:
         inside = len(self.missing)
         if self.published is None:
             return inside
-        return max(inside, self.published - len(self.recorded))
+        return max(inside, self.published - len(self.recorded) - self.repeated)
 
     @property
     def missing(self) -> Intervals:
@@ -178,6 +178,7 @@ class BlockBook:
             return
         elsewhere = len(self.reported - self.recorded) + len(missing - self.reported)
         unknown = self.published - len(self.recorded) - elsewhere
+        unknown -= min(self.repeated, max(0, unknown))  # that were published twice
         if unknown > 0:
             yield (
                 f"{unknown} of {self.published} published blocks are neither recorded nor reported "

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.offline.describe_structure import structure_figures
+from pipeline.offline.describe_structure import _largest_step, structure_figures
 from pipeline.report.structure import draw_structure
 from sensors.structure.description import load_turbine, parse_turbine
 
@@ -51,3 +51,8 @@ def test_the_picture_is_written(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     draw_structure(structure_figures(load_turbine("iea15mw_monopile")), tmp_path / "tower.png")
     assert (tmp_path / "tower.png").stat().st_size > 20_000
+
+
+def test_of_the_steps_between_widths_the_largest_counts() -> None:
+    assert _largest_step([1.0, 1.1, 1.6, 1.5]) == pytest.approx(0.5)
+    assert _largest_step([1.0]) == 0.0

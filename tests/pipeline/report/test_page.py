@@ -183,3 +183,9 @@ def test_without_a_clock_times_are_counted_from_the_start(tmp_path: Path) -> Non
     assert "0:00:00 to 0:08:20 after the start" in text
     assert "time since the start [h:min:s]" in text
     assert not any(year in text for year in ("1968", "1969", "1970", "1971"))
+
+
+def test_a_track_names_the_mode_of_the_model_that_it_is_paired_with(one: Path) -> None:
+    (turbine,) = session_json(read_session(one))["turbines"]
+    models = {each["name"]: each["model"] for each in turbine["frequency_tracks"]}
+    assert any(models.values())

@@ -98,6 +98,14 @@ def test_blocks_that_are_recorded_and_refused_may_be_reported_missing() -> None:
     assert violation.endswith("block 20 are reported missing and recorded")
 
 
+def test_blocks_that_are_published_twice_are_not_lost() -> None:
+    twice = [block(k) for k in range(30) for _ in range(1 + (k % 10 == 3))]
+    books = books_of(*twice, StreamEnd("t1", "tower", "session-1", block(29).end_ns, 33))
+    (unit,) = books.as_json()["units"]
+    assert (unit["recorded"], unit["repeated"], unit["lost"]) == (30, 3, 0)
+    assert not books.violations()
+
+
 def test_numbers_that_a_unit_passes_over_without_missing_a_sample_are_not_lost() -> None:
     jumped = [replace(block(k), sequence=k + 5000) for k in range(10, 20)]
     books = books_of(*map(block, range(10)), *jumped)
