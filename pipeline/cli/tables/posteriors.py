@@ -40,9 +40,9 @@ def posterior_table(posterior: Json) -> Table:
         )
     table.caption = (
         f"{count_noun(posterior['windows'], 'window')}, {posterior['sampler']}: "
-        f"{format_value(posterior['ess'], '.0f')} effective draws, "
-        f"R-hat {format_value(posterior['rhat'], '.3f')}"
-        "; σ: relative discrepancy of the model; probability of a new change: "
+        f"{format_value(posterior['ess'], '.0f')} effective draws"
+        + (f", R-hat {posterior['rhat']:.3f}" if posterior["rhat"] is not None else "")
+        + "; σ: relative discrepancy of the model; probability of a new change: "
         f"{format_value(posterior['change_probability'], '.2f')}"
     )
     return table
