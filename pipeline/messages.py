@@ -375,11 +375,6 @@ class RecordedUntil:
     ranges: tuple[BlockRange, ...]
     """In order; of many the latest."""
 
-    @property
-    def recorded_until(self) -> int:
-        """One past the last block that is on disk; 0 of none."""
-        return self.ranges[-1].end if self.ranges else 0
-
     def has(self, sequence: int, start_ns: int) -> bool:
         """Whether a block is on disk."""
         return any(each.has(sequence, start_ns) for each in self.ranges)

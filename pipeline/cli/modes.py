@@ -41,6 +41,13 @@ def identify(
         Path | None,
         typer.Option(help="TOML file of the channels to use, as for `pilewatch import`."),
     ] = None,
+    rotor_speed: Annotated[
+        float | None,
+        typer.Option(
+            help="Mean speed of a turning rotor [rpm], whose harmonics are then no modes; default: "
+            "a recording's SCADA, or a column such as 'rotor speed [rpm]'."
+        ),
+    ] = None,
     plot: Annotated[
         Path | None,
         typer.Option(
@@ -71,6 +78,7 @@ def identify(
             sampling_rate=sampling_rate,
             window=window,
             layout=None if layout is None else load_layout(layout),
+            rotor_speed=rotor_speed,
             settings=OmaSettings(
                 lowest_frequency=lowest_frequency, highest_frequency=highest_frequency
             ),

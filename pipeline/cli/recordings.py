@@ -184,7 +184,7 @@ def import_files(
     if out is None:
         raise InputError("import needs -o FILE.mcap, the recording to write")
     chosen = None if scenario is None else load_scenario(scenario)
-    with no_longer_than(at_most, "the import"):
+    with no_longer_than(at_most):
         measurement = open_measurement(
             files,
             layout=None if layout is None else load_layout(layout),

@@ -96,6 +96,8 @@ def identify(
     references = references_among(names, settings)
     gridded = None if times is None else on_even_grid(samples, times, sampling_rate)
     if gridded is not None:
+        if rotor_speed is not None and times is not None:
+            rotor_speed = np.interp(gridded[1], times, rotor_speed)
         samples, times = gridded
     findings = check_window(samples, sampling_rate, channel_names=names, times=times)
     if rejection_in(findings) is not None:

@@ -19,11 +19,9 @@ from pipeline.viewer.pictures.status_text import STIFFNESSES
 from pipeline.viewer.view_parameters import ViewParameters, events_view, whole_session
 from sensors.acquisition.layout import SensorLayout
 
-TABS = ("Overview", "Signals", "Modes", "Foundation", "Health")
-
 
 def session_blueprint(
-    parameters: Sequence[ViewParameters], *, playback_speed: float, tab: str = TABS[0]
+    parameters: Sequence[ViewParameters], *, playback_speed: float
 ) -> rrb.Blueprint:
     """Return the tabs of one turbine; of several, an overview tab and one tab per turbine.
 
@@ -31,10 +29,8 @@ def session_blueprint(
     ----------
     playback_speed : float
         Sensor seconds per second of playback [-].
-    tab : str, optional
-        The tab that is open at first, one of TABS.
     """
-    each = [turbine_tabs(each, tab=tab) for each in parameters]
+    each = [turbine_tabs(each) for each in parameters]
     top = each[0] if len(each) == 1 else rrb.Tabs(farm_tab(parameters), *each, active_tab=0)
     return rrb.Blueprint(
         top,
@@ -51,20 +47,17 @@ def session_blueprint(
     )
 
 
-def turbine_tabs(parameters: ViewParameters, *, tab: str = TABS[0]) -> rrb.Tabs:
+def turbine_tabs(parameters: ViewParameters) -> rrb.Tabs:
     """Return Overview, Signals, Modes, Foundation and Health of one turbine."""
     root = turbine_path(parameters.turbine)
-    tabs = {
-        "Overview": _overview(root, parameters),
-        "Signals": _signals(root, parameters),
-        "Modes": _modes(root, parameters),
-    }
-    if parameters.has_structure:
-        tabs["Foundation"] = _foundation(root, parameters)
-    tabs["Health"] = _health(root)
+    foundation = [_foundation(root, parameters)] if parameters.has_structure else []
     return rrb.Tabs(
-        *tabs.values(),
-        active_tab=list(tabs).index(tab) if tab in tabs else 0,
+        _overview(root, parameters),
+        _signals(root, parameters),
+        _modes(root, parameters),
+        *foundation,
+        _health(root),
+        active_tab=0,
         name=parameters.turbine,
     )
 

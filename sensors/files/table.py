@@ -137,6 +137,9 @@ class ChannelTable:
     stated_quantities: tuple[Quantity | None, ...] = ()
     """Quantities where file or layout state them; () = neither."""
 
+    rotor_speed: NDArray[np.float64] | None = None
+    """Speed of a wind turbine's rotor, (n_samples,) [rpm], where the file holds it."""
+
     def only(self, columns: Sequence[int]) -> "ChannelTable":
         """Return some of the channels, in the order of `columns`.
 

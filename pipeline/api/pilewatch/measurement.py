@@ -41,6 +41,8 @@ class Measurement:
     """Where each channel is and along which axis it measures; None where it is not known."""
     quantities: tuple[Quantity, ...] | None = None
     """What each channel measures; None for all the same."""
+    rotor_speed: FloatArray | None = None
+    """Speed of a turning rotor, (n_samples,) [rpm]; None where it is not known."""
 
     @property
     def duration(self) -> float:
@@ -74,7 +76,8 @@ class Measurement:
         if not len(part):
             raise InputError(f"nothing lies between {start:g} and {end:g} s of {self!r}")
         shifted = self.start_ns + round(first / self.sampling_rate * 1e9)
-        return replace(self, samples=part, start_ns=shifted)
+        speed = None if self.rotor_speed is None else self.rotor_speed[first:last]
+        return replace(self, samples=part, start_ns=shifted, rotor_speed=speed)
 
     def __repr__(self) -> str:
         return (
@@ -156,6 +159,7 @@ def read(
     from pipeline.offline.identify_file import recorded_channels
     from sensors.files.formats import read_file
     from sensors.files.layout_file import layout_by_names, load_layout
+    from sensors.files.rotor_speed import with_rotor_speed_apart
     from sensors.files.table import EVERYTHING
 
     if not isinstance(path, str | os.PathLike):
@@ -163,7 +167,12 @@ def read(
     file = Path(path)
     mapping = None if layout is None else load_layout(Path(layout))
     wanted = EVERYTHING if mapping is None else mapping.wanted()
-    table = recorded_channels(file) if file.suffix == ".mcap" else read_file(file, wanted=wanted)
+    recorded = file.suffix == ".mcap"
+    table = (
+        recorded_channels(file)
+        if recorded
+        else with_rotor_speed_apart(read_file(file, wanted=wanted))
+    )
     if mapping is not None:
         table = mapping.chosen(table)
     rate = table.sampling_rate
@@ -182,6 +191,7 @@ def read(
         start_ns=table.start_ns,
         layout=None if known is None else known.sensor_layout(table),
         quantities=table.quantities,
+        rotor_speed=table.rotor_speed,
     )
 
 

@@ -209,6 +209,7 @@ def identify(
     channels: Sequence[str] | None = None,
     layout: SensorLayout | None = None,
     window: float | None = None,
+    rotor_speed: float | ArrayLike | None = None,
 ) -> Modes:
     """Identify the modes of a structure from its measured response alone (SSI-cov).
 
@@ -225,6 +226,9 @@ def identify(
         Where the channels of an array are; `update` needs it.
     window : float, optional
         Length of one window [s]; the whole record by default.
+    rotor_speed : float or array_like, shape (n_samples,), optional
+        Speed of a turning rotor [rpm], whose harmonics are then no modes; the measurement's by
+        default.
 
     Returns
     -------
@@ -236,13 +240,16 @@ def identify(
         If the samples have no rate or not two axes, or the window does not fit.
     """
     from pipeline.oma.identification import identify as identify_samples
+    from pipeline.oma.ssi.measured_quantities import guessed_quantities
     from pipeline.oma.tracking import ModeTracker
 
     measured = measurement_of(samples, sampling_rate, channels, layout)
+    speed = measured.rotor_speed if rotor_speed is None else _speed(rotor_speed, measured)
     unused: tuple[UnusedChannel, ...] = ()
     if isinstance(samples, Measurement | str | os.PathLike):
         measured, unused = motions_of(measured)
     left_out = tuple(QualityWarning("channels-left-out", str(each)) for each in unused)
+    quantities = measured.quantities or guessed_quantities(measured.samples, measured.sampling_rate)
     length = _window_samples(measured, window)
     tracker = ModeTracker()
     estimates: list[ModalEstimate] = []
@@ -253,7 +260,8 @@ def identify(
             measured.samples[first : first + length],
             measured.sampling_rate,
             channel_names=measured.channels,
-            quantities=measured.quantities,
+            quantities=quantities,
+            rotor_speed=None if speed is None else speed[first : first + length],
         )
         start_ns = measured.start_ns + round(first / measured.sampling_rate * NANOSECONDS)
         end_ns = start_ns + round(length / measured.sampling_rate * NANOSECONDS)
@@ -275,6 +283,17 @@ def identify(
             )
         )
     return Modes(tuple(estimates), tuple(rejected), measured.channels, measured.layout)
+
+
+def _speed(rotor_speed: float | ArrayLike, measured: Measurement) -> FloatArray:
+    """At each sample [rpm]."""
+    given = np.asarray(rotor_speed, dtype=np.float64)
+    if given.shape not in ((), (len(measured.samples),)):
+        raise InputError(
+            f"rotor_speed has the shape {given.shape}; one number or one a sample, "
+            f"({len(measured.samples)},), is needed [rpm]"
+        )
+    return np.broadcast_to(given, len(measured.samples))
 
 
 def _window_samples(measured: Measurement, window: float | None) -> int:

@@ -10,12 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.oma.windows.missing_samples import MOST_MISSING, filled
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 
 FEWEST_FOR_PHASES = 1000  # fewer say nothing about phases
 MOST_FOR_PHASES = 100_000  # more say nothing new
 SHARPNESS = 3  # power of the coherence that lines are weighted by
+LOUDEST_LINES = 0.01  # share of the lines that stand out alike, however loud: mains hum is one [-]
 CLEARLY = 0.7  # mean −cos 2φ of two groups that differ by a quarter of a period
 
 INTEGRATIONS: dict[Quantity, int] = {"acceleration": 0, "velocity": 1, "displacement": 2}
@@ -60,9 +62,13 @@ def guessed_quantities(samples: FloatArray, sampling_rate: float) -> tuple[Quant
     both kinds were distinguished from the others, 16 in the right order.
     """
     n, n_channels = samples.shape
-    if n_channels < 2 or n < FEWEST_FOR_PHASES or not np.isfinite(samples).all():
+    if n_channels < 2 or n < FEWEST_FOR_PHASES:
         return None
-    scaled = (samples[:MOST_FOR_PHASES] - samples.mean(axis=0)).T
+    known = np.isfinite(samples)
+    if known.mean(axis=0).min() < 1 - MOST_MISSING:
+        return None
+    whole = samples if known.all() else filled(samples, sampling_rate)
+    scaled = (whole[:MOST_FOR_PHASES] - whole.mean(axis=0)).T
     from scipy.signal import csd  # slow to load, and few records measure several quantities
 
     f, spectra = csd(
@@ -70,10 +76,11 @@ def guessed_quantities(samples: FloatArray, sampling_rate: float) -> tuple[Quant
     )
     f, spectra = f[2:], spectra[..., 2:]  # without what a drift leaves
     power = np.einsum("iif->if", spectra).real
-    if not (power.max(axis=1) > 0).all():
+    if not (np.quantile(power, 1 - LOUDEST_LINES, axis=1) > 0).all():
         return None
     together = np.abs(spectra) ** 2 / np.maximum(power[:, None] * power[None], np.finfo(float).tiny)
-    height = np.sqrt(power / power.max(axis=1, keepdims=True))  # resonances stand out
+    loudest = np.quantile(power, 1 - LOUDEST_LINES, axis=1, keepdims=True)
+    height = np.sqrt(np.minimum(power / loudest, 1.0))  # resonances stand out
     weights = together**SHARPNESS * height[:, None] * height[None]
     agreement = np.sum(weights * np.cos(2 * np.angle(spectra)), axis=-1)
     agreement -= np.diag(np.diag(agreement))

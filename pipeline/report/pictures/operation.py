@@ -71,7 +71,6 @@ class _Chart:
     times_ns: NDArray[np.int64]
     values: FloatArray  # departure from the reference's median [%]
     limit: float  # [%]
-    n_reference: int
 
 
 def control_charts(record: TurbineRecord) -> str:
@@ -133,7 +132,7 @@ def _chart(
         return None
     percent = 100 * (values / limits.centre - 1)
     limit = 100 * LIMIT * limits.deviation / abs(limits.centre)
-    return _Chart(label, times_ns, percent, limit, n_reference)
+    return _Chart(label, times_ns, percent, limit)
 
 
 def _control_panel(axes: Any, chart: _Chart) -> None:

@@ -20,10 +20,16 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.updating.change.likelihood_ratio import log_mean, log_step
-from pipeline.updating.change.modal_drift import LARGEST_LOG_RATIO, SHIFTS, log_drift
+from pipeline.updating.change.likelihood_ratios import (
+    ITERATIONS,
+    LARGEST_LOG_RATIO,
+    SHIFTS,
+    STIFFNESS_SHIFTS,
+    log_drift,
+    log_mean,
+    log_step,
+)
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.stiffness_change import ITERATIONS, STIFFNESS_SHIFTS
 from pipeline.updating.change.sufficient_statistics import Steps
 from sensors.arrays import FloatArray
 

@@ -5,11 +5,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.updating.change.classification import ChangeKind, foundation_probability, kind_of
-from pipeline.updating.change.likelihood_ratio import log_sum
-from pipeline.updating.change.modal_drift import log_drift
+from pipeline.updating.change.likelihood_ratios import (
+    StiffnessStep,
+    log_drift,
+    log_foundation,
+    log_sum,
+    stiffness_step,
+)
 from pipeline.updating.change.random_walk import WalkState, wandered
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.stiffness_change import StiffnessStep, log_foundation, stiffness_step
 from pipeline.updating.change.sufficient_statistics import (
     UNCUT_MOMENTS,
     ChangeSums,
@@ -24,6 +28,8 @@ from pipeline.updating.change.sufficient_statistics import (
     with_window,
 )
 from sensors.arrays import FloatArray
+
+SECONDS_PER_YEAR = 365.25 * 86400.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +112,7 @@ class ChangeDetector:
         kinds = np.array([log_drift(found), log_foundation(found, sensitivities.stiffness)])
         share = self.settings.foundation_share
         shares = np.log([[1 - share], [share]]) + np.log(state.sums.shares)
-        a_year = self.settings.windows_per_year(window_duration)
+        a_year = SECONDS_PER_YEAR / window_duration
         return Verdict(
             log_kinds=shares + kinds,
             log_threshold=float(np.log(self.settings.years_between_false_alarms * a_year)),

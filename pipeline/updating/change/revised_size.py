@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.updating.change.event_message import TrackSensitivity, sensitivities_of
-from pipeline.updating.change.stiffness_change import StiffnessStep, stiffness_step
+from pipeline.updating.change.likelihood_ratios import StiffnessStep, stiffness_step
 from pipeline.updating.change.sufficient_statistics import (
     N_SUMS,
     UNCUT_MOMENTS,

@@ -174,6 +174,14 @@ class JointCoordinates:
         other.prior_precision = precision
         return other
 
+    def with_wider_figures(self, factor: float) -> "JointCoordinates":
+        """The same with standard deviations of all figures that are so many times as large."""
+        other = self.with_level_std(self.level_std)
+        scale = np.ones(self.n_dim)
+        scale[N_SPRINGS : self._level] = factor
+        other.prior_precision = self.prior_precision / np.outer(scale, scale)
+        return other
+
     def prior_cost(self, u: FloatArray) -> float:
         """(u − u₀)ᵀ P (u − u₀)"""
         off = u - self.origin

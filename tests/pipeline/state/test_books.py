@@ -44,7 +44,7 @@ def test_intervals_are_the_set_of_their_numbers(numbers: list[int]) -> None:
         intervals.add(number)
     assert len(intervals) == len(set(numbers))
     if numbers:
-        inside = {n for first, end in intervals.holes() for n in range(first, end)}
+        inside = {n for first, end in intervals.holes for n in range(first, end)}
         assert inside == set(range(min(numbers), max(numbers))) - set(numbers)
 
 
@@ -58,7 +58,7 @@ def test_a_difference_of_intervals_is_that_of_the_sets(spans, others) -> None:
         one.add(first, first + n)
     for number in others:
         other.add(number)
-    left = {n for first, end in one.without(other) for n in range(first, end)}
+    left = {n for first, end in one - other for n in range(first, end)}
     assert left == {n for first, size in spans for n in range(first, first + size)} - others
 
 
@@ -86,6 +86,24 @@ def test_blocks_that_are_reported_missing_and_are_there_are_named() -> None:
     """After a kill a gap of 522 blocks was reported that were all recorded."""
     (violation,) = books_of(*map(block, range(30)), gap(5, 10)).violations()
     assert violation.endswith("blocks 5 to 14 are reported missing and recorded")
+
+
+def test_blocks_that_are_recorded_and_refused_may_be_reported_missing() -> None:
+    """A unit sends old samples under new numbers: recorded, refused, missing in the windows."""
+    refusing = replace(status("identification"), refused=(MessageCount("repeated-samples", 4),))
+    books = books_of(*map(block, range(30)), gap(6, 1), gap(13, 3), refusing)
+    assert not books.violations()
+    books.handle(gap(20, 1))
+    (violation,) = books.violations()
+    assert violation.endswith("block 20 are reported missing and recorded")
+
+
+def test_numbers_that_a_unit_passes_over_without_missing_a_sample_are_not_lost() -> None:
+    jumped = [replace(block(k), sequence=k + 5000) for k in range(10, 20)]
+    books = books_of(*map(block, range(10)), *jumped)
+    books.handle(StreamEnd("t1", "tower", "session-1", block(19).end_ns, 20))
+    assert not books.violations()
+    assert books.as_json()["units"][0]["lost"] == 0
 
 
 def test_a_block_that_comes_after_it_was_reported_missing_is_late() -> None:

@@ -87,6 +87,17 @@ def test_phases_tell_a_derivative_where_nothing_else_does(
     assert guessed_quantities(response(quantities), RATE) == expected
 
 
+def test_phases_are_read_beside_mains_hum_and_around_missing_samples() -> None:
+    expected: tuple[Quantity, ...] = ("acceleration", "velocity", "acceleration")
+    samples = response(expected)
+    hum = np.sin(2 * np.pi * 0.31 * np.arange(len(samples)))
+    assert guessed_quantities(samples + 0.5 * samples.std(axis=0) * hum[:, None], RATE) == expected
+    samples[100:110, 1] = np.nan
+    assert guessed_quantities(samples, RATE) == expected
+    samples[: len(samples) // 2, 1] = np.nan
+    assert guessed_quantities(samples, RATE) is None
+
+
 def test_phases_say_nothing_of_noise_or_of_a_dead_channel() -> None:
     noise = np.random.default_rng(3).standard_normal((4000, 3))
     assert guessed_quantities(noise, RATE) is None

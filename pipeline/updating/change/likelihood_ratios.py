@@ -1,4 +1,13 @@
-"""A change of the foundation: three springs that explain the steps of all modes.
+"""Likelihood ratios of a change against none, for every window that it may have begun with.
+
+Modal drift: some modes have shifted, for whatever reason. Each mode is taken to have shifted with
+chance p, by a step of its own, δ_j ~ N(0, τ²):
+
+    LR = Π_j (1 − p + p L(g_j, h_j; τ²)),   mixed over τ and p
+
+p = 1 / J looks for one mode alone, p = 1 for all of them, what lies between for a family of them.
+
+A change of the foundation: three springs that explain the steps of all modes.
 
     δ_j = S_jᵀ κ,   S = ∂ ln f / ∂ (k / nominal),   κ ~ N(0, τ² 1)
 
@@ -11,15 +20,54 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.updating.change.likelihood_ratio import log_mean
 from pipeline.updating.change.sufficient_statistics import Steps
 from sensors.arrays import FloatArray
 
+SHIFTS = np.array([0.001, 0.004, 0.016])  # τ of ln f [-]
+FAMILY = 0.25  # p of a family of modes [-]
+LARGEST_LOG_RATIO = (
+    300.0  # log L of one mode, beyond which exp overflows and 1 − p is nothing beside it
+)
 STIFFNESS_SHIFTS = np.array([0.01, 0.05, 0.2])  # τ of the ratios k / nominal [-]
 UPPER = np.triu_indices(3)  # (0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)
 UNIT_DIRECTIONS = np.eye(3)[UPPER][:, None, None]
 ITERATIONS = 10  # of least squares
 TAIL_DEGREES = 4  # ν of Student's t
+
+
+def log_step(g: FloatArray, h: FloatArray, variances: FloatArray) -> FloatArray:
+    """(n_variances, …) log L of steps of these variances τ² against none, from g, h, (…):
+
+    log L = ½ g² τ² / (1 + τ²h) − ½ log(1 + τ²h)
+    """
+    size = variances.reshape(-1, *(1,) * g.ndim)
+    growth = 1 + size * h
+    return np.asarray(0.5 * (g**2 * size / growth - np.log(growth)))
+
+
+def log_sum(logs: FloatArray) -> FloatArray:
+    """log Σ exp over the first axis; ten times faster than SciPy's on arrays this small."""
+    highest = logs.max(axis=0)
+    return np.asarray(highest + np.log(np.exp(logs - highest).sum(axis=0)))
+
+
+def log_mean(logs: FloatArray) -> FloatArray:
+    """log of the mean over the first axis."""
+    return log_sum(logs) - np.log(len(logs))
+
+
+def log_drift(steps: Steps) -> FloatArray:
+    """(K,) log likelihood ratio of a modal drift that began with each candidate."""
+    each = log_step(steps.g, steps.h, SHIFTS**2)  # (n_τ, K, J); 0 of a mode not seen before
+    ratios = np.exp(np.minimum(each, LARGEST_LOG_RATIO))
+    beyond = (
+        np.maximum(each - LARGEST_LOG_RATIO, 0.0).sum(axis=2)
+        if each.max(initial=0) > LARGEST_LOG_RATIO
+        else 0.0
+    )
+    shares = (1 / max(int(np.count_nonzero(steps.h.any(axis=0))), 1), FAMILY)
+    some = [np.log(p * ratios + (1 - p)).sum(axis=2) + beyond for p in shares]
+    return log_mean(np.concatenate([each.sum(axis=2), *some]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
