@@ -61,8 +61,7 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
     with (base / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not folder.exists():
-            part = base / f"{name}.part"
-            part.mkdir()
+            part = factory.mktemp(f"{name}-part")
             make(part)
             part.rename(folder)
     return folder

@@ -76,6 +76,7 @@ class Change:
     earliest: int  # indices of the 5 % …
     latest: int  # … and 95 % quantiles
     step: StiffnessStep  # if it was the foundation
+    rough: bool  # whether that is of a model whose description does not hold
     shifts: FloatArray  # (J,) change of ln f; NaN for tracks not seen before and after
     shift_stds: FloatArray  # (J,)
     log_frequencies: FloatArray  # (J,) before it, at the model's water level and WIND_REFERENCE
@@ -129,7 +130,7 @@ class ChangeDetector:
         latest = min(int(latest), len(chances) - 1)
         step = steps(sums, sensitivities.water, UNCUT_MOMENTS).of(candidate)
         line = Regression.of(before(sums, candidate), sensitivities.water)
-        probability = foundation_probability(step, sensitivities.stiffness, self.settings)
+        probability = foundation_probability(step, sensitivities, self.settings)
         known = np.where(step.h[0] > 0, step.h[0], np.nan)
         return Change(
             kind=kind_of(probability, self.settings),
@@ -138,7 +139,8 @@ class ChangeDetector:
             restart=max(candidate, latest),
             earliest=min(int(earliest), candidate),
             latest=latest,
-            step=stiffness_step(step, sensitivities.stiffness),
+            step=stiffness_step(step, sensitivities),
+            rough=sensitivities.rough,
             shifts=step.g[0] / known,
             shift_stds=1 / np.sqrt(known),
             log_frequencies=sums.reference + line.coefficients[0],
@@ -147,7 +149,8 @@ class ChangeDetector:
     def remeasured(self, state: ChangeState, found: Change, sensitivities: Sensitivities) -> Change:
         """The change with its size by other sensitivities, such as those half way through it."""
         step = steps(state.sums, sensitivities.water, UNCUT_MOMENTS).of(found.candidate)
-        return replace(found, step=stiffness_step(step, sensitivities.stiffness))
+        sensitivities = replace(sensitivities, rough=found.rough)
+        return replace(found, step=stiffness_step(step, sensitivities))
 
     def restarted(self, state: ChangeState, candidate: int) -> ChangeState:
         """That candidate's windows as all there is: what was before is forgotten."""

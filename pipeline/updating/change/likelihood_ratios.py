@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.updating.change.sufficient_statistics import Steps
+from pipeline.updating.change.sufficient_statistics import Sensitivities, Steps
 from sensors.arrays import FloatArray
 
 SHIFTS = np.array([0.001, 0.004, 0.016])  # τ of ln f [-]
@@ -106,19 +106,21 @@ def _solved(matrix: FloatArray, vector: FloatArray) -> tuple[FloatArray, FloatAr
     return a * d * f, x * x / a + y * y / d + z * z / f
 
 
-def stiffness_step(step: Steps, stiffness: FloatArray) -> StiffnessStep:
-    """κ and its covariance from one candidate's steps, (1, J), and S, (J, 3).
+def stiffness_step(step: Steps, known: Sensitivities) -> StiffnessStep:
+    """κ and its covariance from one candidate's steps, (1, J).
 
     Iterated least squares with the weights of Student's t: one mode that jumped to its sister
-    must not be read as a stiffness.
+    must not be read as a stiffness. Slopes of a rough model have an error, so that each step
+    has one of its size.
     """
-    g, h = step.g[0], step.h[0]
+    g, h, stiffness = step.g[0], step.h[0], known.stiffness
     weights = np.ones(len(g))
     prior = np.eye(3) / STIFFNESS_SHIFTS[-1] ** 2
     for _ in range(ITERATIONS):
         hessian = (stiffness.T * (weights * h)) @ stiffness + prior
         ratios = np.linalg.solve(hessian, stiffness.T @ (weights * g))
-        residuals = g - h * (stiffness @ ratios)
-        squares = np.divide(residuals**2, h, out=np.zeros_like(h), where=h > 0)
-        weights = (TAIL_DEGREES + 1) / (TAIL_DEGREES + squares)
+        steps = stiffness @ ratios
+        sure = 1 / (1 + h * (known.half_way_error * steps) ** 2)
+        squares = np.divide((g - h * steps) ** 2 * sure, h, out=np.zeros_like(h), where=h > 0)
+        weights = sure * (TAIL_DEGREES + 1) / (TAIL_DEGREES + squares)
     return StiffnessStep(ratios, np.asarray(np.linalg.inv(hessian)))
