@@ -89,9 +89,16 @@ def new(
         listed = escape_markup(", ".join(project.conditions))
         output.print(f"Recorded beside the motions as SCADA: {listed}", soft_wrap=True)
     if not project.complete:
+        layout, scenario = folder / "layout.toml", folder / "scenario.toml"
+        again = (
+            f"rm {project.recording} && pilewatch import {' '.join(map(str, files))} "
+            f"--layout {layout} --scenario {scenario} -o {project.recording}"
+        )
         output.print(
-            f"What the names do not have is a guess: correct {folder / 'layout.toml'} and import "
-            "again where heights and axes matter (mode shapes, a structure).",
+            escape_markup(
+                "What the names do not have is a guess. Where heights and axes matter (mode "
+                f"shapes, a structure), correct {layout} and make the recording again:  {again}"
+            ),
             soft_wrap=True,
         )
     where = escape_markup(str(folder))

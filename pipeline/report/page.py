@@ -188,16 +188,17 @@ def structure_sentence(posterior: FoundationPosterior) -> str:
             "in these intervals."
         )
     parts = [
-        f"{each.name} {each.k11:.0%}, {each.k22:.0%}, {each.k12:.0%}"
+        f"{each.name.replace('_', ' ')} {100 * each.k11:.0f}, {100 * each.k22:.0f} and "
+        f"{100 * each.k12:.0f} %"
         for each in posterior.budget[:4]
     ]
     alternatives = ", ".join(
-        f"{each.name} ({each.probability:.0%})" for each in posterior.alternatives
+        f"{each.name}: {percent(each.probability)}" for each in posterior.alternatives
     )
     return (
         f"The structure's figures are inferred with the springs ({alternatives}). Shares of the "
-        f"variance of k11, k22 and k12: {'; '.join(parts)}. {posterior.unpredicted_share:.0%} of "
-        "the modes are not what the others predict."
+        f"variance of k11, k22 and k12: {'; '.join(parts)}. "
+        f"{percent(posterior.unpredicted_share)} of the modes are not what the others predict."
     )
 
 
@@ -225,12 +226,13 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
             "predicts; shaded: where 90 % of the modes lie if the model is right.",
         ),
     )
+    rhat = f", R-hat {posterior.rhat:.3f}" if posterior.rhat == posterior.rhat else ""
     fit = (
         f"{count_noun(posterior.n_windows, 'window')}; "
-        f"{posterior.paired_share:.0%} of the identified modes are modes of the model; "
+        f"{percent(posterior.paired_share)} of the identified modes are modes of the model; "
         f"reduced χ² of their frequencies "
         f"{posterior.reduced_chi_square:.2f}; {posterior.sampler}: {posterior.ess:.0f} effective "
-        f"draws, R-hat {posterior.rhat:.3f}. σ: relative discrepancy of the model."
+        f"draws{rhat}. σ: relative discrepancy of the model."
     )
     return (
         heading("Foundation", level)

@@ -32,6 +32,7 @@ MOST_BOOKS = 2000  # boots of units, and windows that are waited for, each; of m
 UNANSWERED = 2  # later windows that were answered, after which an estimate counts as forgotten
 UNBALANCED = 2  # windows that were answered while books do not balance, after which it is an alarm
 WITHOUT_POSTERIOR = 6  # windows that were answered without a posterior, after which it is an alarm
+IN_POSTERIOR = "in-posterior"  # fate of an estimate
 UPDATING = "updating"  # name of the node, or the beginning of its shares' names
 REPORTED_WITHIN = 5  # blocks after which missing ones are reported: they may be late
 LATEST_WINDOWS = 20  # whose fates are listed
@@ -208,6 +209,9 @@ class TurbineBook:
     """Windows that were answered since the last posterior."""
     unbalanced: int = 0
     """Windows on end that were answered while the books did not balance."""
+    early: dict[WindowKey, str] = field(default_factory=dict)
+    """The last answer of the updating that may have overtaken its estimate on the way: two nodes
+    send them, and nothing orders what different nodes send."""
     last: dict[WindowKey, int] = field(default_factory=dict)
     """Boots of the units → number of their last window."""
     skipped: list[str] = field(default_factory=list)
@@ -297,16 +301,21 @@ class Books:
         known = book.known.get(key)
         if known is not None and known.fate == "identified":
             return  # given again after a restart
+        early = book.early.get(key, "") if self._is_updating else ""
+        book.early.clear()
         if known is None:
             self._follow(book, estimate)
         else:
             book.rejected -= Counter({known.fate: 1})
-            book.superseded += 1
+            book.superseded += not early
         book.identified += 1
-        pending = "" if self._updates is False else "pending"
+        pending = "" if self._updates is False else early or "pending"
         book.known[key] = WindowFate(estimate.window, estimate.start_ns, "identified", pending)
         _limit(book.known)
-        if self._updates is not False:
+        if early:
+            book.in_posterior += early == IN_POSTERIOR
+            book.refused += Counter({early: early != IN_POSTERIOR})
+        elif self._updates is not False:
             book.pending[key] = 0
             _limit(book.pending)
         self._note_answer(estimate.turbine, book)
@@ -318,6 +327,7 @@ class Books:
             book.rejected[rejected.code] += 1
             self._follow(book, rejected)
             book.known[key] = WindowFate(rejected.window, rejected.start_ns, rejected.code)
+            book.early = {key: rejected.code}
             _limit(book.known)
             self._note_answer(rejected.turbine, book)
         elif key in book.pending:
@@ -335,7 +345,9 @@ class Books:
             self._answered(book, key)
             book.in_posterior += 1
             if key in book.known:
-                book.known[key].estimate = "in-posterior"
+                book.known[key].estimate = IN_POSTERIOR
+        elif key not in book.known:
+            book.early = {key: IN_POSTERIOR}
         book.without_posterior = 0
 
     def _note_answer(self, turbine: str, book: TurbineBook) -> None:
@@ -392,7 +404,8 @@ class Books:
         yield from (f"{turbine}: {text}" for text in book.skipped)
         forgotten = sum(count >= UNANSWERED for count in book.pending.values())
         if forgotten and self._is_updating:
-            yield f"{turbine}: {forgotten} estimates are neither in the posterior nor refused"
+            estimates = "estimate is" if forgotten == 1 else "estimates are"
+            yield f"{turbine}: {forgotten} {estimates} neither in the posterior nor refused"
 
     def _refused_blocks(self, turbine: str) -> int:
         """Blocks that the identification refused: it misses them although they are recorded."""

@@ -41,13 +41,20 @@ def draw_band(axes: Any, times: Times, bands: FloatArray, colour: colours.Colour
             elinewidth=1.2, color=css_colour(colour),
         )  # fmt: skip
         return
-    steps = np.diff(times).astype(np.int64)
-    behind_holes = 1 + np.flatnonzero(steps > 1.5 * np.median(steps))
-    for piece in np.split(np.arange(len(times)), behind_holes):
+    for piece in unbroken(times):
         axes.fill_between(
             times[piece], low[piece], high[piece], color=css_colour(colour), alpha=0.35, linewidth=0
         )
         axes.plot(times[piece], middle[piece], color=css_colour(colour))
+
+
+def unbroken(times: Times) -> list[NDArray[np.intp]]:
+    """Places of the times that follow each other without a missing window, stretch by stretch."""
+    if len(times) < 2:
+        return [np.arange(len(times))]
+    steps = np.diff(times).astype(np.int64)
+    behind_holes = 1 + np.flatnonzero(steps > 1.5 * np.median(steps))
+    return np.split(np.arange(len(times)), behind_holes)
 
 
 def mark_events(axes: Any, events: Sequence[FoundationEvent], named: bool) -> None:

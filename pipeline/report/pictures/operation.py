@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate
 from pipeline.report.canvas import INK, css_colour, page_figure
-from pipeline.report.pictures.axes import datetimes, mark_events, time_axis
+from pipeline.report.pictures.axes import datetimes, mark_events, time_axis, unbroken
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import ratios
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_informative
@@ -141,7 +141,8 @@ def _control_panel(axes: Any, chart: _Chart) -> None:
     far = np.abs(chart.values) > FARTHEST_DRAWN * chart.limit
     edge = FARTHEST_DRAWN * chart.limit
     values = np.clip(chart.values, -edge, edge)  # else one of them hides all others
-    axes.plot(times, values, color=css_colour(colours.MEASURED), linewidth=0.7)
+    for piece in unbroken(times):
+        axes.plot(times[piece], values[piece], color=css_colour(colours.MEASURED), linewidth=0.7)
     for chosen, marker, colour in (
         (~outside, "o", colours.MEASURED),
         (outside & ~far, "o", colours.FAULT),
