@@ -24,7 +24,7 @@ from sensors.structure.figures import (
 N_SPRINGS = 3
 SPRING_STDS = np.array([1.0, 1.0, 2.0])  # of a normal prior so wide that it only bounds what no
 # mode reports: a posterior of 10 % moves by 1 % of its distance from nominal [-]
-LEAST_SHARE = 0.1  # of a described mass or stiffness that is left of it [-]
+LEAST_LEFT = 0.1  # of a described mass or stiffness that is left of it [-]
 FARTHEST_FIGURE = 6.0  # |z| to which a figure is followed [-]
 
 
@@ -121,7 +121,7 @@ class JointCoordinates:
         self._stds = np.array([figure.std for figure in figures])
         self._half = np.array([figure.half_normal for figure in figures], dtype=bool)
         shares = np.array([figure.definition.unit == "-" for figure in figures], dtype=bool)
-        self._lowest = np.where(shares, LEAST_SHARE - 1, -np.inf)
+        self._lowest = np.where(shares, LEAST_LEFT - 1, -np.inf)
         self._nominal_logit = float(logit(nominal[2] ** 2 / (nominal[0] * nominal[1])))
 
         self._level = N_SPRINGS + len(self.figures)
