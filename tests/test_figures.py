@@ -1,5 +1,6 @@
 """Every figure of README and documentation has its birth certificate."""
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -65,3 +66,12 @@ def test_no_seed_that_something_was_tuned_on_is_reported() -> None:
     for name, reported in seeds("reporting").items():
         assert not reported & seeds("tuning").get(name, set())
         assert name == "reproduction" or not reported & tuned
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.json")), ids=lambda path: path.stem)
+def test_every_result_says_how_and_of_which_code_it_was_measured(path: Path) -> None:
+    result = json.loads(path.read_text(encoding="utf-8"))
+    assert set(result) == CERTIFICATE
+    assert result["command"].startswith("python -m tests.")
+    assert len(result["commit"]) == 40
+    assert result["depends"]

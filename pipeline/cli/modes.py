@@ -65,11 +65,13 @@ def identify(
     from pipeline.cli.tables.modes import identified_modes_table, refused_table
     from pipeline.offline.identify_file import identify_file
     from pipeline.oma.settings import OmaSettings
+    from pipeline.sources.session_files import one_recording
     from pipeline.state.run_modes import combined_modes
     from sensors.files.layout_file import load_layout
 
     if plot is not None and not plot.parent.is_dir():  # before the identification, not after it
         raise InputError(f"--plot {plot}: the folder {plot.parent} does not exist")
+    file = one_recording(file) if file.is_dir() else file
     with stderr.status(f"identifying {file}"):
         found = identify_file(
             file,

@@ -53,7 +53,8 @@ class OperationLog:
             return estimate
         states = list(dict.fromkeys(sample.state for sample in samples))
         yaws = np.array([sample.yaw for sample in samples])
-        steady = len(states) == 1 and np.ptp(yaws) <= STEADY_YAW
+        known = yaws[np.isfinite(yaws)]
+        steady = len(states) == 1 and (not known.size or np.ptp(known) <= STEADY_YAW)
         return replace(
             estimate,
             operating_state=states[0] if steady else CHANGING,

@@ -12,6 +12,7 @@ from pipeline.messages import (
     ModalEstimate,
     Mode,
     QualityWarning,
+    RefusedMode,
     StabilisationDiagram,
     StreamGap,
     UnitOrigin,
@@ -35,11 +36,12 @@ from sensors.arrays import FloatArray
 
 
 def stabilisation_diagram(
-    estimate: ModalEstimate, bands: Sequence[PoleCloud]
+    estimate: ModalEstimate, bands: Sequence[PoleCloud], refused: Sequence[RefusedMode] = ()
 ) -> StabilisationDiagram:
     """Poles of all bands side by side, in single precision: nothing is computed with them.
 
-    bands   the poles behind the estimate by frequency band, slowest first
+    bands     the poles behind the estimate by frequency band, slowest first
+    refused   what looked like a mode among them and is not reported
     """
     poles = {
         "orders": [band.orders for band in bands],
@@ -54,6 +56,7 @@ def stabilisation_diagram(
         estimate.start_ns,
         estimate.end_ns,
         **{name: np.concatenate([*parts, []]).astype(np.float32) for name, parts in poles.items()},
+        refused=tuple(refused),
     )
 
 
@@ -256,7 +259,7 @@ class WindowIdentification:
         answer = self._concluded(window, result, missing, present)
         yield answer
         if isinstance(answer, ModalEstimate):
-            diagram = stabilisation_diagram(answer, result.diagrams)
+            diagram = stabilisation_diagram(answer, result.diagrams, result.refused)
             ratio = 1.0 / (1.0 + drift_of(window.clock))
             yield diagram if ratio == 1.0 else _in_true_time(diagram, ratio)
 
@@ -377,7 +380,7 @@ class WindowIdentification:
         if not window.complete:
             return QualityWarning(
                 "short",
-                f"the session of unit {self._unit} ended {window.duration:.3g} s into a window of "
+                f"the session of unit {self._unit} ended {window.duration:.6g} s into a window of "
                 f"{self._settings.window_duration:g} s",
             )
         if window.steps:
@@ -448,6 +451,7 @@ def _in_true_time(diagram: StabilisationDiagram, ratio: float) -> StabilisationD
         diagram,
         frequencies=(diagram.frequencies * ratio).astype(np.float32),
         frequency_stds=(diagram.frequency_stds * ratio).astype(np.float32),
+        refused=tuple(replace(each, frequency=each.frequency * ratio) for each in diagram.refused),
     )
 
 

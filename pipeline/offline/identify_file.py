@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.messages import ModalEstimate, QualityWarning, WindowRejected
+from pipeline.messages import ModalEstimate, QualityWarning, RefusedMode, WindowRejected
 from pipeline.nodes.operating_state import OperationLog
 from pipeline.oma.cross_check import CrossCheck, combined_checks
 from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
 from pipeline.oma.identification import Identification, identify
-from pipeline.oma.refused import RefusedMode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import ModeTracker
 from pipeline.oma.windows.unit_alignment import UnitJoiner
@@ -28,6 +27,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
+from sensors.files.channel_names import UnusedChannel, split_motions
 from sensors.files.formats import read_file
 from sensors.files.layout_file import LayoutFile
 from sensors.files.rotor_speed import with_rotor_speed_apart
@@ -134,7 +134,7 @@ def identify_file(
     InputError
         If the file cannot be read, has no sampling rate or is shorter than the window.
     """
-    table, rate = _read(path, sampling_rate, layout)
+    table, rate, unused = _read(path, sampling_rate, layout)
     if rotor_speed is not None:
         table = replace(table, rotor_speed=_constant_speed(rotor_speed, len(table.samples)))
     lowest = None if settings is None else settings.lowest_frequency
@@ -148,7 +148,7 @@ def identify_file(
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
     length = len(table.samples) if window is None else round(window * rate)
     quantities = table.quantities or guessed_quantities(table.samples, rate)
-    guessed = _guess(table, quantities)
+    guessed = _guess(table, quantities) + _unused(unused)
     tracker = ModeTracker()
     estimates, rejected = [], []
     first: IdentifiedWindow | None = None
@@ -167,6 +167,7 @@ def identify_file(
                     checks.setdefault(mode.name, []).append(check)
             estimates.append(replace(answer, modes=named, warnings=answer.warnings + guessed))
         else:
+            tracker.missed()
             rejected.append(answer)
     return FileIdentification(
         tuple(estimates),
@@ -183,7 +184,7 @@ def identify_file(
 
 def _read(
     path: Path, sampling_rate: float | None, layout: LayoutFile | None
-) -> tuple[ChannelTable, float]:
+) -> tuple[ChannelTable, float, tuple[UnusedChannel, ...]]:
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
     wanted = EVERYTHING if layout is None else layout.wanted()
@@ -193,7 +194,12 @@ def _read(
         if recorded
         else with_rotor_speed_apart(read_file(path, wanted=wanted))
     )
-    table = table if layout is None else layout.chosen(table)
+    unused: tuple[UnusedChannel, ...] = ()
+    if layout is not None:
+        table = layout.chosen(table)
+    elif not recorded:
+        columns, unused = split_motions(table)
+        table = table.only(columns)
     stamped = table.sampling_rate
     if stamped is None and table.times is not None:  # they stand still
         table = replace(table, times=None)
@@ -204,7 +210,7 @@ def _read(
             f"{path} has neither a sampling rate nor a time column (t, time or timestamp): give "
             "--sampling-rate HZ"
         )
-    return table, sampling_rate or stamped or 0.0
+    return table, sampling_rate or stamped or 0.0, unused
 
 
 def recorded_channels(path: Path) -> ChannelTable:
@@ -306,6 +312,16 @@ def _guess(
         "velocities); give units in the header to set this"
     )
     return (QualityWarning("quantities-guessed", text),)
+
+
+def _unused(channels: tuple[UnusedChannel, ...]) -> tuple[QualityWarning, ...]:
+    if not channels:
+        return ()
+    text = (
+        f"not used, as no motion of the structure: {', '.join(map(str, channels))}; a layout file "
+        "(--layout) chooses the channels"
+    )
+    return (QualityWarning("channels-left-out", text),)
 
 
 def _windows(

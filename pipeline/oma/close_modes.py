@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.messages import Mode
+from pipeline.messages import Mode, RefusedMode
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.oma.refused import RefusedMode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.messages import Mode, QualityWarning
+from pipeline.messages import Mode, QualityWarning, RefusedMode
 from pipeline.oma.band_merging import merged
 from pipeline.oma.close_modes import UNRESOLVED, resolved_by_evidence, with_lone_modes
 from pipeline.oma.coincident_pairs import twin_pairs
@@ -22,7 +22,7 @@ from pipeline.oma.data_quality.input_checks import (
 )
 from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
 from pipeline.oma.references import references_among
-from pipeline.oma.refused import RefusedMode, harmonic, unstable, unsteady
+from pipeline.oma.refused import harmonic, unstable, unsteady
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
     BandIdentification,

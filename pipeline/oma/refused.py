@@ -1,11 +1,10 @@
 """What looked like a mode in a window and is not reported, each with its reason."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.messages import Mode
+from pipeline.messages import Mode, RefusedMode
 from pipeline.oma.ssi.band_identification import BandIdentification
 from sensors.arrays import FloatArray
 
@@ -14,20 +13,6 @@ DIAGRAM_COLUMN = (
 )
 FEWEST_ORDERS = 0.3  # share of a band's orders from which a column catches the eye [-]
 COVERED = 0.01  # a column so near to a mode or a refused one belongs to it, relative
-
-
-@dataclass(frozen=True, slots=True)
-class RefusedMode:
-    """What looked like a mode and is not reported."""
-
-    frequency: float
-    """f [Hz]"""
-    damping_ratio: float
-    """ζ [-]"""
-    code: str
-    """Stable name of the reason."""
-    text: str
-    """One sentence with the figure that decided."""
 
 
 def harmonic(mode: Mode) -> RefusedMode:

@@ -27,9 +27,11 @@ from pipeline.nodes.node import Node
 from pipeline.nodes.statistics import NodeAccount, message_counts
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.flow_control import Credit, Quiet, is_drained
+from pipeline.state.books import Intervals
 from pipeline.transport.bus import Bus, Inbox
 from pipeline.transport.codec import decode, encode
 from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.boots import BootCounter
 from sensors.errors import InputError
 
 logger = logging.getLogger(__name__)
@@ -407,17 +409,24 @@ def source_status(turbine: str, published: Counter[str]) -> NodeStatus:
 
 
 def with_end(source: Iterable[Message]) -> Iterator[Message]:
-    """The source's messages, then one StreamEnd per unit and session."""
+    """The source's messages, then one StreamEnd per unit and session, of its last boot."""
     last: dict[tuple[str, str, str], AccelerationBlock] = {}
-    counts: dict[tuple[str, str, str], int] = {}
+    numbers: dict[tuple[str, str, str], Intervals] = {}  # of the present boot's blocks
+    boots: dict[tuple[str, str, str], BootCounter] = {}
     for message in source:
         if isinstance(message, AccelerationBlock):
             key = (message.turbine, message.unit, message.session)
             last[key] = message
-            counts[key] = counts.get(key, 0) + 1
+            counter, known = boots.setdefault(key, BootCounter()), numbers.get(key, Intervals())
+            before, repeats = counter.boot, message.sequence in known
+            if counter.boot_of(message, repeats=repeats) != before:
+                known = Intervals()
+                known.add(message.sequence - counter.also, message.sequence)
+            known.add(message.sequence)
+            numbers[key] = known
         yield message
     for key, block in last.items():
-        yield StreamEnd(block.turbine, block.unit, block.session, block.end_ns, counts[key])
+        yield StreamEnd(block.turbine, block.unit, block.session, block.end_ns, len(numbers[key]))
 
 
 @contextmanager

@@ -16,6 +16,7 @@ publisher and subscriber are labelled unstable, hence the narrow version range i
 """
 
 import logging
+import math
 import threading
 import time
 from collections import Counter
@@ -60,6 +61,8 @@ __all__ = [
 
 logger = logging.getLogger(__name__)
 
+BURST = 32  # messages that a link's queue holds for sure, one after the other
+SETTLING = 3 * HEARTBEAT  # after a burst, until what a link dropped has been asked for again [s]
 MOST_PUBLISHERS = 5000  # of one session: of 1000 turbines' estimates, or posteriors, and their kin
 
 
@@ -87,6 +90,7 @@ class ZenohBus:
         self._subscriptions: list[ZenohSubscription] = []
         self._queryables: list[zenoh.Queryable[None]] = []  # forgotten by Zenoh unless held
         self._beginnings = Beginnings(self._session)
+        self._burst, self._last_put = 0, -math.inf  # messages within a heartbeat; the last [s]
 
     def publish(self, message: Message, payload: bytes | None = None) -> None:
         """Send on the message's key. See `Bus`."""
@@ -94,6 +98,9 @@ class ZenohBus:
         payload = encode(message) if payload is None else payload
         publisher = self._publisher_of(key, stream_of(type(message)))
         publisher.put(payload, attachment=self._began[key])
+        now = time.monotonic()
+        self._burst = self._burst + 1 if now - self._last_put < HEARTBEAT else 1
+        self._last_put = now
 
     def _publisher_of(self, key: str, stream: Stream) -> "_Publisher":
         """The key's publisher. Of more than MOST_PUBLISHERS the one that was silent longest goes,
@@ -135,7 +142,13 @@ class ZenohBus:
         )
 
     def close(self) -> None:
-        """Leave, when what was published has been handed over."""
+        """Leave, when what was published has been handed over.
+
+        A link that is too slow for a burst drops messages, which are fetched from the publisher's
+        cache when its next heartbeat reports its position: after a burst it stays for that long.
+        """
+        if self._burst > BURST:
+            time.sleep(max(0.0, self._last_put + SETTLING - time.monotonic()))
         for queryable in self._queryables:
             queryable.undeclare()
         self._queryables.clear()

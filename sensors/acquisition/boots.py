@@ -22,6 +22,13 @@ class BootCounter:
         self._newest: AccelerationBlock | None = None
         self._on_end: list[AccelerationBlock] = []  # that may have started a boot
 
+    def unused_before(self, block: AccelerationBlock) -> int:
+        """Return how many numbers a unit passed over before a block without missing a sample."""
+        newest = self._newest
+        if newest is None or block.first_sample != newest.first_sample + len(newest.samples):
+            return 0
+        return max(0, block.sequence - newest.sequence - 1)
+
     def boot_of(self, block: AccelerationBlock, *, repeats: bool = False) -> int:
         """Starts of the unit before the one that the block is of.
 

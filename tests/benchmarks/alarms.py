@@ -6,7 +6,6 @@ without a confirmation (silent), channels that end (dead), connections to anothe
 """
 
 import argparse
-import json
 import logging
 import os
 import tempfile
@@ -14,9 +13,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from tests.benchmarks._results import keep
 from tests.pipeline.monitoring.alarms.fuzz import PROTOCOLS, fuzzed
-
-RESULT = Path(__file__).parent / "results" / "alarms.json"
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -36,4 +34,10 @@ def main(arguments: Sequence[str]) -> None:
         print(outcome, flush=True)
     command = f"python -m tests.benchmarks alarms --answers {chosen.answers} --seed {chosen.seed}"
     if not chosen.only:
-        RESULT.write_text(json.dumps({"command": command, "outcomes": outcomes}, indent=1) + "\n")
+        keep(
+            "alarms",
+            {"outcomes": outcomes},
+            command=command,
+            seeds=[chosen.seed],
+            depends=["pipeline/monitoring/alarms"],
+        )

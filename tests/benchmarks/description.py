@@ -1,6 +1,6 @@
 """The shipped description mode by mode: the product's code, the outside model's and pyBModes'.
 
-    python -m tests.benchmarks description [--sign published|embedded-pile] [--result FILE]
+    python -m tests.benchmarks description [--sign published|embedded-pile] [--keep]
 
 tower    monopile and tower on their springs under one rigid body (1016.6 t at +4.2 m, 2e8 kg·m²),
          water to +1.5 m, no weight: what pyBModes can describe without a rotor
@@ -13,10 +13,8 @@ Differences are in % of the shipped frequency. pyBModes comes with the extra `be
 """
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +24,7 @@ from sensors.acquisition.layout import biaxial_layout
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import full_modes
 from sensors.structure.description import RigidBody, RotorNacelle, TurbineDescription, load_turbine
+from tests.benchmarks._results import keep
 from tests.outside import sections as iea
 from tests.outside.figures import Figures
 from tests.outside.model import NOMINAL, Modes, SpringSign, assemble, converged, modes
@@ -45,17 +44,19 @@ def main(arguments: list[str]) -> None:
     """Print both tables; write them where asked."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks description")
     parser.add_argument("--sign", choices=("published", "embedded-pile"), default="published")
-    parser.add_argument("--result", type=Path, help="JSON file to write")
+    parser.add_argument("--keep", action="store_true", help="write the result")
     chosen = parser.parse_args(arguments)
     tables = {"tower": tower_table(chosen.sign), "turbine": turbine_table(chosen.sign)}
     for name, rows in tables.items():
         print(f"\n{name}, {chosen.sign}")
         print_table(rows)
-    if chosen.result is not None:
-        command = f"python -m tests.benchmarks description --sign {chosen.sign}"
-        document = {"command": command, "sign": chosen.sign, **rounded(tables)}
-        chosen.result.parent.mkdir(parents=True, exist_ok=True)
-        chosen.result.write_text(json.dumps(document, indent=1) + "\n", "utf-8")
+    if chosen.keep:
+        keep(
+            f"description-{chosen.sign}",
+            {"sign": chosen.sign, **rounded(tables)},
+            command=f"python -m tests.benchmarks description --sign {chosen.sign} --keep",
+            depends=["sensors/structure", "sensors/dynamics", "tests/outside"],
+        )
 
 
 def tower_table(sign: SpringSign) -> list[dict[str, float | str]]:

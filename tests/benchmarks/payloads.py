@@ -4,17 +4,15 @@ Each of ten shapes is a stream of known samples; counted: samples that a preset 
 with their value, of those that were sent, and whether sniffing names the preset.
 """
 
-import json
 from collections.abc import Sequence
-from pathlib import Path
 
 from sensors.feeds.payloads.mapped_reader import MappedReader
 from sensors.feeds.payloads.mapping import mapping_named
 from sensors.feeds.payloads.sniff import sniffed
 from sensors.feeds.protocol import FeedCounts
+from tests.benchmarks._results import keep
 from tests.sensors.feeds.payloads.shapes import RATE, SAMPLES, SHAPES, Shape, time_ms
 
-RESULT = Path(__file__).parent / "results" / "payloads.json"
 NEAR = 1000  # of a time that is written in seconds with decimals [ns]
 
 
@@ -46,5 +44,9 @@ def main(arguments: Sequence[str]) -> None:
     ]
     for row in rows:
         print(row)
-    content = {"command": "python -m tests.benchmarks payloads", "shapes": rows}
-    RESULT.write_text(json.dumps(content, indent=1) + "\n")
+    keep(
+        "payloads",
+        {"shapes": rows},
+        command="python -m tests.benchmarks payloads",
+        depends=["sensors/feeds/payloads"],
+    )

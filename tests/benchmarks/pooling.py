@@ -11,10 +11,8 @@ told     a turbine with 90 % of its k22, six windows each; false: of the others
 """
 
 import argparse
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,8 +24,8 @@ from pipeline.farm.settings import GibbsSettings, PopulationPrior
 from pipeline.updating.population import SpringCoordinates
 from sensors.arrays import FloatArray
 from tests.benchmarks._farm_pooling import FarmCase, posterior, posteriors_of
+from tests.benchmarks._results import keep, kept
 
-RESULT = Path(__file__).parent / "results" / "pooling.json"
 SIZES, SPREADS = (5, 20, 100), (0.02, 0.05)
 SETTINGS = GibbsSettings(burn_in=80, sweeps=150, rounds=1)  # shorter than a farm's own: for time
 SOFT = 0.9  # of k22
@@ -230,7 +228,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--seed", type=int, default=7001)
     chosen = parser.parse_args(arguments)
     lib = library()
-    known = json.loads(RESULT.read_text()) if RESULT.exists() else {}
+    known = (kept("pooling") or {"figures": {}})["figures"]
     results: list[dict[str, float]] = []
     soft: list[dict[str, float]] = []
     if chosen.only_soft:
@@ -262,12 +260,17 @@ def _write(
         f"python -m tests.benchmarks pooling{farms} --soft {chosen.soft} "
         f"--limits {chosen.limits} --seed {chosen.seed}{only}"
     )
-    first = known.get("command_pooling", known.get("command")) if chosen.only_soft else command
+    first = known.get("command_pooling") if chosen.only_soft else command
     content = {
-        "command": command,
         "command_pooling": first,
         "pooling": results,
         "soft": soft,
         "detectable": limits,
     }
-    RESULT.write_text(json.dumps(content, indent=1) + "\n")
+    keep(
+        "pooling",
+        content,
+        command=command,
+        seeds=range(chosen.seed, chosen.seed + max(chosen.soft, *chosen.farms)),
+        depends=["pipeline/farm", "pipeline/updating/population.py"],
+    )

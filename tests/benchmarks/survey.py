@@ -5,7 +5,6 @@ survey, which finds them unchanged, is what a daily run costs for all earlier da
 """
 
 import argparse
-import json
 import shutil
 import tempfile
 import time
@@ -13,9 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.archive.survey import SurveyCache, surveyed
+from tests.benchmarks._results import keep
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "parked.mcap"
-RESULT = Path(__file__).parent / "results" / "survey.json"
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -42,10 +41,14 @@ def main(arguments: Sequence[str]) -> None:
         if None in found:
             raise RuntimeError("an unchanged file was not found again")
     result = {
-        "command": f"python -m tests.benchmarks survey --files {chosen.files}",
         "files": chosen.files,
         "cpu_ms_a_file_unchanged": 1000 * known / chosen.files,
         "cpu_ms_a_file_first": 1000 * first / 20,
     }
     print(result)
-    RESULT.write_text(json.dumps(result, indent=1) + "\n")
+    keep(
+        "survey",
+        result,
+        command=f"python -m tests.benchmarks survey --files {chosen.files}",
+        depends=["pipeline/archive/survey.py"],
+    )

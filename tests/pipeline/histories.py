@@ -42,7 +42,7 @@ from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.state.books import Books
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-from tests.benchmarks._results import keep
+from tests.benchmarks._results import is_old, keep, kept
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, START
 from tests.pipeline.oma.conftest import structure
 from tests.pipeline.state.test_posterior_json import POSTERIOR
@@ -390,12 +390,19 @@ def main() -> None:
     spent = time.process_time() - started
     sys.stdout.write(f"{chosen.seeds} histories, {len(failed)} fail, {spent:.0f} s\n")
     if chosen.write:
+        first, figures = chosen.first, {"histories": chosen.seeds, "violations": len(failed)}
+        figures["cpu_s"] = round(spent, 1)
+        before = kept("histories")
+        if before and before["seeds"][1] == first - 1 and not is_old(before):  # piece by piece
+            first = before["seeds"][0]
+            figures = {name: round(figures[name] + before["figures"][name], 1) for name in figures}
+        last = chosen.first + chosen.seeds - 1
         keep(
             "histories",
-            {"histories": chosen.seeds, "violations": len(failed), "cpu_s": round(spent, 1)},
-            command=f"python -m tests.pipeline.histories --seeds {chosen.seeds} "
-            f"--from {chosen.first} --write",
-            seeds=(chosen.first, chosen.first + chosen.seeds - 1),
+            figures,
+            command=f"python -m tests.pipeline.histories --seeds {last - first + 1} "
+            f"--from {first} --write",
+            seeds=(first, last),
             depends=["pipeline/nodes", "pipeline/oma/windows", "pipeline/state"],
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -13,9 +14,10 @@ from pipeline.messages import ModalEstimate, Mode, QualityWarning, WindowRejecte
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
+from sensors.files.channel_names import UnusedChannel
 
 from .errors import InputError, require
-from .measurement import Measurement, measurement_of
+from .measurement import Measurement, measurement_of, motions_of, positive
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,6 +70,9 @@ class Modes:
     def __repr__(self) -> str:
         windows = f"{len(self.estimates)} window{'' if len(self.estimates) == 1 else 's'}"
         rejected = f", {len(self.rejected)} rejected" if self.rejected else ""
+        if not len(self):
+            why = f": {self.rejected[0].reason}" if self.rejected and not self.estimates else ""
+            return f"<Modes: none in {windows}{rejected}{why}>"
         listed = ", ".join(f"{f:.4g}" for f in self.frequencies[:8])
         more = ", …" if len(self) > 8 else ""
         return f"<Modes: {len(self)} in the last of {windows}{rejected}: {listed}{more} Hz>"
@@ -78,14 +83,18 @@ class Modes:
         Returns
         -------
         pandas.DataFrame
-            window, start (UTC), mode, frequency_hz, frequency_std_hz, damping_ratio,
-            damping_ratio_std, quality, then one column a channel with the shape.
+            window, start (UTC; NaT without a clock), mode, frequency_hz, frequency_std_hz,
+            damping_ratio, damping_ratio_std, quality, then one column a channel with the shape.
         """
+        from pipeline.report.wording import has_clock
+
         pandas = require("pandas")
         rows = [
             {
                 "window": estimate.window,
-                "start": pandas.Timestamp(estimate.start_ns, tz="UTC"),
+                "start": pandas.Timestamp(estimate.start_ns, tz="UTC")
+                if has_clock(estimate.start_ns)
+                else pandas.NaT,
                 "mode": mode.name,
                 "frequency_hz": mode.frequency,
                 "frequency_std_hz": mode.frequency_std,
@@ -194,7 +203,7 @@ def _by_direction(layout: SensorLayout | None, n_channels: int) -> dict[str, lis
 
 
 def identify(
-    samples: Measurement | ArrayLike,
+    samples: Measurement | str | os.PathLike[str] | ArrayLike,
     sampling_rate: float | None = None,
     *,
     channels: Sequence[str] | None = None,
@@ -206,12 +215,13 @@ def identify(
 
     Parameters
     ----------
-    samples : Measurement or array_like, shape (n_samples, n_channels)
-        Accelerations, velocities or displacements under ambient load, in any unit.
+    samples : Measurement, path or array_like, shape (n_samples, n_channels)
+        Accelerations, velocities or displacements under ambient load, in any unit. Of a file,
+        channels that are no motion (wind, power) or never change are left out, with a warning.
     sampling_rate : float, optional
-        [Hz]; needed with an array.
+        [Hz]; needed with an array, unless it is a table indexed by time stamps.
     channels : sequence of str, optional
-        Channel names of an array.
+        Channel names of an array; a table's columns by default.
     layout : SensorLayout, optional
         Where the channels of an array are; `update` needs it.
     window : float, optional
@@ -235,6 +245,10 @@ def identify(
 
     measured = measurement_of(samples, sampling_rate, channels, layout)
     speed = measured.rotor_speed if rotor_speed is None else _speed(rotor_speed, measured)
+    unused: tuple[UnusedChannel, ...] = ()
+    if isinstance(samples, Measurement | str | os.PathLike):
+        measured, unused = motions_of(measured)
+    left_out = tuple(QualityWarning("channels-left-out", str(each)) for each in unused)
     quantities = measured.quantities or guessed_quantities(measured.samples, measured.sampling_rate)
     length = _window_samples(measured, window)
     tracker = ModeTracker()
@@ -265,7 +279,7 @@ def identify(
                 layout_id=measured.layout.layout_id if measured.layout else "",
                 channels=measured.channels,
                 modes=tracker.named(found.modes),
-                warnings=found.warnings,
+                warnings=found.warnings + left_out,
             )
         )
     return Modes(tuple(estimates), tuple(rejected), measured.channels, measured.layout)
@@ -285,7 +299,7 @@ def _speed(rotor_speed: float | ArrayLike, measured: Measurement) -> FloatArray:
 def _window_samples(measured: Measurement, window: float | None) -> int:
     if window is None:
         return len(measured.samples)
-    if not 0 < window <= measured.duration * (1 + 1e-9):
+    if positive("window", window, "s") > measured.duration * (1 + 1e-9):
         raise InputError(f"window is {window:g} s; the record is {measured.duration:.6g} s long")
     return round(window * measured.sampling_rate)
 

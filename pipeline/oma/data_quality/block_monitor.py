@@ -104,6 +104,12 @@ class BlockMonitor:
         if clock is None:
             return []
         warnings = []
+        if clock.step:
+            text = (
+                f"the unit's time stamps step by {clock.step:+.3g} s against its sample count: its "
+                "clock was set, or samples are missing"
+            )
+            warnings.append(QualityWarning("clock-step", text))
         if clock.exceeds(1e-6 * CLOCK_DRIFT):
             text = (
                 f"the unit's time stamps run {1e6 * clock.drift:+.0f} ppm against its sampling "

@@ -105,7 +105,7 @@ def check_finite(
     return (
         Finding(
             "nan",
-            f"{text}; up to {100 * worst:.2g} % of a channel, {100 * MOST_MISSING:g} % is the most",
+            f"{text}; up to {100 * worst:.3g} % of a channel, {100 * MOST_MISSING:g} % is the most",
             "reject",
         ),
     )

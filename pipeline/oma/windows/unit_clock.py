@@ -12,13 +12,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock
+from sensors.arrays import FloatArray
 
 CLOCK_ERROR = 0.01  # of a converter's rate, at most [-]
 FEWEST_FOR_LINE = 20  # that a line is fitted to
 OUTLYING_STAMP = 5.0  # median deviations beyond which a stamp does not count
 LEAST_STAMP_SCATTER = 1e-6  # of stamps about the line [s]
+LEAST_STEP = 0.02  # of the stamps that turns a window's line by more than 50 ppm [s]
+CERTAIN_JUMP = 8.0  # median deviations of the jumps beyond which one is a step
+COMPARED_STAMPS = 5  # before and after a step; fewer that are off are late stamps
+MOST_STEPS = 5  # that are taken out of a line
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +47,8 @@ class ClockFit:
     """[-]"""
     scatter: float
     """Standard deviation of the stamps about the line [s]."""
+    step: float = 0.0
+    """Largest step that was taken out of the stamps, positive forward [s]; 0: none."""
 
     def exceeds(self, limit: float) -> bool:
         """Whether the drift is beyond a limit [-] and not by chance."""
@@ -63,7 +71,7 @@ def clock_step(before: tuple[int, int], after: tuple[int, int], sampling_rate: f
 
 
 def fit_clock(stamps: Sequence[tuple[int, int]], sampling_rate: float) -> ClockFit | None:
-    """Fit a line through the stamps of blocks, outlying stamps left out.
+    """Fit a line through the stamps of blocks, steps taken out and outlying stamps left out.
 
     Parameters
     ----------
@@ -81,6 +89,7 @@ def fit_clock(stamps: Sequence[tuple[int, int]], sampling_rate: float) -> ClockF
         return None
     due = np.array([(number - stamps[0][0]) / sampling_rate for number, _ in stamps])
     off = np.array([(stamp - stamps[0][1]) / NANOSECONDS for _, stamp in stamps]) - due
+    off, step = _without_steps(off)
     slope, offset = np.polyfit(due, off, 1)
     residual = off - slope * due - offset
     scale = max(1.4826 * float(np.median(abs(residual - np.median(residual)))), LEAST_STAMP_SCATTER)
@@ -90,7 +99,40 @@ def fit_clock(stamps: Sequence[tuple[int, int]], sampling_rate: float) -> ClockF
     scatter = float(np.std(off - slope * due - offset))
     spread = float(np.sqrt(np.sum((due[sound] - due[sound].mean()) ** 2)))
     inlying = float(np.std((off - slope * due - offset)[sound]))
-    return ClockFit(float(slope), inlying / spread if spread > 0 else np.inf, scatter)
+    return ClockFit(float(slope), inlying / spread if spread > 0 else np.inf, scatter, step)
+
+
+def _without_steps(off: FloatArray) -> tuple[FloatArray, float]:
+    """Return the offsets of stamps with their steps taken out, and the largest step [s].
+
+    A clock that is set once is no drift: left in, a step of .1 s turns a window's line by 250 ppm.
+    """
+    moved, largest = off.copy(), 0.0
+    for _ in range(MOST_STEPS):
+        first, size = _largest_jump(moved)
+        if not size:
+            return moved, largest
+        moved[first:] -= size
+        largest = max(largest, size, key=abs)
+    return off, 0.0  # so many are stamps in coarse units that follow a drift
+
+
+def _largest_jump(off: FloatArray) -> tuple[int, float]:
+    """Return the stamp after the largest jump and its size [s]; 0 where there is none for certain.
+
+    Medians of a few stamps before and after are compared, so that late stamps are no jump.
+    """
+    level = np.median(sliding_window_view(off, COMPARED_STAMPS), axis=1)
+    jump = level[COMPARED_STAMPS:] - level[:-COMPARED_STAMPS]
+    jump = jump - np.median(jump)
+    certain = CERTAIN_JUMP * 1.4826 * float(np.median(abs(jump)))
+    place = int(np.argmax(abs(jump)))
+    if abs(jump[place]) < max(LEAST_STEP, certain):
+        return 0, 0.0
+    # near the jump all medians show it; the stamps themselves show where it is
+    near = np.arange(place + 1, place + 2 * COMPARED_STAMPS)
+    first = int(near[np.argmax(np.diff(off)[near - 1] * np.sign(jump[place]))])
+    return first, float(jump[min(max(first - COMPARED_STAMPS, 0), len(jump) - 1)])
 
 
 def text_of_step(step: ClockStep, unit: str, window_start: int, sampling_rate: float) -> str:

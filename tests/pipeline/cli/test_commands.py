@@ -164,6 +164,17 @@ def test_info_lists_what_a_recording_holds(pilewatch: Command, short_recording: 
         assert word in result.stdout
 
 
+def test_a_sessions_folder_stands_for_its_only_recording(
+    pilewatch: Command, short_recording: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "session.mcap").write_bytes(short_recording.read_bytes())
+    assert pilewatch("info", "out").stdout == pilewatch("info", "out/session.mcap").stdout
+    (folder / "session.part2.mcap").write_bytes(short_recording.read_bytes())
+    assert "out has 2 recordings; name one of session.mcap" in one_line(pilewatch("info", "out"))
+
+
 def test_a_mistake_ends_the_process_with_code_2_and_no_traceback(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pipeline", "run"]
     finished = subprocess.run(

@@ -95,6 +95,23 @@ def test_a_drift_that_the_stamps_show_is_taken_out_of_the_frequencies(blocks, pp
             assert mode.damping_ratio == other.damping_ratio
 
 
+@pytest.mark.parametrize("size", [0.05, -0.4])
+def test_a_clock_that_is_set_by_less_than_half_a_second_changes_no_frequency(blocks, size) -> None:
+    """Its window is kept, the step is named, and it is not taken for a drift."""
+    set_once = [
+        replace(b, start_ns=b.start_ns + round(size * NANOSECONDS) * (b.sequence >= 90))
+        for b in blocks
+    ]
+    said, plain = answers([LAYOUT, *set_once]), answers([LAYOUT, *blocks])
+    for window, (ours, theirs) in enumerate(zip(said, plain, strict=True)):
+        assert isinstance(ours, ModalEstimate)
+        assert isinstance(theirs, ModalEstimate)
+        assert ("clock-step" in {each.code for each in ours.warnings}) == (window == 1)
+        assert "clock-drift" not in {each.code for each in ours.warnings}
+        for mode, other in zip(ours.modes, theirs.modes, strict=True):
+            assert mode.frequency == pytest.approx(other.frequency, rel=1e-6)
+
+
 ELEVATIONS = (20.0, 60.0)
 FIVE = SensorLayout(
     "two", "t", "tower", tuple(Accelerometer(f"z{z:g}", z, FORE_AFT) for z in ELEVATIONS)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.offline.describe_structure import structure_figures
+from pipeline.offline.describe_structure import _largest_step, structure_figures
 from pipeline.report.structure import draw_structure
 from sensors.structure.description import load_turbine, parse_turbine
 
@@ -38,6 +38,16 @@ def test_a_clamped_pole_has_the_frequency_of_the_closed_form() -> None:
     assert (figures.top_mass, figures.blade_mass, figures.water_depth) == (0.0, 0.0, 0.0)
 
 
+def test_a_mode_that_turns_the_tower_about_its_axis_is_called_so() -> None:
+    """The disc's inertia brings the first torsion below the bending modes listed."""
+    body = "[[rotor_nacelle.bodies]]\nname = 'disc'\nmass = 1.0\ninertia = [1.0, 1.0, 4e6]\n"
+    described = parse_turbine(POLE + "[rotor_nacelle]\n" + body, source="pole.toml")
+    twisting = [
+        f for f, direction, _ in structure_figures(described).first if direction == "torsion"
+    ]
+    assert len(twisting) == 1
+
+
 def test_the_shipped_turbine_has_the_masses_of_its_sources() -> None:
     """Rotor-nacelle assembly 1017 t, NREL/TP-5000-75698 Table 5-1; blades 3 × 65.25 t."""
     figures = structure_figures(load_turbine("iea15mw_monopile"))
@@ -51,3 +61,8 @@ def test_the_picture_is_written(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     draw_structure(structure_figures(load_turbine("iea15mw_monopile")), tmp_path / "tower.png")
     assert (tmp_path / "tower.png").stat().st_size > 20_000
+
+
+def test_of_the_steps_between_widths_the_largest_counts() -> None:
+    assert _largest_step([1.0, 1.1, 1.6, 1.5]) == pytest.approx(0.5)
+    assert _largest_step([1.0]) == 0.0

@@ -7,7 +7,7 @@ from pipeline.messages import Mode
 from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.preprocessing import decimated
-from pipeline.oma.streaming import StreamingDecimator, StreamingIdentifier
+from pipeline.oma.streaming import StreamingDecimator, StreamingIdentifier, largest_piece
 from tests.pipeline.oma.conftest import KnownStructure
 
 RATE = 40.0  # [Hz]
@@ -80,3 +80,11 @@ def test_a_stream_goes_on_without_references_that_it_lacks(record: np.ndarray) -
     theirs = min(identify(window, RATE, present).modes, key=lambda m: abs(m.frequency - 0.32))
     mode = min(ours, key=lambda m: abs(m.frequency - 0.32))
     assert abs(mode.frequency - theirs.frequency) < theirs.frequency_std
+
+
+@pytest.mark.parametrize(
+    ("length", "most", "expected"),
+    [(12, 5.0, 4), (12, 4.0, 4), (12, 6.9, 6), (7, 6.0, 1), (9, 0.2, 1)],
+)
+def test_a_piece_is_the_largest_that_divides_the_whole(length, most, expected) -> None:
+    assert largest_piece(length, most) == expected

@@ -327,3 +327,16 @@ def test_a_message_has_the_publishers_number_or_its_count_on_the_key(tmp_path: P
             found.setdefault(channel.topic, []).append(message.sequence)
     assert [7, 9] in found.values()
     assert [0, 1] in found.values()
+
+
+@pytest.mark.parametrize("leap", [3600 * SECOND, -3600 * SECOND])
+def test_a_clock_that_is_set_closes_the_open_chunk(tmp_path: Path, leap: int) -> None:
+    """Until then what is recorded would lie in memory: an hour of it, for a clock set back."""
+    now = START_NS + 7200 * SECOND
+    recorder = Recorder(tmp_path / "clock.mcap", metadata={}, clock=lambda: now)
+    recorder.handle(block(0))
+    size = recorder.size
+    now += leap
+    recorder.handle(block(1))
+    assert recorder.size > size
+    recorder.close()

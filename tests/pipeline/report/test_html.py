@@ -88,3 +88,11 @@ def test_what_a_table_is_called_does_not_scroll_away_with_it() -> None:
 
 def test_an_empty_list_is_nothing() -> None:
     assert bullet_list([]) == ""
+
+
+def test_the_first_cell_of_a_row_is_its_link() -> None:
+    table = TextTable("turbines", ("name", "windows"), (("t<1>", "3"), ("t2", "4")))
+    page = table_html(table, links=("#t1", "#t2"))
+    assert '<td><a href="#t1">t&lt;1&gt;</a></td>' in page
+    assert page.count("<a ") == 2
+    assert page.index("#t2") < page.index(">4</td>")

@@ -134,3 +134,14 @@ def test_one_turbines_results_are_not_taken_for_the_farms() -> None:
     assert farm_note(("t1", "t2", "t3"), "t1", Path("shore")) == (
         "These are the results of t1, one of 3 turbines; all of them: pilewatch farm shore"
     )
+
+
+def test_files_of_one_second_are_set_aside_under_numbers(tmp_path: Path) -> None:
+    names = []
+    for _ in range(3):
+        file = tmp_path / "session.mcap"
+        file.write_text("x")
+        os.utime(file, (1_700_000_000, 1_700_000_000))
+        names.append(folder.set_aside(file).name)
+    when = "session-20231114T221320Z"
+    assert names == [f"{when}.mcap", f"{when}-2.mcap", f"{when}-3.mcap"]

@@ -257,3 +257,15 @@ def test_the_past_is_read_from_the_recording_that_is_being_written(
     latest = latest_messages(files_of(path), (AccelerationBlock,), horizon=20.0)
     assert [m.sequence for m in latest] == list(range(135, 155))
     assert [m.window for m in latest_estimates(files_of(path), 2)] == [2, 3]
+
+
+def test_two_windows_with_all_that_may_wait_for_them_are_read(monkeypatch) -> None:
+    asked = []
+    monkeypatch.setattr(
+        "pipeline.runtime.recorded_past.latest_messages",
+        lambda files, types, horizon: asked.append(horizon) or (),
+    )
+    settings = OmaSettings(window_duration=600.0, hop=300.0, lateness=30.0)
+    recorded_past([Path("a.mcap")], settings)
+    assert asked[0] >= 2 * (600.0 + 300.0) + 30.0
+    assert asked[0] <= 3 * (600.0 + 300.0)

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import count
 
 import numpy as np
@@ -18,7 +19,7 @@ from pipeline.runtime.runner import (
     serve,
     with_end,
 )
-from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block as acceleration_block
 from tests.pipeline.transport.memory_bus import MemoryBus
 
@@ -73,6 +74,14 @@ def test_the_end_tells_how_many_blocks_there_were() -> None:
     assert end.n_blocks == 7
     *_, last = blocks(7)
     assert end.time_ns == last.end_ns
+
+
+def test_the_end_counts_the_blocks_of_a_units_last_start() -> None:
+    """A unit starts again under its name: the books are those of each boot."""
+    again = [replace(each, start_ns=each.start_ns + 900 * NANOSECONDS) for each in blocks(15)]
+    *_, end = with_end([*blocks(40), *again, again[3], *again[-2:]])
+    assert isinstance(end, StreamEnd)
+    assert end.n_blocks == 15  # what comes twice counts once
 
 
 def test_lock_step_gives_every_node_every_block_in_order() -> None:

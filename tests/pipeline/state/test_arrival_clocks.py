@@ -76,3 +76,13 @@ def test_of_many_units_those_furthest_off_are_named() -> None:
             clocks.note(replace(sent, start_ns=sent.start_ns + off), sent.end_ns)
     assert len(clocks.warnings) == MOST_WARNINGS
     assert f"unit u{3 * MOST_WARNINGS - 1} of" in clocks.warnings[0].text
+
+
+def test_as_many_units_as_may_be_watched_are_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.state.arrival_clocks.MOST_UNITS", 2)
+    clocks = ArrivalClocks()
+    for k in range(30):
+        for unit in ("a", "b"):
+            each = replace(block(k), unit=unit)
+            clocks.note(each, each.end_ns + 3600 * 10**9)
+    assert len(clocks.warnings) == 2

@@ -129,6 +129,22 @@ def test_what_a_process_published_before_it_left_arrives() -> None:
     assert [message.sequence for message in received] == list(range(200))
 
 
+def test_what_a_link_dropped_of_a_burst_can_be_had_while_its_publisher_leaves() -> None:
+    """A slow link drops messages, and the heartbeat that shows it comes half a second later."""
+    endpoint = free_endpoint()
+    with closing(ZenohBus(hub(endpoint))) as bus:
+        leaving_bus = ZenohBus(peer_of(endpoint))
+        for sequence in range(200):
+            leaving_bus.publish(block(sequence))  # nobody listens: as good as dropped
+        leaving = threading.Thread(target=leaving_bus.close)
+        leaving.start()
+        inbox = Inbox()
+        bus.subscribe([AccelerationBlock], inbox)
+        received = take(inbox, 200)
+        leaving.join(PATIENCE)
+    assert [message.sequence for message in received] == list(range(200))
+
+
 def test_what_arrives_and_what_is_counted_as_lost_is_what_was_published() -> None:
     n_statuses = 20_000  # far more than a link's queue or the cache of one status holds
     endpoint = free_endpoint()

@@ -90,3 +90,13 @@ def test_a_boot_of_the_same_name_follows_the_one_before() -> None:
     first = [block(sequence) for sequence in range(30)]
     again = [replace(b, start_ns=b.start_ns - YEAR_NS) for b in first]
     assert sequences(ReplayedTower([*first, *again])) == [*range(30), *range(30)]
+
+
+def test_stamps_that_scatter_are_kept_and_steps_are_counted_over() -> None:
+    """A stamp a fifth of a second off is data; beyond half a second the count is followed."""
+    scattered = [
+        replace(block(k), start_ns=block(k).start_ns + k % 2 * 200_000_000) for k in range(6)
+    ]
+    other = [replace(block(k, unit="jacket"), start_ns=block(k).start_ns + 10**8) for k in range(6)]
+    units = [message.unit for message in ReplayedTower([*scattered, *other])]
+    assert units == ["tower", "jacket", "jacket", "tower"] * 3

@@ -15,6 +15,7 @@ from pyarrow import parquet
 from scipy.io import savemat
 
 from sensors.files.formats import read_file
+from sensors.files.named_arrays import _find_names
 from sensors.files.table import FileError
 
 RATE = 50.0  # [Hz]
@@ -275,3 +276,8 @@ def test_a_universal_file_without_time_responses_is_one_line(tmp_path: Path) -> 
     path.write_text("    -1\n   151\nmodel\n\n\n\n\n\n\n    -1\n")
     with pytest.raises(FileError, match="no time response"):
         read_file(path)
+
+
+def test_names_of_channels_are_read_from_the_notes_of_a_file() -> None:
+    assert _find_names({"Channel Names": np.array(["a", "b"])}).tolist() == ["a", "b"]
+    assert _find_names({"comment": "x"}).size == 0

@@ -15,7 +15,12 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from pipeline.deploy.certificates import make_certificates
 from pipeline.monitoring.alarms.channels import DeliveryFailed, Mail, Mqtt, Webhook
-from pipeline.monitoring.alarms.settings import MailSettings, MqttSettings, WebhookSettings
+from pipeline.monitoring.alarms.settings import (
+    AlarmError,
+    MailSettings,
+    MqttSettings,
+    WebhookSettings,
+)
 from tests.pipeline.monitoring.alarms.fuzz import PROTOCOLS, fuzzed
 from tests.pipeline.monitoring.alarms.odd_answers import Account, foreign, receiver
 from tests.pipeline.monitoring.alarms.outside import mail_server, web_server
@@ -245,3 +250,9 @@ def test_a_broker_passes_the_message_on_and_a_dead_one_has_failed(tmp_path: Path
     assert json.loads(heard[0].payload) == MESSAGE
     with pytest.raises(DeliveryFailed, match="Connection refused"):
         channel.send(MESSAGE)
+
+
+@pytest.mark.parametrize("port", [0, -1, 65_536])
+def test_a_mail_servers_port_is_one_that_there_is(port: int) -> None:
+    with pytest.raises(AlarmError, match=f"port is {port}"):
+        MailSettings("localhost", "a@b.no", ("c@d.no",), port=port)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.oma.ssi.covariance import LagCovariances, lag_covariances
-from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
+from pipeline.oma.ssi.mode_shapes import modal_phase_collinearity, normalised_with_deviations
 from pipeline.oma.ssi.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
 from pipeline.oma.ssi.uncertainty import (
     frequency_damping_deviations,
@@ -122,3 +122,17 @@ def test_single_precision_costs_a_std_less_than_a_hundredth_of_its_own_scatter(
             for each in (single, double)
         )
         np.testing.assert_allclose(ours, exact, rtol=scatter / 100)
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [
+        ([1.0, -2.0, 0.5], 1.0),  # in phase or in opposition
+        ([1.0 + 1.0j, 2.0 + 2.0j], 1.0),  # whatever the common phase
+        ([1.0, 1.0j], 0.0),
+        ([1.0, 1.0 + 1.0j], 5 / 9),  # rr = 2, ii = 1, ri = 1: (1 + 4) / 9
+        ([0.0, 0.0], 0.0),
+    ],
+)
+def test_the_collinearity_of_a_shape_is_that_of_its_definition(shape, expected: float) -> None:
+    assert modal_phase_collinearity(np.array(shape, complex)) == pytest.approx(expected)

@@ -10,7 +10,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.oma.windows.unit_alignment import BELOW_GRID, MOST_SESSIONS, RATES_APART, UnitJoiner
+from pipeline.oma.windows.unit_alignment import (
+    BELOW_GRID,
+    MOST_SESSIONS,
+    RATES_APART,
+    UnitJoiner,
+    UnitStream,
+)
 from pipeline.oma.windows.windowing import MissingSamples
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
@@ -135,3 +141,14 @@ def test_stamps_that_stand_still_do_not_change_a_units_rate() -> None:
     ]
     pieces = given(joined, still) + list(joined.finish())
     assert all(np.isfinite(p.samples).any() for p in pieces if isinstance(p, AccelerationBlock))
+
+
+def test_one_late_stamp_moves_no_sample() -> None:
+    """The line through all stamps says where a sample lies, not the first or the last of them."""
+    for late in (0, 29, 59):
+        stream = UnitStream(block("lower", 0), 1)
+        for k in range(60):
+            each = block("lower", k)
+            stream.push(replace(each, start_ns=each.start_ns + 20_000_000 * (k == late)))
+        position = stream.position_at(59 * NANOSECONDS)
+        assert position == pytest.approx(59 * RATE, abs=0.1)  # 20 ms are .8 samples

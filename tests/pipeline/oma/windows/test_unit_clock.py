@@ -30,3 +30,39 @@ def test_a_few_stamps_that_are_far_off_do_not_turn_the_line(drift: float) -> Non
     assert found is not None
     assert found.drift == pytest.approx(drift, abs=1e-7)
     assert found.drift_std < 1e-7
+
+
+@pytest.mark.parametrize("drift", [0.0, 1e-4, -2.5e-3])
+@pytest.mark.parametrize("sizes", [(0.03,), (-0.1,), (0.5, -0.4), (-7200.0,), (3.8e8, -3.8e8)])
+@pytest.mark.parametrize("jitter", [0.0, 1e-3])
+def test_a_clock_that_is_set_is_no_drift(drift: float, sizes: tuple[float, ...], jitter) -> None:
+    """
+    stamp − count   ────────┐            left in, .1 s in mid-window is a drift of 250 ppm
+                            └────────
+    """
+    moved = stamps(drift, jitter)
+    for place, size in zip((300, 450), sizes, strict=False):
+        moved[place:] = [(n, t + round(size * NANOSECONDS)) for n, t in moved[place:]]
+    found = fit_clock(moved, RATE)
+    assert found is not None
+    assert found.drift == pytest.approx(drift, abs=5e-6)
+    assert abs(found.step) == pytest.approx(max(map(abs, sizes)), rel=0.05)
+    assert found.scatter < 2e-3
+
+
+@pytest.mark.parametrize("jitter", [0.0, 1e-3, 0.02, 0.3])
+def test_scatter_and_drift_alone_are_no_step(jitter: float) -> None:
+    found = fit_clock(stamps(2.5e-3, jitter), RATE)
+    assert found is not None
+    assert found.step == 0.0
+    slow = fit_clock([(n, t + round(1e-9 * n**2)) for n, t in stamps(1e-4, 1e-4)], RATE)
+    assert slow is not None  # a converter that warms up
+    assert slow.step == 0.0
+
+
+def test_stamps_in_coarse_units_follow_a_drift() -> None:
+    coarse = [(n, round(t, -8)) for n, t in stamps(2.5e-3, 0.0)]  # tenths of a second
+    found = fit_clock(coarse, RATE)
+    assert found is not None
+    assert found.drift == pytest.approx(2.5e-3, abs=2e-5)
+    assert found.step == 0.0

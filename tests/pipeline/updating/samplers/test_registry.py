@@ -72,3 +72,16 @@ def test_the_prior_s_volume_is_the_share_of_the_box_with_positive_definite_sprin
     points = np.random.default_rng(7).uniform(0.25, 4.0, size=(400_000, 3))
     expected = np.log(prior.supports(points).mean() * 3.75**3)
     assert log_prior_volume(prior) == pytest.approx(expected, abs=0.005)
+
+
+def test_chains_never_start_where_the_density_is_nothing():
+    """The box grew smaller: one of the last draws is no longer possible."""
+    warm = np.random.default_rng(2).multivariate_normal(MEAN, COVARIANCE, size=40)
+
+    def without_one(points):
+        values, *more = gaussian().target.log_density(points)
+        return (np.where((points == warm[3]).all(axis=-1), -np.inf, values), *more)
+
+    target = gaussian(ensemble=warm).target
+    start = ensemble_start(target, CountedDensity(without_one), 40, np.random.default_rng(3))
+    assert np.isfinite(without_one(start)[0]).all()

@@ -5,6 +5,7 @@ import threading
 from pathlib import Path
 
 import pytest
+import rerun as rr
 
 from pipeline.viewer.outputs import connection
 from pipeline.viewer.outputs.outputs import (
@@ -92,3 +93,12 @@ def test_a_file_that_cannot_be_closed_keeps_no_session_from_ending(
     assert abandoned == [True]
     assert caplog.messages == ["the viewer did not accept the last messages: Flush timed out"]
     never.set()
+
+
+def test_what_is_drawn_is_in_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "session.rrd"
+    recording = connection.open_recording(RrdFile(file), recording_id="r")
+    recording.log("here", rr.Scalars(1.0))
+    recording.flush()
+    recording.disconnect()
+    assert file.stat().st_size > 100

@@ -367,3 +367,16 @@ def test_sessions_of_a_clock_that_is_set_back_again_and_again_have_names_of_thei
         "20231114T221329Z",
         "20231114T221320Z-7",
     ]
+
+
+def test_wild_stamps_that_agree_with_nothing_begin_no_session() -> None:
+    """Three on end that leap to one place are a clock that was set; to three places, nothing."""
+    day = 86_400 * RATE
+    wild = [piece(200 + 40 * k, at=at) for k, at in enumerate((3 * day, -40 * day, 500 * day))]
+    counts = FeedCounts()
+    blocks = assembled(
+        [*map(piece, range(0, 200, 40)), *wild, *map(piece, range(320, 520, 40))], counts
+    )
+    assert [block.first_sample for block in blocks] == [*range(0, 200, 40), *range(320, 520, 40)]
+    assert len({block.session for block in blocks}) == 1
+    assert counts.malformed + counts.late == 3

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.feeds.payloads.json_samples import JsonReader, MessageError
+from sensors.feeds.payloads.json_samples import JsonReader, MessageError, json_of
 from sensors.feeds.payloads.timestamps import moment_ns
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
@@ -125,3 +125,9 @@ def test_no_json_does_more_than_be_refused(message: object) -> None:
             assert piece.samples.ndim == 2
     except MessageError as error:
         assert "\n" not in str(error)  # noqa: PT017  # either is right
+
+
+def test_a_message_of_more_than_a_megabyte_is_not_read() -> None:
+    assert json_of(b"1".rjust(2**20)) == 1
+    with pytest.raises(MessageError, match="at most 1048576"):
+        json_of(b"1".rjust(2**20 + 1))

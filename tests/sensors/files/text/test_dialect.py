@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from sensors.files.text.dialect import BEGINNING, read_head
+from sensors.files.text.preamble import stated_start_ns
 
 
 def cut_within(folder: Path, cell: str, *, kept: int) -> Path:
@@ -38,3 +39,16 @@ def test_a_cell_without_a_value_is_known_as_it_is_written(tmp_path: Path) -> Non
     path = tmp_path / "short.csv"
     path.write_text("t;a\n0;1\n1;-\n2;3\n3;4\n", encoding="ascii")
     assert read_head(path).missing == ("-",)
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("# start: 2024-02-03 04:05:06", 1_706_933_106_000_000_000),
+        ("# Trigger time 2024-02-03T04:05:06.25", 1_706_933_106_250_000_000),
+        ("# begin 2024-02-03 04:05:06+01:00", 1_706_929_506_000_000_000),
+        ("# recorded yesterday", 0),
+    ],
+)
+def test_a_stated_start_counts_from_1970_in_utc(line: str, expected: int) -> None:
+    assert stated_start_ns([line]) == expected

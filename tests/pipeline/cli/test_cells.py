@@ -1,0 +1,53 @@
+"""Figures in the cells of tables."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from pipeline.cli.tables.cells import count_noun, format_value
+from pipeline.cli.tables.posteriors import farm_table
+from pipeline.cli.tables.recordings import recording_tables
+from pipeline.messages import ParameterSummary, StreamGap
+from pipeline.recording.info import RecordingInfo, UnitInfo
+from sensors.acquisition.blocks import NANOSECONDS
+
+
+@pytest.mark.parametrize(
+    ("figure", "text"), [(None, "unknown"), (1.25, "1.2"), (0.0, "0.0"), (float("nan"), "nan")]
+)
+def test_what_is_not_known_is_said_to_be_unknown(figure: float | None, text: str) -> None:
+    assert format_value(figure, ".1f") == text
+
+
+def test_a_noun_follows_its_count() -> None:
+    assert (count_noun(1, "window"), count_noun(2, "window")) == ("1 window", "2 windows")
+
+
+def printed(*tables: Any) -> str:
+    console = Console(width=200, record=True, file=Path("/dev/null").open("w"))  # noqa: SIM115
+    for table in tables:
+        console.print(table)
+    return console.export_text()
+
+
+def test_a_farms_table_gives_half_of_each_interval_in_percent() -> None:
+    spring = ParameterSummary("k11", "N/m", 1e10, 0.98e10, 0.95e10, 1.01e10)
+    turbine = SimpleNamespace(
+        turbine="t7", pooled=[spring] * 3, outlying=False, outlier_probability=0.02, n_windows=5
+    )
+    spread = SimpleNamespace(median=0.02, p05=0.01, p95=0.03)
+    farm: Any = SimpleNamespace(turbines=[turbine], spread=[spread] * 3, rhat=1.0)
+    assert "0.980 ± 3.0" in printed(farm_table(farm))
+
+
+def test_a_recordings_table_gives_the_seconds_that_are_missing() -> None:
+    missing = (
+        StreamGap("t1", "tower", "s", 1 * NANOSECONDS, 3 * NANOSECONDS, 1, 2),
+        StreamGap("t1", "tower", "s", 7 * NANOSECONDS, 8 * NANOSECONDS, 7, 1),
+    )
+    unit = UnitInfo("t1", "tower", "s", 40.0, 8, 10, 0, 13 * NANOSECONDS, missing)
+    info = RecordingInfo(Path("a.mcap"), 100, {}, (), (unit,), (), ())
+    assert "2 (3.0 s)" in printed(*recording_tables(info))
