@@ -109,6 +109,16 @@ class ModalEstimate:
         return (self.end_ns - self.start_ns) / NANOSECONDS
 
 
+@dataclass(frozen=True, slots=True)
+class RefusedMode:
+    """What looked like a mode in a window and is not reported."""
+
+    frequency: float  # f [Hz]
+    damping_ratio: float  # ζ [-]
+    code: str  # stable name of the reason
+    text: str  # one sentence with the figure that decided
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StabilisationDiagram:
     """Poles of an identified window that came back over the model orders; for people to look at.
@@ -125,6 +135,7 @@ class StabilisationDiagram:
     frequencies: NDArray[np.float32]  # (n_poles,) [Hz]
     frequency_stds: NDArray[np.float32]  # (n_poles,) [Hz]
     damping_ratios: NDArray[np.float32]  # (n_poles,) [-]
+    refused: tuple[RefusedMode, ...] = ()  # in order of frequency
 
 
 @dataclass(frozen=True, slots=True)
@@ -363,11 +374,6 @@ class RecordedUntil:
     """Clock of the recorder's machine."""
     ranges: tuple[BlockRange, ...]
     """In order; of many the latest."""
-
-    @property
-    def recorded_until(self) -> int:
-        """One past the last block that is on disk; 0 of none."""
-        return self.ranges[-1].end if self.ranges else 0
 
     def has(self, sequence: int, start_ns: int) -> bool:
         """Whether a block is on disk."""

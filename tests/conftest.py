@@ -1,7 +1,9 @@
 """What every test shares: one thread, repeatable examples, a short recording simulated once."""
 
+import fcntl
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -51,17 +53,35 @@ def short_scenario() -> Scenario:
     return scenario_from_text(SHORT_SCENARIO, "short.toml")
 
 
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
+    """A folder that is filled once, whichever of a run's processes needs it first."""
+    base = factory.getbasetemp()
+    base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base  # what they share
+    folder = base / name
+    with (base / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.exists():
+            part = factory.mktemp(f"{name}-part")
+            make(part)
+            part.rename(folder)
+    return folder
+
+
 @pytest.fixture(scope="session")
 def short_recording(tmp_path_factory: pytest.TempPathFactory, short_scenario: Scenario) -> Path:
     """The same, recorded."""
-    path = tmp_path_factory.mktemp("recording") / "short.mcap"
-    record_simulation(simulated(short_scenario), path)
-    return path
+
+    def make(folder: Path) -> None:
+        record_simulation(simulated(short_scenario), folder / "short.mcap")
+
+    return made_once(tmp_path_factory, "recording", make) / "short.mcap"
 
 
 @pytest.fixture(scope="session")
 def short_session(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> Path:
     """The session of that recording: modes, posteriors and events beside the samples."""
-    folder = tmp_path_factory.mktemp("session")
-    run_session(replayed(short_recording), SessionOptions(folder, way="lock-step", rrd=False))
-    return folder / "session.mcap"
+
+    def make(folder: Path) -> None:
+        run_session(replayed(short_recording), SessionOptions(folder, way="lock-step", rrd=False))
+
+    return made_once(tmp_path_factory, "session", make) / "session.mcap"

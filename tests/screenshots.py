@@ -110,7 +110,8 @@ def take(rrd: Path, folder: Path, *wanted: str) -> dict[str, Path]:
             show_tab(viewer, layout, tab)
             pictures[tab] = folder.resolve() / f"{file_name(tab)}.png"
             _save_settled(viewer, pictures[tab])
-            _require_content(tab, pictures[tab])
+            if "Foundation" in there or tab not in ("Overview", "Modes"):  # modes alone: no model
+                _require_content(tab, pictures[tab])
             _shrink(pictures[tab])
     return pictures
 
@@ -195,7 +196,7 @@ def show_tab(viewer: Any, blueprint: dict[str, Any], name: str) -> None:
 def file_name(tab: str) -> str:
     """The tab's first words, without signs."""
     words = tab.split(":")[0].lower().split()
-    return "-".join(word for word in words if word.isalnum())
+    return "-".join(word for word in words if word.replace("-", "").isalnum())
 
 
 def _inner(blueprint: dict[str, Any]) -> list[dict[str, Any]]:

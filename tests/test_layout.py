@@ -1,6 +1,7 @@
 """The folders keep their plan: twelve modules at most, arrows one way, one meaning a name."""
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
@@ -136,6 +137,13 @@ def test_every_module_is_used() -> None:
     packages = {name for name in modules() if (ROOT / name.replace(".", "/")).is_dir()}
     unused = set(modules()) - used - packages - ENTRY_POINTS
     assert not unused
+
+
+def test_the_places_of_the_forty_questions_are_there() -> None:
+    table = (ROOT / "tests/pipeline/place_questions.md").read_text("utf-8")
+    places = re.findall(r"`([a-z_0-9/]+\.py)` \|$", table, re.MULTILINE)
+    assert len(places) == 40
+    assert not [place for place in places if not (ROOT / place).is_file()]
 
 
 def test_no_node_is_asked_for_what_it_may_not_have() -> None:

@@ -147,12 +147,19 @@ def _wanted_number(found: re.Match[str]) -> str:
     return "a whole number is needed" if found[1] == "integer" else f"a valid {found[1]} is needed"
 
 
+LOGGING_OPTIONS = ("-v", "-vv", "--verbose", "-q", "--quiet")  # of every command, before its name
+
+
 def _usage_text(error: Any) -> str:
     """Return the error of a wrong argument or option as one line; "" after the help."""
     message = " ".join(error.format_message().split()).removesuffix(".")
     message = message.replace("Value error, ", "", 1)
     message = _PARSING.sub(_wanted_number, message)
     context = getattr(error, "ctx", None)
+    option = getattr(error, "option_name", "")
+    if option in LOGGING_OPTIONS and context is not None:
+        name = context.info_name
+        return f"{option} stands before the command: `pilewatch {option} {name} …`"
     command = (
         context.command_path if context is not None else " ".join(["pilewatch", *sys.argv[1:2]])
     )

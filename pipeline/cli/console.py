@@ -176,20 +176,18 @@ def open_view(asked: str | None, *pictures: Path) -> Iterator[View]:
 
 
 @contextmanager
-def no_longer_than(seconds: float, what: str) -> Iterator[None]:
-    """Raise InputError where what is in the context takes longer; in the main thread alone.
+def no_longer_than(seconds: float) -> Iterator[None]:
+    """Raise InputError where an import in the context takes longer; in the main thread alone.
 
     Parameters
     ----------
     seconds : float
         Wall time [s].
-    what : str
-        The work, for people.
     """
 
     def give_up(*_: object) -> None:
         raise InputError(
-            f"{what} takes longer than {seconds:g} s and is given up; --at-most allows more"
+            f"the import takes longer than {seconds:g} s and is given up; --at-most allows more"
         )
 
     if not seconds > 0:

@@ -55,8 +55,8 @@ def feed(
     address: Annotated[
         str,
         typer.Argument(
-            help="mqtt://HOST/TOPIC, seedlink://HOST/NET.STA, udp://:PORT, scada+mqtt://HOST/TOPIC "
-            "or scada+csv:FILE; see README, Live instruments."
+            help="Its address, e.g. mqtt://HOST/TOPIC, udp://:PORT or scada+csv:FILE; see README, "
+            "Live instruments."
         ),
     ],
     layout: Annotated[

@@ -41,6 +41,13 @@ def identify(
         Path | None,
         typer.Option(help="TOML file of the channels to use, as for `pilewatch import`."),
     ] = None,
+    rotor_speed: Annotated[
+        float | None,
+        typer.Option(
+            help="Mean speed of a turning rotor [rpm], whose harmonics are then no modes; default: "
+            "a recording's SCADA, or a column such as 'rotor speed [rpm]'."
+        ),
+    ] = None,
     plot: Annotated[
         Path | None,
         typer.Option(
@@ -58,17 +65,20 @@ def identify(
     from pipeline.cli.tables.modes import identified_modes_table, refused_table
     from pipeline.offline.identify_file import identify_file
     from pipeline.oma.settings import OmaSettings
+    from pipeline.sources.session_files import one_recording
     from pipeline.state.run_modes import combined_modes
     from sensors.files.layout_file import load_layout
 
     if plot is not None and not plot.parent.is_dir():  # before the identification, not after it
         raise InputError(f"--plot {plot}: the folder {plot.parent} does not exist")
+    file = one_recording(file) if file.is_dir() else file
     with stderr.status(f"identifying {file}"):
         found = identify_file(
             file,
             sampling_rate=sampling_rate,
             window=window,
             layout=None if layout is None else load_layout(layout),
+            rotor_speed=rotor_speed,
             settings=OmaSettings(
                 lowest_frequency=lowest_frequency, highest_frequency=highest_frequency
             ),

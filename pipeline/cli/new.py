@@ -74,16 +74,31 @@ def new(
                 "structure": project.structure,
                 "complete": project.complete,
                 "channels": channels,
+                "left_out": [asdict(each) for each in project.left_out],
+                "conditions": list(project.conditions),
             }
         )
         return
     output.print(f"{len(project.channels)} channels at {project.sampling_rate:g} Hz:")
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
+    if project.left_out:
+        listed = ", ".join(str(each) for each in project.left_out)
+        output.print(f"Not among the motions: {escape_markup(listed)}", soft_wrap=True)
+    if project.conditions:
+        listed = escape_markup(", ".join(project.conditions))
+        output.print(f"Recorded beside the motions as SCADA: {listed}", soft_wrap=True)
     if not project.complete:
+        layout, scenario = folder / "layout.toml", folder / "scenario.toml"
+        again = (
+            f"rm {project.recording} && pilewatch import {' '.join(map(str, files))} "
+            f"--layout {layout} --scenario {scenario} -o {project.recording}"
+        )
         output.print(
-            f"What the names do not have is a guess: correct {folder / 'layout.toml'} and import "
-            "again where heights and axes matter (mode shapes, a structure).",
+            escape_markup(
+                "What the names do not have is a guess. Where heights and axes matter (mode "
+                f"shapes, a structure), correct {layout} and make the recording again:  {again}"
+            ),
             soft_wrap=True,
         )
     where = escape_markup(str(folder))

@@ -94,13 +94,17 @@ def _print_written(file: Path, as_json: bool) -> None:
 
 
 def info(
-    file: Annotated[Path, typer.Argument(help="An MCAP recording.")],
+    file: Annotated[
+        Path, typer.Argument(help="An MCAP recording, or a session's folder with one.")
+    ],
     as_json: JsonOption = False,
 ) -> None:
     """List what a recording holds: channels, duration, gaps, scenario, truth."""
     from pipeline.cli.tables.recordings import info_json, recording_tables
     from pipeline.recording.info import recording_info
+    from pipeline.sources.session_files import one_recording
 
+    file = one_recording(file)
     with stderr.status(f"reading {file}"):
         found = recording_info(file)
     if as_json:
@@ -180,7 +184,7 @@ def import_files(
     if out is None:
         raise InputError("import needs -o FILE.mcap, the recording to write")
     chosen = None if scenario is None else load_scenario(scenario)
-    with no_longer_than(at_most, "the import"):
+    with no_longer_than(at_most):
         measurement = open_measurement(
             files,
             layout=None if layout is None else load_layout(layout),

@@ -47,7 +47,7 @@ def report(
 
 def show(
     file: Annotated[
-        Path, typer.Argument(help="A session's MCAP recording, or an existing .rrd file.")
+        Path, typer.Argument(help="A session's recording or folder, or an existing .rrd file.")
     ],
     out: Annotated[
         Path | None,
@@ -78,8 +78,10 @@ def show(
 def _draw(recording: Path, out: Path | None, view: str | None) -> None:
     from pipeline.offline.draw_recording import draw_recording, pictures_of
     from pipeline.recording.info import recording_info
+    from pipeline.sources.session_files import one_recording
     from pipeline.viewer.outputs.outputs import RrdFile
 
+    recording = one_recording(recording)
     duration = recording_info(recording).duration
     with open_view(view) as shown:
         drawn = shown.output or pictures_of(recording, out)

@@ -36,7 +36,7 @@ def run(
         str | None,
         typer.Option(
             help="replay:FILE (or a folder of files), simulate:SCENARIO, live, an instrument "
-            "(mqtt://…, seedlink://…, udp://…), or a file of measurements (CSV, Parquet, …), which "
+            "(such as mqtt://HOST/TOPIC), or a file of measurements (CSV, Parquet, …), which "
             "is imported. Without it, recordings/parked.mcap is replayed."
         ),
     ] = None,

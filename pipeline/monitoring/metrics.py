@@ -13,13 +13,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from pipeline.messages import (
-    FoundationEvent,
-    FoundationPosterior,
-    Message,
-)
+from pipeline.messages import FoundationEvent, Message
 from pipeline.nodes.node import NodeStatistics
-from pipeline.state.health import NodeHealth
 from pipeline.state.run_state import RunState
 from pipeline.streams import STREAMS
 from pipeline.transport.bus import Bus, Inbox
@@ -89,7 +84,6 @@ def run_families(run: RunState, now_ns: int) -> Families:
 
 
 def _streams(run: RunState, now_ns: int) -> Families:
-    unit = ("turbine", "unit")
     units = [
         ((turbine, name), each)
         for turbine, state in run.turbines.items()
@@ -97,204 +91,116 @@ def _streams(run: RunState, now_ns: int) -> Families:
     ]
     heard = [(key, each) for key, each in units if each.end_ns is not None]
     short = [(key, each) for key, each in units if each.gaps]
-    yield counter(
-        "messages",
-        "Messages received.",
-        ("turbine", "message"),
-        (
-            ((turbine, message), count)
-            for turbine, state in run.turbines.items()
-            for message, count in state.received.items()
-        ),
-    )
-    yield counter(
-        "samples",
-        "Samples a channel received.",
-        unit,
-        ((key, each.samples) for key, each in heard),
-    )
-    yield counter(
-        "gaps", "Gaps in the measurements.", unit, ((key, each.gaps) for key, each in short)
-    )
-    yield counter(
-        "missing_seconds",
-        "Measured time that is missing.",
-        unit,
-        ((key, each.missing_ns / NANOSECONDS) for key, each in short),
-    )
-    yield gauge(
-        "lag_seconds",
-        "Age of the newest sample by this machine's clock; of a replay, of its recording.",
-        unit,
-        ((key, (now_ns - (each.end_ns or 0)) / NANOSECONDS) for key, each in heard),
-    )
-    yield gauge(
-        "sampling_rate_hertz",
-        "Sampling rate of the unit.",
-        unit,
-        ((key, each.sampling_rate) for key, each in heard),
-    )
+    received = [
+        ((turbine, message), count)
+        for turbine, state in run.turbines.items()
+        for message, count in state.received.items()
+    ]
+    yield counter("messages", "Messages received.", ("turbine", "message"), received)
+    unit = ("turbine", "unit")
+    samples = [(key, each.samples) for key, each in heard]
+    yield counter("samples", "Samples a channel received.", unit, samples)
+    gaps = [(key, each.gaps) for key, each in short]
+    yield counter("gaps", "Gaps in the measurements.", unit, gaps)
+    missing = [(key, each.missing_ns / NANOSECONDS) for key, each in short]
+    yield counter("missing_seconds", "Measured time that is missing.", unit, missing)
+    lags = [(key, (now_ns - (each.end_ns or 0)) / NANOSECONDS) for key, each in heard]
+    text = "Age of the newest sample by this machine's clock; of a replay, of its recording."
+    yield gauge("lag_seconds", text, unit, lags)
+    rates = [(key, each.sampling_rate) for key, each in heard]
+    yield gauge("sampling_rate_hertz", "Sampling rate of the unit.", unit, rates)
     streams = run.health.streams(now_ns)
-    yield gauge(
-        "stream_rate_hertz",
-        "Messages a second on a key since its first.",
-        ("key",),
-        (((each.key,), each.rate) for each in streams),
-    )
-    yield gauge(
-        "stream_silence_seconds",
-        "Since the last message on a key.",
-        ("key",),
-        (((each.key,), each.silence) for each in streams),
-    )
+    for name, text, field in (
+        ("stream_rate_hertz", "Messages a second on a key since its first.", "rate"),
+        ("stream_silence_seconds", "Since the last message on a key.", "silence"),
+    ):
+        yield gauge(name, text, ("key",), (((e.key,), getattr(e, field)) for e in streams))
 
 
 def _nodes(run: RunState, now_ns: int) -> Families:
-    nodes = run.health.nodes(now_ns)
     labels = ("turbine", "node")
-    yield gauge(
-        "node_up",
-        "1: the node has spoken lately and not said that it stops.",
-        labels,
-        ((_of_node(each), float(each.condition == "alive")) for each in nodes),
-    )
-    yield counter(
-        "node_busy_seconds",
-        "Time that the node has worked.",
-        labels,
-        ((_of_node(each), each.status.busy_s) for each in nodes),
-    )
-    yield counter(
-        "node_blocks",
-        "Blocks by what became of them, beside those that were simply handled.",
-        (*labels, "fate"),
-        (
-            ((*_of_node(each), fate), float(getattr(each.status, fate)))
-            for each in nodes
-            for fate in COUNTED_BY_NODES
-        ),
-    )
+    nodes = [((e.status.turbine, e.status.node), e) for e in run.health.nodes(now_ns)]
+    up = "1: the node has spoken lately and not said that it stops."
+    alive = [(key, float(each.condition == "alive")) for key, each in nodes]
+    yield gauge("node_up", up, labels, alive)
+    busy = [(key, each.status.busy_s) for key, each in nodes]
+    yield counter("node_busy_seconds", "Time that the node has worked.", labels, busy)
+    fates = [
+        ((*key, fate), float(getattr(each.status, fate)))
+        for key, each in nodes
+        for fate in COUNTED_BY_NODES
+    ]
+    text = "Blocks by what became of them, beside those that were simply handled."
+    yield counter("node_blocks", text, (*labels, "fate"), fates)
 
 
 def _modes(run: RunState) -> Families:
-    labels = ("turbine", "mode")
     estimates = [
         (turbine, state.estimate) for turbine, state in run.turbines.items() if state.estimate
     ]
+    lowest = [((turbine,), each.modes[0].frequency) for turbine, each in estimates if each.modes]
+    text = "f1, the lowest frequency of the newest window."
+    yield gauge("first_frequency_hertz", text, ("turbine",), lowest)
     modes = [
         ((turbine, mode.name), mode)
         for turbine, estimate in estimates
         for mode in estimate.modes
         if mode.name  # else one series to Prometheus, which drops all but the first
     ]
-    yield gauge(
-        "first_frequency_hertz",
-        "f1, the lowest frequency of the newest window.",
-        ("turbine",),
-        (((t,), e.modes[0].frequency) for t, e in estimates if e.modes),
-    )
-    yield gauge(
-        "mode_frequency_hertz",
-        "Frequencies of the newest window.",
-        labels,
-        ((key, mode.frequency) for key, mode in modes),
-    )
-    yield gauge(
-        "mode_frequency_std_hertz",
-        "Their standard deviations.",
-        labels,
-        ((key, mode.frequency_std) for key, mode in modes),
-    )
-    yield gauge(
-        "mode_damping_ratio",
-        "Damping ratios of the newest window.",
-        labels,
-        ((key, mode.damping_ratio) for key, mode in modes),
-    )
-    yield counter(
-        "windows_rejected",
-        "Windows that were not used, by the reason's code.",
-        ("turbine", "code"),
-        (
-            ((turbine, code), count)
-            for turbine, state in run.turbines.items()
-            for code, count in state.rejections.items()
-        ),
-    )
+    for name, text, field in (
+        ("mode_frequency_hertz", "Frequencies of the newest window.", "frequency"),
+        ("mode_frequency_std_hertz", "Their standard deviations.", "frequency_std"),
+        ("mode_damping_ratio", "Damping ratios of the newest window.", "damping_ratio"),
+    ):
+        values = [(key, getattr(mode, field)) for key, mode in modes]
+        yield gauge(name, text, ("turbine", "mode"), values)
+    rejected = [
+        ((turbine, code), count)
+        for turbine, state in run.turbines.items()
+        for code, count in state.rejections.items()
+    ]
+    text = "Windows that were not used, by the reason's code."
+    yield counter("windows_rejected", text, ("turbine", "code"), rejected)
 
 
 def _foundation(run: RunState) -> Families:
     posteriors = [
         (turbine, state.posterior) for turbine, state in run.turbines.items() if state.posterior
     ]
-    yield gauge(
-        "stiffness_ratio",
-        "Quantiles of k11, k22, k12 over their nominal values.",
-        ("turbine", "spring", "level"),
+    springs = [(turbine, each) for turbine, last in posteriors for each in last.parameters[:3]]
+    ratios = [
+        ((turbine, each.name, level), getattr(each, field) / each.nominal)
+        for turbine, each in springs
+        for level, field in QUANTILE_LEVELS
+    ]
+    text = "Quantiles of k11, k22, k12 over their nominal values."
+    yield gauge("stiffness_ratio", text, ("turbine", "spring", "level"), ratios)
+    medians = [((turbine, each.name, each.unit), each.median) for turbine, each in springs]
+    text = "Medians of k11, k22, k12 in the unit of the label."
+    yield gauge("stiffness", text, ("turbine", "spring", "unit"), medians)
+    for name, text, field in (
+        ("posterior_windows", "Windows that entered the posterior.", "n_windows"),
+        ("posterior_trusted", "0: the data contradict the model.", "trusted"),
+        ("posterior_effective_draws", "Smallest effective sample size.", "ess"),
         (
-            ((turbine, p.name, level), getattr(p, field) / p.nominal)
-            for turbine, posterior in posteriors
-            for p in posterior.parameters[:3]
-            for level, field in QUANTILE_LEVELS
+            *("change_probability", "That the modes have changed since the last event."),
+            "change_probability",
         ),
-    )
-    yield gauge(
-        "stiffness",
-        "Medians of k11, k22, k12 in the unit of the label.",
-        ("turbine", "spring", "unit"),
-        (
-            ((turbine, p.name, p.unit), p.median)
-            for turbine, posterior in posteriors
-            for p in posterior.parameters[:3]
-        ),
-    )
-    for name, text, figure in (
-        ("posterior_windows", "Windows that entered the posterior.", _n_windows),
-        ("posterior_trusted", "0: the data contradict the model.", _trusted),
-        ("posterior_effective_draws", "Smallest effective sample size.", _ess),
-        ("change_probability", "That the modes have changed since the last event.", _change),
     ):
-        values = (((turbine,), figure(each)) for turbine, each in posteriors)
+        values = [((turbine,), float(getattr(each, field))) for turbine, each in posteriors]
         yield gauge(name, text, ("turbine",), values)
-    yield counter(
-        "events",
-        "Changes of the structure that were told.",
-        ("turbine",),
-        (
-            ((turbine,), float(run.turbine(turbine).received[FoundationEvent.__name__]))
-            for turbine, _ in posteriors
-        ),
-    )
-    yield gauge(
-        "event_timestamp_seconds",
-        "When the newest change was noticed.",
-        ("turbine", "kind"),
-        (
-            ((turbine, state.events[-1].kind), state.events[-1].time_ns / NANOSECONDS)
-            for turbine, state in run.turbines.items()
-            if state.events
-        ),
-    )
-
-
-def _of_node(health: NodeHealth) -> tuple[str, str]:
-    return health.status.turbine, health.status.node
-
-
-def _n_windows(posterior: FoundationPosterior) -> float:
-    return float(posterior.n_windows)
-
-
-def _trusted(posterior: FoundationPosterior) -> float:
-    return float(posterior.trusted)
-
-
-def _ess(posterior: FoundationPosterior) -> float:
-    return posterior.ess
-
-
-def _change(posterior: FoundationPosterior) -> float:
-    return posterior.change_probability
+    events = [
+        ((turbine,), float(run.turbine(turbine).received[FoundationEvent.__name__]))
+        for turbine, _ in posteriors
+    ]
+    yield counter("events", "Changes of the structure that were told.", ("turbine",), events)
+    latest = [
+        ((turbine, state.events[-1].kind), state.events[-1].time_ns / NANOSECONDS)
+        for turbine, state in run.turbines.items()
+        if state.events
+    ]
+    text = "When the newest change was noticed."
+    yield gauge("event_timestamp_seconds", text, ("turbine", "kind"), latest)
 
 
 def gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[Sample]) -> "Metric":
@@ -320,21 +226,21 @@ def _filled(family: Any, values: Iterable[Sample]) -> "Metric":
     return family
 
 
-def listened(desk: MetricsNode, bus: Bus, stopping: threading.Event) -> None:
-    """Give the desk every message until `stopping` is set. Nothing is published: who may only read
+def listened(node: MetricsNode, bus: Bus, stopping: threading.Event) -> None:
+    """Give the node every message until `stopping` is set. Nothing is published: who may only read
     may do this."""
     inbox = Inbox()
-    subscription = bus.subscribe(desk.inputs, inbox)
+    subscription = bus.subscribe(node.inputs, inbox)
     while not stopping.is_set():
         message = inbox.get(timeout=0.2)
         if message is not None:
-            desk.handle(message)
+            node.handle(message)
     subscription.close()
 
 
 @contextmanager
-def served(desk: MetricsNode, port: int, address: str = LOOPBACK) -> Iterator[int]:
-    """The desk's figures over HTTP under /metrics; gives the port, which 0 leaves to the system.
+def served(node: MetricsNode, port: int, address: str = LOOPBACK) -> Iterator[int]:
+    """The node's figures over HTTP under /metrics; gives the port, which 0 leaves to the system.
 
     Raises InputError where the port is taken or the extra `metrics` is missing.
     """
@@ -345,7 +251,7 @@ def served(desk: MetricsNode, port: int, address: str = LOOPBACK) -> Iterator[in
         raise InputError(f"{port} is no port for the figures; ports are 0 (any) to {LAST_PORT}")
 
     registry = CollectorRegistry()
-    registry.register(desk)  # a Collector by its method
+    registry.register(node)  # a Collector by its method
     try:
         server, thread = start_http_server(port, addr=address, registry=registry)
     except OSError as error:

@@ -1,6 +1,6 @@
 """What `pilewatch status` asks and what a running session answers.
 
-every message ──► [status desk] ◄── query on pilewatch/@status/* ── pilewatch status
+every message ──► [status node] ◄── query on pilewatch/@status/* ── pilewatch status
                    health of nodes and streams, latest gaps, last posterior of every turbine
 """
 

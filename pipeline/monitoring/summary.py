@@ -17,8 +17,8 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.by_turbine import of_kind
 from pipeline.nodes.node import NodeStatistics
+from pipeline.nodes.sharding import of_kind
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import empty_summary, posterior_summary
 from pipeline.state.run_state import RunState

@@ -234,8 +234,10 @@ class TurbineIdentification:
         layouts = {name: layout for name, layout in latest.items() if layout is not None}
         if len(layouts) > 1 and block.unit in layouts:
             joined = [layouts[name] for name in sorted(layouts)]
-            return JoinedSession(joined, self._settings, self._cpu)
-        return UnitSession(block, unit.boot, self._settings, self._layouts, self._cpu)
+            return JoinedSession(joined, self._settings, self._cpu, self._log.rotor_speed)
+        return UnitSession(
+            block, unit.boot, self._settings, self._layouts, self._cpu, self._log.rotor_speed
+        )
 
     def _finish_if_complete(self) -> Iterator[Message]:
         """Finish a session whose ends and last blocks are all here, whichever came first: they

@@ -1,5 +1,6 @@
 """What the turbine was doing during a window, and which windows may speak of the foundation."""
 
+import math
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -8,6 +9,7 @@ import numpy as np
 
 from pipeline.messages import ModalEstimate, WindowRejected
 from sensors.acquisition.scada import ScadaSample
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
 OPERATING_STATES = ("parked", "idling", "start", "operating", "stop")
@@ -34,10 +36,10 @@ class OperationSettings:
 
 
 class OperationLog:
-    """What the controller of one turbine has reported lately."""
+    """What the controller of one turbine has reported: its latest samples, `kept` of them."""
 
-    def __init__(self) -> None:
-        self._samples: deque[ScadaSample] = deque(maxlen=KEPT_SAMPLES)
+    def __init__(self, kept: int | None = KEPT_SAMPLES) -> None:
+        self._samples: deque[ScadaSample] = deque(maxlen=kept)
 
     def note(self, sample: ScadaSample) -> None:
         """Remember a sample."""
@@ -46,12 +48,13 @@ class OperationLog:
     def with_conditions(self, estimate: ModalEstimate) -> ModalEstimate:
         """The estimate with what the controller reported of its window; unchanged where it
         reported nothing."""
-        samples = self._during(estimate)
+        samples = self._during(estimate.start_ns, estimate.end_ns)
         if not samples:
             return estimate
         states = list(dict.fromkeys(sample.state for sample in samples))
         yaws = np.array([sample.yaw for sample in samples])
-        steady = len(states) == 1 and np.ptp(yaws) <= STEADY_YAW
+        known = yaws[np.isfinite(yaws)]
+        steady = len(states) == 1 and (not known.size or np.ptp(known) <= STEADY_YAW)
         return replace(
             estimate,
             operating_state=states[0] if steady else CHANGING,
@@ -61,11 +64,35 @@ class OperationLog:
             water_level=float(np.mean([sample.water_level for sample in samples])),
         )
 
-    def _during(self, estimate: ModalEstimate) -> list[ScadaSample]:
+    def rotor_speed(self, start_ns: int, end_ns: int, n_samples: int) -> FloatArray | None:
+        """Rotor speed at each sample of a window, straight between the controller's samples.
+
+        Parameters
+        ----------
+        start_ns, end_ns : int
+            Window on the sensors' clock [ns since 1970-01-01 UTC].
+        n_samples : int
+
+        Returns
+        -------
+        ndarray, shape (n_samples,), or None
+            Speed [rpm]; None where the controller reports none.
+        """
+        known = [s for s in self._during(start_ns, end_ns) if math.isfinite(s.rotor_speed)]
+        if not known:
+            return None
+        step = (end_ns - start_ns) / max(n_samples, 1)
+        return np.interp(
+            np.arange(n_samples) * step,
+            [float(sample.time_ns - start_ns) for sample in known],
+            [sample.rotor_speed for sample in known],
+        )
+
+    def _during(self, start_ns: int, end_ns: int) -> list[ScadaSample]:
         """Samples of the window, and the one that holds when it begins."""
         known = self._samples
-        before = [sample for sample in known if sample.time_ns <= estimate.start_ns]
-        inside = [s for s in known if estimate.start_ns < s.time_ns < estimate.end_ns]
+        before = [sample for sample in known if sample.time_ns <= start_ns]
+        inside = [sample for sample in known if start_ns < sample.time_ns < end_ns]
         return before[-1:] + inside
 
 

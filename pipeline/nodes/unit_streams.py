@@ -11,7 +11,12 @@ from typing import Any
 
 from pipeline.messages import Message, ModalEstimate, UnitOrigin, WindowRejected
 from pipeline.nodes.block_admission import LAYOUT, STUBBORN, UNITS, Refusal
-from pipeline.nodes.window_identification import CpuLimit, WindowIdentification
+from pipeline.nodes.window_identification import (
+    CpuLimit,
+    RotorSpeed,
+    WindowIdentification,
+    unknown_speed,
+)
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.unit_clock import ClockStep, clock_step, stamp_of
@@ -44,12 +49,19 @@ class UnitSession:
         settings: OmaSettings,
         layouts: dict[str, SensorLayout],
         limit: CpuLimit | None = None,
+        rotor_speed: RotorSpeed = unknown_speed,
     ):
         self._unit, self._boot = first.unit, boot
         self._settings = settings
         self._order = BlockOrder(settings.lateness)
         self._windows = WindowIdentification(
-            first.turbine, first.unit, settings, layouts, origins=self._origins, limit=limit
+            first.turbine,
+            first.unit,
+            settings,
+            layouts,
+            origins=self._origins,
+            rotor_speed=rotor_speed,
+            limit=limit,
         )
         self._rate = first.sampling_rate
         self._newest: AccelerationBlock | None = None
@@ -147,6 +159,7 @@ class JoinedSession:
         layouts: Sequence[SensorLayout],
         settings: OmaSettings,
         limit: CpuLimit | None = None,
+        rotor_speed: RotorSpeed = unknown_speed,
     ):
         self._settings = settings
         self._joiner = UnitJoiner(layouts, settings.lateness)
@@ -167,6 +180,7 @@ class JoinedSession:
             {joined.layout_id: joined},
             columns={unit: self._joiner.columns(unit) for unit in self._joiner.units},
             origins=self._origins,
+            rotor_speed=rotor_speed,
             limit=limit,
         )
 

@@ -12,12 +12,14 @@ from pipeline.messages import (
     ModalEstimate,
     Mode,
     QualityWarning,
+    RefusedMode,
     StabilisationDiagram,
     StreamGap,
     UnitOrigin,
     WindowRejected,
 )
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
+from pipeline.oma.data_quality.rotor_harmonics import turns
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.references import settings_for_channels
 from pipeline.oma.settings import OmaSettings
@@ -30,14 +32,16 @@ from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
 from pipeline.oma.work_limit import WorkLimitExceeded, working_for
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus, parts_of
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 
 
 def stabilisation_diagram(
-    estimate: ModalEstimate, bands: Sequence[PoleCloud]
+    estimate: ModalEstimate, bands: Sequence[PoleCloud], refused: Sequence[RefusedMode] = ()
 ) -> StabilisationDiagram:
     """Poles of all bands side by side, in single precision: nothing is computed with them.
 
-    bands   the poles behind the estimate by frequency band, slowest first
+    bands     the poles behind the estimate by frequency band, slowest first
+    refused   what looked like a mode among them and is not reported
     """
     poles = {
         "orders": [band.orders for band in bands],
@@ -52,11 +56,14 @@ def stabilisation_diagram(
         estimate.start_ns,
         estimate.end_ns,
         **{name: np.concatenate([*parts, []]).astype(np.float32) for name, parts in poles.items()},
+        refused=tuple(refused),
     )
 
 
 ColumnsOfUnits = dict[str, list[int]]  # which channels are a unit's, of several
 Origins = Callable[[Window], tuple[UnitOrigin, ...]]
+RotorSpeed = Callable[[int, int, int], FloatArray | None]
+"""Start and end [ns], number of samples → speed at each sample, (n,) [rpm]; None: unknown."""
 
 CpuClock = Callable[[], float]  # → CPU time of this thread [s]
 
@@ -67,6 +74,10 @@ CORRECTED_DRIFT = 10e-6  # of stamps, beyond which frequencies follow them [-]
 def no_origins(_: Window) -> tuple[UnitOrigin, ...]:
     """Of a window whose units are not known."""
     return ()
+
+
+def unknown_speed(*_: int) -> None:
+    """Of a rotor whose speed is not reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +128,7 @@ class WindowIdentification:
 
     columns   which channels are a unit's, where several are joined
     origins   → where a window begins in its units' own counts
+    rotor_speed → the rotor's speed during a window by SCADA
     limit     what a window may cost; None: whatever it does
     """
 
@@ -129,11 +141,13 @@ class WindowIdentification:
         *,
         columns: ColumnsOfUnits | None = None,
         origins: Origins = no_origins,
+        rotor_speed: RotorSpeed = unknown_speed,
         limit: CpuLimit | None = None,
     ):
         self._work = _Work(limit)
         self._turbine, self._unit = turbine, unit
         self._origins_of = origins
+        self._rotor_speed_of = rotor_speed
         self._unit_steps: list[tuple[str, ClockStep]] = []  # of joined units, since the last window
         self._cutter = WindowCutter(settings.window_duration, settings.hop)
         self._tracker = ModeTracker()
@@ -245,7 +259,7 @@ class WindowIdentification:
         answer = self._concluded(window, result, missing, present)
         yield answer
         if isinstance(answer, ModalEstimate):
-            diagram = stabilisation_diagram(answer, result.diagrams)
+            diagram = stabilisation_diagram(answer, result.diagrams, result.refused)
             ratio = 1.0 / (1.0 + drift_of(window.clock))
             yield diagram if ratio == 1.0 else _in_true_time(diagram, ratio)
 
@@ -307,25 +321,22 @@ class WindowIdentification:
         self, window: Window, names: tuple[str, ...], present: list[int] | None
     ) -> Identification:
         """present   channels to use where a unit is missing; None: all, as they were streamed"""
-        if present is not None:
-            left = [names[column] for column in present]
-            return identify(
-                window.samples[:, present],
-                window.sampling_rate,
-                settings_for_channels(self._settings, left),
-                channel_names=left,
-            )
-        if window.gaps:
-            return identify(
-                window.samples, window.sampling_rate, self._settings, channel_names=names
-            )
-        if self._stretch is None or window.first_sample < self._origin:
-            # what a window before it cost ended the stretch that this one began in
-            return identify(
-                window.samples, window.sampling_rate, self._settings, channel_names=names
-            )
-        hops = window.index - self._origin // self._stretch.hop_samples
-        return self._stretch.identify(hops, window.samples, channel_names=names)
+        speed = self._rotor_speed_of(window.start_ns, window.end_ns, len(window.samples))
+        # what a window before it cost may have ended the stretch that this one began in
+        streamed = self._stretch is not None and window.first_sample >= self._origin
+        turning = speed is not None and turns(speed)
+        if self._stretch is not None and streamed and not (present or window.gaps or turning):
+            hops = window.index - self._origin // self._stretch.hop_samples
+            return self._stretch.identify(hops, window.samples, channel_names=names)
+        used = range(len(names)) if present is None else present
+        left = [names[column] for column in used]
+        return identify(
+            window.samples[:, used],
+            window.sampling_rate,
+            settings_for_channels(self._settings, left),
+            channel_names=left,
+            rotor_speed=speed,
+        )
 
     def _missing_units(self, window: Window) -> dict[str, float]:
         """Units that lack samples on all of their channels, and for how long [s]."""
@@ -369,7 +380,7 @@ class WindowIdentification:
         if not window.complete:
             return QualityWarning(
                 "short",
-                f"the session of unit {self._unit} ended {window.duration:.3g} s into a window of "
+                f"the session of unit {self._unit} ended {window.duration:.6g} s into a window of "
                 f"{self._settings.window_duration:g} s",
             )
         if window.steps:
@@ -440,6 +451,7 @@ def _in_true_time(diagram: StabilisationDiagram, ratio: float) -> StabilisationD
         diagram,
         frequencies=(diagram.frequencies * ratio).astype(np.float32),
         frequency_stds=(diagram.frequency_stds * ratio).astype(np.float32),
+        refused=tuple(replace(each, frequency=each.frequency * ratio) for each in diagram.refused),
     )
 
 

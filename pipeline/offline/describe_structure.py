@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from sensors.dynamics.full_model_modes import FullModes, full_modes
 from sensors.structure.description import Direction, TurbineDescription
 
 N_MODES = 6
+STILL = 1e-6  # of the largest motion of any mode: below it the tower does not sway [-]
 POINTS = 60  # of the tower at which its shapes are computed
 HIGHEST_DESCRIBED = 12.5  # of the modes [Hz]
 
@@ -52,11 +53,20 @@ class StructureFigures:
         return 0.0 if water is None else max(0.0, water.level - self.description.mudline)
 
     @property
-    def first(self) -> list[tuple[float, Direction, float]]:
-        """Frequency [Hz], direction and blade energy share [-] of the first modes."""
+    def first(self) -> list[tuple[float, Direction | Literal["torsion"], float]]:
+        """Frequency [Hz], direction and blade energy share [-] of the first modes.
+
+        A mode in which the tower stays where it is turns it about its axis.
+        """
         modes = self.modes
-        rows = zip(modes.frequencies, modes.directions, modes.blade_energy_share, strict=True)
-        return [(float(f), direction, float(share)) for f, direction, share in rows][:N_MODES]
+        still = modes.sensor_motion < STILL * modes.sensor_motion.max()
+        rows = zip(
+            modes.frequencies, modes.directions, modes.blade_energy_share, still, strict=True
+        )
+        return [
+            (float(f), "torsion" if is_still else direction, float(share))
+            for f, direction, share, is_still in rows
+        ][:N_MODES]
 
     def shape(self, mode: int) -> FloatArray:
         """Return the tower's shape in the mode's direction, shape (n,), largest component 1 [-]."""

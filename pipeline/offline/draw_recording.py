@@ -60,7 +60,7 @@ def _draw(
 
 
 def pictures_of(recording: Path, out: Path | None) -> RrdFile:
-    """Return whe .rrd file of a recording: `out`, or beside it under its own name.
+    """Return the .rrd file of a recording: `out`, or beside it under its own name.
 
     Raises
     ------
@@ -69,7 +69,9 @@ def pictures_of(recording: Path, out: Path | None) -> RrdFile:
     """
     path = out or recording.with_suffix(PICTURE_SUFFIX)
     if path.exists():
-        raise InputError(f"{path} exists already; name another file with -o, or remove it")
+        raise InputError(
+            f"{path} exists already: `pilewatch show {path}` opens it; -o FILE draws another"
+        )
     return RrdFile(path)
 
 

@@ -13,21 +13,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.messages import ModalEstimate, QualityWarning, WindowRejected
+from pipeline.messages import ModalEstimate, QualityWarning, RefusedMode, WindowRejected
+from pipeline.nodes.operating_state import OperationLog
 from pipeline.oma.cross_check import CrossCheck, combined_checks
+from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
 from pipeline.oma.identification import Identification, identify
-from pipeline.oma.refused import RefusedMode
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.measured_quantities import guessed_quantities
 from pipeline.oma.tracking import ModeTracker
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.windowing import BlockOrder, MissingSamples
 from pipeline.recording.reader import read_messages
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
+from sensors.files.channel_names import UnusedChannel, split_motions
 from sensors.files.formats import read_file
 from sensors.files.layout_file import LayoutFile
+from sensors.files.rotor_speed import with_rotor_speed_apart
 from sensors.files.table import EVERYTHING, STANDING_STAMPS, ChannelTable, FileError, Quantity
 
 JOINING = 5.0  # waiting time for a missing unit [s]
@@ -110,6 +113,7 @@ def identify_file(
     window: float | None = None,
     settings: OmaSettings | None = None,
     layout: LayoutFile | None = None,
+    rotor_speed: float | None = None,
 ) -> FileIdentification:
     """Identify the modes in a recording or a file of measurements.
 
@@ -121,13 +125,18 @@ def identify_file(
         Length of a window [s]; None: the whole file is one window.
     layout : LayoutFile | None, optional
         Channels to use and their units; None: all, as in the file.
+    rotor_speed : float | None, optional
+        Mean speed of a turning rotor [rpm]; None: as the file has it, in a recording's SCADA
+        samples or a column in rpm.
 
     Raises
     ------
     InputError
         If the file cannot be read, has no sampling rate or is shorter than the window.
     """
-    table, rate = _read(path, sampling_rate, layout)
+    table, rate, unused = _read(path, sampling_rate, layout)
+    if rotor_speed is not None:
+        table = replace(table, rotor_speed=_constant_speed(rotor_speed, len(table.samples)))
     lowest = None if settings is None else settings.lowest_frequency
     if lowest is not None and lowest >= rate / 2:
         raise InputError(
@@ -139,7 +148,7 @@ def identify_file(
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
     length = len(table.samples) if window is None else round(window * rate)
     quantities = table.quantities or guessed_quantities(table.samples, rate)
-    guessed = _guess(table, quantities)
+    guessed = _guess(table, quantities) + _unused(unused)
     tracker = ModeTracker()
     estimates, rejected = [], []
     first: IdentifiedWindow | None = None
@@ -158,6 +167,7 @@ def identify_file(
                     checks.setdefault(mode.name, []).append(check)
             estimates.append(replace(answer, modes=named, warnings=answer.warnings + guessed))
         else:
+            tracker.missed()
             rejected.append(answer)
     return FileIdentification(
         tuple(estimates),
@@ -174,12 +184,22 @@ def identify_file(
 
 def _read(
     path: Path, sampling_rate: float | None, layout: LayoutFile | None
-) -> tuple[ChannelTable, float]:
+) -> tuple[ChannelTable, float, tuple[UnusedChannel, ...]]:
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
     wanted = EVERYTHING if layout is None else layout.wanted()
-    table = recorded_channels(path) if path.suffix == ".mcap" else read_file(path, wanted=wanted)
-    table = table if layout is None else layout.chosen(table)
+    recorded = path.suffix == ".mcap"
+    table = (
+        recorded_channels(path)
+        if recorded
+        else with_rotor_speed_apart(read_file(path, wanted=wanted))
+    )
+    unused: tuple[UnusedChannel, ...] = ()
+    if layout is not None:
+        table = layout.chosen(table)
+    elif not recorded:
+        columns, unused = split_motions(table)
+        table = table.only(columns)
     stamped = table.sampling_rate
     if stamped is None and table.times is not None:  # they stand still
         table = replace(table, times=None)
@@ -190,7 +210,7 @@ def _read(
             f"{path} has neither a sampling rate nor a time column (t, time or timestamp): give "
             "--sampling-rate HZ"
         )
-    return table, sampling_rate or stamped or 0.0
+    return table, sampling_rate or stamped or 0.0, unused
 
 
 def recorded_channels(path: Path) -> ChannelTable:
@@ -205,9 +225,12 @@ def recorded_channels(path: Path) -> ChannelTable:
     """
     layouts: dict[str, SensorLayout] = {}
     blocks: dict[str, list[AccelerationBlock]] = {}  # of the first turbine, by unit
+    operation: dict[str, OperationLog] = {}
     turbine = ""
-    for message in read_messages(path, (SensorLayout, AccelerationBlock)):
-        if isinstance(message, SensorLayout):
+    for message in read_messages(path, (SensorLayout, AccelerationBlock, ScadaSample)):
+        if isinstance(message, ScadaSample):
+            operation.setdefault(message.turbine, OperationLog(None)).note(message)
+        elif isinstance(message, SensorLayout):
             layouts[message.layout_id] = message
         elif isinstance(message, AccelerationBlock):
             turbine = turbine or message.turbine
@@ -217,9 +240,27 @@ def recorded_channels(path: Path) -> ChannelTable:
         raise FileError(f"{path} holds no acceleration blocks")
     by_unit = {unit: _in_order(blocks[unit]) for unit in sorted(blocks)}
     if len(by_unit) > 1:
-        return _join_blocks(by_unit, layouts)
-    (ordered,) = by_unit.values()
-    return _table(ordered, layouts)
+        table = _join_blocks(by_unit, layouts)
+    else:
+        (ordered,) = by_unit.values()
+        table = _table(ordered, layouts)
+    return _with_speed(table, operation.get(turbine, OperationLog()))
+
+
+def _with_speed(table: ChannelTable, operation: OperationLog) -> ChannelTable:
+    assert table.times is not None
+    end_ns = table.start_ns + round(float(table.times[-1]) * NANOSECONDS) + 1
+    seconds = np.linspace(0.0, float(table.times[-1]), len(table.times))
+    speed = operation.rotor_speed(table.start_ns, end_ns, len(seconds))
+    if speed is None:
+        return table
+    return replace(table, rotor_speed=np.interp(table.times, seconds, speed))
+
+
+def _constant_speed(rotor_speed: float, n_samples: int) -> NDArray[np.float64]:
+    if not 0 <= rotor_speed < float("inf"):
+        raise InputError(f"--rotor-speed is {rotor_speed:g} rpm; it must not be negative")
+    return np.full(n_samples, rotor_speed)
 
 
 def _in_order(blocks: list[AccelerationBlock]) -> list[AccelerationBlock]:
@@ -273,6 +314,16 @@ def _guess(
     return (QualityWarning("quantities-guessed", text),)
 
 
+def _unused(channels: tuple[UnusedChannel, ...]) -> tuple[QualityWarning, ...]:
+    if not channels:
+        return ()
+    text = (
+        f"not used, as no motion of the structure: {', '.join(map(str, channels))}; a layout file "
+        "(--layout) chooses the channels"
+    )
+    return (QualityWarning("channels-left-out", text),)
+
+
 def _windows(
     table: ChannelTable,
     rate: float,
@@ -284,6 +335,7 @@ def _windows(
         window = slice(first, first + length)
         samples = table.samples[window]
         times = None if table.times is None else table.times[window]
+        speed = None if table.rotor_speed is None else table.rotor_speed[window]
         found = identify(
             samples,
             rate,
@@ -291,6 +343,7 @@ def _windows(
             times=times,
             channel_names=table.names,
             quantities=quantities,
+            rotor_speed=speed,
             cross_checked=True,
         )
         yield IdentifiedWindow(number, samples, found)

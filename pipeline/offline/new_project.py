@@ -1,19 +1,27 @@
 """A folder to start from, made of files of measurements: `pilewatch new`.
 
-files ──► guess of each channel's place ──► layout.toml, scenario.toml, recordings/NAME.mcap
+files ──► motions, with a guess of each one's place ──► layout.toml
+      └─► wind, rotor, sea: SCADA samples              scenario.toml, recordings/NAME.mcap
 """
 
+import logging
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.scenario import NO_STRUCTURE, scenario_from_text
-from pipeline.sources.import_files import open_measurement, record_measurement
-from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
+from pipeline.sources.import_files import Measurement, open_measurement, record_measurement
+from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
+from sensors.files.channel_names import GuessedChannel, UnusedChannel, guess_channels, split_motions
+from sensors.files.conditions import ConditionChannel, condition_channels, read_conditions
 from sensors.files.formats import channels_in
 from sensors.files.layout_file import parse_layout
+from sensors.files.table import ChannelTable, FileError
 from sensors.settings import toml_string
 from sensors.structure.decks.elastodyn import read_elastodyn
 from sensors.structure.decks.toml_text import description_toml
@@ -21,40 +29,11 @@ from sensors.structure.decks.windio import read_windio
 from sensors.structure.description import SHIPPED, load_turbine, turbine_text
 from sensors.structure.foundation import FoundationSprings
 
-UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
-AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
-    **dict.fromkeys(("fa", "foreaft", "x", "n"), (FORE_AFT, "fore-aft")),
-    **dict.fromkeys(("ss", "sideside", "y", "e"), (SIDE_SIDE, "side-side")),
-    **dict.fromkeys(("z", "v", "up", "vert"), (UP, "vertical")),
-}
-_WORD = re.compile(r"[A-Za-z]+")
-_HEIGHT_IN_METRES = re.compile(r"(?<![A-Za-z0-9])(-?\d+(?:\.\d+)?) ?m(?![A-Za-z/])")
-_HEIGHT_AFTER_LETTERS = re.compile(
-    r"(?<![A-Za-z0-9])(?:LAT|Lat|lat|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)"
-)
-_NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?![\d.])")
+_log = logging.getLogger(__name__)
+
 YAML = (".yaml", ".yml")  # of WindIO
 STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
-LOWEST, HIGHEST = 2.0, 300.0  # heights that a bare number in a name may stand for [m]
 WINDOW = 600.0  # length of an identified window, unless the record is shorter [s]
-
-
-@dataclass(frozen=True, slots=True)
-class GuessedChannel:
-    """Where a channel is taken to be, and what this is taken from."""
-
-    name: str
-    """As the file has it."""
-    elevation: float
-    """[m]; where `height_known` is False only its place in the order."""
-    direction: tuple[float, float, float]
-    """Of the positive axis (x, y, z) [-]."""
-    reason: str
-    """What elevation and direction were read from, for people."""
-    height_known: bool = True
-    """Whether the name has a height."""
-    direction_known: bool = True
-    """Whether the name has an axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +45,10 @@ class NewProject:
     channels: tuple[GuessedChannel, ...]
     sampling_rate: float
     """[Hz]"""
+    left_out: tuple[UnusedChannel, ...]
+    """Channels of the files that are not in the layout."""
+    conditions: tuple[str, ...]
+    """Channels whose values are recorded as SCADA samples."""
     structure: str
     """Description that the scenario names; "none" for modes alone."""
 
@@ -73,56 +56,6 @@ class NewProject:
     def complete(self) -> bool:
         """Whether every channel's height and axis were in its name."""
         return all(each.height_known and each.direction_known for each in self.channels)
-
-
-def guess_channel(name: str, place: int) -> GuessedChannel:
-    """Read a channel's height and axis from its name.
-
-    Parameters
-    ----------
-    name : str
-        Such as "LAT097_FA", "z145-ss", "acc 44.1m x".
-    place : int
-        Position among the channels, from 1; stands for the height where the name has none.
-
-    Returns
-    -------
-    GuessedChannel
-    """
-    height, seen_height = _height(name)
-    axis, seen_axis = _axis(name)
-    direction, axis_name = AXIS_OF_NAME[axis] if axis else (FORE_AFT, "fore-aft")
-    reasons = [
-        f"{height:g} m from {seen_height!r}" if height is not None else "height not in the name",
-        f"{axis_name} from {seen_axis!r}" if axis else "axis not in the name",
-    ]
-    return GuessedChannel(
-        name=name,
-        elevation=float(place) if height is None else height,
-        direction=direction,
-        reason=", ".join(reasons),
-        height_known=height is not None,
-        direction_known=bool(axis),
-    )
-
-
-def _height(name: str) -> tuple[float | None, str]:
-    for pattern in (_HEIGHT_IN_METRES, _HEIGHT_AFTER_LETTERS, _NUMBER):
-        found = pattern.search(name)
-        if found and (pattern is not _NUMBER or LOWEST <= float(found[1]) <= HIGHEST):
-            return float(found[1]), found[0]
-    return None, ""
-
-
-def _axis(name: str) -> tuple[str, str]:
-    words = _WORD.findall(name)
-    for word in reversed(words):
-        if word.lower() in AXIS_OF_NAME:
-            return word.lower(), word
-    last = words[-1] if words else ""
-    trailing = last[-2:].lower() if last[-2:].lower() in AXIS_OF_NAME else last[-1:].lower()
-    is_suffix = bool(re.search(r"\d[XYZxyz]$", name))
-    return (trailing, trailing) if is_suffix and trailing in AXIS_OF_NAME else ("", "")
 
 
 def start_project(
@@ -174,22 +107,24 @@ def start_project(
             raise InputError(f"{path} exists; choose another folder with -o")
     described = structure_text(structure, subdyn, springs, mudline)
     turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
-    names = channels_in(files[0], None).names
-    channels = tuple(guess_channel(each, place) for place, each in enumerate(names, start=1))
+    table = channels_in(files[0], None)
+    columns, left_out = choose_channels(table)
+    channels = guess_channels(table.only(columns).names)
     unknown = [each.name for each in channels if not (each.height_known and each.direction_known)]
     if unknown and structure != NO_STRUCTURE:
         raise InputError(
             f"the structural model needs the height and axis of each channel; {unknown[0]!r} has "
             "none in its name. `pilewatch import FILE --template` prints a layout file to fill in"
         )
-    layout = parse_layout(layout_text(channels, turbine), str(layout_file))
-    measurement = open_measurement(
-        files, layout=layout, turbine=turbine, sampling_rate=sampling_rate
-    )
-    n_samples = sum(len(block.samples) for block in measurement.blocks())
+    measurement = _measurement(files, channels, turbine, sampling_rate)
+    n_samples, still = _survey(measurement)
     if n_samples < measurement.sampling_rate:
         listed = ", ".join(str(file) for file in files)
         raise InputError(f"{listed}: less than 1 s of samples that are not NaN; nothing to watch")
+    if still:
+        left_out += tuple(UnusedChannel(name, "constant over the record") for name in still)
+        channels = tuple(each for each in channels if each.name not in still)
+        measurement = _measurement(files, channels, turbine, sampling_rate)
     folder.mkdir(parents=True, exist_ok=True)
     layout_file.write_text(layout_text(channels, turbine), encoding="utf-8")
     named = structure if described is None else STRUCTURE_FILE
@@ -201,8 +136,83 @@ def start_project(
         scenario = replace(scenario, files=((STRUCTURE_FILE, described),))
     recording = folder / "recordings" / f"{turbine}.mcap"
     recording.parent.mkdir(exist_ok=True)
-    record_measurement(measurement, recording, scenario=scenario)
-    return NewProject(folder, recording, channels, measurement.sampling_rate, named)
+    known = condition_channels(*_names_and_units(table, left_out))
+    conditions = () if measurement.counted else _conditions(measurement, known)
+    record_measurement(measurement, recording, scenario=scenario, conditions=conditions)
+    return NewProject(
+        folder,
+        recording,
+        channels,
+        measurement.sampling_rate,
+        left_out,
+        tuple(each.name for each in known.values()) if conditions else (),
+        named,
+    )
+
+
+def choose_channels(table: ChannelTable) -> tuple[list[int], tuple[UnusedChannel, ...]]:
+    """Return the columns of a measurement's motions, all of one quantity, and what is left out.
+
+    Accelerations where there are some, else what most channels measure.
+    """
+    columns, left_out = split_motions(table)
+    quantities = [table.only([column]).quantities for column in columns]
+    counts = Counter(each[0] for each in quantities if each)
+    if not counts:
+        return columns, left_out
+    wanted = "acceleration" if counts["acceleration"] else counts.most_common(1)[0][0]
+    others = {
+        column: each[0]
+        for column, each in zip(columns, quantities, strict=True)
+        if each and each[0] != wanted
+    }
+    left_out += tuple(
+        UnusedChannel(table.names[column], f"a {quantity}, beside {wanted}s")
+        for column, quantity in others.items()
+    )
+    return [column for column in columns if column not in others], left_out
+
+
+def _measurement(
+    files: Sequence[Path],
+    channels: Sequence[GuessedChannel],
+    turbine: str,
+    sampling_rate: float | None,
+) -> Measurement:
+    layout = parse_layout(layout_text(channels, turbine), "layout.toml")
+    return open_measurement(files, layout=layout, turbine=turbine, sampling_rate=sampling_rate)
+
+
+def _survey(measurement: Measurement) -> tuple[int, frozenset[str]]:
+    """Return the number of samples and the channels that never change, unless none does."""
+    count = 0
+    lowest = np.full(len(measurement.layout.channels), np.inf)
+    highest = -lowest
+    for block in measurement.blocks():
+        count += len(block.samples)
+        lowest = np.fmin(lowest, np.fmin.reduce(block.samples))
+        highest = np.fmax(highest, np.fmax.reduce(block.samples))
+    names = measurement.layout.channel_names
+    still = [name for name, each in zip(names, lowest >= highest, strict=True) if each]
+    return count, frozenset(still if len(still) < len(names) else ())
+
+
+def _names_and_units(
+    table: ChannelTable, left_out: Sequence[UnusedChannel]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    unused = table.only([table.names.index(each.name) for each in left_out])
+    return unused.names, unused.units
+
+
+def _conditions(
+    measurement: Measurement, channels: Mapping[str, ConditionChannel]
+) -> tuple[ScadaSample, ...]:
+    """Return the files' SCADA samples; none where their columns cannot be read together."""
+    try:
+        return tuple(read_conditions(measurement.files, channels, measurement.layout.turbine))
+    except FileError as error:
+        _log.warning("no SCADA samples: %s", error)
+        return ()
 
 
 def structure_text(

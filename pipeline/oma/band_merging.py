@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.stabilization import unexplained_spread
 from sensors.arrays import FloatArray
@@ -17,7 +18,9 @@ class MergedMode:
     """A mode, and whether a second band confirms it."""
 
     mode: Mode
-    alone: bool  # one band reports it, although another one reaches it
+    alone: bool  # one band reports it in most orders, although another one reaches it
+    n_bands: int  # that report it
+    steady: bool  # in most orders of a band, or at two rates
 
 
 def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[MergedMode, ...]:
@@ -41,20 +44,28 @@ def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[Me
         key=lambda entry: entry[:2],
     )
     kept: list[list[Mode]] = []  # the one that stays, then the others of the same mode
-    for _, _, mode in ranked:
-        group = next((group for group in kept if _same(mode, group[0])), None)
-        if group is None:
-            kept.append([mode])
-        else:
-            group.append(mode)
+    rates: list[set[float]] = []
+    for _, place, mode in ranked:
+        at = next((i for i, group in enumerate(kept) if _same(mode, group[0])), len(kept))
+        if at == len(kept):
+            kept.append([])
+            rates.append(set())
+        kept[at].append(mode)
+        rates[at].add(bands[place].sampling_rate)
     joined = [
         MergedMode(
             _with_spread_over_bands(first, others),
-            alone=not others and _n_reaching(first, bands) > 1,
+            alone=_n_steady([first, *others]) < 2 <= _n_reaching(first, bands),
+            n_bands=1 + len(others),
+            steady=_n_steady([first, *others]) > 0 or len(at_rates) > 1,
         )
-        for first, *others in kept
+        for (first, *others), at_rates in zip(kept, rates, strict=True)
     ]
     return tuple(sorted(joined, key=lambda each: each.mode.frequency))
+
+
+def _n_steady(modes: Sequence[Mode]) -> int:
+    return sum(mode.presence >= OmaSettings.minimum_presence for mode in modes)
 
 
 def _n_reaching(mode: Mode, bands: Sequence[Band]) -> int:

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.messages import Mode
+from pipeline.messages import Mode, RefusedMode
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.oma.refused import RefusedMode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group
@@ -118,6 +117,30 @@ def resolved_by_evidence(
     )
 
 
+def with_lone_modes(
+    resolved: ResolvedModes,
+    vague_shapes: Sequence[tuple[Mode, RefusedMode]],
+    spectrum: WindowSpectrum,
+) -> ResolvedModes:
+    """The modes, and those refused as mixtures where one direction alone stands out of the lines.
+
+    vague_shapes   modes whose f and ζ are sure, each with its reason
+    """
+    lone = [
+        (mode, reason)
+        for mode, reason in vague_shapes
+        if any(reason is each for each in resolved.refused)
+        and _n_directions(
+            spectrum, mode.frequency, mode.frequency, mode.damping_ratio * mode.frequency
+        )
+        <= 1
+    ]
+    return ResolvedModes(
+        tuple(sorted([*resolved.modes, *(m for m, _ in lone)], key=lambda each: each.frequency)),
+        tuple(e for e in resolved.refused if not any(e is reason for _, reason in lone)),
+    )
+
+
 def _suspects(
     modes: Sequence[Mode],
     refused: Sequence[RefusedMode],
@@ -136,7 +159,7 @@ def _suspects(
     found += [Suspect(each.frequency, each.damping_ratio) for each in coincident]
     found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
     seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
-    seen += [Suspect(each.frequency, each.damping_ratio) for each in refused]
+    seen += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code != "unstable"]
     found += [
         each
         for each in seen

@@ -1,11 +1,10 @@
 """What looked like a mode in a window and is not reported, each with its reason."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.messages import Mode
+from pipeline.messages import Mode, RefusedMode
 from pipeline.oma.ssi.band_identification import BandIdentification
 from sensors.arrays import FloatArray
 
@@ -16,20 +15,6 @@ FEWEST_ORDERS = 0.3  # share of a band's orders from which a column catches the 
 COVERED = 0.01  # a column so near to a mode or a refused one belongs to it, relative
 
 
-@dataclass(frozen=True, slots=True)
-class RefusedMode:
-    """What looked like a mode and is not reported."""
-
-    frequency: float
-    """f [Hz]"""
-    damping_ratio: float
-    """ζ [-]"""
-    code: str
-    """Stable name of the reason."""
-    text: str
-    """One sentence with the figure that decided."""
-
-
 def harmonic(mode: Mode) -> RefusedMode:
     """What keeps its amplitude as a machine's harmonic does."""
     return RefusedMode(
@@ -37,6 +22,17 @@ def harmonic(mode: Mode) -> RefusedMode:
         mode.damping_ratio,
         "harmonic",
         "keeps its amplitude as a machine's harmonic does, not as a mode under random loads",
+    )
+
+
+def unsteady(mode: Mode, least: float) -> RefusedMode:
+    """What too few model orders of its only band agree upon."""
+    return RefusedMode(
+        mode.frequency,
+        mode.damping_ratio,
+        "unstable",
+        f"stable in {100 * mode.presence:.0f} % of the model orders of one rate only, "
+        f"{100 * least:.0f} % are the least",
     )
 
 

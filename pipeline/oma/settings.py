@@ -30,7 +30,9 @@ class OmaSettings:
 
     maximum_damping: ClassVar[float] = 0.1  # ζ of a structural mode [-]
     minimum_presence: ClassVar[float] = 0.7
-    """Share of the orders in which a mode must be stable [-]."""
+    """Share of the orders in which a mode must be stable [-],"""
+    confirmed_presence: ClassVar[float] = 0.5
+    """and where two bands report it [-]."""
 
     minimum_collinearity: ClassVar[float] = 0.6  # modal phase collinearity of a structural mode [-]
     maximum_frequency_std: ClassVar[float] = 0.03  # relative to the frequency [-]

@@ -14,6 +14,7 @@ from pipeline.viewer.pictures.colours import Colour
 from sensors.errors import InputError
 
 INK = "#010203"  # stands for the page's text colour until the SVG is written
+PAPER = "#fdfcfb"  # stands for the page's background
 FIGURE_WIDTH = 4.2  # of a figure on a page [inch]: readable on a phone without zooming
 DOTS_PER_INCH = 200  # of what is drawn as pixels
 
@@ -70,7 +71,7 @@ class PageFigure:
         self.figure.savefig(
             written, format="svg", dpi=DOTS_PER_INCH, transparent=True, metadata={"Date": None}
         )
-        return written.getvalue().replace(INK, "currentColor")
+        return written.getvalue().replace(INK, "currentColor").replace(PAPER, "Canvas")
 
 
 def css_colour(colour: Colour) -> str:

@@ -91,10 +91,10 @@ def paragraph(text: str, kind: str = "") -> str:
     return f"<p{_class(kind)}>{html.escape(text)}</p>\n"
 
 
-def bullet_list(texts: Iterable[str], kind: str = "") -> str:
+def bullet_list(texts: Iterable[str]) -> str:
     """Return a list of plain sentences; nothing where there are none."""
     items = "".join(f"<li>{html.escape(text)}</li>" for text in texts)
-    return f"<ul{_class(kind)}>{items}</ul>\n" if items else ""
+    return f"<ul>{items}</ul>\n" if items else ""
 
 
 def table_html(content: TextTable, links: Sequence[str] = ()) -> str:

@@ -39,11 +39,12 @@ from pipeline.report.tables import (
     nodes_table,
     overview_table,
     plus_minus,
+    refused_modes_table,
     rejected_table,
     springs_table,
     warnings_table,
 )
-from pipeline.report.wording import count_noun, instant, percent, span
+from pipeline.report.wording import between_instants, count_noun, percent, span
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
 from pipeline.viewer.pictures import colours
 from sensors.acquisition.blocks import NANOSECONDS
@@ -118,7 +119,7 @@ def _provenance(session: RecordedSession) -> str:
     made = session.metadata.get("pilewatch", {})
     version = f" pilewatch {made['version']}." if "version" in made else ""
     files = f" in {count_noun(len(session.files), 'file')}" if len(session.files) > 1 else ""
-    text = f"{session.name}{files}, {instant(start_ns)} to {instant(end_ns)}.{version}"
+    text = f"{session.name}{files}, {between_instants(start_ns, end_ns)}.{version}"
     parts = [paragraph(text, "quiet")]
     if session.unread:
         names = ", ".join(path.name for path in session.unread)
@@ -182,19 +183,22 @@ def _cards(cards: Sequence[KeyFigure]) -> str:
 def structure_sentence(posterior: FoundationPosterior) -> str:
     """How the structure was taken, and what makes the intervals."""
     if posterior.structure != "uncertain":
-        taken = posterior.structure or "exact"
-        return f"The structure is taken as {taken}: its errors are not in these intervals."
+        return (
+            "The structure is taken as exactly known, as its scenario has it: its errors are not "
+            "in these intervals."
+        )
     parts = [
-        f"{each.name} {each.k11:.0%}, {each.k22:.0%}, {each.k12:.0%}"
+        f"{each.name.replace('_', ' ')} {100 * each.k11:.0f}, {100 * each.k22:.0f} and "
+        f"{100 * each.k12:.0f} %"
         for each in posterior.budget[:4]
     ]
     alternatives = ", ".join(
-        f"{each.name} ({each.probability:.0%})" for each in posterior.alternatives
+        f"{each.name}: {percent(each.probability)}" for each in posterior.alternatives
     )
     return (
         f"The structure's figures are inferred with the springs ({alternatives}). Shares of the "
-        f"variance of k11, k22 and k12: {'; '.join(parts)}. {posterior.unpredicted_share:.0%} of "
-        "the modes are not what the others predict."
+        f"variance of k11, k22 and k12: {'; '.join(parts)}. "
+        f"{percent(posterior.unpredicted_share)} of the modes are not what the others predict."
     )
 
 
@@ -222,12 +226,13 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
             "predicts; shaded: where 90 % of the modes lie if the model is right.",
         ),
     )
+    rhat = f", R-hat {posterior.rhat:.3f}" if posterior.rhat == posterior.rhat else ""
     fit = (
         f"{count_noun(posterior.n_windows, 'window')}; "
-        f"{posterior.paired_share:.0%} of the identified modes are modes of the model; "
+        f"{percent(posterior.paired_share)} of the identified modes are modes of the model; "
         f"reduced χ² of their frequencies "
         f"{posterior.reduced_chi_square:.2f}; {posterior.sampler}: {posterior.ess:.0f} effective "
-        f"draws, R-hat {posterior.rhat:.3f}. σ: relative discrepancy of the model."
+        f"draws{rhat}. σ: relative discrepancy of the model."
     )
     return (
         heading("Foundation", level)
@@ -303,6 +308,8 @@ def _modes(record: TurbineRecord, name: str, level: int) -> str:
 
 def _identification(record: TurbineRecord, name: str, level: int) -> str:
     """Return what the modes were identified from; "" where nothing of it was recorded."""
+    diagram = record.signals.stabilisation
+    refused = () if diagram is None else diagram.refused
     pictures = (
         (
             identification.spectra(record),
@@ -313,16 +320,19 @@ def _identification(record: TurbineRecord, name: str, level: int) -> str:
             identification.stabilisation(record),
             "Stabilisation diagram of the last identified window",
             "Stabilisation diagram of the last identified window: stable poles over the model "
-            "orders by frequency band; lines: modes, where a pole returns in most orders.",
+            "orders, in a colour for each frequency band; lines: modes, where a pole returns in "
+            "most orders" + ("; crosses: refused, with the reason below." if refused else "."),
         ),
         (
             identification.auto_mac(record),
             "AutoMAC: how alike the identified shapes are",
-            "AutoMAC: 1 beside the diagonal are shapes that these sensors cannot distinguish.",
+            "AutoMAC: 1 beside the diagonal are shapes that these sensors cannot distinguish."
+            + identification.mac_limit(record),
         ),
     )
     drawn = _pair(pictures, f"{name}-identification")
-    return heading("Identification", level) + drawn if drawn else ""
+    reasons = table_html(refused_modes_table(refused)) if refused else ""
+    return heading("Identification", level) + drawn + reasons if drawn else ""
 
 
 def _operation(record: TurbineRecord, name: str, level: int) -> str:
@@ -406,8 +416,11 @@ def _instruments(record: TurbineRecord) -> str:
 def _settings(session: RecordedSession) -> str:
     """Return the settings stored in the recording, long texts verbatim."""
     short, long = [], []
+    unused = _unused_settings(session)
     for section, texts in session.metadata.items():
         for key, text in texts.items():
+            if f"{section}.{key}" in unused:
+                continue
             if "\n" in text:
                 long.append(heading(f"{section}.{key}", 3) + preformatted(text))
             else:
@@ -416,3 +429,13 @@ def _settings(session: RecordedSession) -> str:
         return ""
     table = TextTable("", ("setting", "value"), tuple(short), words=(1,))
     return heading("Settings") + (table_html(table) if short else "") + "".join(long)
+
+
+def _unused_settings(session: RecordedSession) -> set[str]:
+    """Return the stored settings that say nothing of this session."""
+    unused = set()
+    if not any(record.has_structure for record in session.turbines):
+        unused.add("scenario.structure")
+    if not any(record.state.truths for record in session.turbines):  # measured, not simulated
+        unused |= {"scenario.seed", "scenario.duration"}
+    return unused

@@ -12,7 +12,14 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.report.recorded_session import TurbineRecord
-from pipeline.report.wording import count_noun, instant, join_with_and, percent, period, span
+from pipeline.report.wording import (
+    between_instants,
+    count_noun,
+    join_with_and,
+    percent,
+    period,
+    span,
+)
 from pipeline.state.turbine_state import TurbineState
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
@@ -196,7 +203,7 @@ def _measured_duration(record: TurbineRecord) -> str:
     windows = count_noun(len(summary.estimates), "window")
     measured = span((end_ns - start_ns) / NANOSECONDS)
     return (
-        f"{measured} of measurements from {instant(start_ns)} to {instant(end_ns)} gave "
+        f"{measured} of measurements from {between_instants(start_ns, end_ns)} gave "
         f"{windows} with {count_noun(len(summary.modes), 'mode')} in all."
     )
 

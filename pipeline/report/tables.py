@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from pipeline.messages import FoundationEvent, WindowRejected
+from pipeline.messages import FoundationEvent, RefusedMode, WindowRejected
 from pipeline.report.figures import heights_known
 from pipeline.report.html import TextTable
 from pipeline.report.pictures.samples import FLAT_SHARE, ChannelStatistics
@@ -100,6 +100,16 @@ def _mode_row(mode: CombinedMode) -> tuple[str, ...]:
         figure(pair.misfit, "+.1f"),
         percent_or_blank(pair.information),
     )
+
+
+def refused_modes_table(refused: Sequence[RefusedMode]) -> TextTable:
+    """Return what looked like a mode in the last identified window, each with its reason."""
+    rows = tuple(
+        (f"{each.frequency:.4f}", f"{100 * each.damping_ratio:.2f}", each.text)
+        for each in refused[:MOST_ROWS]
+    )
+    title = "Not reported as modes, in the last identified window"
+    return TextTable(title, ("f [Hz]", "ζ [%]", "reason"), rows, words=(2,))
 
 
 def figure(value: float, form: str) -> str:

@@ -44,6 +44,15 @@ def stamp(time_ns: int) -> str:
     return f"{_datetime(time_ns):%Y-%m-%d %H:%M:%S}"
 
 
+def between_instants(start_ns: int, end_ns: int) -> str:
+    """Return "3 March 2026 14:10 to 15:10 UTC", over midnight with both days."""
+    if not has_clock(start_ns):
+        return f"{elapsed(start_ns)} to {elapsed(end_ns)} after the start"
+    if day(start_ns) == day(end_ns):
+        return f"{day(start_ns)} {clock(start_ns)} to {clock(end_ns)} UTC"
+    return f"{instant(start_ns)} to {instant(end_ns)}"
+
+
 def period(start_ns: int, end_ns: int) -> str:
     """Return "on 3 March 2026 between 14:10 and 14:30 UTC", or over midnight with both days."""
     if not has_clock(start_ns):

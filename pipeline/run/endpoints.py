@@ -46,13 +46,13 @@ def meeting_point(settings: ZenohSettings) -> ZenohEndpoints:
 
 
 @contextmanager
-def open_hub(meeting: ZenohEndpoints, desk: StatusNode, key: str, out: Path) -> Iterator[ZenohBus]:
+def open_hub(meeting: ZenohEndpoints, node: StatusNode, key: str, out: Path) -> Iterator[ZenohBus]:
     """The session that all others connect to; it answers for all, and its folder records where."""
     place = out / ENDPOINT_FILE
     bus = ZenohBus(meeting.hub)
-    desk.connections = lambda: Counter(link.name or link.address for link in bus.links())
+    node.connections = lambda: Counter(link.name or link.address for link in bus.links())
     try:
-        bus.answer(key, desk.answer)
+        bus.answer(key, node.answer)
         place.write_text(f"{meeting.endpoint}\n", encoding="utf-8")
         yield bus
     finally:

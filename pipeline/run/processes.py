@@ -3,8 +3,8 @@
 import sys
 from collections.abc import Sequence
 
-from pipeline.nodes.by_turbine import Shard
 from pipeline.nodes.node import Plan
+from pipeline.nodes.sharding import Shard
 from pipeline.run.endpoints import bus_options
 from pipeline.run.options import SessionOptions
 from pipeline.runtime.supervisor import SupervisedProcess

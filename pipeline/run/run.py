@@ -19,8 +19,8 @@ from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.metrics import MetricsNode, served
 from pipeline.monitoring.status import STATUS_KEY, StatusNode
 from pipeline.monitoring.summary import SessionSummary
-from pipeline.nodes.by_turbine import ShardedNode, parsed_shard
 from pipeline.nodes.node import Node, Plan
+from pipeline.nodes.sharding import ShardedNode, parsed_shard
 from pipeline.recording.latest_messages import files_of
 from pipeline.recording.rotation import raw_files
 from pipeline.run.endpoints import meeting_point, open_hub
@@ -120,15 +120,15 @@ def _run_owned(
         if report:
             report(block)
 
-    desks: list[Node] = [summary]
+    sinks: list[Node] = [summary]
     try:
         with ExitStack() as stack:
             if notified():
-                desks.append(WatchdogNode(Watchdog(os.environ)))
+                sinks.append(WatchdogNode(Watchdog(os.environ)))
             figures_node = None if options.metrics is None else MetricsNode()
             if figures_node is not None and options.metrics is not None:
                 stack.enter_context(served(figures_node, options.metrics))
-                desks.append(figures_node)
+                sinks.append(figures_node)
             if options.notices is not None:
                 channels = channels_of(options.notices)
                 alarms = stack.enter_context(
@@ -141,8 +141,8 @@ def _run_owned(
                 )
                 if figures_node is not None:
                     figures_node.parts.append(lambda: delivery_families(alarms.delivery_states))
-                desks.append(alarms)
-            _run(source, options, outputs, desks, account, scenario_option, stopping, ownership)
+                sinks.append(alarms)
+            _run(source, options, outputs, sinks, account, scenario_option, stopping, ownership)
     finally:
         figures = summary.as_json(wall=time.monotonic() - started)
         complete = write_summary(options.out / SUMMARY, figures)
@@ -182,7 +182,7 @@ def _run(
     source: Source,
     options: SessionOptions,
     outputs: Outputs,
-    desks: Sequence[Node],
+    sinks: Sequence[Node],
     report: Callable[[AccelerationBlock], None],
     scenario_option: str | None,
     stopping: threading.Event | None,
@@ -195,7 +195,7 @@ def _run(
     if options.way == "lock-step":
         if source.is_live:
             raise InputError("--lock-step cannot run a live source: it waits for nobody")
-        nodes = [*(plan.make() for plan in graph), *desks]
+        nodes = [*(plan.make() for plan in graph), *sinks]
         messages = source.messages(options.speed, stopping)
         runner.run_lock_step(messages, nodes, turbine=turbine, report=report)
         return
@@ -205,10 +205,10 @@ def _run(
         return ZenohBus(meeting.nodes)
 
     follows = options.speed == float("inf") and not source.is_live
-    desk = StatusNode(source.text)
+    status = StatusNode(source.text)
     control = ReplayControl(source, options.speed, stopping)
     # The hub first: a port that is taken is reported before a node has started a file.
-    with open_hub(meeting, desk, f"{STATUS_KEY}/{turbine}", options.out) as bus:
+    with open_hub(meeting, status, f"{STATUS_KEY}/{turbine}", options.out) as bus:
         workers: list[runner.Worker] = []
         for plan in graph:
             if options.way == "processes":
@@ -218,8 +218,8 @@ def _run(
                 )
             else:
                 workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
-        workers += [runner.NodeThread(each, open_bus, turbine) for each in (*desks, desk)]
-        for told in desks:
+        workers += [runner.NodeThread(each, open_bus, turbine) for each in (*sinks, status)]
+        for told in sinks:
             if isinstance(told, AlarmNode):
                 bus.answer(f"{ALARMS_KEY}/{turbine}", told.answer)
         if not source.is_live:

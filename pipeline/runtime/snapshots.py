@@ -14,7 +14,6 @@ that follows the first line. Version 2, which knew windows by their times, is st
 import hashlib
 import json
 import logging
-import os
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +27,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.node import NodeSnapshot
-from pipeline.recording.atomic_write import make_folder_durably, sync_folder
+from pipeline.recording.atomic_write import make_folder_durably, written_whole
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
 from pipeline.updating.state import CheckpointError
@@ -95,17 +94,7 @@ class SnapshotFolder:
                 self._make_room()
             elif (later := _epoch_in(path)) > self._epoch:
                 raise FencedError(0, f"run {later} has taken it over from run {self._epoch}")
-            beside = path.with_suffix(".new")
-            try:
-                with beside.open("wb") as file:
-                    file.write(written(turbine, snapshot, self._epoch))
-                    file.flush()
-                    os.fsync(file.fileno())
-            except OSError:
-                beside.unlink(missing_ok=True)
-                raise
-            beside.replace(path)
-            sync_folder(self._path)
+            written_whole(path, written(turbine, snapshot, self._epoch))
         except OSError as error:
             error.filename = error.filename or str(path)
             raise

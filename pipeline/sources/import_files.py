@@ -4,6 +4,7 @@ CSV │ Parquet │ NPZ │ HDF5 │ TDMS │ miniSEED │ plugged in
     ──► in order of time ──► channels of the layout ──► blocks of a second ──► MCAP
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -15,6 +16,7 @@ from pipeline.scenario import Scenario, load_scenario, modes_only, scenario_meta
 from pipeline.sources.sources import COMPACT
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 from sensors.files.block_builder import (
     BlockCutter,
     MeasurementFile,
@@ -144,6 +146,7 @@ def record_measurement(
     path: Path,
     *,
     scenario: Scenario | None = None,
+    conditions: Sequence[ScadaSample] = (),
     report: Callable[[AccelerationBlock], None] | None = None,
 ) -> None:
     """Write a measurement to an MCAP recording.
@@ -152,6 +155,8 @@ def record_measurement(
     ----------
     scenario : Scenario, optional
         Scenario under which the recording is run later; None: modes alone are tracked.
+    conditions : sequence of ScadaSample, optional
+        What the controller reported meanwhile, in order of time.
     report : Callable[[AccelerationBlock], None], optional
         Called with every block.
 
@@ -167,7 +172,12 @@ def record_measurement(
     metadata = _metadata(measurement, chosen)
     with whole_recording(path, metadata=metadata, settings=COMPACT) as recorder:
         recorder.handle(measurement.layout)
+        waiting = deque(conditions)
         for message in with_end(measurement.blocks()):
+            while waiting and isinstance(message, AccelerationBlock):
+                if waiting[0].time_ns > message.start_ns:
+                    break
+                recorder.handle(waiting.popleft())
             recorder.handle(message)
             if report and isinstance(message, AccelerationBlock):
                 report(message)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pipeline.recording.rotation import next_part, part_of, results_of
 from pipeline.recording.writer import ACTIVE_SUFFIX
-from pipeline.sources.recorded_stream import recordings_in
+from pipeline.sources.recorded_stream import SourceError, recordings_in
 
 SESSION_FILE = "session.mcap"  # the first part of what `pilewatch run` records
 
@@ -33,6 +33,21 @@ def session_files(path: Path) -> list[Path]:
     parts = [part_of(first, number) for number in range(1, next_part(first))]
     found = [file for part in parts for file in (part, results_of(part)) if file.exists()]
     return found or recordings_in(path)
+
+
+def one_recording(path: Path) -> Path:
+    """Return the recording that a path stands for: itself, or the only one of a session's folder.
+
+    Raises
+    ------
+    SourceError
+        For a folder without recordings, or with several.
+    """
+    files = session_files(path)
+    if len(files) > 1:
+        names = ", ".join(file.name for file in files[:5]) + (", …" if len(files) > 5 else "")
+        raise SourceError(f"{path} has {len(files)} recordings; name one of {names}")
+    return files[0]
 
 
 def unfinished_files(path: Path) -> list[Path]:

@@ -11,7 +11,7 @@ by the status and the summary, offline by `pilewatch audit` from the files.
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -32,6 +32,7 @@ MOST_BOOKS = 2000  # boots of units, and windows that are waited for, each; of m
 UNANSWERED = 2  # later windows that were answered, after which an estimate counts as forgotten
 UNBALANCED = 2  # windows that were answered while books do not balance, after which it is an alarm
 WITHOUT_POSTERIOR = 6  # windows that were answered without a posterior, after which it is an alarm
+IN_POSTERIOR = "in-posterior"  # fate of an estimate
 UPDATING = "updating"  # name of the node, or the beginning of its shares' names
 REPORTED_WITHIN = 5  # blocks after which missing ones are reported: they may be late
 LATEST_WINDOWS = 20  # whose fates are listed
@@ -65,8 +66,10 @@ class WindowFate:
 class Intervals:
     """A set of whole numbers, kept as ranges."""
 
-    def __init__(self) -> None:
+    def __init__(self, ranges: Iterable[tuple[int, int]] = ()) -> None:
         self._ranges: list[tuple[int, int]] = []  # first, one past the last; in order
+        for first, end in ranges:
+            self.add(first, end)
 
     def __len__(self) -> int:
         return sum(end - first for first, end in self._ranges)
@@ -85,7 +88,10 @@ class Intervals:
         end = first + 1 if end is None else end
         if end <= first:
             return
-        if self._ranges and self._ranges[-1][1] == first:
+        if not self._ranges or self.end < first:
+            self._ranges.append((first, end))
+            return
+        if self.end == first:
             self._ranges[-1] = (self._ranges[-1][0], end)
             return
         touching = [r for r in self._ranges if r[0] <= end and r[1] >= first]
@@ -104,23 +110,23 @@ class Intervals:
         """One more than the largest."""
         return self._ranges[-1][1]
 
-    def holes(self) -> Iterator[tuple[int, int]]:
-        """Ranges that are missing between the smallest and the largest."""
-        for (_, end), (first, _) in zip(self._ranges[:-1], self._ranges[1:], strict=True):
-            yield end, first
+    @property
+    def holes(self) -> "Intervals":
+        """What is missing between the smallest and the largest."""
+        pairs = zip(self._ranges[:-1], self._ranges[1:], strict=True)
+        return Intervals((end, first) for (_, end), (first, _) in pairs)
 
-    def without(self, other: "Intervals") -> Iterator[tuple[int, int]]:
-        """Ranges of this set that are not in another."""
-        for first, end in self._ranges:
-            at = first
-            for low, high in other._ranges:
-                if high <= at or low >= end:
-                    continue
-                if low > at:
-                    yield at, low
-                at = max(at, high)
-            if at < end:
-                yield at, end
+    def __or__(self, other: "Intervals") -> "Intervals":
+        return Intervals([*self, *other])
+
+    def __sub__(self, other: "Intervals") -> "Intervals":
+        left = Intervals()
+        for first, end in self:
+            for low, high in other:
+                left.add(first, min(low, end))
+                first = max(first, high)
+            left.add(first, end)
+        return left
 
 
 @dataclass(slots=True)
@@ -151,41 +157,28 @@ class BlockBook:
     @property
     def missing(self) -> Intervals:
         """Block numbers between those that arrived whose samples are not there."""
-        holes, missing = Intervals(), Intervals()
-        for each in self.recorded.holes():
-            holes.add(*each)
-        for each in holes.without(self.unused):
-            missing.add(*each)
-        return missing
+        return self.recorded.holes - self.unused
 
     @property
     def refuted(self) -> Iterator[tuple[int, int, int]]:
         """Ranges of block numbers reported missing, and how many of them arrived in time."""
-        inside, absent = Intervals(), Intervals()
-        if self.recorded:
-            inside.add(self.recorded.first, self.recorded.end)
-        for each in (self.missing, self.late):
-            for first, end in each:
-                absent.add(first, end)
-        for first, end in self.reported.without(absent):
-            wrong = Intervals()
-            wrong.add(first, end)
-            there = end - first - sum(b - a for a, b in wrong.without(inside))
+        span = Intervals([(self.recorded.first, self.recorded.end)] if self.recorded else ())
+        for first, end in self.reported - (self.missing | self.late):
+            there = end - first - len(Intervals([(first, end)]) - span)
             if there > 0:
                 yield first, end, there
 
     def violations(self) -> Iterator[str]:
         """Where the book does not balance, in words; but for what is reported and arrived."""
         missing = self.missing
-        for first, end in missing.without(self.reported):
+        for first, end in missing - self.reported:
             if self.published is None and end > self.recorded.end - REPORTED_WITHIN:
                 continue  # they may still come
             yield f"{_numbers(first, end)} are neither recorded nor reported missing"
         if self.published is None:
             return
-        unreported = sum(end - first for first, end in missing.without(self.reported))
-        elsewhere = sum(end - first for first, end in self.reported.without(self.recorded))
-        unknown = self.published - len(self.recorded) - elsewhere - unreported
+        elsewhere = len(self.reported - self.recorded) + len(missing - self.reported)
+        unknown = self.published - len(self.recorded) - elsewhere
         unknown -= min(self.repeated, max(0, unknown))  # that were published twice
         if unknown > 0:
             yield (
@@ -216,6 +209,9 @@ class TurbineBook:
     """Windows that were answered since the last posterior."""
     unbalanced: int = 0
     """Windows on end that were answered while the books did not balance."""
+    early: dict[WindowKey, str] = field(default_factory=dict)
+    """The last answer of the updating that may have overtaken its estimate on the way: two nodes
+    send them, and nothing orders what different nodes send."""
     last: dict[WindowKey, int] = field(default_factory=dict)
     """Boots of the units → number of their last window."""
     skipped: list[str] = field(default_factory=list)
@@ -305,16 +301,21 @@ class Books:
         known = book.known.get(key)
         if known is not None and known.fate == "identified":
             return  # given again after a restart
+        early = book.early.get(key, "") if self._is_updating else ""
+        book.early.clear()
         if known is None:
             self._follow(book, estimate)
         else:
             book.rejected -= Counter({known.fate: 1})
-            book.superseded += 1
+            book.superseded += not early
         book.identified += 1
-        pending = "" if self._updates is False else "pending"
+        pending = "" if self._updates is False else early or "pending"
         book.known[key] = WindowFate(estimate.window, estimate.start_ns, "identified", pending)
         _limit(book.known)
-        if self._updates is not False:
+        if early:
+            book.in_posterior += early == IN_POSTERIOR
+            book.refused += Counter({early: early != IN_POSTERIOR})
+        elif self._updates is not False:
             book.pending[key] = 0
             _limit(book.pending)
         self._note_answer(estimate.turbine, book)
@@ -326,6 +327,7 @@ class Books:
             book.rejected[rejected.code] += 1
             self._follow(book, rejected)
             book.known[key] = WindowFate(rejected.window, rejected.start_ns, rejected.code)
+            book.early = {key: rejected.code}
             _limit(book.known)
             self._note_answer(rejected.turbine, book)
         elif key in book.pending:
@@ -343,7 +345,9 @@ class Books:
             self._answered(book, key)
             book.in_posterior += 1
             if key in book.known:
-                book.known[key].estimate = "in-posterior"
+                book.known[key].estimate = IN_POSTERIOR
+        elif key not in book.known:
+            book.early = {key: IN_POSTERIOR}
         book.without_posterior = 0
 
     def _note_answer(self, turbine: str, book: TurbineBook) -> None:
@@ -400,7 +404,8 @@ class Books:
         yield from (f"{turbine}: {text}" for text in book.skipped)
         forgotten = sum(count >= UNANSWERED for count in book.pending.values())
         if forgotten and self._is_updating:
-            yield f"{turbine}: {forgotten} estimates are neither in the posterior nor refused"
+            estimates = "estimate is" if forgotten == 1 else "estimates are"
+            yield f"{turbine}: {forgotten} {estimates} neither in the posterior nor refused"
 
     def _refused_blocks(self, turbine: str) -> int:
         """Blocks that the identification refused: it misses them although they are recorded."""

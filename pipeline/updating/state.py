@@ -31,6 +31,7 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import ModeObservation, diagonal
 from pipeline.updating.evidence.windows import SeenWindow, with_window
 from pipeline.updating.structural.alternatives import WarmStart
+from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE
 from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
@@ -58,6 +59,11 @@ class UpdatingState:
     reference: ModalEvidence | None = None  # of the windows before the last event
     reference_ns: int = 0  # start of the last of them
     before_event: BeforeEvent | None = None  # by which the last event's size is revised
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether the last posterior found that the description does not hold."""
+        return bool(self.joint) and self.joint[0].tolerance > FINEST_TOLERANCE
 
     def with_window(
         self, estimate: ModalEstimate, seen: Sequence[ModeObservation], rise: float

@@ -212,6 +212,7 @@ class FoundationUpdater:
         verdict = self._detector.verdict(change, known, window_duration=estimate.duration)
         if not verdict.alarm or state.median is None:
             return replace(state, change=change), None
+        known = replace(known, rough=state.is_rough)
         found = self._detector.change(change, verdict, known)
         found = measured_half_way(
             found,

@@ -16,14 +16,12 @@ from pipeline.viewer.drawing.tower import SPACING
 from pipeline.viewer.farm_tab import farm_tab
 from pipeline.viewer.pictures.mac_matrix import SIDE
 from pipeline.viewer.pictures.status_text import STIFFNESSES
-from pipeline.viewer.view_parameters import ViewParameters, events_view, whole_session
+from pipeline.viewer.view_parameters import ViewParameters, events_view, plane, time_series
 from sensors.acquisition.layout import SensorLayout
-
-TABS = ("Overview", "Signals", "Modes", "Foundation", "Health")
 
 
 def session_blueprint(
-    parameters: Sequence[ViewParameters], *, playback_speed: float, tab: str = TABS[0]
+    parameters: Sequence[ViewParameters], *, playback_speed: float
 ) -> rrb.Blueprint:
     """Return the tabs of one turbine; of several, an overview tab and one tab per turbine.
 
@@ -31,10 +29,8 @@ def session_blueprint(
     ----------
     playback_speed : float
         Sensor seconds per second of playback [-].
-    tab : str, optional
-        The tab that is open at first, one of TABS.
     """
-    each = [turbine_tabs(each, tab=tab) for each in parameters]
+    each = [turbine_tabs(each) for each in parameters]
     top = each[0] if len(each) == 1 else rrb.Tabs(farm_tab(parameters), *each, active_tab=0)
     return rrb.Blueprint(
         top,
@@ -51,20 +47,17 @@ def session_blueprint(
     )
 
 
-def turbine_tabs(parameters: ViewParameters, *, tab: str = TABS[0]) -> rrb.Tabs:
+def turbine_tabs(parameters: ViewParameters) -> rrb.Tabs:
     """Return Overview, Signals, Modes, Foundation and Health of one turbine."""
     root = turbine_path(parameters.turbine)
-    tabs = {
-        "Overview": _overview(root, parameters),
-        "Signals": _signals(root, parameters),
-        "Modes": _modes(root, parameters),
-    }
-    if parameters.has_structure:
-        tabs["Foundation"] = _foundation(root, parameters)
-    tabs["Health"] = _health(root)
+    foundation = [_foundation(root, parameters)] if parameters.has_structure else []
     return rrb.Tabs(
-        *tabs.values(),
-        active_tab=list(tabs).index(tab) if tab in tabs else 0,
+        _overview(root, parameters),
+        _signals(root, parameters),
+        _modes(root, parameters),
+        *foundation,
+        _health(root),
+        active_tab=0,
         name=parameters.turbine,
     )
 
@@ -144,60 +137,48 @@ def _foundation(root: str, parameters: ViewParameters) -> rrb.Horizontal:
 
 
 def _joint(root: str) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(
-        origin=f"{root}/foundation/joint",
-        name="Joint posterior of stiffness ÷ nominal [-]; prior orange, truth green",
-        visual_bounds=rrb.VisualBounds2D(x_range=[-0.45, 3.8], y_range=[-0.25, 3.95]),
+    return plane(
+        f"{root}/foundation/joint",
+        "Joint posterior of stiffness ÷ nominal [-]; prior orange, truth green",
+        [-0.45, 3.8],
+        [-0.25, 3.95],
     )
 
 
 def _pile(root: str) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(
-        origin=f"{root}/foundation/pile",
-        name="Pile head displacement under 1 MN: nominal orange, posterior purple, truth green",
-        visual_bounds=rrb.VisualBounds2D(x_range=[-1.35, 1.35], y_range=[-2.25, 1.25]),
+    return plane(
+        f"{root}/foundation/pile",
+        "Pile head displacement under 1 MN: nominal orange, posterior purple, truth green",
+        [-1.35, 1.35],
+        [-2.25, 1.25],
     )
 
 
 def _posterior_widths(root: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=f"{root}/posterior_width",
-        name="Posterior width ÷ prior width [%], 90 % intervals",
-        **whole_session(),
-        plot_legend=rrb.PlotLegend("RightTop"),
+    return time_series(
+        f"{root}/posterior_width", "Posterior width ÷ prior width [%], 90 % intervals", "RightTop"
     )
 
 
 def _sigma(root: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=parameter_path(root, "sigma"),
-        name="Model discrepancy σ [-]: 5, 50, 95 % quantiles",
-        **whole_session(),
-        plot_legend=rrb.PlotLegend(visible=False),
+    return time_series(
+        parameter_path(root, "sigma"), "Model discrepancy σ [-]: 5, 50, 95 % quantiles"
     )
 
 
 def _change_probability(root: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=f"{root}/change",
+    return time_series(
+        f"{root}/change",
+        "Probability of a new change [-]; red: detected",
         contents=["$origin/probability", "$origin/noticed"],
-        name="Probability of a new change [-]; red: detected",
         axis_y=rrb.ScalarAxis(range=(-0.1, 1.1)),  # 0 and 1 are most of what is seen
-        **whole_session(),
-        plot_legend=rrb.PlotLegend(visible=False),
     )
 
 
 def _sizes(root: str, parameters: ViewParameters) -> list[rrb.TimeSeriesView]:
     """Return the plot that appears with the first change of known size."""
-    sizes = rrb.TimeSeriesView(
-        origin=f"{root}/change/size",
-        # Why no legend: nine names hide the plot.
-        name="Change of stiffness [%], 5, 50, 95 %: k11 blue, k22 orange, k12 green",
-        **whole_session(),
-        plot_legend=rrb.PlotLegend(visible=False),
-    )
-    return [sizes] * parameters.sized
+    text = "Change of stiffness [%], 5, 50, 95 %: k11 blue, k22 orange, k12 green"
+    return [time_series(f"{root}/change/size", text)] * parameters.sized  # a legend would hide it
 
 
 def _health(root: str) -> rrb.Horizontal:
@@ -212,41 +193,38 @@ def _health(root: str) -> rrb.Horizontal:
 
 
 def _node_plot(path: str, name: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=path, name=name, **whole_session(), plot_legend=rrb.PlotLegend("LeftTop")
-    )
+    return time_series(path, name, "LeftTop")
 
 
 def _spectrum(root: str) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(
-        origin=f"{root}/spectrum",
-        name="Spectra of the last window, one colour per level; lines: identified frequencies [Hz]",
-        visual_bounds=rrb.VisualBounds2D(x_range=[-0.3, 2.75], y_range=[-0.2, 2.5]),
+    return plane(
+        f"{root}/spectrum",
+        "Spectra of the last window, one colour per level; lines: identified frequencies [Hz]",
+        [-0.3, 2.75],
+        [-0.2, 2.5],
     )
 
 
 def _stabilisation(root: str) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(
-        origin=f"{root}/stabilisation",
-        name="Poles of the last window ± std, one colour per band; lines: identified modes",
-        visual_bounds=rrb.VisualBounds2D(x_range=[-0.25, 2.75], y_range=[-0.15, 1.55]),
+    return plane(
+        f"{root}/stabilisation",
+        "Poles of the last window ± std, one colour per band; lines: identified modes",
+        [-0.25, 2.75],
+        [-0.15, 1.55],
     )
 
 
 def _matrix(root: str) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(
-        origin=f"{root}/mac",
-        name="MAC of identified and model modes (dark 0, bright 1)",
-        visual_bounds=rrb.VisualBounds2D(x_range=[-60, SIDE + 10], y_range=[-35, SIDE + 50]),
+    return plane(
+        f"{root}/mac",
+        "MAC of identified and model modes (dark 0, bright 1)",
+        [-60, SIDE + 10],
+        [-35, SIDE + 50],
     )
 
 
 def _indicators(root: str) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(
-        origin=f"{root}/indicators",
-        name="State",
-        visual_bounds=rrb.VisualBounds2D(x_range=[-1.0, 8.0], y_range=[-0.6, 2.6]),
-    )
+    return plane(f"{root}/indicators", "State", [-1.0, 8.0], [-0.6, 2.6])
 
 
 def _tower(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
@@ -282,11 +260,8 @@ def _shapes(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
 
 def _stiffness_bands(root: str) -> list[rrb.TimeSeriesView]:
     return [
-        rrb.TimeSeriesView(
-            origin=parameter_path(root, name),
-            name=f"{name} ÷ nominal [-]: 5, 50, 95 % quantiles, truth green",
-            **whole_session(),
-            plot_legend=rrb.PlotLegend(visible=False),
+        time_series(
+            parameter_path(root, name), f"{name} ÷ nominal [-]: 5, 50, 95 % quantiles, truth green"
         )
         for name in STIFFNESSES
     ]
@@ -295,13 +270,10 @@ def _stiffness_bands(root: str) -> list[rrb.TimeSeriesView]:
 def _accelerations(root: str, layout: SensorLayout, axis: int, name: str) -> rrb.TimeSeriesView:
     path = signal_path(root, layout.unit)
     along = [abs(channel.direction[axis]) > 0.7 for channel in layout.channels]
-    return rrb.TimeSeriesView(
-        origin=path,
-        name=f"{_quantity(layout)[0]} {name} of unit {layout.unit} [{_quantity(layout)[1]}]",
-        overrides={path: rr.SeriesLines(visible_series=along)},
-        **whole_session(),
-        plot_legend=rrb.PlotLegend("LeftTop"),
-    )
+    quantity, unit = _quantity(layout)
+    title = f"{quantity} {name} of unit {layout.unit} [{unit}]"
+    shown = {path: rr.SeriesLines(visible_series=along)}
+    return time_series(path, title, "LeftTop", overrides=shown)
 
 
 def _quantity(layout: SensorLayout) -> tuple[str, str]:
@@ -314,47 +286,31 @@ def _quantity(layout: SensorLayout) -> tuple[str, str]:
 
 def _track(root: str, label: str) -> rrb.TimeSeriesView:
     path = mode_path(root, label)
-    return rrb.TimeSeriesView(
-        origin=path,
-        contents=[f"{path}/identified", f"{path}/model"],
-        name=f"Mode {label} [Hz]",
-        **whole_session(),
-        plot_legend=rrb.PlotLegend(visible=False),
-    )
+    both = [f"{path}/identified", f"{path}/model"]
+    return time_series(path, f"Mode {label} [Hz]", contents=both)
 
 
 def _frequencies(root: str, parameters: ViewParameters) -> rrb.TimeSeriesView:
     model = [
         f"{mode_path(root, label)}/model" for label in parameters.modes if parameters.has_structure
     ]
-    return rrb.TimeSeriesView(
-        origin=root,
-        contents=[f"{root}/frequencies/identified/**", *model],
-        name="Natural frequencies [Hz]: blue fore-aft, purple side-side"
-        + ", orange model" * parameters.has_structure,
-        **whole_session(),
-        plot_legend=rrb.PlotLegend(visible=False),
-    )
+    text = "Natural frequencies [Hz]: blue fore-aft, purple side-side"
+    text += ", orange model" * parameters.has_structure
+    return time_series(root, text, contents=[f"{root}/frequencies/identified/**", *model])
 
 
 def _frequency_changes(root: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=f"{root}/frequencies/change",
-        name="Change of natural frequencies since their first window [%]",
-        **whole_session(),
-        plot_legend=rrb.PlotLegend("LeftTop"),
+    return time_series(
+        f"{root}/frequencies/change",
+        "Change of natural frequencies since their first window [%]",
+        "LeftTop",
     )
 
 
 def _damping(root: str, parameters: ViewParameters) -> rrb.TimeSeriesView:
     paths = [f"{mode_path(root, label)}/damping" for label in parameters.modes]
-    return rrb.TimeSeriesView(
-        origin=f"{root}/modes",
-        contents=paths,
-        name="Damping ratios [% of critical], one line per mode",
-        **whole_session(),
-        plot_legend=rrb.PlotLegend("LeftTop"),
-    )
+    text = "Damping ratios [% of critical], one line per mode"
+    return time_series(f"{root}/modes", text, "LeftTop", contents=paths)
 
 
 def _status(root: str) -> rrb.TextDocumentView:

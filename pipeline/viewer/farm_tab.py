@@ -9,7 +9,7 @@ from pipeline.viewer.drawing.entities import FARM, median_path
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.farm_overview import board_bounds
 from pipeline.viewer.pictures.status_text import STIFFNESSES
-from pipeline.viewer.view_parameters import ViewParameters, events_view, whole_session
+from pipeline.viewer.view_parameters import ViewParameters, events_view, plane, time_series
 
 
 def farm_tab(parameters: Sequence[ViewParameters]) -> rrb.Horizontal:
@@ -28,26 +28,17 @@ def farm_tab(parameters: Sequence[ViewParameters]) -> rrb.Horizontal:
 
 
 def _board(n_turbines: int) -> rrb.Spatial2DView:
-    x_range, y_range = board_bounds(n_turbines)
-    return rrb.Spatial2DView(
-        origin=f"{FARM}/indicators",
-        name="State: green good, orange warning, red bad, grey unknown",
-        visual_bounds=rrb.VisualBounds2D(x_range=x_range, y_range=y_range),
-    )
+    text = "State: green good, orange warning, red bad, grey unknown"
+    return plane(f"{FARM}/indicators", text, *board_bounds(n_turbines))
 
 
 def _medians(turbines: Sequence[str], name: str) -> rrb.TimeSeriesView:
     """Return a plot of one stiffness of every turbine, its median."""
-    return rrb.TimeSeriesView(
-        origin=f"{FARM}/{name}",
-        name=f"{name} ÷ nominal [-], posterior median, one colour per turbine",
-        overrides={
-            median_path(name, turbine): _in_colour(number)
-            for number, turbine in enumerate(turbines)
-        },
-        **whole_session(),
-        plot_legend=rrb.PlotLegend("LeftTop"),
-    )
+    in_colour = {
+        median_path(name, turbine): _in_colour(number) for number, turbine in enumerate(turbines)
+    }
+    text = f"{name} ÷ nominal [-], posterior median, one colour per turbine"
+    return time_series(f"{FARM}/{name}", text, "LeftTop", overrides=in_colour)
 
 
 def _in_colour(number: int) -> list[rr.SeriesLines | rr.SeriesPoints]:

@@ -1,7 +1,8 @@
 """What the tabs share: parameters of a turbine's views, time axes, lists of events."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -9,6 +10,8 @@ from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from pipeline.viewer.drawing.entities import TIMELINE
 from sensors.acquisition.layout import SensorLayout
+
+Corner = Literal["", "LeftTop", "RightTop"]  # of a plot, where its legend is; "": there is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +31,31 @@ class ViewParameters:
     """Whether there is a structural model; without one the tabs have modes only."""
 
 
-def whole_session() -> dict[str, Any]:
-    """Return the time range of a plot: first to last sample, wherever the cursor is."""
+def time_series(origin: str, name: str, legend: Corner = "", **more: Any) -> rrb.TimeSeriesView:
+    """Return a plot over the whole session, first to last sample, wherever the cursor is.
+
+    Parameters
+    ----------
+    legend : Corner, optional
+        Where it is.
+    """
     start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.infinite()
-    return {
-        "time_ranges": rrb.VisibleTimeRange(TIMELINE, start=start, end=end),
-        "axis_x": rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
-    }
+    return rrb.TimeSeriesView(
+        origin=origin,
+        name=name,
+        time_ranges=rrb.VisibleTimeRange(TIMELINE, start=start, end=end),
+        axis_x=rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
+        plot_legend=rrb.PlotLegend(legend) if legend else rrb.PlotLegend(visible=False),
+        **more,
+    )
+
+
+def plane(
+    origin: str, name: str, x_range: Sequence[float], y_range: Sequence[float]
+) -> rrb.Spatial2DView:
+    """Return a view of a picture in its own units, y down."""
+    bounds = rrb.VisualBounds2D(x_range=list(x_range), y_range=list(y_range))
+    return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=bounds)
 
 
 def events_view(path: str, name: str = "Events") -> rrb.TextLogView:

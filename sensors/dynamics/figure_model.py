@@ -214,7 +214,6 @@ class FigureModel:
         self.names = tuple(names)
         self.nominal = turbine.nominal
         self.highest_frequency = highest_frequency
-        self.has_water = turbine.water is not None
         self.flooded = turbine.water is not None and turbine.water.inside
         turbine = converged(turbine, blades)
         model = assemble(turbine)

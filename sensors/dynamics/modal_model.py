@@ -12,6 +12,7 @@ box; `mudline` solves what remains.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -205,9 +206,8 @@ class ModalModel:
         layout: SensorLayout,
         *,
         highest_frequency: float = 12.5,
-        reference: ReferenceModes | None = None,
     ) -> None:
-        """highest_frequency [Hz]; reference: modes to follow other than the nominal ones.
+        """highest_frequency [Hz]: of the modes that are labelled.
 
         Raises
         ------
@@ -215,25 +215,34 @@ class ModalModel:
             If the description's own foundation does not hold the structure, or a sensor is not
             on the tower.
         """
-        if reference is None:
-            nominal = assemble(description)
-            reference = visible_modes(nominal, layout, highest_frequency=highest_frequency)
         self.description = description
         self.layout = layout
         self.highest_frequency = highest_frequency
         self.nominal = description.nominal
+        model = assemble(description)
+        reference = visible_modes(model, layout, highest_frequency=highest_frequency)
+        self._observation = ChannelReadings.of(model, layout)
+        self._gravity = mudline_gravity_stiffness(model)
+        self._follow(reference, model)
+
+    def _follow(self, reference: ReferenceModes, model: StructuralModel) -> None:
+        """Label the modes as a reference does; the model stands on its springs."""
         self.labels = reference.labels
         self.directions = reference.directions
         self.blade_energy_share = reference.blade_energy_share
         self._reference = reference
-        model = assemble(description, stiffness=reference.theta)
-        observation = ChannelReadings.of(model, layout)
-        self._gravity = mudline_gravity_stiffness(model)
+        self._model = model
         groups = (
-            _reduced_group(model, basis, observation, reference)
+            _reduced_group(model, basis, self._observation, reference)
             for basis in decoupled_groups(model)
         )
         self._groups = tuple(group for group in groups if group is not None)
+
+    def _followed(self, reference: ReferenceModes, model: StructuralModel) -> "ModalModel":
+        """The same structure and sensors with other reference modes; nothing is assembled again."""
+        other = copy(self)
+        other._follow(reference, model)
+        return other
 
     @property
     def theta_reference(self) -> FloatArray:
@@ -316,7 +325,7 @@ class ModalModel:
         still = self.modal(self.theta_reference)
         rows = [
             modes_in_water(
-                self.description, self.layout, self._reference, still.frequencies[0], rise
+                self._model, self._observation, self._reference, still.frequencies[0], rise
             )
             for rise in rises
         ]
@@ -339,10 +348,10 @@ class ModalModel:
         TurbineError
             If that θ is not admissible.
         """
-        model = assemble(self.description, stiffness=theta_reference)
+        model = self._model.on_springs(theta_reference)
         modes = solved_modes(
             model,
-            ChannelReadings.of(model, self.layout),
+            self._observation,
             highest_frequency=_BASIS_MARGIN * self.highest_frequency,
         )
         overlap = (self._reference.vectors.T @ model.mass @ modes.vectors) ** 2
@@ -354,12 +363,7 @@ class ModalModel:
             blade_energy_share=modes.blade_energy_share[successors],
             vectors=modes.vectors[:, successors],
         )
-        return ModalModel(
-            self.description,
-            self.layout,
-            highest_frequency=self.highest_frequency,
-            reference=reference,
-        )
+        return self._followed(reference, model)
 
     def subset(self, labels: Sequence[str]) -> "ModalModel":
         """Return a cheaper model with some of the modes only, in the given order.
@@ -369,12 +373,8 @@ class ModalModel:
         for label in labels:
             if label not in self.labels:
                 raise KeyError(f"no mode {label!r}; there are {', '.join(self.labels)}")
-        return ModalModel(
-            self.description,
-            self.layout,
-            highest_frequency=self.highest_frequency,
-            reference=self._reference.take([self.labels.index(label) for label in labels]),
-        )
+        indices = [self.labels.index(label) for label in labels]
+        return self._followed(self._reference.take(indices), self._model)
 
 
 def mudline_gravity_stiffness(model: StructuralModel) -> FloatArray:
@@ -392,7 +392,7 @@ def mudline_gravity_stiffness(model: StructuralModel) -> FloatArray:
     """
     mudline = model.spring_dofs.ravel()
     above = np.setdiff1d(np.arange(model.n_dofs), mudline)
-    free = model.stiffness_at(np.zeros(3))
+    free = model.free_stiffness
     coupling = free[np.ix_(above, mudline)]
     inner = np.linalg.solve(free[np.ix_(above, above)], coupling)
     return free[np.ix_(mudline, mudline)] - coupling.T @ inner

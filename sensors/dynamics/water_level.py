@@ -3,17 +3,15 @@
 import numpy as np
 from scipy.linalg import eigh
 
-from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.dynamics.reference_modes import ReferenceModes
 from sensors.structure.assembly import StructuralModel, assemble
-from sensors.structure.description import TurbineDescription
 from sensors.structure.sensor_readings import ChannelReadings
 
 
 def modes_in_water(
-    description: TurbineDescription,
-    layout: SensorLayout,
+    model: StructuralModel,
+    observation: ChannelReadings,
     reference: ReferenceModes,
     frequencies: FloatArray,
     rise: float,
@@ -24,8 +22,10 @@ def modes_in_water(
 
     Parameters
     ----------
+    model : StructuralModel
+        On its springs θ.
     reference : ReferenceModes
-        Modes at one θ, mass-normalised.
+        Modes at that θ, mass-normalised.
     frequencies : ndarray, shape (n_modes,)
         Frequencies of these modes at that θ [Hz].
 
@@ -38,13 +38,12 @@ def modes_in_water(
     The basis is that of the modes V and of the static responses to a force on each degree of
     freedom whose mass changes. Of first order the change is Δ ln f = −½ φᵀ ΔM φ; shapes mix.
     """
-    model = assemble(description, stiffness=reference.theta)
-    observation = ChannelReadings.of(model, layout)
+    description = model.description
     squares = (2 * np.pi * frequencies) ** 2
     if description.water is None or rise == 0:
         return frequencies, observation.shapes(reference.vectors.T, squares)
     risen = description.with_water_level(description.water.level + rise)
-    mass = assemble(risen, stiffness=reference.theta).mass
+    mass = assemble(risen).mass
     basis = np.hstack([reference.vectors, _static_responses(model, mass, reference.vectors)])
     found, coordinates = eigh(basis.T @ model.stiffness @ basis, basis.T @ mass @ basis)
     overlap = reference.vectors.T @ model.mass @ basis @ coordinates

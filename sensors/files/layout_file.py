@@ -272,9 +272,7 @@ def _require_heights(channels: Sequence[MappedChannel]) -> None:
         )
 
 
-def layout_by_names(
-    names: Sequence[str], *, turbine: str = "turbine", unit: str = "tower"
-) -> LayoutFile | None:
+def layout_by_names(names: Sequence[str], *, turbine: str = "turbine") -> LayoutFile | None:
     """Return the layout that names like "z145-fa" state, which our own recordings have.
 
     None of others.
@@ -291,7 +289,7 @@ def layout_by_names(
     )
     if len(channels) < len(names):
         return None
-    return LayoutFile(channels, turbine, unit, origin="channel names")
+    return LayoutFile(channels, turbine, "tower", origin="channel names")
 
 
 def layout_template(table: ChannelTable) -> str:

@@ -137,6 +137,25 @@ class ChannelTable:
     stated_quantities: tuple[Quantity | None, ...] = ()
     """Quantities where file or layout state them; () = neither."""
 
+    rotor_speed: NDArray[np.float64] | None = None
+    """Speed of a wind turbine's rotor, (n_samples,) [rpm], where the file holds it."""
+
+    def only(self, columns: Sequence[int]) -> "ChannelTable":
+        """Return some of the channels, in the order of `columns`.
+
+        Returns
+        -------
+        ChannelTable
+        """
+        stated = self.stated_quantities
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in columns),
+            units=tuple(self.units[i] for i in columns),
+            samples=self.samples[:, columns],
+            stated_quantities=tuple(stated[i] for i in columns) if stated else (),
+        )
+
     @property
     def quantities(self) -> tuple[Quantity, ...] | None:
         """What each channel measures; None where neither file, unit nor name state it."""

@@ -18,7 +18,7 @@ def bare_mast(layout: SensorLayout) -> TurbineDescription:
     tube = Tube(bottom, top, diameter, diameter / 100, youngs_modulus=210e9, density=7850.0)
     return TurbineDescription(
         name=layout.turbine,
-        title=f"{layout.turbine}, structure unknown",
+        title=layout.turbine,
         tubes=(tube,),
         foundation=FoundationSprings(k11=1.0, k22=1.0, k12=0.0),
     )

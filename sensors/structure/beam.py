@@ -7,7 +7,7 @@ Matrix Structural Analysis" (1968), chapters 5, 11 and 15.
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -91,9 +91,16 @@ def bending_mass(
     -----
     M = ∫ m NᵀN dz, N the Hermite cubics; rotary inertia is left out (Euler-Bernoulli).
     """
+    N, weighted = _weighted_cubics(start, end, length)
+    return mass_per_length * length * weighted @ N
+
+
+@lru_cache(maxsize=1024)  # a structure is assembled hundreds of times with nearly the same elements
+def _weighted_cubics(start: float, end: float, length: float) -> tuple[FloatArray, FloatArray]:
+    """Hermite cubics N at the Gauss points, (n, 4), and Nᵀ with their weights, (4, n)."""
     xi, weights = _gauss_points(start, end)
     N = hermite(xi, length)
-    return mass_per_length * length * (N.T * weights) @ N
+    return N, N.T * weights
 
 
 def geometric_stiffness(tension_start: float, tension_end: float, length: float) -> FloatArray:

@@ -49,10 +49,10 @@ from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.reader import read_messages
 from pipeline.updating.change.detector import Change, ChangeDetector, ChangeState, Verdict
 from pipeline.updating.change.event_message import TrackSensitivity, sensitivities_of
+from pipeline.updating.change.likelihood_ratios import StiffnessStep
 from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
 from pipeline.updating.change.random_walk import deviation
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.stiffness_change import StiffnessStep
 from pipeline.updating.change.sufficient_statistics import (
     UNCUT_MOMENTS,
     SeenFrequency,

@@ -60,6 +60,8 @@ TABLE_1 = {  # label: direction and frequency at the nominal foundation [Hz]
 }
 HIGHEST_JUDGED = 12.5  # [Hz]
 FIRST_SEED = 1000
+WINDOWS_OF_SET = 6  # of a seed
+EDGE = 0.43  # of the sampling rate, from which an anti-alias filter lies [-]
 
 
 def main(arguments: list[str]) -> None:
@@ -286,7 +288,44 @@ def blind(n_seeds: int, first_seed: int = FIRST_SEED) -> dict[str, float]:
         figures[f"mixtures_{label}"] = share
         print(f"mode {label}: a mixture passed off as one in {share:.3f} of windows (at most .02)")
     figures["spurious"], figures["duplicates"] = false_modes(truth, windows)
-    return figures
+    return figures | high_band_bias(truth, windows, n_seeds)
+
+
+def high_band_bias(
+    truth: FullModes, windows: Sequence[Sequence[Mode]], n_sets: int
+) -> dict[str, float]:
+    """Print and return the largest mean error of a mode above 5 Hz over independent sets of
+    windows, its standard error, and how many modes a window has near the anti-alias edge."""
+    sets = [windows[k * WINDOWS_OF_SET : (k + 1) * WINDOWS_OF_SET] for k in range(n_sets)]
+    biases = []
+    for f, shape in zip(truth.frequencies, truth.shapes, strict=True):
+        if not 5.0 < f < HIGHEST_JUDGED:
+            continue
+        means = []
+        for each in sets:
+            found = [m.frequency for modes in each if (m := match(modes, float(f), shape))]
+            if found:
+                means.append(100 * (np.mean(found) / f - 1))
+        if len(means) >= max(2, n_sets // 2):
+            biases.append(
+                (
+                    float(f),
+                    float(np.mean(means)),
+                    float(np.std(means, ddof=1) / np.sqrt(len(means))),
+                )
+            )
+    for f, mean, error in sorted(biases, key=lambda each: -abs(each[1]))[:4]:
+        print(f"bias of {f:.3f} Hz: {mean:+.3f} % (standard error {error:.3f} %)")
+    edge = sum(mode.frequency > EDGE * 40.0 for modes in windows for mode in modes) / len(windows)
+    print(f"{len(biases)} modes of 5 to {HIGHEST_JUDGED} Hz; above {EDGE} fs {edge:.2f} a window")
+    worst = max(biases, key=lambda each: abs(each[1]), default=(np.nan, np.nan, np.nan))
+    return {
+        "bias_modes": float(len(biases)),
+        "bias_largest_percent": worst[1],
+        "bias_largest_standard_error": worst[2],
+        "bias_rms_percent": float(np.sqrt(np.mean([each[1] ** 2 for each in biases]))),
+        "above_edge_a_window": edge,
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -85,7 +85,7 @@ def _dense_microseconds(description: TurbineDescription, theta: np.ndarray) -> f
 
     def solve() -> None:
         for one in theta:
-            eigh(model.stiffness_at(one), model.mass)
+            eigh(model.on_springs(one).stiffness, model.mass)
 
     return _microseconds(solve, len(theta))
 

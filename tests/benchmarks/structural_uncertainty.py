@@ -1,7 +1,7 @@
 """Intervals on towers of another simulator, whose figures nobody told the updater.
 
     python -m tests.benchmarks structural_uncertainty PART… [--sign SIGN] [--seeds FIRST]
-        [--sets N] [--result FILE]
+        [--sets N] [--keep]
 
 drawn     every figure from its prior, six windows
 weak      the same under the weak load; `single`: one window
@@ -17,12 +17,10 @@ z: (median − truth) / std, of ln k. Thresholds and floors were chosen on seeds
 
 import argparse
 import json
-import subprocess
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,6 +34,7 @@ from pipeline.updating.structural.joint_message import distrust
 from pipeline.updating.structural.refresh import joint_refresh
 from pipeline.updating.structural.settings import UNCERTAIN
 from sensors.structure.description import load_turbine
+from tests.benchmarks._results import keep
 from tests.outside import figures as outside_figures
 from tests.outside.figures import Figures
 from tests.outside.instruments import SensorFault, instruments
@@ -45,6 +44,12 @@ from tests.outside.model import NOMINAL, Description, SpringSign, averaged, conv
 
 FIRST_SEED = 30000
 SPRINGS = ("k11", "k22", "k12")
+DEPENDS = (
+    "pipeline/updating/structural",
+    "sensors/dynamics/figure_model.py",
+    "sensors/structure/figures.py",
+    "tests/outside",
+)
 ALONE: dict[str, Callable[[Figures], Figures]] = {
     "E -1 %": lambda f: replace(f, youngs_modulus=0.99),
     "E -3 %": lambda f: replace(f, youngs_modulus=0.97),
@@ -277,32 +282,30 @@ class Table:
             .tolist(),
             "seconds": np.quantile([e.seconds for e in self.outcomes], [0.5, 1]).round(2).tolist(),
             "alternatives": dict(Counter(each.alternative for each in self.outcomes)),
+            "sensors_named": sum(
+                any(doubt.startswith("sensor") for doubt in each.doubts) for each in self.outcomes
+            ),
             "held_or_named": int(sum(all(o.held) or not o.trusted for o in self.outcomes)),
         }
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Print a row for each name; write all where asked."""
+    """Print a row for each name; keep them where asked."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks structural_uncertainty")
     parser.add_argument("parts", nargs="+")
     parser.add_argument("--sign", choices=("published", "embedded-pile"), default="published")
     parser.add_argument("--seeds", type=int, default=FIRST_SEED)
     parser.add_argument("--sets", type=int)
-    parser.add_argument("--result", type=Path)
+    parser.add_argument("--keep", action="store_true")
     parser.add_argument("--verbose", action="store_true")
     chosen = parser.parse_args(arguments)
     inference = inference_of(chosen.sign)
-    document: dict[str, Any] = {
-        "command": "python -m tests.benchmarks structural_uncertainty " + " ".join(arguments),
-        "commit": _commit(),
-        "sign": chosen.sign,
-        "first_seed": chosen.seeds,
-        "parts": {},
-    }
     for part in chosen.parts:
         tables: dict[str, Table] = {}
+        seeds = []
         for case in cases(part, chosen.seeds, chosen.sets):
             table = tables.setdefault(case.name, Table())
+            seeds.append(case.seed)
             found = outcome(case, chosen.sign, inference)
             if found is None:
                 table.refused += 1
@@ -313,15 +316,31 @@ def main(arguments: Sequence[str]) -> None:
         rows = {name: table.row() for name, table in tables.items() if table.outcomes}
         for name, row in rows.items():
             print(f"{part} {chosen.sign} {name}: {json.dumps(row)}", flush=True)
-        document["parts"][part] = {
-            "rows": rows,
-            "sets": [asdict(o) for table in tables.values() for o in table.outcomes],
-        }
-    if chosen.result is not None:
-        chosen.result.parent.mkdir(parents=True, exist_ok=True)
-        chosen.result.write_text(json.dumps(document, indent=1) + "\n", "utf-8")
+        if chosen.keep:
+            keep(
+                f"structural-{part}-{chosen.sign}",
+                _summary(rows) | {"rows": rows},
+                command=f"python -m tests.benchmarks structural_uncertainty {part} --sign "
+                f"{chosen.sign} --seeds {chosen.seeds}"
+                + (f" --sets {chosen.sets}" if chosen.sets else ""),
+                seeds=seeds,
+                depends=DEPENDS,
+            )
 
 
-def _commit() -> str:
-    command = ["git", "rev-parse", "HEAD"]
-    return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+def _summary(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Over all rows of a part."""
+    sets = sum(row["sets"] for row in rows.values())
+    held = np.sum([row["held"] for row in rows.values()], axis=0).tolist()
+    widths = np.median([row["half_width_percent"] for row in rows.values()], axis=0).tolist()
+    return {
+        "sets": sets,
+        "refused": sum(row["refused"] for row in rows.values()),
+        "pooled": round(sum(held) / (3 * sets), 3),
+        **{f"held_{name}": count for name, count in zip(SPRINGS, held, strict=True)},
+        **{f"half_{name}": width for name, width in zip(SPRINGS, widths, strict=True)},
+        "fewest_held": min(min(row["held"]) for row in rows.values()),
+        "trusted": round(sum(row["trusted_share"] * row["sets"] for row in rows.values())),
+        "sensors_named": sum(row["sensors_named"] for row in rows.values()),
+        "fewest_named": min(row["sensors_named"] for row in rows.values()),
+    }

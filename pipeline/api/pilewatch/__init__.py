@@ -12,6 +12,8 @@
 What is exported here is stable: from this version on it changes by semantic versioning only.
 """
 
+from importlib.metadata import version as _version
+
 from ._own_packages import OWN as _OWN  # noqa: F401  # first: checks where the rest comes from
 from .errors import InputError
 from .measurement import Measurement, read, simulate
@@ -20,6 +22,7 @@ from .posterior import Posterior, update
 from .session import Session, open_session
 from .structure import Structure, StructureModes
 
+__version__ = _version("pilewatch")
 open = open_session  # noqa: A001  # as in other libraries of the field
 
 __all__ = [
@@ -30,6 +33,7 @@ __all__ = [
     "Session",
     "Structure",
     "StructureModes",
+    "__version__",
     "identify",
     "open",
     "read",

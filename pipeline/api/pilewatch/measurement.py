@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-from sensors.files.table import Quantity
+from sensors.files.channel_names import UnusedChannel, split_motions
+from sensors.files.table import ChannelTable, Quantity, rate_of_stamps
 
 from .errors import InputError, require
 
@@ -40,6 +41,8 @@ class Measurement:
     """Where each channel is and along which axis it measures; None where it is not known."""
     quantities: tuple[Quantity, ...] | None = None
     """What each channel measures; None for all the same."""
+    rotor_speed: FloatArray | None = None
+    """Speed of a turning rotor, (n_samples,) [rpm]; None where it is not known."""
 
     @property
     def duration(self) -> float:
@@ -73,7 +76,8 @@ class Measurement:
         if not len(part):
             raise InputError(f"nothing lies between {start:g} and {end:g} s of {self!r}")
         shifted = self.start_ns + round(first / self.sampling_rate * 1e9)
-        return replace(self, samples=part, start_ns=shifted)
+        speed = None if self.rotor_speed is None else self.rotor_speed[first:last]
+        return replace(self, samples=part, start_ns=shifted, rotor_speed=speed)
 
     def __repr__(self) -> str:
         return (
@@ -155,15 +159,25 @@ def read(
     from pipeline.offline.identify_file import recorded_channels
     from sensors.files.formats import read_file
     from sensors.files.layout_file import layout_by_names, load_layout
+    from sensors.files.rotor_speed import with_rotor_speed_apart
     from sensors.files.table import EVERYTHING
 
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"read takes a file's path, not {type(path).__name__}; identify an array")
     file = Path(path)
     mapping = None if layout is None else load_layout(Path(layout))
     wanted = EVERYTHING if mapping is None else mapping.wanted()
-    table = recorded_channels(file) if file.suffix == ".mcap" else read_file(file, wanted=wanted)
+    recorded = file.suffix == ".mcap"
+    table = (
+        recorded_channels(file)
+        if recorded
+        else with_rotor_speed_apart(read_file(file, wanted=wanted))
+    )
     if mapping is not None:
         table = mapping.chosen(table)
-    rate = sampling_rate or table.sampling_rate
+    rate = table.sampling_rate
+    if sampling_rate is not None:
+        rate = positive("sampling_rate", sampling_rate, "Hz")
     if rate is None:
         raise InputError(
             f"{file} has neither a sampling rate nor a time column: give sampling_rate [Hz]"
@@ -177,6 +191,7 @@ def read(
         start_ns=table.start_ns,
         layout=None if known is None else known.sensor_layout(table),
         quantities=table.quantities,
+        rotor_speed=table.rotor_speed,
     )
 
 
@@ -226,34 +241,95 @@ def simulate(
 
 
 def measurement_of(
-    samples: Measurement | ArrayLike,
+    samples: Measurement | str | os.PathLike[str] | ArrayLike,
     sampling_rate: float | None,
     channels: Sequence[str] | None,
     layout: SensorLayout | None,
 ) -> Measurement:
-    """A Measurement of what a caller gave: one already, or an array with its rate.
+    """A Measurement of what a caller gave: one already, a file, or an array with its rate.
 
     Raises
     ------
     InputError
-        If an array has not two axes, no channel, no sampling rate above 0, or names that do not
-        fit.
+        If an array has no numbers, not two axes, more channels than samples, no sampling rate
+        above 0, or names that do not fit.
     """
     if isinstance(samples, Measurement):
         return samples
-    values = np.asarray(samples, dtype=np.float64)
-    if values.ndim == 1:
-        values = values[:, None]
-    if values.ndim != 2 or values.shape[1] == 0:
-        raise InputError(f"samples are of shape {values.shape}; (n_samples, n_channels) is needed")
-    if sampling_rate is None or not 0 < sampling_rate < float("inf"):
-        raise InputError(f"sampling_rate is {sampling_rate}; an array needs a positive one [Hz]")
+    if isinstance(samples, str | os.PathLike):
+        return read(samples, sampling_rate=sampling_rate)
+    values = _array(samples)
+    stated = _rate_of_index(samples) if sampling_rate is None else sampling_rate
+    rate = positive("sampling_rate", stated, "Hz")
     if layout is not None:
         channels = layout.channel_names
+    elif channels is None:
+        channels = [str(each) for each in getattr(samples, "columns", ())]
     names = tuple(channels or (f"ch{number + 1}" for number in range(values.shape[1])))
     if len(names) != values.shape[1]:
         raise InputError(f"{len(names)} channel names for {values.shape[1]} channels")
     units = ("",) * len(names)
     if layout is not None:
         units = tuple(channel.unit for channel in layout.channels)
-    return Measurement(values, float(sampling_rate), names, units, layout=layout)
+    return Measurement(values, rate, names, units, layout=layout)
+
+
+def _array(samples: ArrayLike) -> FloatArray:
+    """(n_samples, n_channels), NaN where a masked array has nothing."""
+    found: np.ma.MaskedArray[Any, Any] = np.ma.asarray(samples)
+    if found.dtype.kind not in "fiubO":
+        raise InputError(f"samples are of type {found.dtype}; real numbers are needed")
+    try:
+        values = np.ma.filled(found.astype(np.float64), np.nan)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"samples are no array of numbers: {error}") from None
+    values = values[:, None] if values.ndim == 1 else values
+    if values.ndim != 2 or not values.size:
+        raise InputError(f"samples are of shape {values.shape}; (n_samples, n_channels) is needed")
+    n_samples, n_channels = values.shape
+    if n_channels > n_samples:
+        raise InputError(
+            f"samples are of shape {values.shape}: {n_channels} channels of {n_samples} samples; "
+            "transpose them to (n_samples, n_channels)"
+        )
+    return values
+
+
+def _rate_of_index(samples: object) -> float | None:
+    """Sampling rate [Hz] of a table that is indexed by time stamps; None of others."""
+    stamps = np.asarray(getattr(samples, "index", ()) if hasattr(samples, "index") else ())
+    if stamps.dtype.kind not in "mM" or len(stamps) < 2:
+        return None
+    return rate_of_stamps((stamps - stamps[0]) / np.timedelta64(1, "s"))
+
+
+def positive(name: str, value: object, unit: str) -> float:
+    """A caller's number above 0.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if isinstance(value, str) or not np.isscalar(value) or not 0 < value < float("inf"):  # type: ignore[operator]
+        raise InputError(f"{name} is {value!r}; a number above 0 is needed [{unit}]")
+    return float(value)  # type: ignore[arg-type]
+
+
+def motions_of(measured: Measurement) -> tuple[Measurement, tuple[UnusedChannel, ...]]:
+    """The channels of a file that may be motions of the structure, and the others.
+
+    All of them where a layout has chosen.
+    """
+    if measured.layout is not None:
+        return measured, ()
+    table = ChannelTable(measured.channels, measured.units, measured.samples, None)
+    columns, unused = split_motions(table)
+    quantities = measured.quantities
+    return replace(
+        measured,
+        samples=measured.samples[:, columns],
+        channels=tuple(measured.channels[i] for i in columns),
+        units=tuple(measured.units[i] for i in columns),
+        quantities=None if quantities is None else tuple(quantities[i] for i in columns),
+    ), unused

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -13,9 +14,10 @@ from pipeline.messages import ModalEstimate, Mode, QualityWarning, WindowRejecte
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
+from sensors.files.channel_names import UnusedChannel
 
 from .errors import InputError, require
-from .measurement import Measurement, measurement_of
+from .measurement import Measurement, measurement_of, motions_of, positive
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,6 +70,9 @@ class Modes:
     def __repr__(self) -> str:
         windows = f"{len(self.estimates)} window{'' if len(self.estimates) == 1 else 's'}"
         rejected = f", {len(self.rejected)} rejected" if self.rejected else ""
+        if not len(self):
+            why = f": {self.rejected[0].reason}" if self.rejected and not self.estimates else ""
+            return f"<Modes: none in {windows}{rejected}{why}>"
         listed = ", ".join(f"{f:.4g}" for f in self.frequencies[:8])
         more = ", …" if len(self) > 8 else ""
         return f"<Modes: {len(self)} in the last of {windows}{rejected}: {listed}{more} Hz>"
@@ -78,14 +83,18 @@ class Modes:
         Returns
         -------
         pandas.DataFrame
-            window, start (UTC), mode, frequency_hz, frequency_std_hz, damping_ratio,
-            damping_ratio_std, quality, then one column a channel with the shape.
+            window, start (UTC; NaT without a clock), mode, frequency_hz, frequency_std_hz,
+            damping_ratio, damping_ratio_std, quality, then one column a channel with the shape.
         """
+        from pipeline.report.wording import has_clock
+
         pandas = require("pandas")
         rows = [
             {
                 "window": estimate.window,
-                "start": pandas.Timestamp(estimate.start_ns, tz="UTC"),
+                "start": pandas.Timestamp(estimate.start_ns, tz="UTC")
+                if has_clock(estimate.start_ns)
+                else pandas.NaT,
                 "mode": mode.name,
                 "frequency_hz": mode.frequency,
                 "frequency_std_hz": mode.frequency_std,
@@ -194,27 +203,32 @@ def _by_direction(layout: SensorLayout | None, n_channels: int) -> dict[str, lis
 
 
 def identify(
-    samples: Measurement | ArrayLike,
+    samples: Measurement | str | os.PathLike[str] | ArrayLike,
     sampling_rate: float | None = None,
     *,
     channels: Sequence[str] | None = None,
     layout: SensorLayout | None = None,
     window: float | None = None,
+    rotor_speed: float | ArrayLike | None = None,
 ) -> Modes:
     """Identify the modes of a structure from its measured response alone (SSI-cov).
 
     Parameters
     ----------
-    samples : Measurement or array_like, shape (n_samples, n_channels)
-        Accelerations, velocities or displacements under ambient load, in any unit.
+    samples : Measurement, path or array_like, shape (n_samples, n_channels)
+        Accelerations, velocities or displacements under ambient load, in any unit. Of a file,
+        channels that are no motion (wind, power) or never change are left out, with a warning.
     sampling_rate : float, optional
-        [Hz]; needed with an array.
+        [Hz]; needed with an array, unless it is a table indexed by time stamps.
     channels : sequence of str, optional
-        Channel names of an array.
+        Channel names of an array; a table's columns by default.
     layout : SensorLayout, optional
         Where the channels of an array are; `update` needs it.
     window : float, optional
         Length of one window [s]; the whole record by default.
+    rotor_speed : float or array_like, shape (n_samples,), optional
+        Speed of a turning rotor [rpm], whose harmonics are then no modes; the measurement's by
+        default.
 
     Returns
     -------
@@ -225,10 +239,17 @@ def identify(
     InputError
         If the samples have no rate or not two axes, or the window does not fit.
     """
+    from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
     from pipeline.oma.identification import identify as identify_samples
     from pipeline.oma.tracking import ModeTracker
 
     measured = measurement_of(samples, sampling_rate, channels, layout)
+    speed = measured.rotor_speed if rotor_speed is None else _speed(rotor_speed, measured)
+    unused: tuple[UnusedChannel, ...] = ()
+    if isinstance(samples, Measurement | str | os.PathLike):
+        measured, unused = motions_of(measured)
+    left_out = tuple(QualityWarning("channels-left-out", str(each)) for each in unused)
+    quantities = measured.quantities or guessed_quantities(measured.samples, measured.sampling_rate)
     length = _window_samples(measured, window)
     tracker = ModeTracker()
     estimates: list[ModalEstimate] = []
@@ -239,7 +260,8 @@ def identify(
             measured.samples[first : first + length],
             measured.sampling_rate,
             channel_names=measured.channels,
-            quantities=measured.quantities,
+            quantities=quantities,
+            rotor_speed=None if speed is None else speed[first : first + length],
         )
         start_ns = measured.start_ns + round(first / measured.sampling_rate * NANOSECONDS)
         end_ns = start_ns + round(length / measured.sampling_rate * NANOSECONDS)
@@ -257,16 +279,27 @@ def identify(
                 layout_id=measured.layout.layout_id if measured.layout else "",
                 channels=measured.channels,
                 modes=tracker.named(found.modes),
-                warnings=found.warnings,
+                warnings=found.warnings + left_out,
             )
         )
     return Modes(tuple(estimates), tuple(rejected), measured.channels, measured.layout)
 
 
+def _speed(rotor_speed: float | ArrayLike, measured: Measurement) -> FloatArray:
+    """At each sample [rpm]."""
+    given = np.asarray(rotor_speed, dtype=np.float64)
+    if given.shape not in ((), (len(measured.samples),)):
+        raise InputError(
+            f"rotor_speed has the shape {given.shape}; one number or one a sample, "
+            f"({len(measured.samples)},), is needed [rpm]"
+        )
+    return np.broadcast_to(given, len(measured.samples))
+
+
 def _window_samples(measured: Measurement, window: float | None) -> int:
     if window is None:
         return len(measured.samples)
-    if not 0 < window <= measured.duration * (1 + 1e-9):
+    if positive("window", window, "s") > measured.duration * (1 + 1e-9):
         raise InputError(f"window is {window:g} s; the record is {measured.duration:.6g} s long")
     return round(window * measured.sampling_rate)
 

@@ -170,6 +170,10 @@ def update(
         If neither structure nor scenario is given, the places of the channels are not known, or no
         window could be used; the message has the last reason.
     """
+    if not isinstance(modes, Modes):
+        raise InputError(
+            f"update takes identified modes, not {type(modes).__name__}: pw.identify(…) gives them"
+        )
     if layout is not None:
         modes = with_layout(modes, layout)
     if modes.layout is None:

@@ -110,7 +110,8 @@ class Session:
 
     def _quantiles(self) -> FloatArray:
         """(n_posteriors, 3 quantiles, 3 springs) over nominal [-]."""
-        return np.array([np.quantile(each.ratios, QUANTILES, axis=0) for each in self.posteriors])
+        found = [np.quantile(each.ratios, QUANTILES, axis=0) for each in self.posteriors]
+        return np.array(found).reshape(-1, len(QUANTILES), len(SPRINGS))
 
 
 def open_session(path: str | os.PathLike[str], turbine: str | None = None) -> Session:
@@ -119,7 +120,7 @@ def open_session(path: str | os.PathLike[str], turbine: str | None = None) -> Se
     Parameters
     ----------
     path : str or path
-        An MCAP file, such as `out/session.mcap`.
+        An MCAP file, such as `out/session.mcap`, or a session's folder.
     turbine : str, optional
         Id of the turbine; the first one in the recording by default.
 
@@ -133,10 +134,11 @@ def open_session(path: str | os.PathLike[str], turbine: str | None = None) -> Se
         If it is no recording.
     """
     from pipeline.recording.reader import read_messages
+    from pipeline.sources.session_files import session_files
 
     file = Path(path)
     kinds = (SensorLayout, ModalEstimate, WindowRejected, FoundationPosterior, FoundationEvent)
-    messages = list(read_messages(file, kinds))
+    messages = [each for part in session_files(file) for each in read_messages(part, kinds)]
     name = turbine or (messages[0].turbine if messages else "")
     ours = [message for message in messages if message.turbine == name]
     layouts = [message for message in ours if isinstance(message, SensorLayout)]

@@ -146,6 +146,8 @@ class Structure:
         InputError
             If the springs are not positive definite.
         """
+        if np.shape(ratios) != (3,):
+            raise InputError(f"ratios are {ratios!r}; three are needed, of k11, k22 and k12")
         model = self.model(layout)
         modal = model.modal((np.asarray(ratios, dtype=np.float64) * model.nominal)[None])
         if not modal.admissible[0]:
@@ -187,6 +189,7 @@ class Structure:
             half = tube.diameter / 2
             axis.fill_betweenx([tube.bottom, tube.top], -half, half, color="C0", alpha=0.6)
         axis.axhline(0.0, color="C9", linewidth=1)
+        axis.axhline(self.description.tubes[0].bottom, color="C5", linewidth=1)
         axis.set(ylabel="elevation above mean water level [m]", xlabel="[m]", aspect="equal")
         return axis
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pipeline.offline.calibrate_turbine import TurbineCalibration
     from pipeline.updating.structural.calibration import UnseparatedFigures
 
+MOST_UNSEPARATED = 4  # combinations that are listed
 SENSOR_UNITS = {"gain": "-", "heading": "deg", "height": "m"}
 
 
@@ -49,9 +50,9 @@ def calibration_table(found: "TurbineCalibration") -> Table:
     return table
 
 
-def unknown_lines(found: "TurbineCalibration", most: int = 4) -> list[str]:
+def unknown_lines(found: "TurbineCalibration") -> list[str]:
     """Return what the measurements cannot separate, as sentences."""
-    return [_sentence(each) for each in found.best.unseparated[:most]]
+    return [_sentence(each) for each in found.best.unseparated[:MOST_UNSEPARATED]]
 
 
 def _sentence(found: "UnseparatedFigures") -> str:

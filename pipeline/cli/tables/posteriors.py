@@ -16,7 +16,8 @@ def posterior_table(posterior: Json) -> Table:
     turbine = f" of {posterior['turbine']}" if "turbine" in posterior else ""
     warning = "" if posterior.get("trusted", True) else ", NOT TRUSTED"
     table = table_of(f"Foundation posterior{escape(turbine)}{warning}")
-    for title in ("", "÷ nominal", "90 % interval", "truth", "median", "unit"):
+    table.add_column("", justify="right", overflow="fold")
+    for title in ("÷ nominal", "90 % interval", "truth", "median", "unit"):
         table.add_column(title, justify="right", no_wrap=True)
     for name in ("k11", "k22", "k12"):
         spring = posterior[name]
@@ -33,16 +34,17 @@ def posterior_table(posterior: Json) -> Table:
     above = f"below {format_value(sigma['p95'], '.1e')} (95 %)"
     table.add_row("σ", "", above, "", format_value(sigma["median"], ".1e"), "-")
     for name, each in posterior["figures"].items():
-        interval = f"{format_value(each['p05'], '.4g')} to {format_value(each['p95'], '.4g')}"
-        median = format_value(each["median"], ".4g")
+        # three digits and folded names: 80 columns hold them, and no figure is cut
+        interval = f"{format_value(each['p05'], '.3g')} to {format_value(each['p95'], '.3g')}"
+        median = format_value(each["median"], ".3g")
         table.add_row(
             escape(name.replace("_", " ")), "", interval, "", median, escape(each["unit"])
         )
     table.caption = (
         f"{count_noun(posterior['windows'], 'window')}, {posterior['sampler']}: "
-        f"{format_value(posterior['ess'], '.0f')} effective draws, "
-        f"R-hat {format_value(posterior['rhat'], '.3f')}"
-        "; σ: relative discrepancy of the model; probability of a new change: "
+        f"{format_value(posterior['ess'], '.0f')} effective draws"
+        + (f", R-hat {posterior['rhat']:.3f}" if posterior["rhat"] is not None else "")
+        + "; σ: relative discrepancy of the model; probability of a new change: "
         f"{format_value(posterior['change_probability'], '.2f')}"
     )
     return table

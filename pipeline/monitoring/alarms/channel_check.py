@@ -49,13 +49,8 @@ def checked_channels(
         **{"first_ns": now_ns, "last_ns": now_ns},
         **where,
     }
-    places = [
-        *(origin(each.url) for each in settings.webhook),
-        *(f"{each.host}:{each.port}" for each in settings.mqtt),
-        *(f"{each.host}:{each.port}" for each in settings.mail),
-    ]
-    for channel, place in zip(channels_of(settings), places, strict=True):
-        yield _checked(channel.name, place, partial(channel.send, message))
+    for channel in channels_of(settings):
+        yield _checked(channel.name, channel.place, partial(channel.send, message))
     for number, each in enumerate(settings.heartbeat, start=1):
         ping = {**where, "time_ns": now_ns, "open": 0}
         yield _checked(

@@ -74,6 +74,11 @@ class AlarmChannel(Protocol):
         """Unique among the channels and the same from run to run: names the outbox's folder."""
         ...
 
+    @property
+    def place(self) -> str:
+        """The receiver, without secrets."""
+        ...
+
     def send(self, message: JsonBody, recipients: tuple[str, ...] = ()) -> None:
         """Deliver one message.
 
@@ -98,6 +103,7 @@ class Webhook:
 
     def __init__(self, name: str, settings: WebhookSettings) -> None:
         self.name = name
+        self.place = origin(settings.url)
         self._settings = settings
 
     def send(self, message: JsonBody, recipients: tuple[str, ...] = ()) -> None:
@@ -157,12 +163,12 @@ class Mail:
 
     def __init__(self, name: str, settings: MailSettings) -> None:
         self.name = name
+        self.place = f"{settings.host}:{settings.port}"
         self._settings = settings
 
     def send(self, message: JsonBody, recipients: tuple[str, ...] = ()) -> None:
         """See `AlarmChannel`. Each recipient is confirmed or refused on its own."""
-        settings = self._settings
-        place = f"{settings.host}:{settings.port}"
+        settings, place = self._settings, self.place
         wanted = recipients or settings.recipients
         try:
             refused = _finished(self._sent(message, wanted), settings.timeout, place)
@@ -236,6 +242,7 @@ class Mqtt:
                 "[[mqtt]] needs the extra `mqtt`: pip install 'pilewatch[mqtt]'"
             ) from None
         self.name = name
+        self.place = f"{settings.host}:{settings.port}"
         self._settings = settings
 
     def send(self, message: JsonBody, recipients: tuple[str, ...] = ()) -> None:
@@ -243,11 +250,10 @@ class Mqtt:
         from aiomqtt import MqttError
 
         logging.getLogger("mqtt").setLevel(logging.CRITICAL)  # its own lines on a failed link
-        place = f"{self._settings.host}:{self._settings.port}"
         try:
-            _finished(self._publish(message), self._settings.timeout, place)
+            _finished(self._publish(message), self._settings.timeout, self.place)
         except (MqttError, OSError, ValueError) as error:
-            raise DeliveryFailed(f"{place}: {_system_reason(error)}") from error
+            raise DeliveryFailed(f"{self.place}: {_system_reason(error)}") from error
 
     async def _publish(self, message: JsonBody) -> None:
         from aiomqtt import Client, MqttError

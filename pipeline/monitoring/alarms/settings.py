@@ -259,7 +259,7 @@ def notices_settings(table: Mapping[str, Any], origin: str) -> AlarmSettings:
         )
     if not any(channels.values()):
         raise AlarmError(
-            f"{origin} names no receiver: add [[webhook]], [[mqtt]], [[mail]] or [[heartbeat]]"
+            f"{origin} names no receiver: add {' or '.join(f'[[{name}]]' for name in _CHANNELS)}"
         )
     return AlarmSettings(notices=log, **channels)
 

@@ -105,7 +105,7 @@ def check_finite(
     return (
         Finding(
             "nan",
-            f"{text}; up to {100 * worst:.2g} % of a channel, {100 * MOST_MISSING:g} % is the most",
+            f"{text}; up to {100 * worst:.3g} % of a channel, {100 * MOST_MISSING:g} % is the most",
             "reject",
         ),
     )
@@ -252,7 +252,7 @@ def check_drift(samples: NDArray[np.floating], channel_names: Sequence[str]) -> 
 
 def check_stationarity(samples: NDArray[np.floating], sampling_rate: float) -> tuple[Finding, ...]:
     """Windows whose loudness changes: a rotor stop, a ring-down, a passing ship."""
-    unspiked = _without_spikes(np.asarray(samples, dtype=np.float64))
+    unspiked = without_spikes(np.asarray(samples, dtype=np.float64))
     steady = without_drift(unspiked)
     octave, decay = loudest_octave(steady, sampling_rate), ring_down(steady, sampling_rate)
     if octave is not None and octave.excess > 1:
@@ -309,11 +309,11 @@ def mended(samples: FloatArray, findings: Sequence[Finding]) -> FloatArray:
     """
     codes = {finding.code for finding in findings if finding.action == "mend"}
     if "spikes" in codes:
-        samples = _without_spikes(samples)
+        samples = without_spikes(samples)
     return without_drift(samples) if "drift" in codes else samples
 
 
-def _without_spikes(samples: FloatArray) -> FloatArray:
+def without_spikes(samples: FloatArray) -> FloatArray:
     """Every lone spike replaced by the mean of its neighbours."""
     spikes = lone_spikes(samples)
     clean = samples.copy()

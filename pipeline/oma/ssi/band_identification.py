@@ -97,7 +97,7 @@ def modes_of_covariances(
     dt = 1 / band.sampling_rate
     systems = list(system_modes(subspace, orders=band.orders, sampling_interval=dt))
     cloud, moved = _sharp_cloud(systems, subspace, covariances, band, settings, integrations)
-    found = clusters(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
+    found = clusters(cloud, n_orders=len(systems), minimum_presence=settings.confirmed_presence)
     scales = ChannelScales(covariances.scales, integrations, dt)
     modes = _represented(found, cloud, moved, scales)
     in_phase = [with_phases(system, band, integrations) for system in systems]
@@ -117,7 +117,7 @@ def _sharp_cloud(
     and how the time blocks move each order's system."""
     cloud = pole_cloud(systems, band, settings, integrations)
     cloud = cloud.only(
-        recurring(cloud, n_orders=len(systems), minimum_presence=settings.minimum_presence)
+        recurring(cloud, n_orders=len(systems), minimum_presence=settings.confirmed_presence)
     )
     if not len(cloud):
         return cloud, []

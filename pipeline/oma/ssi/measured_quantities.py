@@ -10,13 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.arrays import FloatArray, IntArray
+from sensors.arrays import IntArray
 from sensors.files.table import Quantity
-
-FEWEST_FOR_PHASES = 1000  # fewer say nothing about phases
-MOST_FOR_PHASES = 100_000  # more say nothing new
-SHARPNESS = 3  # power of the coherence that lines are weighted by
-CLEARLY = 0.7  # mean −cos 2φ of two groups that differ by a quarter of a period
 
 INTEGRATIONS: dict[Quantity, int] = {"acceleration": 0, "velocity": 1, "displacement": 2}
 
@@ -43,48 +38,3 @@ def to_acceleration(
     """
     continuous = np.log(poles) / sampling_interval
     return np.asarray(continuous[:, None] ** integrations[None, :])
-
-
-def guessed_quantities(samples: FloatArray, sampling_rate: float) -> tuple[Quantity, ...] | None:
-    """Which channels are velocities beside accelerations, by how the channels move together.
-
-    samples   (n, n_channels)
-    returns   None where all channels share one phase, or nothing can be concluded
-
-    At a resonance two channels of one quantity are in phase or in opposition, a velocity and an
-    acceleration (or a velocity and a displacement) a quarter of a period apart: cos 2φ of their
-    cross-spectrum is 1 or −1. Of two groups of channels that differ so, the one whose spectrum
-    rises over the other's is the derivative. A displacement beside an acceleration is not detected.
-
-    Of 111 records of random frames (`tests/benchmarks/records.py`, seeds 4001 to 4120) all 18 with
-    both kinds were distinguished from the others, 16 in the right order.
-    """
-    n, n_channels = samples.shape
-    if n_channels < 2 or n < FEWEST_FOR_PHASES or not np.isfinite(samples).all():
-        return None
-    scaled = (samples[:MOST_FOR_PHASES] - samples.mean(axis=0)).T
-    from scipy.signal import csd  # slow to load, and few records measure several quantities
-
-    f, spectra = csd(
-        scaled[:, None], scaled[None, :], fs=sampling_rate, nperseg=min(len(scaled.T) // 8, 4096)
-    )
-    f, spectra = f[2:], spectra[..., 2:]  # without what a drift leaves
-    power = np.einsum("iif->if", spectra).real
-    if not (power.max(axis=1) > 0).all():
-        return None
-    together = np.abs(spectra) ** 2 / np.maximum(power[:, None] * power[None], np.finfo(float).tiny)
-    height = np.sqrt(power / power.max(axis=1, keepdims=True))  # resonances stand out
-    weights = together**SHARPNESS * height[:, None] * height[None]
-    agreement = np.sum(weights * np.cos(2 * np.angle(spectra)), axis=-1)
-    agreement -= np.diag(np.diag(agreement))
-    sides = np.linalg.eigh(agreement)[1][:, -1] > 0
-    one, other = agreement[np.ix_(sides, sides)], agreement[np.ix_(sides, ~sides)]
-    if sides.all() or not sides.any() or other.mean() > 0 or one.sum() < 0:
-        return None
-    if -other.sum() < CLEARLY * weights[np.ix_(sides, ~sides)].sum():
-        return None
-    joint = weights[np.ix_(sides, ~sides)].sum(axis=(0, 1))
-    ratio = np.log(power[sides]).mean(axis=0) - np.log(power[~sides]).mean(axis=0)
-    steepness = np.polyfit(np.log(f), ratio, 1, w=np.sqrt(joint))[0]
-    faster = sides if steepness > 0 else ~sides
-    return tuple("acceleration" if each else "velocity" for each in faster)

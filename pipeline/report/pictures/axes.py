@@ -41,13 +41,20 @@ def draw_band(axes: Any, times: Times, bands: FloatArray, colour: colours.Colour
             elinewidth=1.2, color=css_colour(colour),
         )  # fmt: skip
         return
-    steps = np.diff(times).astype(np.int64)
-    behind_holes = 1 + np.flatnonzero(steps > 1.5 * np.median(steps))
-    for piece in np.split(np.arange(len(times)), behind_holes):
+    for piece in unbroken(times):
         axes.fill_between(
             times[piece], low[piece], high[piece], color=css_colour(colour), alpha=0.35, linewidth=0
         )
         axes.plot(times[piece], middle[piece], color=css_colour(colour))
+
+
+def unbroken(times: Times) -> list[NDArray[np.intp]]:
+    """Places of the times that follow each other without a missing window, stretch by stretch."""
+    if len(times) < 2:
+        return [np.arange(len(times))]
+    steps = np.diff(times).astype(np.int64)
+    behind_holes = 1 + np.flatnonzero(steps > 1.5 * np.median(steps))
+    return np.split(np.arange(len(times)), behind_holes)
 
 
 def mark_events(axes: Any, events: Sequence[FoundationEvent], named: bool) -> None:
@@ -78,7 +85,7 @@ def time_axis(axes: Any, span_ns: tuple[int, int], *, label: bool = True) -> Non
     margin = (end_ns - start_ns) // 50  # without limits, a single window spans years
     axes.set_xlim(*datetimes([start_ns - margin, end_ns + margin]))
     dates: Any = importlib.import_module("matplotlib.dates")  # its classes have no types
-    locator = dates.AutoDateLocator(minticks=3, maxticks=7 if label else 5)
+    locator = dates.AutoDateLocator(minticks=3, maxticks=7 if label else 4)
     locator.intervald[dates.SECONDLY].append(60)  # else two minutes fit no interval,
     locator.intervald[dates.MINUTELY].append(60)  # nor two hours
     locator.intervald[dates.HOURLY].append(24)  # nor two days

@@ -9,13 +9,14 @@ import numpy as np
 
 from pipeline.messages import FoundationPosterior, ModePair
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.report.canvas import INK, css_colour, page_figure
+from pipeline.report.canvas import INK, PAPER, css_colour, page_figure
 from pipeline.report.pictures.axes import frequency_axis, mark_modes
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.state.run_modes import CombinedMode
 from pipeline.viewer.pictures import colours
 from sensors.arrays import FloatArray
 
+FEW_IN_MAC = 14  # labels of the usual size do not overlap
 MOST_IN_MAC = 24  # of the AutoMAC, so that its labels can be read
 LASTING_SHARE = 0.25  # of the windows that see a mode that is marked [-]
 LOWEST_SHARE = 0.6  # of the lowest mode's frequency: where the axis of frequencies begins [-]
@@ -40,6 +41,7 @@ def stabilisation(record: TurbineRecord) -> str:
                 markeredgewidth=0, label=f"band {band + 1}", rasterized=len(bands) > 1500,
             )  # fmt: skip
         mark_modes(axes, modes, written=True)
+        _cross_refused(axes, [each.frequency for each in diagram.refused])
         frequency_axis(axes)
         _begin_at_lowest(axes, modes)
         axes.set_ylabel("model order [-]")
@@ -52,6 +54,15 @@ def _frequencies_of_window(record: TurbineRecord, start_ns: int) -> list[float]:
         if estimate.start_ns == start_ns:
             return [mode.frequency for mode in estimate.modes]
     return []
+
+
+def _cross_refused(axes: Any, frequencies: list[float]) -> None:
+    """Mark at the upper edge what looked like a mode and is not reported."""
+    if frequencies:
+        axes.plot(
+            frequencies, np.full(len(frequencies), 0.98), "x", markersize=4.5, label="refused",
+            color=css_colour(colours.FAULT), transform=axes.get_xaxis_transform(),
+        )  # fmt: skip
 
 
 def _begin_at_lowest(axes: Any, modes: list[float]) -> None:
@@ -76,7 +87,10 @@ def spectra(record: TurbineRecord) -> str:
             axes.set_ylim(top * 10**-DECADES_SHOWN, 3 * top)
             axes.set_ylabel(f"{name}\n[{_unit(record)}]")
             mark_modes(axes, modes, written=axes is panels[0])
-            axes.legend(loc="lower left", ncols=2)
+            axes.legend(
+                loc="lower left", ncols=2, frameon=True, framealpha=0.8, edgecolor="none",
+                facecolor=PAPER, borderpad=0.2,
+            )  # fmt: skip
         frequency_axis(panels[-1])
         _begin_at_lowest(panels[-1], modes)
         return page.svg()
@@ -122,7 +136,7 @@ def _unit(record: TurbineRecord) -> str:
 
 def auto_mac(record: TurbineRecord) -> str:
     """Draw the MAC of every identified mode's shape with every other's."""
-    modes = [mode for mode in lasting_modes(record) if len(mode.shape) > 1][:MOST_IN_MAC]
+    modes = _with_shapes(record)[:MOST_IN_MAC]
     if len(modes) < 2 or len({len(mode.shape) for mode in modes}) > 1:
         return ""
     shapes = np.array([mode.shape for mode in modes])
@@ -131,14 +145,25 @@ def auto_mac(record: TurbineRecord) -> str:
     with page_figure(4.0) as page:
         axes = page.figure.subplots()
         image = axes.imshow(values, vmin=0.0, vmax=1.0, cmap="cividis")
-        axes.set_xticks(range(len(modes)), labels, rotation=90)
-        axes.set_yticks(range(len(modes)), labels)
+        size = 8.0 if len(modes) <= FEW_IN_MAC else 5.5
+        axes.set_xticks(range(len(modes)), labels, rotation=90, fontsize=size)
+        axes.set_yticks(range(len(modes)), labels, fontsize=size)
         axes.grid(False)
         axes.set_xlabel("mode [Hz]")
         axes.set_ylabel("mode [Hz]")
         bar = page.figure.colorbar(image, shrink=0.8)
         bar.set_label("MAC [-]")
         return page.svg()
+
+
+def mac_limit(record: TurbineRecord) -> str:
+    """Return a sentence where not all modes are in the AutoMAC."""
+    more = len(_with_shapes(record)) > MOST_IN_MAC
+    return f" Drawn: the {MOST_IN_MAC} lowest modes that last." if more else ""
+
+
+def _with_shapes(record: TurbineRecord) -> list[CombinedMode]:
+    return [mode for mode in lasting_modes(record) if len(mode.shape) > 1]
 
 
 def prediction(posterior: FoundationPosterior | None) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate
 from pipeline.report.canvas import INK, css_colour, page_figure
-from pipeline.report.pictures.axes import datetimes, mark_events, time_axis
+from pipeline.report.pictures.axes import datetimes, mark_events, time_axis, unbroken
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import ratios
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_informative
@@ -71,7 +71,6 @@ class _Chart:
     times_ns: NDArray[np.int64]
     values: FloatArray  # departure from the reference's median [%]
     limit: float  # [%]
-    n_reference: int
 
 
 def control_charts(record: TurbineRecord) -> str:
@@ -133,7 +132,7 @@ def _chart(
         return None
     percent = 100 * (values / limits.centre - 1)
     limit = 100 * LIMIT * limits.deviation / abs(limits.centre)
-    return _Chart(label, times_ns, percent, limit, n_reference)
+    return _Chart(label, times_ns, percent, limit)
 
 
 def _control_panel(axes: Any, chart: _Chart) -> None:
@@ -142,7 +141,8 @@ def _control_panel(axes: Any, chart: _Chart) -> None:
     far = np.abs(chart.values) > FARTHEST_DRAWN * chart.limit
     edge = FARTHEST_DRAWN * chart.limit
     values = np.clip(chart.values, -edge, edge)  # else one of them hides all others
-    axes.plot(times, values, color=css_colour(colours.MEASURED), linewidth=0.7)
+    for piece in unbroken(times):
+        axes.plot(times[piece], values[piece], color=css_colour(colours.MEASURED), linewidth=0.7)
     for chosen, marker, colour in (
         (~outside, "o", colours.MEASURED),
         (outside & ~far, "o", colours.FAULT),

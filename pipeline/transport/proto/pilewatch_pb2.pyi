@@ -256,8 +256,20 @@ class ModalEstimate(_message.Message):
     origins: _containers.RepeatedCompositeFieldContainer[UnitOrigin]
     def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., layout_id: _Optional[str] = ..., channels: _Optional[_Iterable[str]] = ..., modes: _Optional[_Iterable[_Union[Mode, _Mapping]]] = ..., weight: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., operating_state: _Optional[str] = ..., wind_speed: _Optional[float] = ..., rotor_speed: _Optional[float] = ..., yaw: _Optional[float] = ..., water_level: _Optional[float] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
 
+class RefusedMode(_message.Message):
+    __slots__ = ("frequency", "damping_ratio", "code", "text")
+    FREQUENCY_FIELD_NUMBER: _ClassVar[int]
+    DAMPING_RATIO_FIELD_NUMBER: _ClassVar[int]
+    CODE_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    frequency: float
+    damping_ratio: float
+    code: str
+    text: str
+    def __init__(self, frequency: _Optional[float] = ..., damping_ratio: _Optional[float] = ..., code: _Optional[str] = ..., text: _Optional[str] = ...) -> None: ...
+
 class StabilisationDiagram(_message.Message):
-    __slots__ = ("turbine", "window", "start_ns", "end_ns", "orders", "bands", "frequencies", "frequency_stds", "damping_ratios")
+    __slots__ = ("turbine", "window", "start_ns", "end_ns", "orders", "bands", "frequencies", "frequency_stds", "damping_ratios", "refused")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     WINDOW_FIELD_NUMBER: _ClassVar[int]
     START_NS_FIELD_NUMBER: _ClassVar[int]
@@ -267,6 +279,7 @@ class StabilisationDiagram(_message.Message):
     FREQUENCIES_FIELD_NUMBER: _ClassVar[int]
     FREQUENCY_STDS_FIELD_NUMBER: _ClassVar[int]
     DAMPING_RATIOS_FIELD_NUMBER: _ClassVar[int]
+    REFUSED_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     window: int
     start_ns: int
@@ -276,7 +289,8 @@ class StabilisationDiagram(_message.Message):
     frequencies: _containers.RepeatedScalarFieldContainer[float]
     frequency_stds: _containers.RepeatedScalarFieldContainer[float]
     damping_ratios: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., orders: _Optional[_Iterable[float]] = ..., bands: _Optional[_Iterable[float]] = ..., frequencies: _Optional[_Iterable[float]] = ..., frequency_stds: _Optional[_Iterable[float]] = ..., damping_ratios: _Optional[_Iterable[float]] = ...) -> None: ...
+    refused: _containers.RepeatedCompositeFieldContainer[RefusedMode]
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., orders: _Optional[_Iterable[float]] = ..., bands: _Optional[_Iterable[float]] = ..., frequencies: _Optional[_Iterable[float]] = ..., frequency_stds: _Optional[_Iterable[float]] = ..., damping_ratios: _Optional[_Iterable[float]] = ..., refused: _Optional[_Iterable[_Union[RefusedMode, _Mapping]]] = ...) -> None: ...
 
 class WindowRejected(_message.Message):
     __slots__ = ("turbine", "window", "start_ns", "end_ns", "code", "reason", "origins")
@@ -334,7 +348,7 @@ class ModePair(_message.Message):
     shape_used: bool
     misfit: float
     information: float
-    def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: _Optional[bool] = ..., misfit: _Optional[float] = ..., information: _Optional[float] = ...) -> None: ...
+    def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: bool = ..., misfit: _Optional[float] = ..., information: _Optional[float] = ...) -> None: ...
 
 class FoundationPosterior(_message.Message):
     __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings", "population", "figures", "change_probability", "structure", "budget", "alternatives", "unpredicted_share", "relative", "origins")
@@ -396,7 +410,7 @@ class FoundationPosterior(_message.Message):
     unpredicted_share: float
     relative: _containers.RepeatedCompositeFieldContainer[RelativeStiffness]
     origins: _containers.RepeatedCompositeFieldContainer[UnitOrigin]
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: _Optional[bool] = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., population: _Optional[str] = ..., figures: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., change_probability: _Optional[float] = ..., structure: _Optional[str] = ..., budget: _Optional[_Iterable[_Union[FigureShare, _Mapping]]] = ..., alternatives: _Optional[_Iterable[_Union[StructureAlternative, _Mapping]]] = ..., unpredicted_share: _Optional[float] = ..., relative: _Optional[_Iterable[_Union[RelativeStiffness, _Mapping]]] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: bool = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., population: _Optional[str] = ..., figures: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., change_probability: _Optional[float] = ..., structure: _Optional[str] = ..., budget: _Optional[_Iterable[_Union[FigureShare, _Mapping]]] = ..., alternatives: _Optional[_Iterable[_Union[StructureAlternative, _Mapping]]] = ..., unpredicted_share: _Optional[float] = ..., relative: _Optional[_Iterable[_Union[RelativeStiffness, _Mapping]]] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
 
 class FigureShare(_message.Message):
     __slots__ = ("name", "k11", "k22", "k12")

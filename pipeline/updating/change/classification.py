@@ -12,7 +12,9 @@ the package's docstring,
 integrated over κ ~ N(0, τ² 1) by Laplace's approximation around its peak, mixed over τ. A mode that
 is paired with none of the model's (its frequency may lie above the model's highest) moves with the
 foundation too, by an unknown amount: by τ times what the paired ones are sensitive on average,
-up or down. Against all this stands the modal drift, in closed form.
+up or down. A model's slopes are never exact, so each step along S κ has an error of its own, a
+share of δ_j: a large change is not acquitted for being large. Against all this stands the modal
+drift, in closed form.
 Source: Kass and Raftery (1995), Journal of the American Statistical Association 90.
 """
 
@@ -20,11 +22,17 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.updating.change.likelihood_ratio import log_mean, log_step
-from pipeline.updating.change.modal_drift import LARGEST_LOG_RATIO, SHIFTS, log_drift
+from pipeline.updating.change.likelihood_ratios import (
+    ITERATIONS,
+    LARGEST_LOG_RATIO,
+    SHIFTS,
+    STIFFNESS_SHIFTS,
+    log_drift,
+    log_mean,
+    log_step,
+)
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.stiffness_change import ITERATIONS, STIFFNESS_SHIFTS
-from pipeline.updating.change.sufficient_statistics import Steps
+from pipeline.updating.change.sufficient_statistics import Sensitivities, Steps
 from sensors.arrays import FloatArray
 
 ChangeKind = Literal["foundation", "modal-drift", "undecided"]
@@ -33,14 +41,14 @@ MISTAKEN = 1e-6  # p of a mode that moves on its own while the foundation change
 PAIRING_MISTAKE = float(SHIFTS[-1])  # τ_o of its ln f [-]
 
 
-def foundation_probability(step: Steps, stiffness: FloatArray, settings: ChangeSettings) -> float:
+def foundation_probability(step: Steps, known: Sensitivities, settings: ChangeSettings) -> float:
     """That a change was the foundation's, from its steps on frequencies uncut, (1, J) each.
 
-    stiffness   S, (J, 3); zeros for a track that is paired with no mode of the model
+    known   its stiffness is zero for a track that is paired with no mode of the model
 
         P = π E_foundation / (π E_foundation + (1 − π) E_drift),   π = settings.foundation_share
     """
-    foundation = log_foundation_with_mistakes(step, stiffness) + np.log(settings.foundation_share)
+    foundation = log_foundation_with_mistakes(step, known) + np.log(settings.foundation_share)
     drift = float(log_drift(step)[0]) + np.log(1 - settings.foundation_share)
     return float(np.exp(foundation - np.logaddexp(foundation, drift)))
 
@@ -54,14 +62,15 @@ def kind_of(probability: float, settings: ChangeSettings) -> ChangeKind:
     return "undecided"
 
 
-def log_foundation_with_mistakes(step: Steps, stiffness: FloatArray) -> float:
+def log_foundation_with_mistakes(step: Steps, known: Sensitivities) -> float:
     """log likelihood ratio of a change of the springs against none."""
+    stiffness = known.stiffness
     g, h, paired = step.g[0], step.h[0], stiffness.any(axis=1)
     if not paired.any():
         return 0.0
     typical = float(np.mean((stiffness[paired] ** 2).sum(axis=1)))  # variance of ln f over τ²
     sizes = [
-        _log_integral(g[paired], h[paired], stiffness[paired], size)
+        _log_integral(g[paired], h[paired], stiffness[paired], size, known.slope_error)
         + _log_unpaired(g[~paired], h[~paired], size**2 * typical)
         for size in STIFFNESS_SHIFTS
     ]
@@ -74,7 +83,9 @@ def _log_unpaired(g: FloatArray, h: FloatArray, variance: float) -> float:
     return float(np.logaddexp(np.log1p(-MISTAKEN) + along, np.log(MISTAKEN) + alone).sum())
 
 
-def _log_integral(g: FloatArray, h: FloatArray, stiffness: FloatArray, size: float) -> float:
+def _log_integral(
+    g: FloatArray, h: FloatArray, stiffness: FloatArray, size: float, slope_error: float
+) -> float:
     """log ∫ p(g | κ) / p(g | 0) N(κ; 0, size²) dκ
 
     The peak by iterated least squares; its weights are what each mode's errors leave of it when
@@ -85,13 +96,16 @@ def _log_integral(g: FloatArray, h: FloatArray, stiffness: FloatArray, size: flo
         hessian = (stiffness.T * (weights * h)) @ stiffness + np.eye(3) / size**2
         ratios = np.linalg.solve(hessian, stiffness.T @ (weights * g))
         steps = stiffness @ ratios
-        mistaken = log_step(g - h * steps, h, np.array([PAIRING_MISTAKE**2]))[0]
-        own = MISTAKEN * np.exp(np.minimum(mistaken, LARGEST_LOG_RATIO))
-        weights = (1 - MISTAKEN + own / (1 + PAIRING_MISTAKE**2 * h)) / (1 - MISTAKEN + own)
+        rest, error = g - h * steps, (slope_error * steps) ** 2
+        along = 0.5 * (rest**2 * error / (1 + h * error) - np.log1p(h * error))
+        mistaken = log_step(rest, h, np.array([PAIRING_MISTAKE**2]))[0]
+        own = MISTAKEN * np.exp(np.minimum(mistaken - along, LARGEST_LOG_RATIO))
+        right = (1 - MISTAKEN) / (1 + error * h)
+        weights = (right + own / (1 + PAIRING_MISTAKE**2 * h)) / (1 - MISTAKEN + own)
     logs = (
         g * steps
         - 0.5 * h * steps**2
-        + np.logaddexp(np.log(MISTAKEN) + mistaken, np.log1p(-MISTAKEN))
+        + np.logaddexp(np.log(MISTAKEN) + mistaken, np.log1p(-MISTAKEN) + along)
     )
     prior = -0.5 * ratios @ ratios / size**2 - 3 * np.log(size)
     return float(logs.sum() + prior - 0.5 * np.linalg.slogdet(hessian)[1])

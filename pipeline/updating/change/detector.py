@@ -5,11 +5,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.updating.change.classification import ChangeKind, foundation_probability, kind_of
-from pipeline.updating.change.likelihood_ratio import log_sum
-from pipeline.updating.change.modal_drift import log_drift
+from pipeline.updating.change.likelihood_ratios import (
+    StiffnessStep,
+    log_drift,
+    log_foundation,
+    log_sum,
+    stiffness_step,
+)
 from pipeline.updating.change.random_walk import WalkState, wandered
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.stiffness_change import StiffnessStep, log_foundation, stiffness_step
 from pipeline.updating.change.sufficient_statistics import (
     UNCUT_MOMENTS,
     ChangeSums,
@@ -24,6 +28,8 @@ from pipeline.updating.change.sufficient_statistics import (
     with_window,
 )
 from sensors.arrays import FloatArray
+
+SECONDS_PER_YEAR = 365.25 * 86400.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +76,7 @@ class Change:
     earliest: int  # indices of the 5 % …
     latest: int  # … and 95 % quantiles
     step: StiffnessStep  # if it was the foundation
+    rough: bool  # whether that is of a model whose description does not hold
     shifts: FloatArray  # (J,) change of ln f; NaN for tracks not seen before and after
     shift_stds: FloatArray  # (J,)
     log_frequencies: FloatArray  # (J,) before it, at the model's water level and WIND_REFERENCE
@@ -106,7 +113,7 @@ class ChangeDetector:
         kinds = np.array([log_drift(found), log_foundation(found, sensitivities.stiffness)])
         share = self.settings.foundation_share
         shares = np.log([[1 - share], [share]]) + np.log(state.sums.shares)
-        a_year = self.settings.windows_per_year(window_duration)
+        a_year = SECONDS_PER_YEAR / window_duration
         return Verdict(
             log_kinds=shares + kinds,
             log_threshold=float(np.log(self.settings.years_between_false_alarms * a_year)),
@@ -123,7 +130,7 @@ class ChangeDetector:
         latest = min(int(latest), len(chances) - 1)
         step = steps(sums, sensitivities.water, UNCUT_MOMENTS).of(candidate)
         line = Regression.of(before(sums, candidate), sensitivities.water)
-        probability = foundation_probability(step, sensitivities.stiffness, self.settings)
+        probability = foundation_probability(step, sensitivities, self.settings)
         known = np.where(step.h[0] > 0, step.h[0], np.nan)
         return Change(
             kind=kind_of(probability, self.settings),
@@ -132,7 +139,8 @@ class ChangeDetector:
             restart=max(candidate, latest),
             earliest=min(int(earliest), candidate),
             latest=latest,
-            step=stiffness_step(step, sensitivities.stiffness),
+            step=stiffness_step(step, sensitivities),
+            rough=sensitivities.rough,
             shifts=step.g[0] / known,
             shift_stds=1 / np.sqrt(known),
             log_frequencies=sums.reference + line.coefficients[0],
@@ -141,7 +149,8 @@ class ChangeDetector:
     def remeasured(self, state: ChangeState, found: Change, sensitivities: Sensitivities) -> Change:
         """The change with its size by other sensitivities, such as those half way through it."""
         step = steps(state.sums, sensitivities.water, UNCUT_MOMENTS).of(found.candidate)
-        return replace(found, step=stiffness_step(step, sensitivities.stiffness))
+        sensitivities = replace(sensitivities, rough=found.rough)
+        return replace(found, step=stiffness_step(step, sensitivities))
 
     def restarted(self, state: ChangeState, candidate: int) -> ChangeState:
         """That candidate's windows as all there is: what was before is forgotten."""

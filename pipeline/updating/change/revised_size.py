@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.updating.change.event_message import TrackSensitivity, sensitivities_of
-from pipeline.updating.change.stiffness_change import StiffnessStep, stiffness_step
+from pipeline.updating.change.likelihood_ratios import StiffnessStep, stiffness_step
 from pipeline.updating.change.sufficient_statistics import (
     N_SUMS,
     UNCUT_MOMENTS,
@@ -75,7 +75,7 @@ def revised_step(
     step = steps(both, known.water, UNCUT_MOMENTS).of(1)
     if not np.any(step.h[0] * np.abs(known.stiffness).sum(axis=1) > 0):
         return None
-    return stiffness_step(step, known.stiffness)
+    return stiffness_step(step, known)
 
 
 def relative_change(earlier: BeforeEvent, step: StiffnessStep) -> tuple[FloatArray, FloatArray]:

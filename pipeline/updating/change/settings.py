@@ -6,8 +6,6 @@ from typing import ClassVar
 from pipeline.updating.prior import UpdatingError
 from sensors.settings import NO_KEY
 
-SECONDS_PER_YEAR = 365.25 * 86400.0
-
 
 @dataclass(frozen=True, slots=True)
 class ChangeSettings:
@@ -31,7 +29,3 @@ class ChangeSettings:
             raise UpdatingError(f"certainty is {self.certainty}; it must lie between 0.5 and 1")
         if self.candidates < 8:
             raise UpdatingError(f"candidates is {self.candidates}; at least 8 are needed")
-
-    def windows_per_year(self, window_duration: float) -> float:
-        """window_duration [s]"""
-        return SECONDS_PER_YEAR / window_duration

@@ -76,6 +76,12 @@ class Seen:
     totals: FloatArray  # of the sums before it, (N_SUMS, J)
 
 
+SLOPE_ERROR = (
+    0.1  # of S over a change of a fifth of a spring: curvature, and figures that are off [-]
+)
+ROUGH_SLOPE_ERROR = 0.3  # of a model whose description does not hold [-]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensitivities:
     """How the model's frequencies depend on springs and water, by track; zeros for a track that is
@@ -83,6 +89,17 @@ class Sensitivities:
 
     stiffness: FloatArray  # S = ∂ ln f / ∂ (k / nominal), (J, 3) [-]
     water: FloatArray  # ∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (J, 2) [1/m, 1/m²]
+    rough: bool = False  # of a model whose description does not hold
+
+    @property
+    def slope_error(self) -> float:
+        """Relative standard deviation of S over the whole of a large change [-]."""
+        return ROUGH_SLOPE_ERROR if self.rough else SLOPE_ERROR
+
+    @property
+    def half_way_error(self) -> float:
+        """The same of S half way through it: its curvature cancels [-]."""
+        return ROUGH_SLOPE_ERROR if self.rough else 0.0
 
     @classmethod
     def unknown(cls, n_tracks: int) -> "Sensitivities":

@@ -33,9 +33,10 @@ WIDEST_FREQUENCY_STD = 0.01  # however uncertain both are [-]
 FOLLOWING_MAC_SCALE = 0.15  # of 1 − MAC between windows [-]
 FOLLOWING_REJECTION = 9.0  # three standard deviations: beyond, it is another mode
 
-JUMP = 0.05  # largest relative change of f by which a mode may be the same after a jump [-]
+JUMP = 0.1  # largest relative change of f by which a mode may be the same after a jump: a fifth of
+# the springs lost moves the second bending modes by 8 % [-]
 JUMP_MAC = 0.9  # least MAC for that
-ESTABLISHED_MODE = 3  # windows from which a mode can be missed
+ESTABLISHED_MODE = 2  # windows from which a mode can be missed
 
 
 def jumped_from(

@@ -89,13 +89,6 @@ class ModalObjective:
         terms = self._terms(ratios)
         return float("inf") if terms is None else float(terms[self._columns(terms)].sum())
 
-    def contributions(self, ratios: FloatArray) -> FloatArray:
-        """(n_modes,) what each identified mode adds to J; NaN where J is infinite."""
-        terms = self._terms(ratios)
-        if terms is None:
-            return np.full(len(self.identified.labels), np.nan)
-        return terms[self._columns(terms)]
-
     def pairs(self, ratios: FloatArray) -> tuple[str, ...]:
         """The model mode that each identified mode is compared with; empty where J is infinite."""
         terms = self._terms(ratios)

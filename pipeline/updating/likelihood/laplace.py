@@ -9,6 +9,7 @@ from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.interface import Peak
 from sensors.arrays import FloatArray
 
+GAUSS_NEWTON_STEPS = 12  # at most
 WIDEST = 1.0  # standard deviation of a ratio beyond which a Gaussian has no information [-]
 
 
@@ -17,8 +18,6 @@ def laplace_peak(
     forward: ForwardModel,
     prior: Prior,
     start: FloatArray,
-    *,
-    most_steps: int = 12,
 ) -> Peak:
     """Gauss-Newton from start, (3,) ratios, at the σ that is most likely on the way.
 
@@ -26,7 +25,7 @@ def laplace_peak(
     """
     ratios = start
     hessian = np.eye(3)
-    for _ in range(most_steps):
+    for _ in range(GAUSS_NEWTON_STEPS):
         points = ratios + DIFFERENCE * np.vstack([np.zeros(3), np.eye(3)])
         modes = forward.modal(prior.stiffness(points))
         whitened = likelihood.whitened(modes)

@@ -94,7 +94,6 @@ class Chains:
 
     points: FloatArray  # (n_steps, n_walkers, n_dim)
     companions: FloatArray  # (n_steps, n_walkers)
-    acceptance: float  # mean share of accepted proposals [-]
     autocorrelation_time: float  # largest over dimensions and companion [steps]
     ess: float  # smallest effective sample size
     rhat: float  # largest split R̂
@@ -153,7 +152,6 @@ def _assessed(sampler: Any, settings: SamplerSettings) -> Chains:
     return Chains(
         points=points,
         companions=companions,
-        acceptance=float(np.mean(sampler.acceptance_fraction)),
         autocorrelation_time=tau,
         ess=ess,
         rhat=max(split_rhat(each) for each in quantities),

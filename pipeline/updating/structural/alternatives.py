@@ -197,7 +197,7 @@ class JointInference:
         lowest = min((end.cost for end in ends if end is not None), default=np.inf)
         peaks = []
         for (each, fit), end in zip(fits, ends, strict=True):
-            if end is None or end.cost > lowest + HOPELESS * _common(fit, end):
+            if end is None or end.cost > lowest + HOPELESS * modes_to_a_cause(fit, end):
                 continue
             if fit.is_rough:  # its other valleys are no better
                 peaks.append((each, fit, end))
@@ -208,7 +208,7 @@ class JointInference:
         return [
             (each, fit, peak)
             for each, fit, peak in peaks
-            if peak.cost <= lowest + HOPELESS * _common(fit, peak)
+            if peak.cost <= lowest + HOPELESS * modes_to_a_cause(fit, peak)
         ]
 
     def _with_discrepancy(
@@ -236,7 +236,7 @@ class JointInference:
             fit.coordinates,
             highest_sigma=self._highest_sigma,
             n_sigma=SIGMA_POINTS,
-            common=_common(fit, peak),
+            common=modes_to_a_cause(fit, peak),
         )
 
     def _weights(
@@ -248,13 +248,13 @@ class JointInference:
         logs = []
         for alternative, fit, peak, _ in found:
             cost, log_determinant = fit.judged(peak, evidence, sigma)
-            log_likelihood = -0.5 * (cost + log_determinant) / _common(fit, peak)
+            log_likelihood = -0.5 * (cost + log_determinant) / modes_to_a_cause(fit, peak)
             logs.append(np.log(alternative.probability) + log_likelihood)
         weights = np.exp(np.array(logs) - max(logs))
         return [float(weight) for weight in weights / weights.sum()]
 
 
-def _common(fit: JointFit, peak: JointPeak) -> float:
+def modes_to_a_cause(fit: JointFit, peak: JointPeak) -> float:
     """Modes to each independent error of a rough model: its evidence counts that much less; 1 where
     the description holds."""
     return max(1.0, len(peak.comparison.used) / ROUGH_CAUSES) if fit.is_rough else 1.0

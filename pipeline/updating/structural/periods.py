@@ -14,14 +14,13 @@ Gauss-Newton:
 Source: Nocedal and Wright, "Numerical Optimization" (2006), chapter 10.
 """
 
-from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.joint_fit import Comparison, JointFit
+from pipeline.updating.structural.joint_fit import Comparison, JointFit, student_weights
 from sensors.arrays import FloatArray, IndexArray
 
 FLOOR_CORRELATION = 0.9  # of one mode's systematic error in two periods [-]
@@ -101,26 +100,78 @@ def _by_component(
     common_floors: float,
 ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Jacobian (b, size), errors (b,) and information (b, b) of each component, b the periods that
-    have it; outlying modes count less."""
-    own, shared = [], []
-    for each in found:
-        floors = each.floors + sigma**2 * each.reference
-        variances = each.variances + floors
-        common = common_floors * FLOOR_CORRELATION * floors
-        own.append(variances / each.robust_weights(variances) + common - common / common_floors)
-        shared.append(np.sqrt(common))
-    rows: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
+    have it."""
+    return [
+        part
+        for mode in _modes(found, sigma)
+        for part in mode.by_component(found, periods, size, common_floors)
+    ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ModeInPeriods:
+    """The frequency, or the shape, of one mode in the b periods that have it; NaN where a component
+    of a shape is missing."""
+
+    periods: list[int]
+    """(b,) their numbers"""
+    places: IndexArray
+    """(b, n) of its components among the period's errors; -1 where missing"""
+    errors: FloatArray
+    """η, (b, n)"""
+    own: FloatArray
+    """(b, n) variances of what differs between the periods: S + (1 − ρ) F"""
+    common: FloatArray
+    """(b, n) variances of what the periods have in common: ρ F"""
+
+    def by_component(
+        self, found: Sequence[Comparison], periods: Sequence[Period], size: int, floors: float
+    ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Jacobian (b, size), errors (b,) and information (b, b) of each component."""
+        own, common = self._robust()
+        for n in range(self.errors.shape[1]):
+            members = np.flatnonzero(self.places[:, n] >= 0)
+            J = np.zeros((len(members), size))
+            for i, b in enumerate(members):
+                number = self.periods[b]
+                J[i, periods[number].places] = found[number].jacobian[self.places[b, n]]
+            shared = np.sqrt(floors * common[members, n])
+            covariance = np.outer(shared, shared)
+            np.fill_diagonal(covariance, own[members, n] + shared**2)
+            errors = self.errors[members, n]
+            yield J, errors, np.asarray(np.linalg.inv(covariance))
+
+    def _robust(self) -> tuple[FloatArray, FloatArray]:
+        """Variances of Student's t: a period that departs from the others counts less against them,
+        and a mode that all periods miss alike counts less for what they have in common, but no
+        less for the differences between them."""
+        middle = np.nanmedian(self.errors, axis=0)
+        apart = np.nansum((self.errors - middle) ** 2 / self.own, axis=1)
+        counts = np.sum(self.places >= 0, axis=1)
+        alike = float(np.sum(middle**2 / np.nanmean(self.own + self.common, axis=0)))
+        together = student_weights(np.array([alike]), np.array([len(middle)]))[0]
+        own = self.own / student_weights(apart, counts)[:, None]
+        return own / (together if len(self.periods) == 1 else 1.0), self.common / together
+
+
+def _modes(found: Sequence[Comparison], sigma: float) -> list[_ModeInPeriods]:
+    """Each mode's frequency and shape over the periods."""
+    members: dict[tuple[int, int, bool], dict[int, dict[int, int]]] = {}
     for b, each in enumerate(found):
-        for row, key in enumerate(each.keys):
-            rows[key].append((b, row))
-    parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-    for places in rows.values():
-        J = np.zeros((len(places), size))
-        for i, (b, row) in enumerate(places):
-            J[i, periods[b].places] = found[b].jacobian[row]
-        common = np.array([shared[b][row] for b, row in places])
-        covariance = np.outer(common, common)
-        np.fill_diagonal(covariance, [own[b][row] for b, row in places])
-        errors = np.array([found[b].errors[row] for b, row in places])
-        parts.append((J, errors, np.asarray(np.linalg.inv(covariance))))
-    return parts
+        for place, (track, row, unit) in enumerate(each.keys):
+            periods = members.setdefault((track, unit, row == 0), {})
+            periods.setdefault(b, {})[row] = place
+    modes = []
+    for periods in members.values():
+        rows = sorted({row for places in periods.values() for row in places})
+        places = np.array([[each.get(row, -1) for row in rows] for each in periods.values()])
+        shape = places.shape
+        errors, own, common = np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
+        for i, b in enumerate(periods):
+            seen, at = places[i] >= 0, places[i][places[i] >= 0]
+            floors = found[b].floors[at] + sigma**2 * found[b].reference[at]
+            errors[i, seen] = found[b].errors[at]
+            own[i, seen] = found[b].variances[at] + (1 - FLOOR_CORRELATION) * floors
+            common[i, seen] = FLOOR_CORRELATION * floors
+        modes.append(_ModeInPeriods(list(periods), places, errors, own, common))
+    return modes

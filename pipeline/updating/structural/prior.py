@@ -24,6 +24,7 @@ from sensors.structure.figures import (
 N_SPRINGS = 3
 SPRING_STDS = np.array([1.0, 1.0, 2.0])  # of a normal prior so wide that it only bounds what no
 # mode reports: a posterior of 10 % moves by 1 % of its distance from nominal [-]
+LEAST_SHARE = 0.1  # of a described mass or stiffness that is left of it [-]
 FARTHEST_FIGURE = 6.0  # |z| to which a figure is followed [-]
 
 
@@ -119,6 +120,8 @@ class JointCoordinates:
         self.belief = belief
         self._stds = np.array([figure.std for figure in figures])
         self._half = np.array([figure.half_normal for figure in figures], dtype=bool)
+        shares = np.array([figure.definition.unit == "-" for figure in figures], dtype=bool)
+        self._lowest = np.where(shares, LEAST_SHARE - 1, -np.inf)
         self._nominal_logit = float(logit(nominal[2] ** 2 / (nominal[0] * nominal[1])))
 
         self._level = N_SPRINGS + len(self.figures)
@@ -174,6 +177,14 @@ class JointCoordinates:
         other.prior_precision = precision
         return other
 
+    def with_wider_figures(self, factor: float) -> "JointCoordinates":
+        """The same with standard deviations of all figures that are so many times as large."""
+        other = self.with_level_std(self.level_std)
+        scale = np.ones(self.n_dim)
+        scale[N_SPRINGS : self._level] = factor
+        other.prior_precision = self.prior_precision / np.outer(scale, scale)
+        return other
+
     def prior_cost(self, u: FloatArray) -> float:
         """(u − u₀)ᵀ P (u − u₀)"""
         off = u - self.origin
@@ -198,7 +209,7 @@ class JointCoordinates:
         """(…, q) of the figures."""
         z = u[..., N_SPRINGS : self._level]
         folded = ndtri((1 + ndtr(np.clip(z, -FARTHEST_FIGURE, FARTHEST_FIGURE))) / 2)
-        return np.where(self._half, folded, z) * self._stds
+        return np.maximum(np.where(self._half, folded, z) * self._stds, self._lowest)
 
     def level(self, u: FloatArray) -> FloatArray:
         """(…) of the water above where the evidence has it [m]."""
@@ -222,7 +233,8 @@ class JointCoordinates:
         folded = ndtri((1 + ndtr(z)) / 2)
         half = np.exp(-(z**2) / 2 + folded**2 / 2) / 2  # φ(z) / (2 φ(x))
         figures = np.arange(N_SPRINGS, self._level)
-        found[figures, figures] = np.where(self._half, half, 1.0) * self._stds
+        inside = self.departures(u) > self._lowest
+        found[figures, figures] = np.where(self._half, half, 1.0) * self._stds * inside
         found[self._level, self._level] = self.level_std
         return found
 

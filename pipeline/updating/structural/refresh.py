@@ -13,6 +13,7 @@ from pipeline.updating.structural.alternatives import (
     JointInference,
     JointResult,
     WarmStart,
+    modes_to_a_cause,
 )
 from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE, JointFit
 from pipeline.updating.structural.posterior import ErrorBudget, error_budget
@@ -139,6 +140,8 @@ def joint_refresh(
             at_model_level(reference, best) if reference.level_varied else reference,
             evidence,
             best.peak.u,
+            sigma=best.posterior.likeliest_sigma,
+            causes=modes_to_a_cause(best.fit, best.peak),
         )
     return JointRefresh(
         result=result,

@@ -29,7 +29,7 @@ Everything is on one timeline, `time`: the sensor clock, UTC.
 """
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -122,14 +122,13 @@ def log_line_style(
     colour: Colour,
     *,
     width: float = 2.0,
-    marker: Literal["diamond", "square"] = "diamond",
 ) -> None:
     """One series, as a line with small points."""
     recording.log(
         path,
         rr.SeriesLines(names=[name], colors=[colour], widths=[width]),
         rr.SeriesPoints(
-            names=[name], colors=[colour], markers=[marker], marker_sizes=[width + 1.0]
+            names=[name], colors=[colour], markers=["diamond"], marker_sizes=[width + 1.0]
         ),
         static=True,
     )

@@ -34,7 +34,7 @@ SERVER_STOP_TIMEOUT = 5.0  # for a page's server to end [s]
 ALTERNATIVE = "a session is written to session.rrd without --view"
 
 
-def spawn_viewer(port: int, *, headless: bool = False) -> str:
+def spawn_viewer(port: int) -> str:
     """Start a viewer's window that outlives this process; return its address.
 
     `rr.spawn` cannot choose the interface and listens on all of them.
@@ -51,7 +51,7 @@ def spawn_viewer(port: int, *, headless: bool = False) -> str:
             f"session in it with --view connect={proxy_address(port)}"
         )
     options = ["--port", str(port), "--expect-data-soon", "--hide-welcome-screen"]
-    viewer = _start_process(options + ["--headless"] * headless)
+    viewer = _start_process(options)
     _await_listening(viewer, port, "--view spawn", warning="; is there a display?")
     return proxy_address(port)
 

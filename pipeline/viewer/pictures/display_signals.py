@@ -71,8 +71,8 @@ class DisplayDecimator:
     first and the last 0.2 s of each stretch. For display only: identification does not use it.
     """
 
-    def __init__(self, sampling_rate: float, *, display_rate: float = DISPLAY_RATE) -> None:
-        self._factor = max(1, int(sampling_rate / display_rate + 1e-9))
+    def __init__(self, sampling_rate: float) -> None:
+        self._factor = max(1, int(sampling_rate / DISPLAY_RATE + 1e-9))
         self._taps = low_pass(self._factor)
         self._tail: NDArray[np.float32] | None = None  # samples that the next block still needs
         self._skip = 0  # samples at the tail's front before the next filter position

@@ -16,6 +16,7 @@ from sensors.arrays import FloatArray
 from sensors.structure.description import Blades, RotorNacelle, Tube, TurbineDescription
 
 SECTORS = 24  # flat faces round a tube
+RIM = 48  # corners of the ground and of the sea [-]
 GROUND_RADIUS = 70.0  # of the discs that stand for sea and sea bed [m]
 SMALLEST_HEIGHT = 60.0  # of a structure drawn in its own size [m]
 DRAWN_HEIGHT = 150.0  # of a smaller one in the picture [m]
@@ -98,36 +99,36 @@ def _small_outline(description: TurbineDescription, scale: float) -> Outline:
     )
 
 
-def tube_mesh(tubes: Sequence[Tube], *, sectors: int = SECTORS) -> TriangleMesh:
+def tube_mesh(tubes: Sequence[Tube]) -> TriangleMesh:
     """Return the outer faces of upright tubes round the z axis."""
-    angles = np.arange(sectors) * (2 * np.pi / sectors)
-    outwards = np.stack([np.cos(angles), np.sin(angles), np.zeros(sectors)], axis=1)
+    angles = np.arange(SECTORS) * (2 * np.pi / SECTORS)
+    outwards = np.stack([np.cos(angles), np.sin(angles), np.zeros(SECTORS)], axis=1)
     rings = [
         outwards * (tube.diameter / 2) + np.array([0.0, 0.0, elevation])
         for tube in tubes
         for elevation in (tube.bottom, tube.top)
     ]
-    faces = [_ring_faces(2 * i * sectors, sectors) for i in range(len(tubes))]
+    faces = [_ring_faces(2 * i * SECTORS) for i in range(len(tubes))]
     return TriangleMesh(
         np.concatenate(rings), np.concatenate(faces), np.tile(outwards, (len(rings), 1))
     )
 
 
-def _ring_faces(first: int, sectors: int) -> NDArray[np.uint32]:
-    here = np.arange(sectors)
-    there = (here + 1) % sectors
-    lower = np.stack([here, there, here + sectors], axis=1)
-    upper = np.stack([there, there + sectors, here + sectors], axis=1)
+def _ring_faces(first: int) -> NDArray[np.uint32]:
+    here = np.arange(SECTORS)
+    there = (here + 1) % SECTORS
+    lower = np.stack([here, there, here + SECTORS], axis=1)
+    upper = np.stack([there, there + SECTORS, here + SECTORS], axis=1)
     return (first + np.concatenate([lower, upper])).astype(np.uint32)
 
 
-def disc(elevation: float, *, radius: float = GROUND_RADIUS, sectors: int = 48) -> TriangleMesh:
-    """Return a horizontal disc round the z axis, facing up."""
-    angles = np.arange(sectors) * (2 * np.pi / sectors)
-    rim = np.stack([np.cos(angles) * radius, np.sin(angles) * radius, np.zeros(sectors)], axis=1)
+def disc(elevation: float) -> TriangleMesh:
+    """Return the ground or the sea: a horizontal disc round the z axis, facing up."""
+    angles = np.arange(RIM) * (2 * np.pi / RIM)
+    rim = GROUND_RADIUS * np.stack([np.cos(angles), np.sin(angles), np.zeros(RIM)], axis=1)
     vertices = np.concatenate([np.zeros((1, 3)), rim]) + np.array([0.0, 0.0, elevation])
-    here = np.arange(sectors)
-    fan = np.stack([np.zeros_like(here), here + 1, (here + 1) % sectors + 1], axis=1)
+    here = np.arange(RIM)
+    fan = np.stack([np.zeros_like(here), here + 1, (here + 1) % RIM + 1], axis=1)
     up = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
     return TriangleMesh(vertices, fan.astype(np.uint32), up)
 

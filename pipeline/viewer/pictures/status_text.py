@@ -177,12 +177,13 @@ class SessionStatus:
             rows.append(f"| {name} | {k.median / k.nominal:.3f} | {interval} | {truth} |")
         sigma = posterior.parameter("sigma")
         rows.append(f"| σ [-] | {sigma.median:.4f} | below {sigma.p95:.4f} (95 %) | – |")
+        rhat = f"R̂ {posterior.rhat:.3f}, " if posterior.rhat == posterior.rhat else ""
         fit = (
             f"{count_noun(posterior.n_windows, 'window')}, "
             f"until {clock_time(posterior.time_ns)} UTC. "
             f"Fit: χ² {posterior.reduced_chi_square:.2f}, "
-            f"{posterior.paired_share:.0%} of identified modes paired. "
-            f"Sampler: R̂ {posterior.rhat:.3f}, ESS {posterior.ess:.0f}."
+            f"{100 * posterior.paired_share:.0f} % of identified modes paired. "
+            f"Sampler: {rhat}ESS {posterior.ess:.0f}."
         )
         return ["\n".join(rows), fit]
 

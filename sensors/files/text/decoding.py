@@ -23,6 +23,7 @@ NO_TEXT = {
     b"TDSm": "TDMS: name it .tdms",
     b"PAR1": "Parquet: name it .parquet",
     b"\x93NUMPY": "an array of NumPy: name it .npy",
+    b'"TOB': "a binary table of a Campbell logger: convert it to TOA5, e.g. with CardConvert",
     b"ARROW1": "an Arrow file: write it as Parquet",
     b"\x89MCAP": "a recording: it needs no import",
 }

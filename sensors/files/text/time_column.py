@@ -255,7 +255,7 @@ def _nanoseconds(column: pa.Array, kind: pa.DataType) -> NDArray[np.int64]:
     return np.asarray(join_chunks.to_numpy(zero_copy_only=False), dtype=np.int64)
 
 
-def parse_start_ns(number: int | float, unit: str = "") -> int:
+def parse_start_ns(number: int | float) -> int:
     """[ns since 1970] of a number that states when a file begins; 0 where it counts from no date.
 
     Returns
@@ -269,7 +269,7 @@ def parse_start_ns(number: int | float, unit: str = "") -> int:
     """
     if not np.isfinite(number):
         raise ClockError(f"is {number}; a time is needed")
-    scale = Scale.of(unit, number, None)
+    scale = Scale.of("", number, None)
     return since_1970(number, scale) if scale.absolute else 0
 
 

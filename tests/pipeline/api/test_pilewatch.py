@@ -1,5 +1,6 @@
 """`import pilewatch`: arrays and files in, modes and posteriors out, in a handful of lines."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,12 @@ def test_frequencies_of_an_array_need_no_names_and_no_places() -> None:
         (np.zeros((10, 2, 2)), 40.0, "of shape"),
         (np.zeros((1000, 2)), 0.0, "sampling_rate is 0"),
         (np.zeros((1000, 2)), None, "sampling_rate is None"),
+        (np.zeros((1000, 2)), "20", "sampling_rate is '20'"),
+        (np.zeros((0, 2)), 40.0, "of shape"),
+        (np.zeros((2, 1000)), 40.0, "transpose"),
+        (np.zeros((1000, 2), dtype=complex), 40.0, "complex"),
+        (np.array([["a"]]), 40.0, "real numbers"),
+        (None, 40.0, "of shape"),
     ],
 )
 def test_an_array_that_cannot_be_understood_is_refused_in_one_line(
@@ -92,6 +99,49 @@ def test_an_array_that_cannot_be_understood_is_refused_in_one_line(
 ) -> None:
     with pytest.raises(pw.InputError, match=said):
         pw.identify(samples, rate)
+
+
+def test_a_window_that_is_no_number_is_refused_in_one_line() -> None:
+    with pytest.raises(pw.InputError, match="window is '10min'"):
+        pw.identify(np.zeros((1000, 2)), 20.0, window="10min")  # type: ignore[arg-type]
+
+
+def test_a_masked_sample_is_a_missing_one_and_none_is_a_mode() -> None:
+    masked = np.ma.masked_all((1000, 2))
+    found = pw.identify(masked, 20.0)
+    assert not len(found)
+    assert "not finite" in repr(found)
+
+
+def test_a_tables_columns_and_time_stamps_are_names_and_rate() -> None:
+    pandas = pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
+    stamps = pandas.date_range("2024-01-01", periods=6000, freq="50ms")
+    noise = np.random.default_rng(3).standard_normal((6000, 2))
+    found = pw.identify(pandas.DataFrame(noise, index=stamps, columns=["low", "high"]))
+    assert found.channels == ("low", "high")
+
+
+def test_a_file_is_identified_without_its_columns_of_wind_and_power(tmp_path: Path) -> None:
+    path = tmp_path / "tower.csv"
+    noise = np.random.default_rng(4).standard_normal((6000, 2))
+    table = np.column_stack([np.arange(6000) / 20, noise, np.zeros(6000)])
+    np.savetxt(path, table, delimiter=",", header="time [s],a1,a2,Power [kW]", comments="")
+    found = pw.identify(path)
+    assert found.channels == ("a1", "a2")
+    assert "measured in kW" in str(found.warnings)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: pw.read(np.zeros(3)),
+        lambda: pw.update(np.zeros((3, 3)), pw.Structure()),
+        lambda: pw.Structure().modes((1.0, 1.0)),
+    ],
+)
+def test_a_thing_of_another_kind_is_refused_in_one_line(wrong: Callable[[], object]) -> None:
+    with pytest.raises(pw.InputError):
+        wrong()
 
 
 def test_a_posterior_without_places_of_the_channels_is_refused() -> None:

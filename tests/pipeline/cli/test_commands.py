@@ -119,6 +119,32 @@ def test_identify_lists_what_it_refused_and_why(pilewatch: Command, tmp_path: Pa
     assert "refused" not in json.loads(pilewatch("identify", file, "--json").stdout)
 
 
+def test_identify_takes_a_rotors_harmonics_off_by_a_column_or_an_option(
+    pilewatch: Command, tmp_path: Path
+) -> None:
+    path = two_masses_csv(tmp_path)
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    speed = 40 * (1 + 0.01 * np.sin(2 * np.pi * table[:, 0] / 70))  # 3P at 2 Hz [rpm]
+    angle = 2 * np.pi * np.cumsum(speed / 60) / 50.0
+    table[:, 1:] += np.outer(5 * table[:, 2].std() * np.cos(3 * angle), [0.5, 1.0])
+    header = "time [s],low [g],high [g],rotor speed [rpm]"
+    columns = np.column_stack([table, speed])
+    np.savetxt(path, columns, delimiter=",", header=header, comments="")
+    figures = json.loads(pilewatch("identify", str(path), "--json").stdout)
+    assert figures["channels"] == ["low", "high"]
+    frequencies = [mode["frequency_hz"] for mode in figures["modes"]]
+    np.testing.assert_allclose(frequencies, [1.9, 5.0], rtol=0.01)
+
+    header = "time [s],low [g],high [g]"
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    unknown = json.loads(pilewatch("identify", str(path), "--json").stdout)
+    assert any(abs(mode["frequency_hz"] - 2.0) < 0.02 for mode in unknown["modes"])
+    given = json.loads(pilewatch("identify", str(path), "--rotor-speed", "40", "--json").stdout)
+    assert not any(abs(mode["frequency_hz"] - 2.0) < 0.02 for mode in given["modes"])
+    wrong = pilewatch("identify", str(path), "--rotor-speed", "-3")
+    assert "--rotor-speed is -3 rpm" in one_line(wrong)
+
+
 def test_modes_lists_table_1_first(pilewatch: Command) -> None:
     figures = json.loads(pilewatch("modes", "--json").stdout)["modes"]
     assert [mode["name"] for mode in figures[:11]] == [str(i) for i in range(1, 12)]
@@ -136,6 +162,17 @@ def test_info_lists_what_a_recording_holds(pilewatch: Command, short_recording: 
     assert result.returncode == 0
     for word in ("AccelerationBlock", "240", "none", "truth.k11 = 9800000000.0"):
         assert word in result.stdout
+
+
+def test_a_sessions_folder_stands_for_its_only_recording(
+    pilewatch: Command, short_recording: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "session.mcap").write_bytes(short_recording.read_bytes())
+    assert pilewatch("info", "out").stdout == pilewatch("info", "out/session.mcap").stdout
+    (folder / "session.part2.mcap").write_bytes(short_recording.read_bytes())
+    assert "out has 2 recordings; name one of session.mcap" in one_line(pilewatch("info", "out"))
 
 
 def test_a_mistake_ends_the_process_with_code_2_and_no_traceback(tmp_path: Path) -> None:

@@ -106,6 +106,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("identify gone.csv", "gone.csv"),
     ("identify nan.csv", "NaN"),
     ("identify constant.csv", "constant"),
+    ("run -q", "-q stands before the command: `pilewatch -q run …`"),
     ("identify brief.csv", "brief.csv"),
     ("identify no-time.csv", "--sampling-rate"),
     ("identify noise.csv --lowest-frequency 30", "30 Hz"),

@@ -10,7 +10,7 @@ from sensors.errors import InputError
 
 def test_an_import_that_takes_too_long_is_given_up_in_one_line() -> None:
     def endless() -> None:
-        with no_longer_than(0.05, "the import"):
+        with no_longer_than(0.05):
             while True:
                 pass
 
@@ -20,8 +20,8 @@ def test_an_import_that_takes_too_long_is_given_up_in_one_line() -> None:
 
 
 def test_what_is_done_in_time_is_done() -> None:
-    with no_longer_than(60.0, "the import"):
+    with no_longer_than(60.0):
         pass
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
-    with pytest.raises(InputError, match="a positive number"), no_longer_than(0.0, "the import"):
+    with pytest.raises(InputError, match="a positive number"), no_longer_than(0.0):
         pass

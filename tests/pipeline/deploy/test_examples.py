@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.messages import NodeStatus, WindowRejected
-from pipeline.nodes.by_turbine import Shard, ShardedNode
+from pipeline.nodes.sharding import Shard, ShardedNode
 from pipeline.run.endpoints import bus_options, meeting_point
 from pipeline.runtime.runner import NodeThread
 from pipeline.transport.bus import Inbox

@@ -6,8 +6,8 @@ import pytest
 
 from pipeline.app import Outputs, build
 from pipeline.messages import Message, ModalEstimate, WindowRejected
-from pipeline.nodes.by_turbine import Shard, ShardedNode, ShardError, of_kind, parsed_shard
 from pipeline.nodes.node import NodeStatistics
+from pipeline.nodes.sharding import Shard, ShardedNode, ShardError, of_kind, parsed_shard
 from pipeline.runtime.runner import run_lock_step
 from pipeline.scenario import scenario_from_text
 from pipeline.sources.sources import simulated

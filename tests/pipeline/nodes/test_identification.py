@@ -122,6 +122,13 @@ def test_every_estimate_comes_with_the_poles_it_was_found_among(
             )
 
 
+def test_what_was_refused_comes_with_the_poles(blocks: list[AccelerationBlock]) -> None:
+    said = everything_said(blocks)
+    refused = [r for d in said if isinstance(d, StabilisationDiagram) for r in d.refused]
+    assert refused
+    assert all(each.code and each.text and each.frequency > 0 for each in refused)
+
+
 def test_few_lost_seconds_cost_no_window(blocks: list[AccelerationBlock]) -> None:
     """
     |—— 0 ——|—▒ 1 ——|—— 2 ——|

@@ -38,6 +38,16 @@ def test_a_clamped_pole_has_the_frequency_of_the_closed_form() -> None:
     assert (figures.top_mass, figures.blade_mass, figures.water_depth) == (0.0, 0.0, 0.0)
 
 
+def test_a_mode_that_turns_the_tower_about_its_axis_is_called_so() -> None:
+    """The disc's inertia brings the first torsion below the bending modes listed."""
+    body = "[[rotor_nacelle.bodies]]\nname = 'disc'\nmass = 1.0\ninertia = [1.0, 1.0, 4e6]\n"
+    described = parse_turbine(POLE + "[rotor_nacelle]\n" + body, source="pole.toml")
+    twisting = [
+        f for f, direction, _ in structure_figures(described).first if direction == "torsion"
+    ]
+    assert len(twisting) == 1
+
+
 def test_the_shipped_turbine_has_the_masses_of_its_sources() -> None:
     """Rotor-nacelle assembly 1017 t, NREL/TP-5000-75698 Table 5-1; blades 3 × 65.25 t."""
     figures = structure_figures(load_turbine("iea15mw_monopile"))

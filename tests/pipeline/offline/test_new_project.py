@@ -5,11 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.offline.new_project import guess_channel, start_project
+from pipeline.offline.new_project import start_project
 from pipeline.recording.info import recording_info
+from pipeline.recording.reader import read_messages
 from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
 from pipeline.sources.sources import open_source, replayed
+from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
 from sensors.structure.description import shipped_text
 
@@ -26,32 +28,6 @@ def measurement(tmp_path: Path) -> Path:
     table = np.column_stack([times, samples])
     np.savetxt(path, table, delimiter=",", header="time [s],LAT097_FA,LAT050_SS", comments="")
     return path
-
-
-@pytest.mark.parametrize(
-    ("name", "elevation", "direction"),
-    [
-        ("LAT097_FA", 97.0, (1, 0, 0)),
-        ("z145-ss", 145.0, (0, 1, 0)),
-        ("acc 44.1m x", 44.1, (1, 0, 0)),
-        ("H_12.5_Y", 12.5, (0, 1, 0)),
-        ("TOWER_80_SideSide", 80.0, (0, 1, 0)),
-    ],
-)
-def test_height_and_axis_are_read_from_a_channels_name(
-    name: str, elevation: float, direction: tuple[int, int, int]
-) -> None:
-    guessed = guess_channel(name, place=3)
-    assert (guessed.elevation, guessed.direction) == (elevation, direction)
-    assert guessed.height_known
-
-
-@pytest.mark.parametrize("name", ["ch1", "channel 7", "AI0"])
-def test_a_number_that_only_counts_is_no_height(name: str) -> None:
-    guessed = guess_channel(name, place=3)
-    assert not guessed.height_known
-    assert guessed.elevation == 3.0
-    assert "not in the name" in guessed.reason
 
 
 def test_a_run_starts_in_the_folder_that_was_made(
@@ -97,3 +73,30 @@ def test_a_structure_needs_places_that_are_known(tmp_path: Path) -> None:
     np.savetxt(path, np.zeros((100, 2)), delimiter=",", header="ch1,ch2", comments="")
     with pytest.raises(InputError, match="height and axis"):
         start_project([path], tmp_path / "out", structure="iea15mw_monopile", sampling_rate=RATE)
+
+
+def test_columns_of_controller_and_logger_are_no_motions(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    count = round(300 * RATE)
+    columns = {
+        "time [s]": np.arange(count) / RATE,
+        "acc_85m_x [g]": rng.standard_normal(count) * 1e-3,
+        "acc_50m_x [g]": rng.standard_normal(count) * 1e-3,
+        "acc_25m_x [g]": np.full(count, 0.25),
+        "SG_10m_x [ue]": rng.standard_normal(count),
+        "Power [kW]": np.zeros(count),
+        "BattV": np.full(count, 12.6),
+        "WindSpeed [m/s]": rng.uniform(5, 7, count),
+    }
+    path = tmp_path / "mixed.csv"
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
+    project = start_project([path], tmp_path / "out")
+    assert [each.name for each in project.channels] == ["acc_85m_x", "acc_50m_x"]
+    reasons = {each.name: each.reason for each in project.left_out}
+    assert reasons["acc_25m_x"] == "constant over the record"
+    assert reasons["SG_10m_x"] == "a displacement, beside accelerations"
+    assert set(reasons) == {"acc_25m_x", "SG_10m_x", "Power", "BattV", "WindSpeed"}
+    recorded = list(read_messages(project.recording, (ScadaSample,)))
+    assert len(recorded) == 30
+    assert all(each.power == 0 and 5 < each.wind_speed < 7 for each in recorded)

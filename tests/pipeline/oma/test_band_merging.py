@@ -84,3 +84,18 @@ def test_modes_of_other_shape_or_frequency_are_not_merged() -> None:
     across = replace(mode(1.0, 1), shape=np.array([1.0, -1.0]))
     assert len(merged([[mode(1.0, 0)], [across]], [SLOW, FAST])) == 2
     assert len(merged([[mode(1.0, 0)], [mode(1.02, 1)]], [SLOW, FAST])) == 2
+
+
+def test_what_few_orders_agree_upon_needs_a_second_rate_to_be_steady() -> None:
+    few, most = (replace(mode(1.0, 0), presence=share) for share in (0.55, 0.8))
+    high_passed = replace(SLOW, high_passed=True)
+
+    def steady(modes: list[list[Mode]], bands: list[Band]) -> bool:
+        (found,) = merged(modes, bands)
+        return found.steady
+
+    assert steady([[most], []], [SLOW, FAST])
+    assert not steady([[few], []], [SLOW, FAST])
+    assert not steady([[few], [few]], [SLOW, high_passed])
+    assert steady([[few], [few]], [SLOW, FAST])
+    assert steady([[few], [most]], [SLOW, high_passed])

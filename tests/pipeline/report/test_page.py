@@ -5,10 +5,12 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.messages import FoundationTruth, ModalEstimate, RefusedMode, StabilisationDiagram
 from pipeline.recording.errors import RecordingError
 from pipeline.report.figures_json import session_json
 from pipeline.report.page import page, write_page
@@ -51,6 +53,33 @@ def test_sentences_come_before_figures_and_figures_before_settings(one_page: str
     order = ("k22 fell by", "<dl", "Springs of the foundation", "<svg", "a = 1")
     places = [one_page.index(each) for each in order]
     assert places == sorted(places)
+
+
+def test_what_was_refused_has_its_reason(one: Path, tmp_path: Path) -> None:
+    last = max(
+        (each for each in session() if isinstance(each, ModalEstimate)), key=lambda e: e.end_ns
+    )
+    refused = RefusedMode(3.3079, 0.0144, "scattered", "scattered by 0.3 %")
+    poles = np.array([1.1, 3.3], dtype=np.float32)
+    diagram = StabilisationDiagram(
+        *(last.turbine, last.window, last.start_ns, last.end_ns),
+        **dict.fromkeys(
+            ("orders", "bands", "frequencies", "frequency_stds", "damping_ratios"), poles
+        ),
+        refused=(refused,),
+    )
+    text = page(read_session(recorded(tmp_path / "session.mcap", [*session(), diagram])))
+    assert "crosses: refused" in text
+    assert "3.3079" in text
+    assert "scattered by 0.3 %" in text
+
+
+def test_settings_of_a_simulation_are_not_those_of_a_measurement(tmp_path: Path) -> None:
+    measured = [each for each in session() if not isinstance(each, FoundationTruth)]
+    settings = {"seed": "1", "duration": "3600.0", "name": "mine"}
+    text = page(read_session(recorded(tmp_path / "session.mcap", measured, scenario=settings)))
+    assert "scenario.name" in text
+    assert "scenario.duration" not in text
 
 
 def test_every_kind_of_result_has_its_picture_or_table(one_page: str) -> None:
@@ -151,7 +180,7 @@ def test_without_a_structure_the_report_is_of_modes_and_has_no_sentence_on_stiff
 def test_without_a_clock_times_are_counted_from_the_start(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     text = page(modes_only(tmp_path, start_ns=0))
-    assert "0:00:00 after the start to 0:08:20 after the start" in text
+    assert "0:00:00 to 0:08:20 after the start" in text
     assert "time since the start [h:min:s]" in text
     assert not any(year in text for year in ("1968", "1969", "1970", "1971"))
 

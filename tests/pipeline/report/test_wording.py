@@ -2,7 +2,7 @@
 
 import pytest
 
-from pipeline.report.wording import percent, span
+from pipeline.report.wording import between_instants, percent, span
 
 
 @pytest.mark.parametrize(
@@ -24,3 +24,9 @@ def test_a_duration_is_said_in_its_largest_units(seconds: float, said: str) -> N
 )
 def test_a_share_has_two_digits(share: float, said: str) -> None:
     assert percent(share) == said
+
+
+def test_two_instants_name_a_day_or_the_start_once() -> None:
+    begin = 1_709_629_200 * 10**9
+    assert between_instants(begin, begin + 3000 * 10**9) == "5 March 2024 09:00 to 09:50 UTC"
+    assert between_instants(0, 1200 * 10**9) == "0:00:00 to 0:20:00 after the start"

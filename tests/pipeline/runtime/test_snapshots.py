@@ -127,7 +127,7 @@ def test_a_disk_that_takes_no_checkpoint_costs_no_posterior_and_is_told(tmp_path
 
 def test_half_a_file_beside_the_checkpoint_changes_nothing(tmp_path, undisturbed):
     last_posterior(node_in(tmp_path), range(3))
-    SnapshotFolder(tmp_path).file_of(TURBINE).with_suffix(".new").write_bytes(b"pilewatch-no")
+    (tmp_path / ".0a1b.part").write_bytes(b"pilewatch-no")
     assert_same(last_posterior(node_in(tmp_path), range(3, 4)), undisturbed)
 
 

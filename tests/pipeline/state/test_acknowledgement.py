@@ -52,7 +52,7 @@ def test_a_unit_that_started_again_under_its_name_has_ranges_of_its_own() -> Non
     assert [(each.first, each.end) for each in said.ranges] == [(0, 3), (0, 2)]
     assert said.has(1, again[1].start_ns)
     assert not said.has(2, again[1].start_ns + SECOND)
-    assert said.recorded_until == 2
+    assert said.ranges[-1].end == 2
 
 
 def test_ranges_are_bounded() -> None:
@@ -64,7 +64,7 @@ def test_a_block_that_comes_again_is_acknowledged_again() -> None:
     kept.note(block(0))
     on_disk(kept)
     kept.note(block(0))
-    assert [said.recorded_until for said in on_disk(kept)] == [1]
+    assert [said.ranges[-1].end for said in on_disk(kept)] == [1]
     assert on_disk(kept) == ()
 
 

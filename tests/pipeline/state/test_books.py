@@ -44,7 +44,7 @@ def test_intervals_are_the_set_of_their_numbers(numbers: list[int]) -> None:
         intervals.add(number)
     assert len(intervals) == len(set(numbers))
     if numbers:
-        inside = {n for first, end in intervals.holes() for n in range(first, end)}
+        inside = {n for first, end in intervals.holes for n in range(first, end)}
         assert inside == set(range(min(numbers), max(numbers))) - set(numbers)
 
 
@@ -58,7 +58,7 @@ def test_a_difference_of_intervals_is_that_of_the_sets(spans, others) -> None:
         one.add(first, first + n)
     for number in others:
         other.add(number)
-    left = {n for first, end in one.without(other) for n in range(first, end)}
+    left = {n for first, end in one - other for n in range(first, end)}
     assert left == {n for first, size in spans for n in range(first, first + size)} - others
 
 
@@ -153,7 +153,7 @@ def test_an_estimate_that_the_updating_forgets_is_named() -> None:
     for each in answered[1:]:
         books.handle(each)
         books.handle(replace(rejection(each.window), code="guards", origins=each.origins))
-    assert books.violations() == ["t1: 1 estimates are neither in the posterior nor refused"]
+    assert books.violations() == ["t1: 1 estimate is neither in the posterior nor refused"]
     (turbine,) = books.as_json()["turbines"]
     assert (turbine["identified"], turbine["refused"], turbine["pending"]) == (4, {"guards": 3}, 1)
 
@@ -248,6 +248,20 @@ def test_an_answer_that_another_one_replaces_is_superseded() -> None:
     books.handle(rejected(0))
     (turbine,) = books.as_json()["turbines"]
     assert (turbine["superseded"], turbine["identified"], turbine["rejected"]) == (2, 1, {})
+
+
+def test_an_answer_may_overtake_its_estimate_on_the_way() -> None:
+    """The refusal and the estimate are of two nodes: nothing orders them in a recording."""
+    posterior = replace(POSTERIOR, turbine="t1", window=1, origins=origin(1))
+    messages = [rejected(0, "operating-state"), identified(0), posterior, identified(1)]
+    later = [each for w in (2, 3, 4) for each in (identified(w), rejected(w, "operating-state"))]
+    books = books_of(*messages, *later, updates=True)
+    assert books.violations() == []
+    (turbine,) = books.as_json()["turbines"]
+    assert turbine["identified"] == 5
+    assert turbine["in_posterior"] == 1
+    assert turbine["refused"] == {"operating-state": 4}
+    assert turbine["rejected"] == {}
 
 
 def test_a_unit_that_starts_again_under_its_name_late_in_its_numbers_has_a_book_of_its_own() -> (

@@ -190,6 +190,7 @@ def test_axes_in_brackets_are_no_units(tmp_path: Path) -> None:
         ("t,a,b\nx\n" + "\0" * 50, "this is no text"),
         ("# only\n# comments\n", "the file is empty"),
         ("PK\x03\x04" + "\0" * 50, "no text but an archive or a workbook"),
+        ('"TOB1","TOWER"\n' + "\0" * 50, "convert it to TOA5"),
         ("t,a,b\n" + rows(lambda i: f"12 o'clock {i}"), "a time is needed"),
     ],
 )

@@ -7,12 +7,9 @@ import pytest
 
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.offline.identify_file import identify_file
+from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
 from pipeline.oma.identification import identify
-from pipeline.oma.ssi.measured_quantities import (
-    guessed_quantities,
-    integrations_of,
-    to_acceleration,
-)
+from pipeline.oma.ssi.measured_quantities import integrations_of, to_acceleration
 from sensors.files.table import Quantity
 from tests.benchmarks.records import oscillator
 
@@ -85,6 +82,18 @@ def test_phases_tell_a_derivative_where_nothing_else_does(
     """What is known is the order of the two: a displacement is to a velocity as that to an
     acceleration."""
     assert guessed_quantities(response(quantities), RATE) == expected
+
+
+def test_phases_are_read_beside_mains_hum_and_around_missing_samples() -> None:
+    expected: tuple[Quantity, ...] = ("acceleration", "velocity", "acceleration")
+    samples = response(expected)
+    hum = np.sin(2 * np.pi * 0.31 * np.arange(len(samples)))
+    assert guessed_quantities(samples + 0.5 * samples.std(axis=0) * hum[:, None], RATE) == expected
+    samples[100:110, 1] = np.nan
+    samples[[3000, 9000], [0, 2]] += 20 * samples[:, 0].std()
+    assert guessed_quantities(samples, RATE) == expected
+    samples[: len(samples) // 2, 1] = np.nan
+    assert guessed_quantities(samples, RATE) is None
 
 
 def test_phases_say_nothing_of_noise_or_of_a_dead_channel() -> None:

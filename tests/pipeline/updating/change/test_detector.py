@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.updating.change.detector import ChangeDetector, ChangeState, Verdict
-from pipeline.updating.change.modal_drift import FAMILY, SHIFTS
+from pipeline.updating.change.likelihood_ratios import FAMILY, SHIFTS, STIFFNESS_SHIFTS
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.stiffness_change import STIFFNESS_SHIFTS
 from pipeline.updating.change.sufficient_statistics import (
     CUT_MOMENTS,
     PRODUCTS,

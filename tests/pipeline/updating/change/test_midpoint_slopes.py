@@ -7,8 +7,8 @@ import pytest
 
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
 from pipeline.updating.change.event_message import TrackSensitivity, sensitivities_of
+from pipeline.updating.change.likelihood_ratios import StiffnessStep
 from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
-from pipeline.updating.change.stiffness_change import StiffnessStep
 from pipeline.updating.change.sufficient_statistics import SeenFrequency, WatchedWindow
 from pipeline.updating.prior import Prior
 from tests.pipeline.updating.small_tower import NOMINAL, SmallTower

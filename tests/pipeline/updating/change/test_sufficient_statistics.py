@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
-from pipeline.updating.change.likelihood_ratio import log_step
-from pipeline.updating.change.modal_drift import SHIFTS, log_drift
+from pipeline.updating.change.likelihood_ratios import (
+    SHIFTS,
+    STIFFNESS_SHIFTS,
+    log_drift,
+    log_foundation,
+    log_step,
+)
 from pipeline.updating.change.settings import ChangeSettings
-from pipeline.updating.change.stiffness_change import STIFFNESS_SHIFTS, log_foundation
 from pipeline.updating.change.sufficient_statistics import (
     SLOPE_STD,
     UNCUT_MOMENTS,

@@ -25,5 +25,6 @@ def comparison(seed: int, n_dim: int, *, tracks: tuple[int, int, int] = (0, 1, 2
         is_frequency=np.arange(9) % 3 == 0,
         tracks=np.repeat(tracks, 3),
         rows=np.arange(9) % 3,
+        units=np.zeros(9, dtype=int),
         linearisation=cast(Any, None),
     )

@@ -21,7 +21,7 @@ from sensors.structure.description import load_turbine
 from tests.outside.figures import Figures, draw
 from tests.outside.instruments import SensorFault, instruments
 from tests.outside.modal_data import LAYOUT, Truth, estimates
-from tests.outside.model import NOMINAL, converged
+from tests.outside.model import NOMINAL, converged, detailed
 
 TURBINE = load_turbine("iea15mw_monopile")
 SETTINGS = UpdatingSettings(structure=UNCERTAIN)
@@ -154,6 +154,31 @@ def test_errors_of_the_structure_cancel_in_springs_relative_to_a_reference(
     stds = np.sqrt(np.diag(found.covariance))
     assert stds[1] < 0.04
     assert abs(found.mean[1] - np.log(0.9)) < 3 * stds[1]
+
+
+def test_the_errors_of_a_description_that_does_not_hold_cancel_too(
+    inference: JointInference,
+) -> None:
+    """Blades with twist and their own distribution: the springs are off by a factor, their change
+    is not."""
+    factor = np.array([0.85, 0.85, 0.85])
+    before = Truth(theta=NOMINAL, description=detailed())
+    after = replace(before, theta=factor * NOMINAL)
+    evidence = []
+    for number, truth in enumerate((before, after)):
+        seen = ModalEvidence(channels=LAYOUT.channel_names)
+        rng = np.random.default_rng([12, number])
+        for estimate in estimates(truth, 4, rng, reported_levels=[0.0] * 4):
+            seen = seen.with_estimate(estimate)
+        evidence.append(seen)
+    generator = np.random.default_rng(12)
+    found = joint_refresh(inference, evidence[1], (), generator, reference=evidence[0])
+    assert found is not None
+    assert found.best.fit.is_rough
+    assert found.relative is not None
+    stds = np.sqrt(np.diag(found.relative.covariance))
+    assert stds.max() < 0.15
+    assert np.abs((found.relative.mean - np.log(factor)) / stds).max() < 2.5
 
 
 def test_a_rough_description_gives_a_wide_interval_and_says_so() -> None:

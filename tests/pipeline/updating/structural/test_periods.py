@@ -1,5 +1,6 @@
 """Two periods share most of what is systematically wrong with a mode."""
 
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -42,3 +43,34 @@ def test_what_both_have_in_common_counts_less_beside_data_with_the_same_floors()
         )
         expected = np.array(before) + more * both[0].floors
         np.testing.assert_allclose(after, expected, rtol=1e-9)
+
+
+def test_what_both_periods_miss_alike_says_no_less_of_the_difference_between_them() -> None:
+    """A mode that the model has ten standard deviations off, before and now."""
+    n_dim = 5
+    first, second = comparison(1, n_dim), comparison(1, n_dim)
+    missed = 10 * np.sqrt(first.variances + first.floors)
+    off = [replace(each, errors=each.errors + missed) for each in (first, second)]
+    periods = [Period(cast(Any, None), np.arange(n_dim)) for _ in off]
+    apart, together = np.array([-1.0, 1.0]), np.array([0.5, 0.5])
+    near, far = (_by_component(each, periods, n_dim, 0.0, 1.0) for each in ((first, second), off))
+    for before, after in zip(near, far, strict=True):
+        np.testing.assert_allclose(
+            apart @ np.linalg.inv(after[2]) @ apart, apart @ np.linalg.inv(before[2]) @ apart
+        )
+        assert (
+            together @ np.linalg.inv(after[2]) @ together
+            > 3 * together @ np.linalg.inv(before[2]) @ together
+        )
+
+
+def test_a_period_that_departs_from_the_others_counts_less() -> None:
+    """One of three took another mode for this one."""
+    n_dim = 5
+    three = [comparison(1, n_dim) for _ in range(3)]
+    three[2] = replace(three[2], errors=three[2].errors + 10 * np.sqrt(three[2].variances))
+    periods = [Period(cast(Any, None), np.arange(n_dim)) for _ in three]
+    for _, _, information in _by_component(three, periods, n_dim, 0.0, 1.0):
+        covariance = np.linalg.inv(information)
+        assert covariance[2, 2] - covariance[0, 0] > 5 * (covariance[0, 0] - covariance[0, 1])
+        np.testing.assert_allclose(covariance[0, 1], covariance[1, 2])

@@ -60,3 +60,24 @@ def test_a_belief_replaces_the_prior_of_its_coordinates(coordinates: JointCoordi
     assert told.origin[0] == 0.1
     assert told.prior_precision[3, 3] == 4.0
     assert told.prior_precision[1, 1] == coordinates.prior_precision[1, 1]
+
+
+def test_wider_figures_leave_springs_level_and_sensors_as_they_were(
+    coordinates: JointCoordinates,
+) -> None:
+    wider = coordinates.with_wider_figures(3.0)
+    stds = np.sqrt(np.diag(np.linalg.inv(wider.prior_precision)))
+    ratios = stds * np.sqrt(np.diag(coordinates.prior_precision))
+    figures = [3 + i for i in range(len(FIGURES))]
+    others = [i for i in range(coordinates.n_dim) if i not in figures]
+    np.testing.assert_allclose(ratios[figures], 3.0)
+    np.testing.assert_allclose(ratios[others], 1.0)
+
+
+def test_no_figure_falls_below_a_tenth_of_the_described_one() -> None:
+    """A nacelle's inertia is uncertain by a fifth: five deviations below, nothing would be left."""
+    coordinates = JointCoordinates(NOMINAL, (UncertainFigure("nacelle_roll_inertia", 0.2),), 0.1)
+    u = coordinates.origin
+    u[3] = -7.0
+    assert coordinates.departures(u)[0] == pytest.approx(-0.9)
+    assert coordinates.slopes(u)[3, 3] == 0.0

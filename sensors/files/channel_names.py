@@ -1,0 +1,232 @@
+"""Where a channel was and what it is, read from its name and unit.
+
+"ACC_T3_85m_X" [g]    85 m, fore-aft
+"WindSpeed" [m/s]     no motion of the structure: left out
+
+Names of one measurement are read together: a number that all of them share is the turbine's, and
+numbers that count 1, 2, 3 are no heights.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
+from sensors.arrays import FloatArray
+from sensors.files.table import ChannelTable, quantity_named, quantity_of
+
+UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
+AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
+    **dict.fromkeys(("fa", "foreaft", "x", "n", "ns", "north"), (FORE_AFT, "fore-aft")),
+    **dict.fromkeys(("ss", "sideside", "y", "e", "ew", "east"), (SIDE_SIDE, "side-side")),
+    **dict.fromkeys(("z", "v", "up", "vert", "vertical"), (UP, "vertical")),
+}
+LOWEST, HIGHEST = 2.0, 300.0  # heights that a bare number in a name may stand for [m]
+MILLIMETRES = 1000.0  # a height above it is no metres
+TRIAXIAL = 3  # channels; of more, a number in every name is no height
+
+_LETTERS = re.compile(r"[A-Za-z]+")
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")  # of "WindSpeed" too
+_IN_METRES = re.compile(r"(?<![A-Za-z0-9.,])(-?\d+(?:[.,]\d+)?) ?([mc]?)[mM](?![A-Za-z/])")
+_AFTER_LETTERS = re.compile(r"(?<![A-Za-z0-9])(?:[Ll]at|LAT|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)")
+_NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?!\d|\.\d)")
+_SEED = re.compile(r"\.[A-Z]{2}([NEZ])$")  # last letter of a SEED channel code: its orientation
+_OPENFAST = re.compile(r"(?:TwHt\dAL|YawBrTA|NcIMUTA)([xyz])[tps]$")  # accelerations of the tower
+_TRAILING = re.compile(r"(?:\d|\b[Aa][Cc]?[Cc]?)([XYZxyz])(?![A-Za-z])")
+
+# Words of a name, in lower case, that stand for what is no motion of the structure.
+CONDITIONS = {
+    **dict.fromkeys(("wind", "windspeed", "wspd", "anemometer"), "the wind"),
+    **dict.fromkeys(("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm"), "the rotor"),
+    **dict.fromkeys(("pitch", "bldpitch", "azimuth", "yaw", "nacyaw"), "an angle of the turbine"),
+    **dict.fromkeys(("power", "pwr", "genpwr", "torque"), "power"),
+    **dict.fromkeys(("temp", "temperature", "ptemp", "tamb", "humidity"), "the weather"),
+    **dict.fromkeys(("pressure", "rain"), "the weather"),
+    **dict.fromkeys(("batt", "battery", "volt", "voltage", "supply"), "the logger's supply"),
+    **dict.fromkeys(("wave", "tide", "waterlevel", "sealevel", "water", "sea"), "the sea"),
+    **dict.fromkeys(("status", "state", "flag", "counter", "record", "valid"), "a state"),
+}
+# Units of such quantities; patterns over the unit in lower case without blanks.
+_OTHER_UNIT = re.compile(
+    r"[kmg]?w|rpm|1/min|[kmg]?n|[kmg]?n[-*·]?m|[kmgh]?pa|m?bar|hz|%|(?:deg|°)[\s_]*[cf]|degc|k|"
+    r"(?:deg|°|rad)/s|kva"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class GuessedChannel:
+    """Where a channel is taken to be, and what this is taken from."""
+
+    name: str
+    """As the file has it."""
+    elevation: float
+    """[m]; where `height_known` is False only its place in the order."""
+    direction: tuple[float, float, float]
+    """Of the positive axis (x, y, z) [-]."""
+    reason: str
+    """What elevation and direction were read from, for people."""
+    height_known: bool = True
+    """Whether the name has a height."""
+    direction_known: bool = True
+    """Whether the name has an axis."""
+
+
+def guess_channels(names: Sequence[str]) -> tuple[GuessedChannel, ...]:
+    """Read heights and axes of one measurement's channels from their names.
+
+    Parameters
+    ----------
+    names : sequence of str
+        As the file has them, such as "LAT097_FA", "z145-ss", "acc 44,1m x", "T3_85000mm_X".
+
+    Returns
+    -------
+    tuple of GuessedChannel
+        In the order of `names`. A height that no name has is its place in the order, from 1.
+    """
+    shared = _numbers_in_all(names) if len(names) > TRIAXIAL else frozenset[str]()
+    heights = [_height(name, shared) for name in names]
+    unsure = sorted({height for height, _, sure in heights if height is not None and not sure})
+    steps = {high - low for low, high in pairwise(unsure)}
+    counted = steps == {1.0}  # 1, 2, 3: the sensors' numbers
+    return tuple(
+        _guess(name, place, None if counted and not sure else height, seen)
+        for place, (name, (height, seen, sure)) in enumerate(
+            zip(names, heights, strict=True), start=1
+        )
+    )
+
+
+def _guess(name: str, place: int, height: float | None, seen_height: str) -> GuessedChannel:
+    axis, seen_axis = _axis(name.replace(seen_height, " ") if seen_height else name)
+    direction, axis_name = AXIS_OF_NAME[axis] if axis else (FORE_AFT, "fore-aft")
+    reasons = [
+        f"{height:g} m from {seen_height!r}" if height is not None else "height not in the name",
+        f"{axis_name} from {seen_axis!r}" if axis else "axis not in the name",
+    ]
+    return GuessedChannel(
+        name=name,
+        elevation=float(place) if height is None else height,
+        direction=direction,
+        reason=", ".join(reasons),
+        height_known=height is not None,
+        direction_known=bool(axis),
+    )
+
+
+def _numbers_in_all(names: Sequence[str]) -> frozenset[str]:
+    found = [frozenset(match[1] for match in _NUMBER.finditer(name)) for name in names]
+    return frozenset.intersection(*found)
+
+
+def _height(name: str, shared: frozenset[str]) -> tuple[float | None, str, bool]:
+    """Return a name's height [m], the text it was read from and whether a unit states it."""
+    found = _IN_METRES.search(name)
+    if found:
+        factor = {"": 1.0, "c": 0.01, "m": 0.001}[found[2]]
+        return round(float(found[1].replace(",", ".")) * factor, 6), found[0], True
+    found = _AFTER_LETTERS.search(name)
+    if found:
+        value = float(found[1])
+        return (value / MILLIMETRES if value > MILLIMETRES else value), found[0], False
+    for each in _NUMBER.finditer(name):
+        if each[1] not in shared and LOWEST <= float(each[1]) <= HIGHEST:
+            return float(each[1]), each[0], False
+    return None, "", False
+
+
+def _axis(name: str) -> tuple[str, str]:
+    for words in (_LETTERS.findall(name), _WORD.findall(name)):
+        for word in reversed(words):
+            if word.lower() in AXIS_OF_NAME:
+                return word.lower(), word
+    for pattern in (_SEED, _OPENFAST, _TRAILING):
+        found = pattern.search(name)
+        if found:
+            return found[1].lower(), found[1]
+    return "", ""
+
+
+def other_quantity(name: str, unit: str) -> str:
+    """Return what a channel measures where it is no motion of the structure; "" where it may be.
+
+    Parameters
+    ----------
+    name : str
+        Such as "WindSpeed", "BattV", "LAT097_FA".
+    unit : str
+        After conversion, "" where none is stated. An acceleration is one, whatever its name.
+
+    Returns
+    -------
+    str
+        For people: "the wind", "measured in kW".
+    """
+    quantity = quantity_of(unit) if unit else quantity_named(name)
+    if quantity == "acceleration":
+        return ""
+    if unit != "g" and _OTHER_UNIT.fullmatch(unit.lower().strip()):
+        return f"measured in {unit}"
+    if name.startswith("YawBr"):  # OpenFAST's tower top
+        return ""
+    return next((CONDITIONS[word] for word in words_of(name) if word in CONDITIONS), "")
+
+
+def words_of(name: str) -> tuple[str, ...]:
+    """Return a name's neighbouring words as one, then its words: "windspeed", "wind", "speed"."""
+    words = [word.lower() for word in _WORD.findall(name)]
+    return (*(first + second for first, second in pairwise(words)), *words)
+
+
+@dataclass(frozen=True, slots=True)
+class UnusedChannel:
+    """A channel that is not used, and why."""
+
+    name: str
+    reason: str
+    """For people, such as "measured in kW"."""
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.reason})"
+
+
+def split_motions(table: ChannelTable) -> tuple[list[int], tuple[UnusedChannel, ...]]:
+    """Return the columns that may be motions of the structure, and the channels that are none.
+
+    Beside accelerometers, files of controllers and loggers have wind, power and supplies, whose
+    columns are no response of the structure and often constant.
+
+    Parameters
+    ----------
+    table : ChannelTable
+        Names and units; with samples, a column that is constant is left out too.
+
+    Returns
+    -------
+    columns : list of int
+        All of them where none would remain.
+    left_out : tuple of UnusedChannel
+    """
+    reasons = [other_quantity(*each) for each in zip(table.names, table.units, strict=True)]
+    if len(table.samples):
+        reasons = [
+            reason or ("constant" if is_constant(series) else "")
+            for reason, series in zip(reasons, table.samples.T, strict=True)
+        ]
+    columns = [column for column, reason in enumerate(reasons) if not reason]
+    if not columns:
+        return list(range(len(table.names))), ()
+    return columns, tuple(
+        UnusedChannel(name, reason)
+        for name, reason in zip(table.names, reasons, strict=True)
+        if reason
+    )
+
+
+def is_constant(series: FloatArray) -> bool:
+    """Whether all of a channel's samples that are numbers are one number, or none is."""
+    known = series[np.isfinite(series)]
+    return not known.size or bool(known.min() == known.max())

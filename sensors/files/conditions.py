@@ -1,0 +1,123 @@
+"""Columns of wind, rotor and sea in files of measurements → SCADA samples.
+
+"WindSpeed" [m/s], "GenPwr" [kW] ──► means of ten seconds ──► ScadaSample
+"""
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.scada import ScadaSample
+from sensors.files.block_builder import MeasurementFile
+from sensors.files.channel_names import words_of
+
+SCADA_PERIOD = 10 * NANOSECONDS  # that one SCADA sample is the mean of [ns]
+TURNING = 2.0  # a rotor that is faster is no parked or idling one [rpm]
+IDLING = 0.1  # a rotor that is slower stands [rpm]
+
+# Field of a ScadaSample: a word of the name, and what a value of each unit is in the field's unit.
+_FIELDS: dict[str, tuple[str, dict[str, float]]] = {
+    "wind_speed": ("wind|windspeed|wspd", {"m/s": 1.0}),
+    "rotor_speed": ("rotspeed|rotorspeed|rotor|rpm", {"rpm": 1.0, "1/min": 1.0, "": 1.0}),
+    "pitch": ("pitch|bldpitch", {"deg": 1.0, "°": 1.0, "": 1.0}),
+    "yaw": ("yaw|nacyaw|yawpos", {"deg": 1.0, "°": 1.0}),
+    "power": ("power|pwr|genpwr", {"w": 1.0, "kw": 1e3, "mw": 1e6}),
+    "water_level": ("waterlevel|sealevel|waveelev|tide|level", {"m": 1.0}),
+}
+_NOT_A_LEVEL = {"std", "min", "max", "dir", "direction", "err", "error", "rate", "temp", "y", "z"}
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionChannel:
+    """A channel of a file that is a field of a SCADA sample."""
+
+    name: str
+    factor: float
+    """To the unit of the field."""
+
+
+def condition_channels(names: Sequence[str], units: Sequence[str]) -> dict[str, ConditionChannel]:
+    """Return the channels that are fields of a ScadaSample, by the field's name; the first each.
+
+    Parameters
+    ----------
+    names, units : sequence of str
+        As a ChannelTable has them.
+    """
+    found: dict[str, ConditionChannel] = {}
+    for name, unit in zip(names, units, strict=True):
+        words = words_of(name)
+        for field, (pattern, factors) in _FIELDS.items():
+            known = any(re.fullmatch(pattern, word) for word in words)
+            factor = factors.get(unit.lower().strip())
+            if known and factor is not None and not _NOT_A_LEVEL & set(words):
+                found.setdefault(field, ConditionChannel(name, factor))
+    return found
+
+
+def read_conditions(
+    files: Sequence[MeasurementFile], channels: Mapping[str, ConditionChannel], turbine: str
+) -> Iterator[ScadaSample]:
+    """Yield means of ten seconds, in order of time; what is not in the files is NaN.
+
+    Parameters
+    ----------
+    files : sequence of MeasurementFile
+        In order of time.
+    channels : mapping
+        Of `condition_channels`.
+    turbine : str
+        Its id.
+
+    Yields
+    ------
+    ScadaSample
+
+    Raises
+    ------
+    FileError
+        If a file cannot be read, or these channels differ in rate.
+    """
+    if not channels:
+        return
+    names = tuple(dict.fromkeys(each.name for each in channels.values()))
+    factors = np.array([each.factor for each in channels.values()])
+    columns = [names.index(each.name) for each in channels.values()]
+    sums: dict[int, np.ndarray] = {}  # by period: (2, n_fields) sum and number of values
+    for file in files:
+        own = replace(file, names=names, wanted=replace(file.wanted, names=frozenset(names)))
+        for chunk in own.chunks():
+            if chunk.times is None:
+                return
+            periods = (chunk.start_ns + np.round(chunk.times * NANOSECONDS)) // SCADA_PERIOD
+            values = chunk.samples[:, columns] * factors
+            for period in np.unique(periods):
+                inside = values[periods == period]
+                counted = np.isfinite(inside)
+                part = np.array([np.where(counted, inside, 0.0).sum(axis=0), counted.sum(axis=0)])
+                sums[int(period)] = sums.get(int(period), np.zeros(part.shape)) + part
+    for period in sorted(sums):
+        total, count = sums[period]
+        means = np.divide(total, count, out=np.full(total.shape, math.nan), where=count > 0)
+        yield _sample(
+            turbine, period * SCADA_PERIOD, dict(zip(channels, means.tolist(), strict=True))
+        )
+
+
+def _sample(turbine: str, time_ns: int, means: Mapping[str, float]) -> ScadaSample:
+    fields = {field: means.get(field, math.nan) for field in _FIELDS}
+    state = state_of_rotor(fields["rotor_speed"])
+    return ScadaSample(turbine=turbine, time_ns=time_ns, state=state, **fields)
+
+
+def state_of_rotor(rotor_speed: float) -> str:
+    """Return the operating state that a rotor speed [rpm] means; "" where it is not known."""
+    if math.isnan(rotor_speed):
+        return ""
+    if abs(rotor_speed) > TURNING:
+        return "operating"
+    return "idling" if abs(rotor_speed) > IDLING else "parked"

@@ -1,0 +1,110 @@
+"""Height, axis and kind of a channel, read from the names that loggers and people give."""
+
+import pytest
+
+from sensors.files.channel_names import guess_channels, other_quantity
+
+X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "elevation", "direction"),
+    [
+        ("LAT097_FA", 97.0, X),
+        ("z145-ss", 145.0, Y),
+        ("acc 44.1m x", 44.1, X),
+        ("H_12.5_Y", 12.5, Y),
+        ("TOWER_80_SideSide", 80.0, Y),
+        ("ACC_T3_67,5m_X", 67.5, X),
+        ("Acc_85000mm_SS", 85.0, Y),
+        ("ACC 8500 cm Z", 85.0, Z),
+        ("z85000_fa", 85.0, X),
+        ("AccX_L25", 25.0, X),
+        ("ACCY_85m", 85.0, Y),
+        ("Level 25 m, Y-dir", 25.0, Y),
+        ("85_NS", 85.0, X),
+    ],
+)
+def test_height_and_axis_are_read_from_a_channels_name(
+    name: str, elevation: float, direction: tuple[int, int, int]
+) -> None:
+    (guessed,) = guess_channels([name])
+    assert (guessed.elevation, guessed.direction) == (elevation, direction)
+    assert guessed.height_known
+    assert guessed.direction_known
+
+
+@pytest.mark.parametrize("name", ["ch1", "channel 7", "AI0"])
+def test_a_number_that_only_counts_is_no_height(name: str) -> None:
+    guessed = guess_channels(["a", "b", name])[-1]
+    assert not guessed.height_known
+    assert guessed.elevation == 3.0
+    assert "not in the name" in guessed.reason
+
+
+def test_consecutive_numbers_are_sensors_and_no_heights() -> None:
+    guessed = guess_channels([f"AI{number}" for number in range(9, 15)])
+    assert [each.elevation for each in guessed] == [1, 2, 3, 4, 5, 6]
+    assert not any(each.height_known for each in guessed)
+
+
+def test_the_turbines_number_is_no_height() -> None:
+    guessed = guess_channels([f"WTG12_{height}_{axis}" for height in (25, 85) for axis in "XY"])
+    assert [each.elevation for each in guessed] == [25, 25, 85, 85]
+    guessed = guess_channels(["WTG12_TOP_X", "WTG12_TOP_Y", "WTG12_MID_X", "WTG12_MID_Y"])
+    assert not any(each.height_known for each in guessed)
+
+
+def test_the_z_of_a_height_is_no_vertical_axis() -> None:
+    (guessed,) = guess_channels(["z85"])
+    assert guessed.elevation == 85.0
+    assert not guessed.direction_known
+
+
+@pytest.mark.parametrize(
+    ("name", "direction"), [("XX.T25..HNE", Y), ("XX.T25..HNN", X), ("TwHt3ALxt", X)]
+)
+def test_orientations_of_standards_are_known(name: str, direction: tuple[int, int, int]) -> None:
+    (guessed,) = guess_channels([name])
+    assert guessed.direction_known
+    assert guessed.direction == direction
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("WindSpeed", "m/s"),
+        ("Wind1VelX", "m/s"),
+        ("ROT_SPEED", ""),
+        ("RotSpeed", "rpm"),
+        ("BldPitch1", "deg"),
+        ("Temp_Nacelle", "degC"),
+        ("PTemp", "Deg C"),
+        ("BattV", "Volts"),
+        ("Power", "kW"),
+        ("TwrBsMyt", "kN-m"),
+        ("Wave1Elev", "m"),
+        ("LoadCell", "kN"),
+    ],
+)
+def test_what_is_no_motion_is_recognised(name: str, unit: str) -> None:
+    assert other_quantity(name, unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("LAT097_FA", ""),
+        ("YawBrTAxp", "m/s²"),
+        ("YawBrTDxt", "m"),
+        ("wind_side_acc", "m/s²"),
+        ("geophone 3", "m/s"),
+        ("SG10_N", "ue"),
+        ("rot_x_85m", "rad"),
+        ("ch1", "V"),
+        ("tilt_85", "deg"),
+        ("z145-fa", "m/s²"),
+    ],
+)
+def test_motions_and_what_may_be_one_stay(name: str, unit: str) -> None:
+    assert other_quantity(name, unit) == ""

@@ -1,0 +1,46 @@
+"""Columns of wind, rotor and sea become SCADA samples."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sensors.files.block_builder import open_file
+from sensors.files.conditions import condition_channels, read_conditions, state_of_rotor
+
+
+def test_fields_are_found_by_name_and_unit() -> None:
+    names = ("z85-fa", "WindSpeed", "WindDir", "GenPwr", "RotSpeed", "WaterLevel", "WindSpeed_std")
+    units = ("m/s²", "m/s", "deg", "kW", "rpm", "m", "m/s")
+    found = condition_channels(names, units)
+    assert {field: each.name for field, each in found.items()} == {
+        "wind_speed": "WindSpeed",
+        "power": "GenPwr",
+        "rotor_speed": "RotSpeed",
+        "water_level": "WaterLevel",
+    }
+    assert found["power"].factor == 1e3
+
+
+def test_samples_are_means_of_ten_seconds_and_the_rest_is_unknown(tmp_path: Path) -> None:
+    path = tmp_path / "tower.csv"
+    times = np.arange(400) / 20
+    wind = np.where(times < 10, 4.0, 8.0)
+    table = np.column_stack([1_700_000_000 + times, np.sin(times), wind])
+    np.savetxt(
+        path, table, delimiter=",", header="time,acc_85m_x,WindSpeed [m/s]", comments="", fmt="%.3f"
+    )
+    file, first = open_file(path)
+    found = list(read_conditions([file], condition_channels(first.names, first.units), "t1"))
+    assert [each.wind_speed for each in found] == [4.0, 8.0]
+    assert [each.time_ns for each in found] == [1_700_000_000 * 10**9, 1_700_000_010 * 10**9]
+    assert math.isnan(found[0].water_level)
+    assert found[0].state == ""
+
+
+@pytest.mark.parametrize(
+    ("speed", "state"), [(7.5, "operating"), (0.5, "idling"), (0.0, "parked"), (math.nan, "")]
+)
+def test_the_rotor_speed_states_what_the_turbine_does(speed: float, state: str) -> None:
+    assert state_of_rotor(speed) == state
