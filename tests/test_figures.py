@@ -71,7 +71,7 @@ def test_no_seed_that_something_was_tuned_on_is_reported() -> None:
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.json")), ids=lambda path: path.stem)
 def test_every_result_says_how_and_of_which_code_it_was_measured(path: Path) -> None:
     result = json.loads(path.read_text(encoding="utf-8"))
-    assert set(result) == CERTIFICATE
+    assert set(result) >= CERTIFICATE
     assert result["command"].startswith("python -m tests.")
     assert len(result["commit"]) == 40
     assert result["depends"]

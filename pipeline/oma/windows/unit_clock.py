@@ -24,7 +24,7 @@ LEAST_STAMP_SCATTER = 1e-6  # of stamps about the line [s]
 LEAST_STEP = 0.02  # of the stamps that turns a window's line by more than 50 ppm [s]
 CERTAIN_JUMP = 8.0  # median deviations of the jumps beyond which one is a step
 COMPARED_STAMPS = 5  # before and after a step; fewer that are off are late stamps
-MOST_STEPS = 5  # that are taken out of a line
+MOST_STEPS_TAKEN_OUT = 5  # that are taken out of a line
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ def _without_steps(off: FloatArray) -> tuple[FloatArray, float]:
     A clock that is set once is no drift: left in, a step of .1 s turns a window's line by 250 ppm.
     """
     moved, largest = off.copy(), 0.0
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_STEPS_TAKEN_OUT):
         first, size = _largest_jump(moved)
         if not size:
             return moved, largest

@@ -1,0 +1,243 @@
+"""Draw small faults by chance, one in a module, from modules that no other list touches.
+
+    python -m tests.mutation.draw --seed 20261123 --faults 120 > tests/mutation/drawn.json
+
+Where a fault is and what it changes is drawn; its tests are those that import the module, the
+nearest first, or else those that import what imports it. Texts of messages, docstrings, logging,
+generated code and what only draws are left out: a fault there changes no figure.
+"""
+
+import argparse
+import ast
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
+COMPARED = {
+    ast.Lt: ("<", "<="), ast.LtE: ("<=", "<"), ast.Gt: (">", ">="), ast.GtE: (">=", ">"),
+    ast.Eq: ("==", "!="), ast.NotEq: ("!=", "=="), ast.In: (" in ", " not in "),
+    ast.NotIn: (" not in ", " in "), ast.Is: (" is ", " is not "), ast.IsNot: (" is not ", " is "),
+}  # fmt: skip
+COMPUTED = {
+    ast.Add: ("+", "-"), ast.Sub: ("-", "+"), ast.Mult: ("*", "/"), ast.Div: ("/", "*"),
+    ast.FloorDiv: ("//", "/"), ast.BitAnd: ("&", "|"), ast.BitOr: ("|", "&"),
+}  # fmt: skip
+EXCHANGED = {
+    "min": "max", "max": "min", "any": "all", "all": "any", "minimum": "maximum",
+    "maximum": "minimum", "mean": "sum", "floor": "ceil", "ceil": "floor", "cos": "sin",
+    "sin": "cos", "argmin": "argmax", "argmax": "argmin", }  # fmt: skip
+MOST_TESTS = 4  # modules of tests that are run for a fault
+SLOW = {"acceptance", "outside", "reproduction", "test_browser.py", "test_flow.py"}  # minutes each
+Change = tuple[int, int, int, str, str]  # line, first and last column, new text, what it is
+
+
+def changes_of(source: str) -> list[Change]:
+    """Return every small change that one line of a module admits."""
+    lines = source.splitlines()
+    found = []
+    for node in _outside_of_texts(ast.parse(source)):
+        for line, start, end, new, what in _changes_at(node, lines):
+            if "->" not in lines[line - 1][start:end] and "_LOG" not in lines[line - 1]:
+                found.append((line, start, end, new, what))
+    return sorted(set(found))
+
+
+def _outside_of_texts(node: ast.AST) -> Iterator[ast.AST]:
+    """Walk without annotations, decorators, messages of errors and formatted texts."""
+    for name, value in ast.iter_fields(node):
+        if name in ("annotation", "returns", "decorator_list"):
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            if not isinstance(child, ast.AST) or isinstance(child, ast.JoinedStr | ast.Raise):
+                continue
+            if isinstance(child, ast.Call) and ast.unparse(child.func).lower().startswith("_log"):
+                continue
+            yield child
+            yield from _outside_of_texts(child)
+
+
+def _changes_at(node: ast.AST, lines: list[str]) -> Iterator[Change]:
+    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARED:
+        yield from _between(node.left, node.comparators[0], COMPARED[type(node.ops[0])], lines)
+    elif isinstance(node, ast.BinOp) and type(node.op) in COMPUTED:
+        yield from _between(node.left, node.right, COMPUTED[type(node.op)], lines)
+    elif isinstance(node, ast.BoolOp):
+        words = ("and", "or") if isinstance(node.op, ast.And) else ("or", "and")
+        yield from _between(node.values[0], node.values[1], words, lines)
+    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        new = node.value + 1 if isinstance(node.value, int) else node.value * 1.25 or 0.25
+        yield _replaced(node, repr(new), f"{node.value} is {new}")
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield _replaced(node, repr(not node.value), f"{node.value} is {not node.value}")
+    elif isinstance(node, ast.UnaryOp) and node.lineno == node.operand.lineno:
+        start, end = node.col_offset, node.operand.col_offset
+        yield node.lineno, start, end, "", f"without {lines[node.lineno - 1][start:end].strip()}"
+    elif isinstance(node, ast.Call):
+        yield from _exchanged(node.func)
+    elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+        if node.end_lineno == node.lineno:
+            yield _replaced(node, "pass", "a call is left out")
+    elif isinstance(node, ast.AugAssign) and type(node.op) in COMPUTED:
+        yield from _between(node.target, node.value, COMPUTED[type(node.op)], lines)
+
+
+def _exchanged(called: ast.expr) -> Iterator[Change]:
+    """Call the function's opposite."""
+    if isinstance(called, ast.Name | ast.Attribute) and called.end_col_offset is not None:
+        name = called.id if isinstance(called, ast.Name) else called.attr
+        if name in EXCHANGED:
+            line, end, new = (
+                called.end_lineno or called.lineno,
+                called.end_col_offset,
+                EXCHANGED[name],
+            )
+            yield line, end - len(name), end, new, f"{name} is {new}"
+
+
+def _replaced(node: ast.expr | ast.Expr, new: str, what: str) -> Change:
+    return node.lineno, node.col_offset, node.end_col_offset or 0, new, what
+
+
+def _between(
+    left: ast.expr, right: ast.expr, words: tuple[str, str], lines: list[str]
+) -> Iterator[Change]:
+    """Exchange the operator that stands between two expressions on one line."""
+    if left.end_lineno != right.lineno or left.end_col_offset is None:
+        return
+    between = lines[right.lineno - 1][left.end_col_offset : right.col_offset]
+    old, new = words
+    if between.count(old) == 1:
+        start = left.end_col_offset + between.index(old)
+        yield right.lineno, start, start + len(old), new, f"{old.strip()} is {new.strip()}"
+
+
+def modules() -> list[Path]:
+    """Return the modules that may be drawn: no other list has a fault in them."""
+    taken = {
+        fault["place"]
+        for name in ("numerics", "faults", "fresh")
+        for fault in json.loads((HERE / f"{name}.json").read_text(encoding="utf-8"))
+    }
+    files = [file for top in ("sensors", "pipeline") for file in sorted((ROOT / top).rglob("*.py"))]
+    return [
+        file
+        for file in files
+        if str(file.relative_to(ROOT)) not in taken
+        and file.name not in ("__init__.py", "__main__.py")
+        and not {"pictures", "drawing", "reproduction"} & set(file.parts)
+        and not file.name.endswith("_pb2.py")
+    ]
+
+
+def tests_of(place: str) -> list[str]:
+    """Return tests that import a module, else those that import what imports it, nearest first."""
+    named, seen = [place], {place}
+    while named:
+        near = sorted(_importing(named, ROOT / "tests", "test_*.py"), key=_distance_from(place))
+        if near:
+            return near[:MOST_TESTS]
+        named = [
+            each
+            for top in ("sensors", "pipeline")
+            for each in _importing(named, ROOT / top, "*.py")
+            if each not in seen
+        ]
+        seen |= set(named)
+    return ["tests/test_flow.py"]
+
+
+def _importing(places: list[str], folder: Path, pattern: str) -> list[str]:
+    """Return the files of a folder that import one of some modules."""
+    words = []
+    for place in places:
+        path = Path(place).with_suffix("")
+        dotted, package = ".".join(path.parts), ".".join(path.parent.parts)
+        words.append(rf"(from {dotted} import|import {dotted}\b)")
+        words.append(rf"from {package} import [^#]*?\b{path.name}\b")
+    pattern_of_imports = re.compile("|".join(words))
+    return [
+        str(file.relative_to(ROOT))
+        for file in folder.rglob(pattern)
+        if not SLOW & set(file.parts)
+        and pattern_of_imports.search(file.read_text(encoding="utf-8"))
+    ]
+
+
+def _distance_from(place: str) -> Callable[[str], tuple[int, str]]:
+    """Return how many folders lie between a test and a module's own."""
+    path = Path(place)
+    mirrored = (Path("tests") / path.parent / f"test_{path.name}").parts
+
+    def distance(test: str) -> tuple[int, str]:
+        parts = Path(test).parts
+        common = sum(
+            1
+            for _ in takewhile(lambda pair: pair[0] == pair[1], zip(parts, mirrored, strict=False))
+        )
+        return -common, test
+
+    return distance
+
+
+def drawn(seed: int, number: int) -> list[dict[str, Any]]:
+    """Draw faults, each in a module of its own."""
+    rng = np.random.default_rng(seed)
+    files, found = modules(), []
+    texts = [
+        file.read_text(encoding="utf-8")
+        for top in ("sensors", "pipeline")
+        for file in (ROOT / top).rglob("*.py")
+    ]
+    for index in rng.permutation(len(files)):
+        source = files[index].read_text(encoding="utf-8")
+        changes = changes_of(source)
+        if changes and len(found) < number:
+            place = str(files[index].relative_to(ROOT))
+            change = changes[rng.integers(len(changes))]
+            old, new = _unique(source, change, texts)
+            what = f"{place}:{change[0]} {change[4]}"
+            found.append(
+                {
+                    "place": place,
+                    "old": old,
+                    "new": new,
+                    "occurrence": None,
+                    "what": what,
+                    "tests": tests_of(place),
+                }
+            )
+    return found
+
+
+def _unique(source: str, change: Change, texts: list[str]) -> tuple[str, str]:
+    """Return a line before and after its change, with as many before it as make it unique."""
+    line, start, end, new, _ = change
+    lines = source.splitlines()
+    before = lines[line - 1].encode()
+    after = (before[:start] + new.encode() + before[end:]).decode()
+    for first in range(line - 1, -1, -1):
+        old = "\n".join(lines[first:line])
+        if sum(text.count(old) for text in texts) == 1:
+            return old, "\n".join([*lines[first : line - 1], after])
+    raise ValueError(f"line {line} is not unique")
+
+
+def main() -> None:
+    """Print faults as a list."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--faults", type=int, default=120)
+    options = parser.parse_args()
+    json.dump(drawn(options.seed, options.faults), sys.stdout, indent=1, ensure_ascii=False)
+    sys.stdout.write("\n")
+
+
+if __name__ == "__main__":
+    main()
