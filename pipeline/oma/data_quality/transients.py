@@ -19,7 +19,7 @@ GUSTS = 1.8  # energy that stationary wind and sea add at their loudest, over th
 BLOCKS = 30  # averages over a window
 EDGE = 0.03  # of a window at either end that is tapered and not judged
 FEWEST_PERIODS = 10  # of an octave's lowest frequency in a window
-LEAST_SHARE = 1e-4  # of a channel's power in an octave; less is the instrument
+LEAST_OCTAVE_SHARE = 1e-4  # of a channel's power in an octave; less is the instrument
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ def _judged(lines: ComplexArray, low: float, duration: float) -> Transient | Non
     band = lines[first:last]
     power = (np.abs(band) ** 2).sum(axis=0)
     total = (np.abs(lines) ** 2).sum(axis=0)
-    heard = power > LEAST_SHARE * total
+    heard = power > LEAST_OCTAVE_SHARE * total
     if len(band) < BLOCKS // 3 or not heard.any():
         return None
     scaled = band[:, heard] / np.sqrt(power[heard])
