@@ -64,7 +64,7 @@ def test_a_window_that_lacks_much_is_rejected(two_mass_system: KnownStructure) -
     assert result.modes == ()
     assert result.rejection is not None
     assert result.rejection.code == "nan"
-    assert "8.3 % of a channel, 5 % is the most" in result.rejection.text
+    assert "8.33 % of a channel, 5 % is the most" in result.rejection.text
 
 
 def test_a_dead_channel_is_rejected_by_its_name(two_mass_system: KnownStructure) -> None:

@@ -121,7 +121,7 @@ def test_the_updater_publishes_the_joint_posterior_and_goes_on_after_a_restart(
     updater = FoundationUpdater(
         ModalModel(TURBINE, LAYOUT), LAYOUT, SETTINGS, seed=1, joint=inference
     )
-    windows = estimates(truth_of(9), 2, np.random.default_rng(9), reported_levels=[0.1, 0.4])
+    windows = estimates(truth_of(7), 2, np.random.default_rng(7), reported_levels=[0.1, 0.4])
     state, first = updater.updated(updater.initial_state(), windows[0])
     assert isinstance(first, FoundationPosterior)
     assert first.structure == "uncertain"
