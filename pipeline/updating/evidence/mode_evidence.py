@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from pipeline.updating.evidence.observations import ModeObservation
 from sensors.arrays import FloatArray
 
 MISSED_WINDOWS = 144  # windows without a mode for each window with it, after which it is forgotten
+SOLVED = 2000  # modes whose mean and covariance are remembered: of some turbines
 LONGEST_PATIENCE = 4320  # windows, a month of ten minutes each
 
 
@@ -149,23 +151,12 @@ class ModeEvidence:
     @property
     def covariance(self) -> FloatArray:
         """S, (1 + n_channels, 1 + n_channels), of the combined estimate; NaN where unknown."""
-        known = np.flatnonzero(self.known)
-        block = np.linalg.inv(self.information[np.ix_(known, known)])
-        covariance = np.full_like(self.information, np.nan)
-        covariance[np.ix_(known, known)] = (block + block.T) / 2
-        return covariance
+        return _solved(self)[1]
 
     @property
     def mean(self) -> FloatArray:
         """d̄, (1 + n_channels,): f [Hz] and φ [-]; 1 at the unit component, NaN where unknown."""
-        known = np.flatnonzero(self.known)
-        mean = np.full(len(self.information), np.nan)
-        mean[known] = np.linalg.solve(
-            self.information[np.ix_(known, known)], self.information_mean[known]
-        )
-        if not self.close_pair:
-            mean[1 + self.unit_component] = 1.0
-        return mean
+        return _solved(self)[0]
 
     @property
     def frequency(self) -> float:
@@ -181,6 +172,22 @@ class ModeEvidence:
     def shape(self) -> FloatArray:
         """Combined estimate of φ, (n_channels,) [-]; NaN at channels never available."""
         return self.mean[1:]
+
+
+@lru_cache(maxsize=SOLVED)
+def _solved(mode: ModeEvidence) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance, read-only; a fit asks for them at every step."""
+    known = np.flatnonzero(mode.known)
+    information = mode.information[np.ix_(known, known)]
+    mean = np.full(len(mode.information), np.nan)
+    mean[known] = np.linalg.solve(information, mode.information_mean[known])
+    if not mode.close_pair:
+        mean[1 + mode.unit_component] = 1.0
+    block = np.linalg.inv(information)
+    covariance = np.full_like(mode.information, np.nan)
+    covariance[np.ix_(known, known)] = (block + block.T) / 2
+    mean.flags.writeable = covariance.flags.writeable = False
+    return mean, covariance
 
 
 def _precision(factor: FloatArray, n_blocks: int, joint: bool) -> FloatArray:
