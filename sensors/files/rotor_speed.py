@@ -36,14 +36,8 @@ def with_rotor_speed_apart(table: ChannelTable) -> ChannelTable:
     known = np.flatnonzero(np.isfinite(column))
     if not len(known):
         return table
-    quantities = table.stated_quantities
     return replace(
-        table,
-        names=tuple(table.names[i] for i in rest),
-        units=tuple(table.units[i] for i in rest),
-        samples=table.samples[:, rest],
-        stated_quantities=tuple(quantities[i] for i in rest) if quantities else (),
-        rotor_speed=np.interp(np.arange(len(column)), known, column[known]),
+        table.only(rest), rotor_speed=np.interp(np.arange(len(column)), known, column[known])
     )
 
 
