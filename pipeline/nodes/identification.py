@@ -31,6 +31,7 @@ OVERTAKING = 10  # messages by which a block may have come before one that lies 
 LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
 MARKS = 10_000  # of a unit's latest blocks: where a restart reads on
 SAID_AGAIN = 2  # answers that may not have reached a recording before a kill
+OPENING_BLOCKS = 64  # that came before all layouts and are kept for what begins with them
 
 IdentifiedSession = UnitSession | JoinedSession
 WindowAnswer = ModalEstimate | WindowRejected
@@ -100,6 +101,8 @@ class TurbineIdentification:
         self._channels = ChannelSwapMonitor()
         self._of_the_past = NodeStatistics()  # of sessions and units that are gone
         self._answers: tuple[WindowAnswer, ...] = ()  # the latest
+        # blocks, boots and expected first samples of sessions of one unit, in no answered window
+        self._opening = deque[tuple[AccelerationBlock, Boot, int]](maxlen=OPENING_BLOCKS)
         self._resumable: _Resumable | None = None  # session of an identification that has ended
 
     def handle(self, message: Message) -> Iterator[Message]:
@@ -111,6 +114,8 @@ class TurbineIdentification:
                 self._keep(said)
 
     def _keep(self, answer: WindowAnswer) -> None:
+        if isinstance(answer, ModalEstimate):
+            self._opening.clear()
         answers = (*self._answers, answer)[-DIES_AFTER - 1 :]
         before, latest = answers[:-SAID_AGAIN], answers[-SAID_AGAIN:]
         self._answers = (*map(_without_covariances, before), *latest)
@@ -201,12 +206,17 @@ class TurbineIdentification:
             if self._session is not None:
                 yield from self._end_session()
             self._session = self._begun(unit, block)
+            if isinstance(self._session, JoinedSession):
+                yield from self._opened(self._session)
         misfit = self._session.misfit(block)
         if misfit is not None:
             unit.admission.refuse(misfit)
             return
         begins = not unit.marks or unit.marks[0] == BlockMark.of(block)
-        yield from self._session.push(block, boot, 0 if begins else block.first_sample)
+        first = 0 if begins else block.first_sample
+        if isinstance(self._session, UnitSession):
+            self._opening.append((block, boot, first))
+        yield from self._session.push(block, boot, first)
         if self._session.has_lost_time:
             unused = self._session.release()
             yield from self._end_session()
@@ -214,6 +224,16 @@ class TurbineIdentification:
                 yield from self._take(self._units[each.unit], each)
             return
         yield from self._finish_if_complete()
+
+    def _opened(self, session: JoinedSession) -> Iterator[Message]:
+        """Begin with the blocks that came before the layouts of all units were known: these travel
+        on keys of their own, and windows must not depend on which came first."""
+        opening = list(self._opening)
+        self._opening.clear()
+        for block, boot, first in opening:
+            known = self._units.get(block.unit)
+            if known is not None and known.boot == boot and session.misfit(block) is None:
+                yield from session.push(block, boot, first)
 
     def _begun(self, unit: _Unit, block: AccelerationBlock) -> IdentifiedSession:
         session = self._session_for(unit, block)

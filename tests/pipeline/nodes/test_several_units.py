@@ -198,6 +198,19 @@ def test_the_order_in_which_units_arrive_does_not_matter(blocks) -> None:
         assert [m.frequency for m in ours.modes] == [m.frequency for m in theirs.modes]
 
 
+def test_layouts_that_come_after_the_first_blocks_change_no_window(blocks) -> None:
+    """Layouts travel on keys of their own: over a network either may come first."""
+    units = two_units(start=0.4)
+    lower, upper = unit_layouts(LAYOUT, units)
+    delivered = list(with_end(read_by_units(blocks[:ONE], LAYOUT, units)))
+    node = IdentificationNode(SETTINGS)
+    heard = [lower, *delivered[:9], upper, *delivered[9:]]
+    said = estimates([a for message in heard for a in node.handle(message)])
+    for ours, theirs in zip(said, estimates(answers(blocks[:ONE], units)), strict=True):
+        assert ours.start_ns == theirs.start_ns
+        assert [m.frequency for m in ours.modes] == [m.frequency for m in theirs.modes]
+
+
 def test_heights_without_a_unit_are_one_clear_line() -> None:
     with pytest.raises(UnitError, match=r"sensors at 100 m are read by no unit"):
         unit_layouts(LAYOUT, (UnitSettings("a", ELEVATIONS[:4]),))
