@@ -246,10 +246,9 @@ def _missing_samples(record: TurbineRecord) -> str:
     stream = record.figures["stream"]
     if not stream["gaps"] and not stream["lost"]:
         return "No sample is missing."
-    return (
-        f"{count_noun(stream['gaps'], 'gap')} in the stream, {span(stream['gap_s'])} in all; "
-        f"{count_noun(stream['lost'], 'block')} lost."
-    )
+    gaps = f"{count_noun(stream['gaps'], 'gap')} in the stream, {span(stream['gap_s'])} in all."
+    lost = stream["lost"]
+    return gaps + (f" {count_noun(lost, 'block')} lost between the nodes." if lost else "")
 
 
 def _modes_headline(record: TurbineRecord) -> str:

@@ -174,7 +174,7 @@ class BlockBook:
         for first, end in missing - self.reported:
             if self.published is None and end > self.recorded.end - REPORTED_WITHIN:
                 continue  # they may still come
-            yield f"{_numbers(first, end)} are neither recorded nor reported missing"
+            yield f"{_numbers(first, end)} neither recorded nor reported missing"
         if self.published is None:
             return
         elsewhere = len(self.reported - self.recorded) + len(missing - self.reported)
@@ -235,6 +235,7 @@ class Books:
         self._boots: dict[tuple[str, str, str], BootCounter] = {}
         self._turbines: dict[str, TurbineBook] = {}
         self._refused: dict[tuple[str, str], Counter[str]] = {}  # turbine, node → blocks by code
+        self._late: dict[tuple[str, str], int] = {}  # turbine, node → blocks that it had given up
 
     def handle(self, message: Message) -> None:
         """Enter one message."""
@@ -260,7 +261,9 @@ class Books:
                     self._note_updating()
                 codes = Counter({each.message: each.count for each in message.refused})
                 self._refused[message.turbine, message.node] = codes
+                self._late[message.turbine, message.node] = message.late
                 _limit(self._refused)
+                _limit(self._late)
 
     def _note_updating(self) -> None:
         self._is_updating = self._updates is not False
@@ -388,16 +391,16 @@ class Books:
         return [text for turbine in turbines for text in self._violations_of(turbine)]
 
     def _violations_of(self, turbine: str) -> Iterator[str]:
-        refused = self._refused_blocks(turbine)
+        unread = self._unread_blocks(turbine)
         for (of, unit, session, boot), blocks in self._blocks.items():
             if of != turbine or not blocks.recorded:
                 continue
             place = f"unit {unit} of {turbine}, session {session}, boot {boot}"
             yield from (f"{place}: {text}" for text in blocks.violations())
             for first, end, there in blocks.refuted:
-                if there > refused:
-                    yield f"{place}: {_numbers(first, end)} are reported missing and recorded"
-                refused = max(0, refused - there)
+                if there > unread:
+                    yield f"{place}: {_numbers(first, end)} reported missing and recorded"
+                unread = max(0, unread - there)
         book = self._turbines.get(turbine)
         if book is None:
             return
@@ -407,13 +410,23 @@ class Books:
             estimates = "estimate is" if forgotten == 1 else "estimates are"
             yield f"{turbine}: {forgotten} {estimates} neither in the posterior nor refused"
 
-    def _refused_blocks(self, turbine: str) -> int:
-        """Blocks that the identification refused: it misses them although they are recorded."""
-        return sum(
-            codes.total()
-            for (of, node), codes in self._refused.items()
-            if of == turbine and node.partition("-")[0] != UPDATING
-        )
+    def _unread_blocks(self, turbine: str) -> int:
+        """Blocks that the identification misses although they are recorded.
+
+        It refused them, or they came too late: a late block may get here before the report that
+        it is missing, since another node sends that.
+        """
+
+        def total(counts: Iterable[tuple[tuple[str, str], int]]) -> int:
+            return sum(
+                count
+                for (of, node), count in counts
+                if of == turbine and node.partition("-")[0] != UPDATING
+            )
+
+        refused = total((node, codes.total()) for node, codes in self._refused.items())
+        seen_late = sum(len(book.late) for key, book in self._blocks.items() if key[0] == turbine)
+        return refused + max(0, total(self._late.items()) - seen_late)
 
     def alarms(self, without_posterior: int = WITHOUT_POSTERIOR) -> list[BooksAlarm]:
         """What a person must look into now.
@@ -511,7 +524,8 @@ def _key(message: ModalEstimate | WindowRejected | FoundationPosterior) -> Windo
 
 
 def _numbers(first: int, end: int) -> str:
-    return f"block {first}" if end == first + 1 else f"blocks {first} to {end - 1}"
+    """Return "block 3 is" or "blocks 3 to 5 are"."""
+    return f"block {first} is" if end == first + 1 else f"blocks {first} to {end - 1} are"
 
 
 def _counted(codes: Counter[str]) -> str:

@@ -114,9 +114,8 @@ class SessionStatus:
     def _measurements_indicator(self) -> StatusIndicator:
         lost = sum(node.lost for node in self._state.statuses.values())
         if self.n_gaps or lost:
-            return StatusIndicator(
-                "warning", f"measurements: {count_noun(self.n_gaps, 'gap')}, {lost} lost"
-            )
+            text = f"measurements: {count_noun(self.n_gaps, 'gap')}"
+            return StatusIndicator("warning", text + f", {lost} lost" * bool(lost))
         if self._state.estimate is None and not self._state.rejections:
             return StatusIndicator("unknown", "measurements: no complete window yet")
         return StatusIndicator("good", "measurements: complete")
