@@ -107,7 +107,7 @@ def test_every_turbine_has_three_indicators_in_its_row_and_a_large_farm_further_
     assert (places < (right, bottom)).all()
 
 
-def test_the_views_of_a_farm_are_laid_out_once_for_all_its_turbines(
+def test_the_views_of_a_farm_are_laid_out_for_all_its_turbines_and_at_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     from pipeline.viewer import rerun_stream as show
@@ -126,4 +126,4 @@ def test_the_views_of_a_farm_are_laid_out_once_for_all_its_turbines(
         for number in range(5):
             viewer.handle(replace(message, turbine=f"T{number}"))
     viewer.close()
-    assert [len(turbines) for turbines in laid_out] == [5]
+    assert [len(turbines) for turbines in laid_out] == [5, 5]  # when all are there; at the end
