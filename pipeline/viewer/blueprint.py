@@ -162,7 +162,7 @@ def _joint(root: str) -> rrb.Spatial2DView:
 def _pile(root: str) -> rrb.Spatial2DView:
     return plane(
         f"{root}/foundation/pile",
-        "Pile head displacement under 1 MN: nominal orange, posterior purple, truth green",
+        "Pile head under 1 MN: nominal orange, posterior purple",
         [-1.35, 1.35],
         [-2.25, 1.25],
     )
@@ -170,7 +170,7 @@ def _pile(root: str) -> rrb.Spatial2DView:
 
 def _posterior_widths(root: str) -> rrb.TimeSeriesView:
     return time_series(
-        f"{root}/posterior_width", "Posterior width ÷ prior width [%], 90 % intervals", "RightTop"
+        f"{root}/posterior_width", "Posterior width ÷ prior width [%], 90 % intervals", "LeftTop"
     )
 
 

@@ -12,9 +12,9 @@ from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 from pipeline.viewer.drawing.entities import TIMELINE
 from sensors.acquisition.layout import SensorLayout
 
-Corner = Literal["", "LeftTop", "RightTop"]  # of a plot, where its legend is; "": there is none
+Corner = Literal["", "LeftTop"]  # of a plot, where its legend is; "": there is none
 AT_LEFT = Corner2DBatch("LeftTop")
-MARGIN = 0.03  # of a finished session's time axis on both sides: room for the first date [-]
+TIME_MARGIN = 0.05  # of a finished session's time axis on both sides: room for dates [-]
 LEGEND_MARGIN = 0.2  # the same on the left where a legend stands there, beside the lines [-]
 
 
@@ -70,9 +70,9 @@ def with_margins(part: Any, span_ns: tuple[int, int]) -> None:
     elif isinstance(part, rrb.TimeSeriesView):
         (start, end), legend = span_ns, part.properties["PlotLegend"]
         at_left = isinstance(legend, rrb.PlotLegend) and legend.corner == AT_LEFT
-        left = LEGEND_MARGIN if at_left else MARGIN
+        left = LEGEND_MARGIN if at_left else TIME_MARGIN
         first = rrb.TimeRangeBoundary.absolute(nanos=round(start - left * (end - start)))
-        last = rrb.TimeRangeBoundary.absolute(nanos=round(end + MARGIN * (end - start)))
+        last = rrb.TimeRangeBoundary.absolute(nanos=round(end + TIME_MARGIN * (end - start)))
         part.properties["TimeAxis"] = rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last))
 
 

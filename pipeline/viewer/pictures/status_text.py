@@ -127,8 +127,8 @@ class SessionStatus:
         if self._state.estimate is None:
             return StatusIndicator("unknown", "modes: none yet")
         found = count_noun(len(self._state.estimate.modes), "mode")
-        if self._state.estimate.warnings:
-            return StatusIndicator("warning", f"{found}, with a warning")
+        if codes := {each.code: None for each in self._state.estimate.warnings}:
+            return StatusIndicator("warning", f"{found}; {', '.join(codes)}")
         return StatusIndicator("good", f"{found} in the last window")
 
     def _foundation_indicator(self) -> StatusIndicator:

@@ -101,7 +101,7 @@ def test_plots_of_a_finished_session_have_room_for_their_first_date_and_their_le
         view.properties["TimeAxis"].view_range.as_arrow_array().to_pylist()[0]
         for view in (plain, legend)
     ]
-    assert [(each["start"], each["end"]) for each in ranges] == [(970, 2030), (800, 2030)]
+    assert [(each["start"], each["end"]) for each in ranges] == [(950, 2050), (800, 2050)]
 
 
 def test_accelerations_are_drawn_at_twenty_hertz_with_one_named_series_per_channel(

@@ -84,7 +84,7 @@ def test_the_table_of_a_farm_begins_with_who_needs_attention(farm: Recorded):
     heading, attention, _, _ = text.split("\n\n")
     assert heading == "### 2 turbines: 1 known, 1 NOT TRUSTED"
     assert attention.startswith("- **south**: ")
-    assert "foundation: NOT TRUSTED\n- **north**: 10 modes, with a warning" in attention
+    assert "foundation: NOT TRUSTED\n- **north**: 10 modes; close-modes" in attention
     rows = [line for line in text.splitlines() if line.startswith(("| north", "| south"))]
     assert [row.split(" | ")[1] for row in rows] == ["known", "NOT TRUSTED"]
     assert all(row.count(" ± ") == 3 and "00:20:00" in row for row in rows)
