@@ -503,8 +503,9 @@ class Books:
         """The books in one line."""
         blocks = [book for book in self._blocks.values() if book.recorded]
         books = self._turbines.values()
+        boots = f"{len(blocks)} boot" + "s" * (len(blocks) != 1)
         return (
-            f"{sum(len(each.recorded) for each in blocks)} blocks of {len(blocks)} boots recorded, "
+            f"{sum(len(each.recorded) for each in blocks)} blocks of {boots} recorded, "
             f"{sum(each.lost for each in blocks)} lost; "
             f"{sum(each.identified for each in books)} windows identified, "
             f"{sum(each.rejected.total() for each in books)} rejected; "
