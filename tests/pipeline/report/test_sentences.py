@@ -1,5 +1,6 @@
 """Plain sentences: what a manager reads is what the messages say, no more and no less."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,16 @@ def test_a_change_has_its_size_its_interval_and_its_start() -> None:
     assert text == (
         "k22 fell by 9.0 % [6.0 %, 12 %] on 14 November 2023 between 22:33 and 22:53 UTC; "
         "k11 did not change detectably (-4.0 to +2.0 %), k12 rose by 3.0 % [1.0 %, 5.0 %]."
+    )
+
+
+def test_a_stiffness_with_a_wide_interval_is_known_only_roughly(tmp_path: Path) -> None:
+    known = posterior(0)
+    (k11, *rest) = known.parameters
+    rough = replace(k11, p05=0.6 * k11.median, p95=1.5 * k11.median)
+    record = record_of(tmp_path, [LAYOUT, estimate(0), replace(known, parameters=(rough, *rest))])
+    assert headline(record) == (
+        "The foundation's stiffness is known only to ±45 %, and no change was found."
     )
 
 
