@@ -15,7 +15,7 @@ from sensors.arrays import FloatArray, IndexArray
 from sensors.dynamics.figure_model import Linearisation
 
 STUDENT_DEGREES = 4.0  # ν of Student's t, of each mode's frequency and each shape
-MEASURED = 8  # evidences whose arrays are remembered: a fit compares one or two hundreds of times
+ARRAYS_REMEMBERED = 8  # evidences whose arrays are remembered: a fit compares one or two hundreds of times
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +133,7 @@ class _Measured:
     """(n,)"""
 
 
-@lru_cache(maxsize=MEASURED)
+@lru_cache(maxsize=ARRAYS_REMEMBERED)
 def _measured(evidence: ModalEvidence) -> _Measured:
     means = np.array([mode.mean for mode in evidence.modes])
     variances = np.array([np.diag(mode.covariance) for mode in evidence.modes])
