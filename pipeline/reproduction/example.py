@@ -20,7 +20,7 @@ from pipeline.reproduction.paper import LABELS, SAMPLES
 from pipeline.scenario import Scenario, load_scenario, with_overrides
 from pipeline.sources.sources import simulated_tower
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import sightings
+from pipeline.updating.evidence.observations import SeenWindow, sightings
 from pipeline.updating.likelihood.deterministic import (
     Descent,
     IdentifiedModes,
@@ -279,9 +279,9 @@ def _posteriors(
 
     start   (3,) ratios k / nominal at which they were found
     """
-    evidence = ModalEvidence(channels=estimate.channels, joint_covariance=False).with_sightings(
-        sightings(estimate, estimate.channels), 1.0, estimate.duration
-    )
+    seen = SeenWindow.of(estimate, sightings(estimate, estimate.channels), rise=0.0)
+    evidence = ModalEvidence(channels=estimate.channels, joint_covariance=False)
+    evidence = evidence.with_window(replace(seen, weight=1.0, level_known=True))
     forward = model.subset(labels)
     order = {f"m{mode.name[1:]}": place for place, mode in enumerate(estimate.modes)}
     columns = tuple(order[mode.name] for mode in evidence.modes)

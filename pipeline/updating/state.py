@@ -28,8 +28,7 @@ from pipeline.updating.change.detector import ChangeState
 from pipeline.updating.change.event_message import TrackSensitivity
 from pipeline.updating.change.revised_size import BeforeEvent
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import ModeObservation, diagonal
-from pipeline.updating.evidence.windows import SeenWindow, with_window
+from pipeline.updating.evidence.observations import ModeObservation, SeenWindow, diagonal
 from pipeline.updating.structural.alternatives import WarmStart
 from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE
 from sensors.arrays import FloatArray
@@ -73,7 +72,7 @@ class UpdatingState:
         Where correlations aren't used, variances are all that is kept of a recent covariance.
         """
         latest = SeenWindow.of(estimate, seen, rise)
-        evidence = with_window(self.evidence, latest)
+        evidence = self.evidence.with_window(latest)
         if not evidence.joint_covariance:
             latest = replace(latest, sightings=tuple(map(diagonal, seen)))
         return replace(self, evidence=evidence, recent=(*self.recent, latest)[-RECENT_WINDOWS:])
@@ -101,7 +100,7 @@ class UpdatingState:
 
 
 def _summed(windows: Sequence[SeenWindow], evidence: ModalEvidence) -> ModalEvidence:
-    return reduce(with_window, windows, evidence)
+    return reduce(ModalEvidence.with_window, windows, evidence)
 
 
 class CheckpointError(InputError):

@@ -43,11 +43,13 @@ from pipeline.updating.state import (
     encoded_checkpoint,
 )
 from pipeline.updating.structural.alternatives import JointInference
-from pipeline.updating.structural.joint_message import as_exact, joint_message, mode_labels
+from pipeline.updating.structural.joint_message import joint_message, mode_labels
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh, model_at
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
+STATED_EXACT = "exact"  # structure, as a posterior names it
+UNSTATED_EXACT = "exact, as recorded before there was a choice"
 LONG_RIDGE = 0.1  # std / median of a spring that the modes do not separate from the others [-]
 POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for
 
@@ -259,7 +261,7 @@ class FoundationUpdater:
         )
         posterior = self._posterior(state, estimate, match, draws, representative)
         posterior = replace(posterior, relative=_relative_to_earlier(after))
-        return after, as_exact(posterior, stated=self.settings.structure.stated)
+        return after, posterior
 
     def _refreshed_jointly(
         self, joint: JointInference, state: UpdatingState, estimate: ModalEstimate
@@ -327,6 +329,7 @@ class FoundationUpdater:
         )
         return replace(
             posterior,
+            structure=STATED_EXACT if self.settings.structure.stated else UNSTATED_EXACT,
             population="" if self._population is None else self._population.name,
             change_probability=self._change_probability(
                 state.change, state.sensitivities, estimate.duration
