@@ -8,11 +8,11 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from pipeline.messages import Message, ModalEstimate, QualityWarning, StreamEnd
+from pipeline.messages import Message, ModalEstimate, QualityWarning, StreamEnd, rejected_estimate
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore, too_many
 from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
-from pipeline.nodes.operating_state import OperationLog, rejected_estimate
+from pipeline.nodes.operating_state import OperationLog
 from pipeline.nodes.units.acquisition_units import AcquisitionUnit, AcquisitionUnits, Boot
 from pipeline.nodes.units.block_admission import DEFAULT_LIMITS, BlockMark, window_refusal
 from pipeline.nodes.units.joined_session import JoinedSession

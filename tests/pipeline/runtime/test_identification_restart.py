@@ -29,7 +29,7 @@ from pipeline.recording.latest_messages import files_of, latest_estimates, lates
 from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.runtime.recorded_past import recorded_past
 from pipeline.runtime.snapshots import SnapshotFolder
-from pipeline.updating.state import CheckpointError
+from pipeline.updating.checkpoint import CheckpointError
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, cut
 from tests.pipeline.nodes.test_wrong_clocks import YEAR, of_two_units
