@@ -25,11 +25,12 @@ from sensors.arrays import FloatArray
 from sensors.dynamics.figure_terms import RELATIVE, FigureTerms, Term, figure_terms
 from sensors.dynamics.full_model_modes import VISIBLE_SHARE, decoupled_groups
 from sensors.dynamics.snapshot_basis import SparseStack, snapshot_basis
-from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import BY_NAME
 from sensors.structure.foundation import positive_definite, spring_matrix
 from sensors.structure.sensor_readings import ChannelReadings
+from sensors.structure.structural_model import StructuralModel
 
 BladeMesh = Literal["described", "converged"]
 
