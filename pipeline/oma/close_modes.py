@@ -153,8 +153,8 @@ def _suspects(
     spectrum: WindowSpectrum,
     harmonics: Sequence[Mode],
 ) -> list[Suspect]:
-    named = [mode.frequency for mode in (*modes, *harmonics)]
-    named += [each.frequency for each in refused] + [each.frequency for each in coincident]
+    placed = [each for each in refused if each.code != "unstable"]
+    named = [each.frequency for each in (*modes, *harmonics, *placed, *coincident)]
     found = [
         Suspect(frequency, PEAK_HALF_WIDTH / spectrum.duration / frequency)
         for frequency in peaks_of_two(spectrum, named)
@@ -164,7 +164,7 @@ def _suspects(
     found += [Suspect(each.frequency, each.damping_ratio) for each in coincident]
     found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
     seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
-    seen += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code != "unstable"]
+    seen += [Suspect(each.frequency, each.damping_ratio) for each in placed]
     found += [
         each
         for each in seen

@@ -23,7 +23,9 @@ VAGUE = 1.5  # frequency std over the attainable bound from which the lines may 
 SHARPER = 0.8  # std by the lines over that of the pole; what gains less stays [-]
 NARROWEST, WIDEST = 3.0, 300.0  # half bandwidth [lines]: below, `close_modes`; above, the
 # background of a band is no longer flat
-RESONANCE_WIDTH = 1.5  # half bandwidth of a resonance by its lines; a steady harmonic has less [lines]
+RESONANCE_WIDTH = (
+    1.5  # half bandwidth of a resonance by its lines; a steady harmonic has less [lines]
+)
 ALONE_WIDTHS, ALONE_LINES = 3.0, 3.0  # half bandwidths and lines to the next mode
 NOTHING_LEFT = 6.0  # rise of ln p that a mode more may promise: of 59 fits of `structures` (seeds
 # 76001 to 76060) the rms error fell from 2.5 to 1.3 attainable std, 95 % intervals held .95; with
