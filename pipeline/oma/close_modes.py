@@ -154,7 +154,8 @@ def _suspects(
     harmonics: Sequence[Mode],
 ) -> list[Suspect]:
     placed = [each for each in refused if each.code != "unstable"]
-    named = [each.frequency for each in (*modes, *harmonics, *placed, *coincident)]
+    named = [mode.frequency for mode in (*modes, *harmonics)]
+    named += [each.frequency for each in placed] + [each.frequency for each in coincident]
     found = [
         Suspect(frequency, PEAK_HALF_WIDTH / spectrum.duration / frequency)
         for frequency in peaks_of_two(spectrum, named)

@@ -11,6 +11,7 @@ from pipeline.oma.band_merging import merged
 from pipeline.oma.close_modes import UNRESOLVED, resolved_by_evidence, with_lone_modes
 from pipeline.oma.coincident_pairs import twin_pairs
 from pipeline.oma.cross_check import CrossCheck, cross_checks, disagreements
+from pipeline.oma.data_quality.coupled_harmonics import CoupledHarmonics, coupled_harmonics
 from pipeline.oma.data_quality.input_checks import (
     HARMONIC_DAMPING,
     Finding,
@@ -34,7 +35,7 @@ from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.ssi.measured_quantities import integrations_of
 from pipeline.oma.ssi.preprocessing import decimated, without_offset
 from pipeline.oma.ssi.stabilization import PoleCloud
-from pipeline.oma.whittle.lone_modes import bandwidth_share, sharpened
+from pipeline.oma.whittle.lone_modes import Sharpened, bandwidth_share, sharpened
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.windows.missing_samples import filled, on_even_grid
 from sensors.arrays import FloatArray, IntArray
@@ -47,7 +48,7 @@ WELL_KNOWN_SHARE = 0.4  # of the half bandwidth: what f and ζ of a mode are kno
 # known better in most orders, that was no mixture
 SURE_SHARE = 0.25  # of the half bandwidth: what f and ζ of a mode are known to, whose shape is only
 # vague; of 48 `structures` (seeds 74001 to 74048) no pole of noise was known better than to .5
-MODERATE_SHARE = 0.5  # of the half bandwidth: what f and ζ are known to, where the shape is [-]
+MODERATE_SHARE = 0.75  # of the half bandwidth: what f and ζ are known to, where the shape is [-]
 
 TWINS_PLACE = 0.01  # twins this near to a mode that was found are reported by it, relative
 
@@ -201,13 +202,20 @@ def concluded(
         )
         for mode in harmonics
     ]
+    coupled = coupled_harmonics(steady, sampling_rate)
+    warnings += [] if coupled is None else [_of_a_machine(coupled)]
     twins = _twins_beside(by_band, [*modes, *harmonics])
     spectrum = WindowSpectrum(steady, sampling_rate, integrations)
     by_evidence = resolved_by_evidence(
         modes, refused, twins, spectrum, settings, harmonics=harmonics
     )
     by_evidence = with_lone_modes(by_evidence, vague_shapes, spectrum)
-    by_lines = sharpened(by_evidence.modes, by_evidence.refused, doubtful, spectrum, settings)
+    stationary = all(finding.code != "non-stationary" for finding in findings)
+    by_lines = (
+        sharpened(by_evidence.modes, by_evidence.refused, doubtful, spectrum, settings)
+        if stationary
+        else Sharpened(by_evidence.modes, by_evidence.refused)
+    )
     alike = _twins_beside(by_band, [*by_lines.modes, *harmonics])
     warnings += [_coincident(each) for each in alike]
     pairs = twin_pairs(alike, steady, sampling_rate, integrations)
@@ -232,6 +240,16 @@ def _twins_beside(
         if not any(abs(twins.frequency - f) <= TWINS_PLACE * twins.frequency for f in others):
             found.append(twins)
     return found
+
+
+def _of_a_machine(coupled: CoupledHarmonics) -> QualityWarning:
+    lower, upper = coupled.frequency, coupled.ratio * coupled.frequency
+    return QualityWarning(
+        "harmonic",
+        f"what shakes at {lower:.3g} and at {upper:.3g} Hz keeps one phase (coherence "
+        f"{coupled.coherence:.2f}): harmonics of a machine, as of a turning rotor; a mode reported "
+        "there may be one of them, which the rotor's speed would take off",
+    )
 
 
 def _coincident(twins: CoincidentModes) -> QualityWarning:
@@ -264,8 +282,8 @@ def why_refused(
 
     - is known at about this bound, or
     - f and ζ to .4 of the half bandwidth ζ f and ζ, or
-    - by two bands, to ten times this bound, f and ζ to .6 of these, or
-    - to half of these, and its shape, of two channels or more, to a tenth.
+    - by two bands, to ten times this bound, f and ζ to .6 of these, or to three quarters and the
+      shape, of two channels or more, to a tenth.
 
     On records of 118 random frames and 300 of noise (`tests/benchmarks/records.py`, seeds 4001 to
     4120; noise white, coloured or common to the channels) .95 of the modes and .04 of what only
@@ -291,17 +309,16 @@ def why_refused(
             f"one band of several sees it, and f and ζ are known to {share:.2g} of the half "
             f"bandwidth only, {WELL_KNOWN_SHARE:g} is the most"
         )
-    if len(mode.shape) > 1 and shape_std <= WELL_KNOWN_SHAPE and share <= MODERATE_SHARE:
-        return None
     if relative_std > settings.maximum_bound_ratio * bound:
         return "vague", (
             f"frequency std is {relative_std / bound:.3g} times the attainable bound, "
             f"{settings.maximum_bound_ratio:g} is the most"
         )
-    if share > settings.maximum_bandwidth_share:
+    known_shape = len(mode.shape) > 1 and shape_std <= WELL_KNOWN_SHAPE
+    most = MODERATE_SHARE if known_shape else settings.maximum_bandwidth_share
+    if share > most:
         return "vague", (
-            f"f and ζ are known to {share:.2g} of the half bandwidth, "
-            f"{settings.maximum_bandwidth_share:g} is the most"
+            f"f and ζ are known to {share:.2g} of the half bandwidth, {most:g} is the most"
         )
     return None
 
