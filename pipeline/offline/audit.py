@@ -15,7 +15,7 @@ from pipeline.scenario import scenario_from_metadata
 from pipeline.sources.session_files import SESSION_FILE
 from pipeline.state.books import Books
 from pipeline.state.json_values import Json
-from pipeline.updating.state import CheckpointError
+from pipeline.updating.checkpoint import CheckpointError
 from sensors.errors import InputError
 
 

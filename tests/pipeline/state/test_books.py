@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.messages import MessageCount, ModalEstimate, StreamEnd, StreamGap, UnitOrigin
-from pipeline.state.books import Books, Intervals
+from pipeline.state.block_book import Intervals
+from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_estimates import estimate
 from tests.pipeline.example_messages import block, rejection, status

@@ -13,7 +13,9 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.block_admission import (
+from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.limits import LimitError, LimitSettings
+from pipeline.nodes.units.block_admission import (
     CONFLICT,
     OTHER_SESSION,
     REPEATED,
@@ -23,8 +25,6 @@ from pipeline.nodes.block_admission import (
     BlockMark,
     refusal_of,
 )
-from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.limits import LimitError, LimitSettings
 from pipeline.scenario import scenario_from_text
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block as message
