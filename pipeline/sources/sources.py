@@ -41,7 +41,7 @@ from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.pacing import Pace, paced
 from sensors.acquisition.scada import ScadaSample
-from sensors.simulation.tower import SimulatedTower
+from sensors.simulation.tower import CHUNKS_AHEAD, SimulatedTower
 
 if TYPE_CHECKING:
     from sensors.feeds.live import LiveFeed
@@ -174,7 +174,9 @@ class Source:
         if self.recording is not None:
             yield from recorded_with_truths(self.recording, self.playback, self.truth)
             return
-        towers = [simulated_tower(member) for member in farm_members(self.scenario)]
+        members = farm_members(self.scenario)
+        ahead = max(1, CHUNKS_AHEAD // len(members))  # of loads in memory, by tower
+        towers = [simulated_tower(member, chunks_ahead=ahead) for member in members]
         yield from (layout for tower in towers for layout in tower.layouts)
         yield from heapq.merge(*(self._simulated(tower) for tower in towers), key=_begin)
 
@@ -316,10 +318,10 @@ def simulated(scenario: Scenario) -> Source:
     )
 
 
-def simulated_tower(scenario: Scenario) -> SimulatedTower:
+def simulated_tower(scenario: Scenario, *, chunks_ahead: int = CHUNKS_AHEAD) -> SimulatedTower:
     """Return the turbine that a scenario simulates, its random numbers from the scenario's seed."""
     settings = replace(scenario.simulation, seed=scenario.seed)
-    return SimulatedTower(scenario.structure, scenario.layout, settings)
+    return SimulatedTower(scenario.structure, scenario.layout, settings, chunks_ahead=chunks_ahead)
 
 
 def record_simulation(

@@ -52,8 +52,8 @@ class SimulatedTower:
     (never the updater's reduced basis), integrated exactly at 120 Hz or a little more, filtered
     and decimated. The blades keep the description's elements. Noise is a share of the rms that
     linear theory gives each channel at the beginning, not of the record's: it does not depend on
-    the seed. The same settings give the same samples whatever the block size; memory is flat in
-    the duration.
+    the seed. The same settings give the same samples whatever the block size and `chunks_ahead`,
+    the minutes of each load that are drawn ahead; memory is flat in the duration.
     """
 
     def __init__(
@@ -61,8 +61,11 @@ class SimulatedTower:
         description: TurbineDescription,
         layout: SensorLayout,
         settings: SimulationSettings | None = None,
+        *,
+        chunks_ahead: int = CHUNKS_AHEAD,
     ) -> None:
         self.layout = layout
+        self._chunks_ahead = chunks_ahead
         self.settings = settings = settings or SimulationSettings()
         self.layouts = unit_layouts(layout, settings.units)  # of each acquisition unit
         self._springs = true_springs(description, settings.stiffness_ratios)
@@ -212,7 +215,7 @@ class SimulatedTower:
             series = []
             for load in self._loads:
                 own = islice(load.series(self.settings.seed, chunk), n_chunks)
-                series.append(threads.enter_context(closing(prefetch(own, CHUNKS_AHEAD))))
+                series.append(threads.enter_context(closing(prefetch(own, self._chunks_ahead))))
             for parts in zip(*series, strict=True):
                 yield np.concatenate(parts, axis=1)
 
