@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import FoundationPosterior
+from pipeline.offline.identify_file import identify_file
 from pipeline.recording.reader import read_messages
 
 pw = pytest.importorskip("pilewatch", reason="the project is not installed")
@@ -71,6 +72,22 @@ def test_an_exact_structure_is_a_choice_that_is_written_down(
 def test_a_structure_is_never_assumed(modes: "pw.Modes") -> None:
     with pytest.raises(pw.InputError, match="which structure is it"):
         pw.update(modes)
+
+
+def test_a_file_gives_the_modes_and_warnings_that_the_command_gives(tmp_path: Path) -> None:
+    noise = np.random.default_rng(5).standard_normal((3000, 2))
+    times = np.arange(3000) / 20.0
+    times[1500:] += 7.0  # seconds that the logger lost
+    file = tmp_path / "gap.csv"
+    rows = np.column_stack([times, noise])
+    np.savetxt(file, rows, delimiter=",", header="t [s],a [m/s²],b [m/s²]", comments="")
+    command, library = identify_file(file), pw.identify(file)
+    assert library.warnings == command.warnings
+    assert [mode.frequency for mode in library.last] == [
+        mode.frequency for each in command.estimates[-1:] for mode in each.modes
+    ]
+    assert pw.read(file).times[-1] == pytest.approx(times[-1])
+    assert pw.read(file).between(70.0, 90.0).samples.shape == (260, 2)
 
 
 def test_frequencies_of_an_array_need_no_names_and_no_places() -> None:
