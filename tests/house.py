@@ -20,7 +20,8 @@ from typing import Any
 
 from pipeline.app import Outputs, build
 from pipeline.nodes.statistics import NodeAccount
-from pipeline.runtime.runner import _dispatch, one_blas_thread, with_end
+from pipeline.runtime.runner import _dispatch, one_blas_thread
+from pipeline.runtime.source_feed import with_end
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock
 from tests.test_layout import imports, longest_chain
