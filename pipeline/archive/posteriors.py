@@ -23,8 +23,7 @@ from pipeline.archive.compact import kept_estimate, restored_estimate
 from pipeline.archive.store import StoredFrame, frames_of, key_of_result, messages_in
 from pipeline.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
-from pipeline.nodes.nacelle_axes import in_nacelle_axes
-from pipeline.nodes.operating_state import OperationSettings, refusal_by_operation
+from pipeline.nodes.operating_state import OperationSettings, in_nacelle_axes, refusal_by_operation
 from pipeline.runtime.runner import one_blas_thread
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.settings import UpdatingSettings

@@ -16,10 +16,10 @@ from pipeline.messages import (
     rejected_estimate,
 )
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
-from pipeline.nodes.nacelle_axes import in_nacelle_axes
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import (
     OperationSettings,
+    in_nacelle_axes,
     refusal_by_operation,
 )
 from pipeline.updating.state import UpdatingState

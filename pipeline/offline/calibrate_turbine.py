@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.messages import HALF_INTERVAL, FoundationEvent, ModalEstimate, UnitOrigin
-from pipeline.nodes.nacelle_axes import in_nacelle_axes
-from pipeline.nodes.operating_state import refusal_by_operation
+from pipeline.nodes.operating_state import in_nacelle_axes, refusal_by_operation
 from pipeline.recording.reader import read_messages
 from pipeline.runtime.runner import one_blas_thread
 from pipeline.scenario import Scenario
