@@ -99,20 +99,32 @@ class OperationLog:
         return before[-1:] + inside
 
 
-def refusal_by_operation(
-    estimate: ModalEstimate, settings: OperationSettings
-) -> WindowRejected | None:
-    """Why an estimate may not speak of the foundation; None: it may."""
+def usable_estimate(
+    estimate: ModalEstimate, settings: OperationSettings, layout: SensorLayout | None
+) -> ModalEstimate | WindowRejected:
+    """The estimate with its shapes along the nacelle's axes, or why it may not speak of the
+    foundation.
+
+    Parameters
+    ----------
+    estimate : ModalEstimate
+    settings : OperationSettings
+    layout : SensorLayout or None
+        Of the sensors, along whose axes the model's shapes are read; None: as the estimate says.
+    """
     state, allowed = estimate.operating_state, settings.allowed_states
     if state and state not in allowed:
         reason = (
             f"the turbine was {state}; only {' and '.join(allowed)} windows update the foundation"
         )
         return rejected_estimate(estimate, "operating-state", reason)
-    for doubt in estimate.warnings:
-        if doubt.code in settings.unusable:
-            return rejected_estimate(estimate, doubt.code, f"{doubt.text}; not used")
-    return None
+    for warning in estimate.warnings:
+        if warning.code in settings.unusable:
+            return rejected_estimate(estimate, warning.code, f"{warning.text}; not used")
+    if estimate.end_ns <= estimate.start_ns:
+        text = "the window ends where it begins: its unit's clock was set"
+        return rejected_estimate(estimate, "no-duration", text)
+    return estimate if layout is None else in_nacelle_axes(estimate, layout)
 
 
 def in_nacelle_axes(estimate: ModalEstimate, layout: SensorLayout) -> ModalEstimate:
