@@ -37,6 +37,7 @@ ROOMS = {
         "pipeline/runtime/snapshots.py",
         "pipeline/runtime/recorded_past.py",
         "pipeline/nodes/by_turbine.py",
+        "pipeline/nodes/units/resuming.py",
     ),
     "state": ("pipeline/state",),
     "accounts": (

@@ -4,7 +4,7 @@ Windows are cut here, not by the node's windowing: a file may have uneven times,
 and one window of any length, where blocks have one rate and windows are the scenario's.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -171,47 +171,50 @@ def identify_table(
         Whose turbine and channels these are.
     """
     quantities = table.quantities or guessed_quantities(table.samples, rate)
-    warnings = _guess(table, quantities) + _unused(unused)
-    tracker = ModeTracker()
-    estimates, rejected = [], []
-    first: IdentifiedWindow | None = None
-    candidates: list[RefusedCandidate] = []
-    checks: dict[str, list[CrossCheck]] = {}
-    for number, at in enumerate(range(0, len(table.samples) - length + 1, length)):
-        window = slice(at, at + length)
-        found = identify(
-            table.samples[window],
-            rate,
-            settings or OmaSettings(),
-            times=None if table.times is None else table.times[window],
-            channel_names=table.names,
-            quantities=quantities,
-            rotor_speed=None if table.rotor_speed is None else table.rotor_speed[window],
-            cross_checked=True,
-        )
-        candidates += [RefusedCandidate(number, each) for each in found.refused]
-        answer = _answer(found, number, *_span(table, rate, at, length), table.names, layout)
-        if isinstance(answer, WindowRejected):
-            tracker.missed()
-            rejected.append(answer)
-            continue
-        first = first or IdentifiedWindow(number, table.samples[window], found)
-        named = tracker.named(answer.modes)
-        for mode, check in zip(named, found.cross_checks, strict=True):
-            if check is not None:
-                checks.setdefault(mode.name, []).append(check)
-        estimates.append(replace(answer, modes=named, warnings=answer.warnings + warnings))
+    found = _Found(_guess(table, quantities) + _unused(unused))
+    for window in _windows(table, rate, length, settings or OmaSettings(), quantities):
+        found.take(window, _answer(window, table, rate, layout))
     return FileIdentification(
-        tuple(estimates),
-        tuple(rejected),
+        tuple(found.estimates),
+        tuple(found.rejected),
         rate,
         len(table.samples) / rate,
         table.names,
         table.start_ns,
-        first,
-        tuple(candidates),
-        {name: combined_checks(each) for name, each in checks.items()},
+        found.first,
+        tuple(found.candidates),
+        {name: combined_checks(each) for name, each in found.checks.items()},
     )
+
+
+@dataclass(slots=True)
+class _Found:
+    """What the windows so far gave."""
+
+    warnings: tuple[QualityWarning, ...]
+    """Of the whole file."""
+    tracker: ModeTracker = field(default_factory=ModeTracker)
+    estimates: list[ModalEstimate] = field(default_factory=list)
+    rejected: list[WindowRejected] = field(default_factory=list)
+    candidates: list[RefusedCandidate] = field(default_factory=list)
+    checks: dict[str, list[CrossCheck]] = field(default_factory=dict)
+    first: IdentifiedWindow | None = None
+
+    def take(self, window: IdentifiedWindow, answer: ModalEstimate | WindowRejected) -> None:
+        """Add the next window."""
+        found = window.identification
+        self.candidates += [RefusedCandidate(window.number, each) for each in found.refused]
+        if isinstance(answer, WindowRejected):
+            self.tracker.missed()
+            self.rejected.append(answer)
+            return
+        self.first = self.first or window
+        named = self.tracker.named(answer.modes)
+        for mode, check in zip(named, found.cross_checks, strict=True):
+            if check is not None:
+                self.checks.setdefault(mode.name, []).append(check)
+        warnings = answer.warnings + self.warnings
+        self.estimates.append(replace(answer, modes=named, warnings=warnings))
 
 
 def _read(
@@ -270,32 +273,48 @@ def _unused(channels: tuple[UnusedChannel, ...]) -> tuple[QualityWarning, ...]:
     return (QualityWarning("channels-left-out", text),)
 
 
-def _span(table: ChannelTable, rate: float, first: int, length: int) -> tuple[int, int]:
-    """Start and end of the window that begins with a sample [ns since 1970-01-01 UTC]."""
-    seconds = first / rate if table.times is None else float(table.times[first])
-    start_ns = table.start_ns + round(seconds * NANOSECONDS)
-    return start_ns, start_ns + round(length / rate * NANOSECONDS)
+def _windows(
+    table: ChannelTable,
+    rate: float,
+    length: int,
+    settings: OmaSettings,
+    quantities: tuple[Quantity, ...] | None,
+) -> Iterator[IdentifiedWindow]:
+    for number, first in enumerate(range(0, len(table.samples) - length + 1, length)):
+        window = slice(first, first + length)
+        samples = table.samples[window]
+        found = identify(
+            samples,
+            rate,
+            settings,
+            times=None if table.times is None else table.times[window],
+            channel_names=table.names,
+            quantities=quantities,
+            rotor_speed=None if table.rotor_speed is None else table.rotor_speed[window],
+            cross_checked=True,
+        )
+        yield IdentifiedWindow(number, samples, found)
 
 
 def _answer(
-    found: Identification,
-    number: int,
-    start_ns: int,
-    end_ns: int,
-    channels: tuple[str, ...],
-    layout: SensorLayout | None,
+    window: IdentifiedWindow, table: ChannelTable, rate: float, layout: SensorLayout | None
 ) -> ModalEstimate | WindowRejected:
-    turbine = layout.turbine if layout else ""
+    turbine, found = layout.turbine if layout else "", window.identification
+    length = len(window.samples)
+    first = window.number * length
+    seconds = first / rate if table.times is None else float(table.times[first])
+    start_ns = table.start_ns + round(seconds * NANOSECONDS)
+    end_ns = start_ns + round(length / rate * NANOSECONDS)
     if found.rejection is not None:
         why = found.rejection
-        return WindowRejected(turbine, number, start_ns, end_ns, why.code, why.text)
+        return WindowRejected(turbine, window.number, start_ns, end_ns, why.code, why.text)
     return ModalEstimate(
         turbine=turbine,
-        window=number,
+        window=window.number,
         start_ns=start_ns,
         end_ns=end_ns,
         layout_id=layout.layout_id if layout else "",
-        channels=channels,
+        channels=table.names,
         modes=found.modes,
         warnings=found.warnings,
     )
