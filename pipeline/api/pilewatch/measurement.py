@@ -272,7 +272,7 @@ def measurement_of(
     if isinstance(samples, str | os.PathLike):
         return read(samples, sampling_rate=sampling_rate)
     values = _array(samples)
-    stamps = _stamps_of_index(samples)
+    start_ns, stamps = _clock_of_index(samples)
     stated = (
         rate_of_stamps(stamps) if sampling_rate is None and stamps is not None else sampling_rate
     )
@@ -287,7 +287,7 @@ def measurement_of(
     units = ("",) * len(names)
     if layout is not None:
         units = tuple(channel.unit for channel in layout.channels)
-    return Measurement(values, rate, names, units, layout=layout, stamps=stamps)
+    return Measurement(values, rate, names, units, start_ns, layout, stamps=stamps)
 
 
 def _array(samples: ArrayLike) -> FloatArray:
@@ -311,12 +311,17 @@ def _array(samples: ArrayLike) -> FloatArray:
     return values
 
 
-def _stamps_of_index(samples: object) -> FloatArray | None:
-    """Seconds since the first row of a table that is indexed by time stamps; None of others."""
-    stamps = np.asarray(getattr(samples, "index", ()) if hasattr(samples, "index") else ())
-    if stamps.dtype.kind not in "mM" or len(stamps) < 2:
-        return None
-    return np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s"))
+def _clock_of_index(samples: object) -> tuple[int, FloatArray | None]:
+    """First sample [ns since 1970-01-01 UTC] and seconds since it, of a table that is indexed by
+    time stamps (without a zone: UTC) or by durations; 0 and None of others."""
+    index: Any = samples.index if hasattr(samples, "index") else ()
+    if getattr(index, "tz", None) is not None:
+        index = index.tz_convert(None)
+    stamps = np.asarray(() if callable(index) else index)
+    if stamps.ndim != 1 or len(stamps) < 2 or stamps.dtype.kind not in "mM":
+        return 0, None
+    start = stamps[0].astype("datetime64[ns]").astype(int) if stamps.dtype.kind == "M" else 0
+    return int(start), np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s"))
 
 
 def positive(name: str, value: object, unit: str) -> float:

@@ -136,6 +136,18 @@ def test_a_tables_columns_and_time_stamps_are_names_and_rate() -> None:
     noise = np.random.default_rng(3).standard_normal((6000, 2))
     found = pw.identify(pandas.DataFrame(noise, index=stamps, columns=["low", "high"]))
     assert found.channels == ("low", "high")
+    (answer,) = (*found.estimates, *found.rejected)
+    assert answer.start_ns == stamps[0].value
+
+
+def test_a_tables_missing_rows_are_a_gap_whatever_its_time_zone() -> None:
+    pandas = pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
+    stamps = pandas.date_range("2024-01-01", periods=6000, freq="50ms", tz="Europe/Berlin")
+    noise = np.random.default_rng(3).standard_normal((6000, 2))
+    whole = pandas.DataFrame(noise, index=stamps, columns=["low", "high"])
+    found = pw.identify(pandas.concat([whole[:2000], whole[4000:]]))
+    assert [each.code for each in found.rejected] == ["gap"]
+    assert found.rejected[0].start_ns == stamps[0].value
 
 
 def test_a_file_is_identified_without_its_columns_of_wind_and_power(tmp_path: Path) -> None:
