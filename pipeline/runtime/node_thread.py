@@ -85,7 +85,7 @@ def serve(
     subscription = bus.subscribe(node.inputs, inbox)
     beat = Heartbeat(clock)
 
-    def say(state: str) -> None:
+    def publish_status(state: str) -> None:
         bus.publish(
             account.status(
                 state,
@@ -95,9 +95,9 @@ def serve(
                 refusal=inbox.refusal,
             )
         )
-        beat.said(account)
+        beat.reported(account)
 
-    say("ready")
+    publish_status("ready")
     asked: float | None = None  # when it was asked to stop [s]
     try:
         while True:
@@ -106,7 +106,7 @@ def serve(
                 for answer in account.handle(message, inbox.payload):
                     bus.publish(answer)
             if beat.due(account, idle=message is None):
-                say("running")
+                publish_status("running")
             if not stopping.is_set():
                 continue
             asked = monotonic() if asked is None else asked
@@ -117,7 +117,7 @@ def serve(
                 break
     finally:
         node.close()
-        say("stopped")
+        publish_status("stopped")
         subscription.close()
 
 
@@ -126,23 +126,23 @@ class Heartbeat:
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
-        self._said_ns = 0
-        self._said_messages = -1
-        self._said_sequence = -1
+        self._reported_ns = 0
+        self._reported_messages = -1
+        self._reported_sequence = -1
 
-    def said(self, account: NodeAccount) -> None:
+    def reported(self, account: NodeAccount) -> None:
         """Remember what the last status reported."""
-        self._said_ns = self._clock()
-        self._said_messages = account.handled
-        self._said_sequence = account.last_sequence
+        self._reported_ns = self._clock()
+        self._reported_messages = account.handled
+        self._reported_sequence = account.last_sequence
 
     def due(self, account: NodeAccount, *, idle: bool) -> bool:
         """Whether it is time for the next status."""
-        if self._clock() - self._said_ns > STATUS_PERIOD * 1e9:
+        if self._clock() - self._reported_ns > STATUS_PERIOD * 1e9:
             return True
         if idle:
-            return account.handled != self._said_messages
-        return account.last_sequence - self._said_sequence >= STATUS_BLOCKS
+            return account.handled != self._reported_messages
+        return account.last_sequence - self._reported_sequence >= STATUS_BLOCKS
 
 
 @contextmanager
