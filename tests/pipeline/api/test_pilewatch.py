@@ -42,7 +42,9 @@ def test_an_array_and_a_turbine_give_a_posterior_in_four_lines(
     posterior: "pw.Posterior",
 ) -> None:
     assert posterior.draws.shape[1] == 3
-    np.testing.assert_allclose(np.median(posterior.ratios, axis=0), 1.0, atol=0.1)
+    low, high = np.quantile(posterior.ratios, [0.05, 0.95], axis=0)
+    assert np.all((low < 1) & (high > 1))
+    assert np.all(high - low < 1)  # two minutes of an uncertain structure tell little, yet something
     assert "× nominal" in repr(posterior)
 
 
