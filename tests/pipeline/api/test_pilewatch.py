@@ -44,7 +44,7 @@ def test_an_array_and_a_turbine_give_a_posterior_in_four_lines(
     assert posterior.draws.shape[1] == 3
     low, high = np.quantile(posterior.ratios, [0.05, 0.95], axis=0)
     assert np.all((low < 1) & (high > 1))
-    assert np.all(high - low < 1)  # two minutes of an uncertain structure tell little, yet something
+    assert np.all(high - low < 1)  # two minutes report little
     assert "× nominal" in repr(posterior)
 
 
