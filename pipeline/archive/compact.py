@@ -15,8 +15,10 @@ together: 55 numbers of 420 for eight channels and 40 blocks.
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.archive.store import StoredFrame, frames_of, messages_in
 from pipeline.messages import Message, ModalEstimate, Mode, without_covariances
@@ -119,8 +121,15 @@ def triangular(factor: FloatArray) -> FloatArray:
     return lower
 
 
+@cache
+def _lower_mask(size: int) -> NDArray[np.bool_]:
+    """(size, size) whether an element is on the diagonal or below: made once, used 40 times a
+    window."""
+    return np.tri(size, dtype=bool)
+
+
 def _lower(matrix: FloatArray) -> bytes:
-    return bytes(matrix[np.tril_indices(len(matrix))].astype("<f4").tobytes())
+    return bytes(matrix[_lower_mask(len(matrix))].astype("<f4").tobytes())
 
 
 @dataclass(slots=True)
@@ -150,7 +159,7 @@ class _Reader:
 
     def _triangle(self, size: int) -> FloatArray:
         matrix = np.zeros((size, size))
-        matrix[np.tril_indices(size)] = self._numbers(size * (size + 1) // 2)
+        matrix[_lower_mask(size)] = self._numbers(size * (size + 1) // 2)
         return matrix
 
     def _numbers(self, count: int) -> FloatArray:
