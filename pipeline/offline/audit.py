@@ -39,7 +39,8 @@ class Audit:
         """The result in one line."""
         found = len(self.violations)
         verdict = "the books balance" if not found else f"{found} violations"
-        return f"{self.folder}: {verdict}; {self.n_files} files, {self.books.line}"
+        files = f"{self.n_files} file" + "s" * (self.n_files != 1)
+        return f"{self.folder}: {verdict}; {files}, {self.books.line}"
 
     def as_json(self) -> Json:
         """All figures; names are stable."""

@@ -130,7 +130,7 @@ class BlockBook:
         for first, end in missing - self.reported:
             if self.published is None and end > self.recorded.end - REPORTED_WITHIN:
                 continue  # they may still come
-            yield f"{block_numbers(first, end)} are neither recorded nor reported missing"
+            yield f"{block_numbers(first, end)} neither recorded nor reported missing"
         if self.published is None:
             return
         elsewhere = len(self.reported - self.recorded) + len(missing - self.reported)
@@ -156,5 +156,5 @@ class BlockBook:
 
 
 def block_numbers(first: int, end: int) -> str:
-    """Numbers from `first` to one before `end`, in words."""
-    return f"block {first}" if end == first + 1 else f"blocks {first} to {end - 1}"
+    """Return "block 3 is" or "blocks 3 to 5 are"."""
+    return f"block {first} is" if end == first + 1 else f"blocks {first} to {end - 1} are"

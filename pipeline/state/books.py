@@ -10,7 +10,7 @@ by the status and the summary, offline by `pilewatch audit` from the files.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 
 from pipeline.messages import (
@@ -62,6 +62,7 @@ class Books:
         self._boots: dict[tuple[str, str, str], BootCounter] = {}
         self._turbines: dict[str, TurbineBook] = {}
         self._refused: dict[tuple[str, str], Counter[str]] = {}  # turbine, node → blocks by code
+        self._late: dict[tuple[str, str], int] = {}  # turbine, node → blocks that it had given up
 
     def handle(self, message: Message) -> None:
         """Enter one message."""
@@ -83,7 +84,9 @@ class Books:
                     self._note_updating()
                 codes = Counter({each.message: each.count for each in message.refused})
                 self._refused[message.turbine, message.node] = codes
+                self._late[message.turbine, message.node] = message.late
                 forget_oldest(self._refused)
+                forget_oldest(self._late)
 
     def _note_updating(self) -> None:
         self._is_updating = self._updates is not False
@@ -135,17 +138,17 @@ class Books:
         return [text for turbine in turbines for text in self._violations_of(turbine)]
 
     def _violations_of(self, turbine: str) -> Iterator[str]:
-        refused = self._refused_blocks(turbine)
+        unread = self._unread_blocks(turbine)
         for (of, unit, session, boot), blocks in self._blocks.items():
             if of != turbine or not blocks.recorded:
                 continue
             place = f"unit {unit} of {turbine}, session {session}, boot {boot}"
             yield from (f"{place}: {text}" for text in blocks.violations())
             for first, end, there in blocks.refuted:
-                if there > refused:
+                if there > unread:
                     numbers = block_numbers(first, end)
-                    yield f"{place}: {numbers} are reported missing and recorded"
-                refused = max(0, refused - there)
+                    yield f"{place}: {numbers} reported missing and recorded"
+                unread = max(0, unread - there)
         book = self._turbines.get(turbine)
         if book is None:
             return
@@ -154,13 +157,23 @@ class Books:
             estimates = "estimate is" if book.forgotten == 1 else "estimates are"
             yield f"{turbine}: {book.forgotten} {estimates} neither in the posterior nor refused"
 
-    def _refused_blocks(self, turbine: str) -> int:
-        """Blocks that the identification refused: it misses them although they are recorded."""
-        return sum(
-            codes.total()
-            for (of, node), codes in self._refused.items()
-            if of == turbine and node.partition("-")[0] != UPDATING
-        )
+    def _unread_blocks(self, turbine: str) -> int:
+        """Blocks that the identification misses although they are recorded.
+
+        It refused them, or they came too late: a late block may get here before the report that
+        it is missing, since another node sends that.
+        """
+
+        def total(counts: Iterable[tuple[tuple[str, str], int]]) -> int:
+            return sum(
+                count
+                for (of, node), count in counts
+                if of == turbine and node.partition("-")[0] != UPDATING
+            )
+
+        refused = total((node, codes.total()) for node, codes in self._refused.items())
+        seen_late = sum(len(book.late) for key, book in self._blocks.items() if key[0] == turbine)
+        return refused + max(0, total(self._late.items()) - seen_late)
 
     def alarms(self, without_posterior: int = WITHOUT_POSTERIOR) -> list[BooksAlarm]:
         """What a person must look into now.
@@ -212,8 +225,9 @@ class Books:
         """The books in one line."""
         blocks = [book for book in self._blocks.values() if book.recorded]
         books = self._turbines.values()
+        boots = f"{len(blocks)} boot" + "s" * (len(blocks) != 1)
         return (
-            f"{sum(len(each.recorded) for each in blocks)} blocks of {len(blocks)} boots recorded, "
+            f"{sum(len(each.recorded) for each in blocks)} blocks of {boots} recorded, "
             f"{sum(each.lost for each in blocks)} lost; "
             f"{sum(each.identified for each in books)} windows identified, "
             f"{sum(each.rejected.total() for each in books)} rejected; "

@@ -15,7 +15,7 @@ from sensors.arrays import FloatArray, IndexArray
 from sensors.dynamics.figure_model import Linearisation
 
 STUDENT_DEGREES = 4.0  # ν of Student's t, of each mode's frequency and each shape
-ARRAYS_REMEMBERED = 8  # evidences whose arrays are remembered: a fit compares one or two hundreds of times
+ARRAYS_REMEMBERED = 8  # of evidences: a fit compares one or two, hundreds of times
 
 
 @dataclass(frozen=True, slots=True, eq=False)

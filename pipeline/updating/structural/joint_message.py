@@ -15,7 +15,12 @@ from pipeline.messages import (
     StructureAlternative,
 )
 from pipeline.updating.acceptance import AcceptanceSettings, reduced_chi_square
-from pipeline.updating.diagnostics import contraction, mode_information, unidentified_doubts
+from pipeline.updating.diagnostics import (
+    contraction,
+    mode_information,
+    unidentified_doubts,
+    what_differs,
+)
 from pipeline.updating.likelihood.pairing import macs
 from pipeline.updating.posterior_message import (
     largest_component_one,
@@ -143,8 +148,8 @@ def _misfits(pairs: tuple[ModePair, ...], found: JointRefresh) -> tuple[QualityW
         QualityWarning(
             "mode-misfit",
             f"mode {pair.identified or '?'} at {pair.frequency:.4g} Hz, taken for the model's "
-            f"{pair.model}, is not what the other modes predict (frequency "
-            f"{pair.misfit:+.1f} standard deviations off): it counts little",
+            f"{pair.model}, is not what the other modes predict ({what_differs(pair)}): it "
+            "counts little",
         )
         for pair, p in zip(pairs, found.checks.p_values, strict=True)
         if p < UNPREDICTED
