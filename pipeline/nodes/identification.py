@@ -12,17 +12,33 @@ from pipeline.messages import (
     StreamEnd,
     WindowRejected,
 )
-from pipeline.nodes.block_admission import DEFAULT_LIMITS, BlockAdmission, BlockMark, window_refusal
+from pipeline.nodes.block_admission import (
+    DEFAULT_LIMITS,
+    NO_LAYOUT,
+    Admission,
+    BlockAdmission,
+    BlockMark,
+    Refusal,
+    window_refusal,
+)
 from pipeline.nodes.by_turbine import LimitedMembers, NodeByTurbine, SnapshotStore, too_many
 from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog, rejected_estimate
-from pipeline.nodes.unit_streams import Boot, JoinedSession, UnitSession
+from pipeline.nodes.unit_streams import (
+    SILENT,
+    Boot,
+    JoinedSession,
+    OpeningBlock,
+    OpeningBlocks,
+    UnitSession,
+)
 from pipeline.nodes.window_identification import CpuClock, CpuLimit
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER
+from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
@@ -31,7 +47,6 @@ OVERTAKING = 10  # messages by which a block may have come before one that lies 
 LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
 MARKS = 10_000  # of a unit's latest blocks: where a restart reads on
 SAID_AGAIN = 2  # answers that may not have reached a recording before a kill
-OPENING_BLOCKS = 64  # that came before all layouts and are kept for what begins with them
 
 IdentifiedSession = UnitSession | JoinedSession
 WindowAnswer = ModalEstimate | WindowRejected
@@ -46,6 +61,7 @@ class _Unit:
         self.layouts: dict[str, SensorLayout] = {}  # by their ids, the latest last
         self.ends: dict[str, StreamEnd] = {}  # by session: announced, blocks still missing
         self.marks: deque[BlockMark] = deque(maxlen=MARKS)  # of the present boot
+        self.beginning = Beginning()  # where the present boot was expected to begin
 
     @property
     def layout(self) -> SensorLayout | None:
@@ -101,8 +117,7 @@ class TurbineIdentification:
         self._channels = ChannelSwapMonitor()
         self._of_the_past = NodeStatistics()  # of sessions and units that are gone
         self._answers: tuple[WindowAnswer, ...] = ()  # the latest
-        # blocks, boots and expected first samples of sessions of one unit, in no answered window
-        self._opening = deque[tuple[AccelerationBlock, Boot, int]](maxlen=OPENING_BLOCKS)
+        self._opening = OpeningBlocks()
         self._resumable: _Resumable | None = None  # session of an identification that has ended
 
     def handle(self, message: Message) -> Iterator[Message]:
@@ -114,8 +129,7 @@ class TurbineIdentification:
                 self._keep(said)
 
     def _keep(self, answer: WindowAnswer) -> None:
-        if isinstance(answer, ModalEstimate):
-            self._opening.clear()
+        self._opening.answered()
         answers = (*self._answers, answer)[-DIES_AFTER - 1 :]
         before, latest = answers[:-SAID_AGAIN], answers[-SAID_AGAIN:]
         self._answers = (*map(_without_covariances, before), *latest)
@@ -174,7 +188,7 @@ class TurbineIdentification:
             del unit.ends[oldest]
         admission = unit.admission.note_end(end.session)
         if admission.blocks:
-            yield from self._taken(unit, admission.blocks, starts=admission.starts)
+            yield from self._taken(unit, admission)
         yield from self._finish_if_complete()
 
     def _admitted(self, unit: _Unit, block: AccelerationBlock) -> Iterator[Message]:
@@ -183,16 +197,15 @@ class TurbineIdentification:
             unit.admission.refuse(too_much)
             return
         refusal = None if self._session is None else self._session.refusal(block)
-        admission = unit.admission.admit(block, refusal)
-        yield from self._taken(unit, admission.blocks, starts=admission.starts)
+        yield from self._taken(unit, unit.admission.admit(block, refusal))
 
-    def _taken(
-        self, unit: _Unit, blocks: tuple[AccelerationBlock, ...], *, starts: bool
-    ) -> Iterator[Message]:
-        if starts:
+    def _taken(self, unit: _Unit, admission: Admission) -> Iterator[Message]:
+        if admission.begins is not None:
+            unit.beginning = admission.begins
             unit.monitor.restart()
             unit.marks.clear()
             self.revision += 1
+        blocks = admission.blocks
         if blocks and self._session is not None and self._session.refusal(blocks[0]) is not None:
             yield from self._end_session()
         for block in blocks:
@@ -202,21 +215,22 @@ class TurbineIdentification:
 
     def _take(self, unit: _Unit, block: AccelerationBlock) -> Iterator[Message]:
         boot = unit.boot
+        begins = not unit.marks or unit.marks[0] == BlockMark.of(block)
+        beginning = unit.beginning if begins else Beginning(block.first_sample, block.sequence)
+        opening = OpeningBlock(block, boot, beginning)
         if self._session is None or not self._session.goes_on_with(block, boot):
-            if self._session is not None:
-                yield from self._end_session()
-            self._session = self._begun(unit, block)
-            if isinstance(self._session, JoinedSession):
-                yield from self._opened(self._session)
+            if self._waits(block):
+                self._refuse_dropped(self._opening.wait(opening))
+                return
+            yield from self._changed(unit, opening)
+        assert self._session is not None
         misfit = self._session.misfit(block)
         if misfit is not None:
             unit.admission.refuse(misfit)
             return
-        begins = not unit.marks or unit.marks[0] == BlockMark.of(block)
-        first = 0 if begins else block.first_sample
         if isinstance(self._session, UnitSession):
-            self._opening.append((block, boot, first))
-        yield from self._session.push(block, boot, first)
+            self._refuse_dropped(self._opening.use(opening))
+        yield from self._session.push(block, boot, beginning)
         if self._session.has_lost_time:
             unused = self._session.release()
             yield from self._end_session()
@@ -225,18 +239,44 @@ class TurbineIdentification:
             return
         yield from self._finish_if_complete()
 
-    def _opened(self, session: JoinedSession) -> Iterator[Message]:
-        """Begin with the blocks that came before the layouts of all units were known: these travel
-        on keys of their own, and windows must not depend on which came first."""
-        opening = list(self._opening)
-        self._opening.clear()
-        for block, boot, first in opening:
-            known = self._units.get(block.unit)
-            if known is not None and known.boot == boot and session.misfit(block) is None:
-                yield from session.push(block, boot, first)
+    def _waits(self, block: AccelerationBlock) -> bool:
+        """Whether a block of another unit must wait: the layouts that join it with the unit that is
+        identified travel on keys of their own and may come later."""
+        return (
+            isinstance(self._session, UnitSession)
+            and block.unit not in self._session.newest
+            and len(self._layouts_to_join(block)) < 2
+            and self._opening.waiting < SILENT
+        )
 
-    def _begun(self, unit: _Unit, block: AccelerationBlock) -> IdentifiedSession:
-        session = self._session_for(unit, block)
+    def _changed(self, unit: _Unit, opening: OpeningBlock) -> Iterator[Message]:
+        """Begin another session, with the blocks that waited for it; where it joins units, with
+        those of the session before too, which then ends without a word."""
+        before, whole = self._session, self._opening.whole
+        waiting = self._opening.taken()
+        own = [each for each in waiting if each.block.unit == opening.block.unit]
+        of_boot = [each for each in own if each.boot == opening.boot]
+        self._session = self._begun(unit, (*of_boot, opening)[0])
+        joins = isinstance(self._session, JoinedSession) and isinstance(before, UnitSession)
+        if before is not None and not (joins and whole):
+            yield from self._finished(before)
+        for each in waiting:
+            known = self._units.get(each.block.unit)
+            fits = self._session.goes_on_with(each.block, each.boot)
+            if fits and known is not None and known.boot == each.boot:
+                if self._session.misfit(each.block) is None:
+                    yield from self._session.push(each.block, each.boot, each.beginning)
+            elif not each.used:
+                self._refuse_dropped(each)
+
+    def _refuse_dropped(self, dropped: OpeningBlock | None) -> None:
+        """Count a block that waited for layouts that did not come."""
+        if dropped is not None and dropped.block.unit in self._units:
+            text = "its layout, which would join it with the turbine's other unit, is not known"
+            self._units[dropped.block.unit].admission.refuse(Refusal(NO_LAYOUT, text))
+
+    def _begun(self, unit: _Unit, opening: OpeningBlock) -> IdentifiedSession:
+        session, block = self._session_for(opening), opening.block
         resumable, self._resumable = self._resumable, None
         if resumable is None or resumable.boots.get(block.unit) != unit.boot:
             return session
@@ -249,14 +289,25 @@ class TurbineIdentification:
             self.recall(answer)
         return session
 
-    def _session_for(self, unit: _Unit, block: AccelerationBlock) -> IdentifiedSession:
-        latest = {name: each.layout for name, each in self._units.items()}
+    def _layouts_to_join(self, block: AccelerationBlock) -> list[SensorLayout]:
+        """The latest layout of every unit, by their names; none where the block's is not known."""
+        latest = {name: unit.layout for name, unit in self._units.items()}
         layouts = {name: layout for name, layout in latest.items() if layout is not None}
-        if len(layouts) > 1 and block.unit in layouts:
-            joined = [layouts[name] for name in sorted(layouts)]
-            return JoinedSession(joined, self._settings, self._cpu, self._log.rotor_speed)
+        return [layouts[name] for name in sorted(layouts)] if block.unit in layouts else []
+
+    def _session_for(self, opening: OpeningBlock) -> IdentifiedSession:
+        speed = self._log.rotor_speed
+        layouts = self._layouts_to_join(opening.block)
+        if len(layouts) > 1:
+            return JoinedSession(layouts, self._settings, self._cpu, speed)
         return UnitSession(
-            block, unit.boot, self._settings, self._layouts, self._cpu, self._log.rotor_speed
+            opening.block,
+            opening.boot,
+            opening.beginning,
+            self._settings,
+            self._layouts,
+            self._cpu,
+            speed,
         )
 
     def _finish_if_complete(self) -> Iterator[Message]:
@@ -275,9 +326,16 @@ class TurbineIdentification:
             yield from self._end_session()
 
     def _end_session(self) -> Iterator[Message]:
-        """What a session still has to say; its blocks stay counted."""
+        """What the session still has to say; blocks that waited for another one are refused."""
         session, self._session = self._session, None
         assert session is not None
+        for each in self._opening.taken():
+            if not each.used:
+                self._refuse_dropped(each)
+        yield from self._finished(session)
+
+    def _finished(self, session: IdentifiedSession) -> Iterator[Message]:
+        """What a session still has to say; its blocks stay counted."""
         yield from session.finish()
         counts = NodeStatistics(late=session.late, duplicate=session.duplicate)
         self._of_the_past = self._of_the_past + counts
@@ -406,7 +464,7 @@ class TurbineIdentification:
                 {name: Boot(session, number) for name, (session, number) in state["boots"].items()},
                 joined=bool(state["joined"]),
                 session=state["session"],
-                needed={name: mark.first_sample for name, mark in marks.items()},
+                needed={n: Beginning(m.first_sample, m.sequence) for n, m in marks.items()},
             )
             for name, mark in marks.items():
                 self._unit(name).admission.begin_after(mark)
@@ -422,7 +480,7 @@ class _Resumable:
     boots: dict[str, Boot]
     joined: bool
     session: dict[str, object]
-    needed: dict[str, int]
+    needed: dict[str, Beginning]
 
 
 class IdentificationNode(NodeByTurbine[TurbineIdentification]):

@@ -6,7 +6,7 @@ several       blocks ─► BlockOrder of each ─► UnitJoiner ───► Wi
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pipeline.messages import Message, ModalEstimate, UnitOrigin, WindowRejected
@@ -20,11 +20,12 @@ from pipeline.nodes.window_identification import (
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.unit_clock import ClockStep, clock_step, stamp_of
-from pipeline.oma.windows.windowing import BlockOrder, MissingSamples, Window
+from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
 LARGEST_LEAD = 3600.0  # by which a unit that starts may be ahead of the others [s]
+MOST_OPENING = 64  # blocks that came before all layouts and are kept for what begins with them
 SILENT = 20  # blocks of each of the other units after which a unit has nothing to say
 
 OrderedPiece = AccelerationBlock | MissingSamples
@@ -39,13 +40,67 @@ class Boot:
     """Starts under that session's name before it."""
 
 
+@dataclass(frozen=True, slots=True)
+class OpeningBlock:
+    """A block that a session may begin with."""
+
+    block: AccelerationBlock
+    boot: Boot
+    beginning: Beginning
+    """Where its unit is expected to begin if it is the first."""
+    used: bool = False
+    """Whether the session of one unit has it."""
+
+
+class OpeningBlocks:
+    """Blocks in no answered window that came while not all units' layouts were known: those of the
+    one unit that is identified, and those of others, which wait."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[OpeningBlock] = deque()
+        self.whole = True
+        """Whether every block is there that the session of one unit has in no answered window."""
+        self.waiting = 0
+        """Blocks of other units on end."""
+
+    def wait(self, block: OpeningBlock) -> OpeningBlock | None:
+        """Keep another unit's block; return one that has waited too long."""
+        self.waiting += 1
+        return self._kept(block)
+
+    def use(self, block: OpeningBlock) -> OpeningBlock | None:
+        """Keep a block that the session takes; return one that has waited too long."""
+        self.waiting = 0
+        return self._kept(replace(block, used=True))
+
+    def answered(self) -> None:
+        """Let go of blocks of windows that are answered."""
+        self._blocks = deque(each for each in self._blocks if not each.used)
+        self.whole = True
+
+    def taken(self) -> list[OpeningBlock]:
+        """Give all blocks away, in the order of their arrival."""
+        taken, self._blocks = list(self._blocks), deque()
+        self.whole, self.waiting = True, 0
+        return taken
+
+    def _kept(self, block: OpeningBlock) -> OpeningBlock | None:
+        self._blocks.append(block)
+        if len(self._blocks) <= MOST_OPENING:
+            return None
+        dropped = self._blocks.popleft()
+        self.whole = self.whole and not dropped.used
+        return None if dropped.used else dropped
+
+
 class UnitSession:
-    """One boot of a turbine's only unit."""
+    """One boot of a turbine's only unit; its windows begin where the boot is expected to begin."""
 
     def __init__(
         self,
         first: AccelerationBlock,
         boot: Boot,
+        beginning: Beginning,
         settings: OmaSettings,
         layouts: dict[str, SensorLayout],
         limit: CpuLimit | None = None,
@@ -53,7 +108,8 @@ class UnitSession:
     ):
         self._unit, self._boot = first.unit, boot
         self._settings = settings
-        self._order = BlockOrder(settings.lateness)
+        self._order = BlockOrder(settings.lateness, beginning)
+        self._origin = beginning.first_sample  # of the windows
         self._windows = WindowIdentification(
             first.turbine,
             first.unit,
@@ -84,11 +140,8 @@ class UnitSession:
         """Why a block is of no use, however many like it come; the only unit's never is."""
         return None
 
-    def push(self, block: AccelerationBlock, _: Boot, first: int) -> Iterator[Message]:
-        """Take a block of this boot; `first` is the sample that its unit is expected to begin
-        with."""
-        if self._newest is None and first:
-            self._order.expect(first)
+    def push(self, block: AccelerationBlock, _: Boot, __: Beginning) -> Iterator[Message]:
+        """Take a block of this boot."""
         if self._newest is None or block.first_sample >= self._newest.first_sample:
             self._newest = block
         yield from self._answers(self._order.push(block))
@@ -114,25 +167,28 @@ class UnitSession:
     def needed(self) -> dict[str, int]:
         """First sample of each unit that is not in an answered window."""
         hop = self._settings.hop * self._rate
-        return {self._unit: round(self._windows.next_index * hop)}
+        return {self._unit: self._origin + round(self._windows.next_index * hop)}
 
     def state(self) -> dict[str, Any]:
         """What a restart needs beside the samples, as JSON can say it."""
-        return {"window": self._windows.next_index}
+        return {"window": self._windows.next_index, "origin": self._origin}
 
-    def resume(self, state: Mapping[str, Any], needed: Mapping[str, int]) -> None:
+    def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
         """Go on with the first window that is not answered."""
         self._order = BlockOrder(self._settings.lateness, needed[self._unit])
+        self._origin = int(state.get("origin", 0))
         self._windows.begin_at(int(state["window"]))
 
     def _origins(self, window: Window) -> tuple[UnitOrigin, ...]:
-        boot = self._boot
-        return (UnitOrigin(self._unit, boot.session, boot.number, window.first_sample),)
+        boot, first = self._boot, self._origin + window.first_sample
+        return (UnitOrigin(self._unit, boot.session, boot.number, first),)
 
     def _answers(self, pieces: Iterable[OrderedPiece]) -> Iterator[Message]:
         for piece in pieces:
             if isinstance(piece, MissingSamples):
                 yield self._windows.gap(piece, self._unit, self._boot.session)
+            if self._origin:
+                piece = replace(piece, first_sample=piece.first_sample - self._origin)
             yield from self._windows.push(piece)
 
     @property
@@ -207,13 +263,12 @@ class JoinedSession:
             return None
         return Refusal(LAYOUT, f"{own} channels where its unit's layout names {named}")
 
-    def push(self, block: AccelerationBlock, boot: Boot, first: int) -> Iterator[Message]:
-        """Take a block of which `misfit` says nothing; `first` is the sample that its unit is
-        expected to begin with."""
+    def push(self, block: AccelerationBlock, boot: Boot, beginning: Beginning) -> Iterator[Message]:
+        """Take a block of which `misfit` says nothing; its unit is expected to begin there."""
         self._n_pushed += 1
         self._heard[block.unit] = self._n_pushed
         if self._boots.get(block.unit) != boot:
-            yield from self._restarted(block, boot, first)
+            yield from self._restarted(block, boot, beginning)
         used = self._agrees(block)
         before = self._newest.get(block.unit)
         if before is None or block.first_sample >= before.first_sample:
@@ -265,10 +320,10 @@ class JoinedSession:
         grid = self._joiner.grid
         return {"window": self._windows.next_index, "grid": None if grid is None else list(grid)}
 
-    def resume(self, state: Mapping[str, Any], needed: Mapping[str, int]) -> None:
+    def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
         """Go on with the first window that is not answered, on the same clock."""
-        for unit, first in needed.items():
-            self._orders[unit] = BlockOrder(self._settings.lateness, first)
+        for unit, beginning in needed.items():
+            self._orders[unit] = BlockOrder(self._settings.lateness, beginning)
         if state["grid"] is None:
             return
         origin_ns, rate, session = state["grid"]
@@ -305,17 +360,20 @@ class JoinedSession:
             return False
         self._out.discard(block.unit)
         self._joiner.restart(block.unit)
-        self._orders[block.unit] = BlockOrder(self._settings.lateness, block.first_sample)
+        beginning = Beginning(block.first_sample, block.sequence)
+        self._orders[block.unit] = BlockOrder(self._settings.lateness, beginning)
         return True
 
-    def _restarted(self, block: AccelerationBlock, boot: Boot, first: int) -> Iterator[Message]:
+    def _restarted(
+        self, block: AccelerationBlock, boot: Boot, beginning: Beginning
+    ) -> Iterator[Message]:
         """What still waits of the unit's boot before this block's."""
         order = self._orders.get(block.unit)
         known = self._boots.get(block.unit)
         self._boots[block.unit] = boot
         self._newest.pop(block.unit, None)
         self._out.discard(block.unit)
-        self._orders[block.unit] = BlockOrder(self._settings.lateness, first)
+        self._orders[block.unit] = BlockOrder(self._settings.lateness, beginning)
         if order is None or known is None:
             return
         pieces = list(order.flush())

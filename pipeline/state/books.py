@@ -242,12 +242,12 @@ class Books:
             case AccelerationBlock():
                 self._block(message)
             case StreamGap():
-                book = self._latest(message.turbine, message.unit, message.session)
-                book.reported.add(message.first_sequence, message.first_sequence + message.n_blocks)
+                end = message.first_sequence + message.n_blocks
+                book = self._book_at(_session(message), end, message.end_ns)
+                book.reported.add(message.first_sequence, end)
             case StreamEnd():
-                self._latest(
-                    message.turbine, message.unit, message.session
-                ).published = message.n_blocks
+                book = self._book_at(_session(message), message.n_blocks, message.time_ns)
+                book.published = message.n_blocks
             case ModalEstimate():
                 self._estimate(self._turbine(message.turbine), message)
             case WindowRejected():
@@ -266,7 +266,7 @@ class Books:
         self._is_updating = self._updates is not False
 
     def _block(self, block: AccelerationBlock) -> None:
-        session = (block.turbine, block.unit, block.session)
+        session = _session(block)
         counter = self._boots.setdefault(session, BootCounter())
         present = self._blocks.get((*session, counter.boot))
         repeats = present is not None and block.sequence in present.recorded
@@ -286,10 +286,10 @@ class Books:
         elif block.sequence in book.reported:
             book.late.add(block.sequence)
 
-    def _latest(self, turbine: str, unit: str, session: str) -> BlockBook:
-        """The book of the session's present boot."""
-        counter = self._boots.setdefault((turbine, unit, session), BootCounter())
-        return self._blocks.setdefault((turbine, unit, session, counter.boot), BlockBook())
+    def _book_at(self, session: tuple[str, str, str], sequence: int, time_ns: int) -> BlockBook:
+        """The book of the boot whose block of that number begins at that time, else the present."""
+        boot = self._boots.setdefault(session, BootCounter()).boot_at(sequence, time_ns)
+        return self._blocks.setdefault((*session, boot), BlockBook())
 
     def _turbine(self, turbine: str) -> TurbineBook:
         book = self._turbines.setdefault(turbine, TurbineBook())
@@ -508,6 +508,10 @@ def _key(message: ModalEstimate | WindowRejected | FoundationPosterior) -> Windo
     if isinstance(message, FoundationPosterior):
         return ("ends", message.time_ns)
     return ("lies", message.start_ns, message.end_ns)
+
+
+def _session(message: AccelerationBlock | StreamGap | StreamEnd) -> tuple[str, str, str]:
+    return message.turbine, message.unit, message.session
 
 
 def _numbers(first: int, end: int) -> str:
