@@ -109,6 +109,22 @@ def test_a_session_that_runs_gives_what_it_published_before_anybody_asked() -> N
     assert len(json.loads(finished.stdout)["turbines"]) == 3
 
 
+def test_a_farm_waits_no_longer_than_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    class EmptyInbox:
+        def get(self, timeout: float) -> None:
+            asked.append(timeout)
+
+        def put(self, _: object) -> None: ...
+
+    monkeypatch.setattr(sources, "Inbox", EmptyInbox)
+    with pytest.raises(FarmError, match="no posterior came"):
+        RunningFarm(MemoryBus()).posteriors()
+    (patience,) = asked
+    assert 0 < patience <= sources.FIRST_PATIENCE
+
+
 def test_a_session_without_a_posterior_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sources, "FIRST_PATIENCE", 0.05)
     with pytest.raises(FarmError, match=r"no posterior came in 0\.05 s"):
