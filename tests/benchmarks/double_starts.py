@@ -147,8 +147,8 @@ def _run(source: Path, out: Path, log: int) -> int:
         else:
             changes = event in ("os.rename", "os.remove", "os.truncate", "os.mkdir")
         path = arguments[0] if changes else None
-        inside = isinstance(path, str | os.PathLike) and Path(path).is_relative_to(out)
-        if inside and path != out and Path(path).name != LOCK:  # type: ignore[arg-type]
+        place = Path(path) if isinstance(path, str | os.PathLike) else out
+        if place.is_relative_to(out) and place not in (out, out / LOCK):
             os.write(log, f"{time.monotonic()}\n".encode())
 
     window_identification.StreamingIdentifier = DigestIdentifier  # type: ignore[assignment, misc]
