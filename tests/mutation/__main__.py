@@ -83,6 +83,7 @@ def fails(tree: Path, tests: Sequence[str], limit: float = LIMIT) -> bool:
     child = os.fork()
     if child == 0:
         os.setsid()  # what its tests start ends with it
+        signal.alarm(round(limit) + 5)  # and it ends where its parent is killed
         os._exit(_run_in(tree, tests))
     end = time.monotonic() + limit
     while time.monotonic() < end:
