@@ -141,10 +141,16 @@ def answers_of(turbine: str, window: int, rng: np.random.Generator) -> Iterator[
     origins = (UnitOrigin("tower", "s", 0, window * WINDOW * round(RATE)),)
     drawn = drawn_estimate(TRUTH, rng, window=window)
     yield replace(drawn, turbine=turbine, origins=origins, **times)
+    stiffness = DESCRIPTION.nominal * (1 + 0.01 * rng.standard_normal((200, 3)))
     yield replace(
-        POSTERIOR, turbine=turbine, window=window, n_windows=window + 1, time_ns=times["end_ns"],
+        POSTERIOR,
+        turbine=turbine,
+        window=window,
+        n_windows=window + 1,
+        time_ns=times["end_ns"],
         origins=origins,
-    )  # fmt: skip
+        draws=np.column_stack([stiffness, np.full(200, 1e-3)]),
+    )
 
 
 def identification(_: Path) -> Take:
