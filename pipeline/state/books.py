@@ -490,9 +490,11 @@ class Books:
         """The books in one line."""
         blocks = [book for book in self._blocks.values() if book.recorded]
         books = self._turbines.values()
+        refused = sum(self._refused.values(), Counter[str]())
+        not_used = f", {refused.total()} not used ({_counted(refused)})" if refused else ""
         return (
             f"{sum(len(each.recorded) for each in blocks)} blocks of {len(blocks)} boots recorded, "
-            f"{sum(each.lost for each in blocks)} lost; "
+            f"{sum(each.lost for each in blocks)} lost{not_used}; "
             f"{sum(each.identified for each in books)} windows identified, "
             f"{sum(each.rejected.total() for each in books)} rejected; "
             f"{sum(each.in_posterior for each in books)} estimates in the posterior, "

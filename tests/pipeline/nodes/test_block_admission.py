@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from pipeline.nodes.block_admission import (
 )
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.limits import LimitError, LimitSettings
+from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.scenario import scenario_from_text
 from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -367,6 +369,46 @@ def test_of_two_devices_under_one_session_each_block_has_one_fate(seed: int) -> 
     assert sorted(each["recorded"] for each in units) == sorted([len(one), len(other)])
     assert not any(each["repeated"] or each["lost"] for each in units)
     assert {"second-device", "does-not-follow"} & set(books.as_json()["refused"]["identification"])
+    assert "not used (" in books.line
     identified = [each for each in windows if isinstance(each, ModalEstimate)]
     assert len(identified) >= (len(one) - later) // 60 - 2
     assert len({each.origins for each in windows}) == len(windows)
+
+
+@pytest.mark.usefixtures("digests")
+@pytest.mark.parametrize("killed_at", [103, 107, 150, 163, 200])
+def test_a_rate_that_changed_is_gone_on_with_after_a_restart(
+    tmp_path: Path, killed_at: int
+) -> None:
+    heard: list[Message] = [LAYOUT]
+    for block in cut(np.random.default_rng(1).normal(size=(5000, 2)))[:240]:
+        if block.sequence >= 100:
+            first = 2000 + (block.sequence - 100) * 10
+            block = replace(
+                block, sampling_rate=RATE / 2, samples=block.samples[::2], first_sample=first
+            )
+        heard.append(block)
+
+    def fates(restarts: bool) -> dict[object, str]:
+        def node() -> IdentificationNode:
+            store = SnapshotFolder(tmp_path / str(restarts), "identification")
+            return IdentificationNode(SETTINGS, store=store, past=list(recorded))
+
+        recorded: list[Message] = []
+        running = node()
+        for number, each in enumerate(heard):
+            if restarts and number == killed_at:
+                running = node()
+            recorded.append(each)
+            recorded.extend(running.handle(each))
+        windows = [e for e in recorded if isinstance(e, ModalEstimate | WindowRejected)]
+        return {
+            each.origins: f"{each.modes[0].frequency}"
+            if isinstance(each, ModalEstimate)
+            else each.code
+            for each in windows
+        }
+
+    calm = fates(restarts=False)
+    assert [origins[0].first_sample for origins in calm] == [0, 1200, 2000, 2600]
+    assert fates(restarts=True) == calm
