@@ -151,6 +151,19 @@ class WindowRejected:
     origins: tuple[UnitOrigin, ...] = ()  # identity of the window
 
 
+def rejected_estimate(estimate: ModalEstimate, code: str, reason: str) -> WindowRejected:
+    """The window of an estimate that is not used."""
+    return WindowRejected(
+        turbine=estimate.turbine,
+        window=estimate.window,
+        start_ns=estimate.start_ns,
+        end_ns=estimate.end_ns,
+        code=code,
+        reason=reason,
+        origins=estimate.origins,
+    )
+
+
 def same_window(one: ModalEstimate | WindowRejected, other: ModalEstimate | WindowRejected) -> bool:
     """Whether two answers are of one window: by its identity, in older recordings by its start."""
     if one.origins and other.origins:

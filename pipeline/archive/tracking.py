@@ -15,8 +15,8 @@ from pipeline.messages import (
     ModalEstimate,
     QualityWarning,
     WindowRejected,
+    rejected_estimate,
 )
-from pipeline.nodes.operating_state import rejected_estimate
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker, TrackerState
 from sensors.acquisition.blocks import NANOSECONDS

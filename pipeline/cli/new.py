@@ -101,6 +101,8 @@ def new(
             ),
             soft_wrap=True,
         )
+    if drawing:
+        output.print(_structure_line(drawing[0]), soft_wrap=True, highlight=False)
     where = escape_markup(str(folder))
     written = [f"{where}/layout.toml", f"{where}/scenario.toml", *drawing, project.recording]
     output.print(f"Written: {', '.join(map(str, written))}", soft_wrap=True)
@@ -115,6 +117,18 @@ def _springs(text: str) -> "FoundationSprings":
     except ValueError:
         raise InputError(f"--springs {text!r}: three numbers are needed, k11,k22,k12") from None
     return FoundationSprings(k11, k22, abs(k12), "embedded-pile" if k12 < 0 else "published")
+
+
+def _structure_line(described: Path) -> str:
+    """Return where the structure stands: what a deck without its substructure gets wrong."""
+    from sensors.structure.description import load_turbine
+
+    turbine = load_turbine(described)
+    water = "no water" if turbine.water is None else f"water to {turbine.water.level:g} m"
+    return (
+        f"Structure: springs at {turbine.mudline:g} m, {water}, tower top at "
+        f"{turbine.tower_top:g} m"
+    )
 
 
 def _drawn(project: "NewProject") -> list[Path]:

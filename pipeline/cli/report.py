@@ -62,6 +62,8 @@ def show(
     from pipeline.offline.draw_recording import open_pictures
     from pipeline.recording.rotation import PICTURE_SUFFIX
 
+    if out is not None and out.suffix != PICTURE_SUFFIX:
+        raise InputError(f"-o {out}: the pictures are a file for the viewer, NAME{PICTURE_SUFFIX}")
     if file.suffix != PICTURE_SUFFIX:
         _draw(file, out, view)
     elif view == "web":

@@ -36,7 +36,7 @@ def print_results(
         Whether to print the misfit of each mode; always printed for an untrusted posterior.
     """
     from pipeline.cli.tables.modes import identified_modes_table, nearest_modes_table
-    from pipeline.cli.tables.posteriors import misfit_table, posterior_table
+    from pipeline.cli.tables.posteriors import figures_tables, misfit_table, posterior_table
     from pipeline.offline.model_modes import nearest_modes
 
     output.print(identified_modes_table(summary.main.modes, figures["windows"]["identified"]))
@@ -49,7 +49,8 @@ def print_results(
             output.print(nearest_modes_table(nearest))
         output.print("[bold]No posterior:[/] no window could be used.")
     else:
-        output.print(posterior_table(figures["posterior"]))
+        for table in (posterior_table(figures["posterior"]), *figures_tables(figures["posterior"])):
+            output.print(table)
         if misfits or not summary.main.posterior.trusted:
             output.print(misfit_table(summary.main.posterior))
         if not summary.main.posterior.trusted:

@@ -14,8 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 
 from pipeline.messages import Message
-from pipeline.nodes.node import NodeStatistics
-from pipeline.streams import STREAMS
+from pipeline.nodes.node import Sink
 
 logger = logging.getLogger(__name__)
 
@@ -57,27 +56,18 @@ class Watchdog:
             logger.debug("systemd cannot be notified: %s", error)
 
 
-class WatchdogNode:
+class WatchdogNode(Sink):
     """A sink that keeps the watchdog quiet while messages come."""
 
     name = "watchdog"
-    inputs: tuple[type, ...] = tuple(stream.message for stream in STREAMS)
 
     def __init__(self, watchdog: Watchdog) -> None:
         self._watchdog = watchdog
-
-    @property
-    def statistics(self) -> NodeStatistics:
-        """It counts nothing."""
-        return NodeStatistics()
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Note that the session works. Returns nothing."""
         self._watchdog.alive()
         return ()
-
-    def close(self) -> None:
-        """Nothing is held."""
 
 
 def notified() -> bool:

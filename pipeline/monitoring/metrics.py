@@ -13,10 +13,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from pipeline.messages import FoundationEvent, Message
-from pipeline.nodes.node import NodeStatistics
+from pipeline.messages import FoundationEvent
+from pipeline.monitoring.state_sink import StateSink
 from pipeline.state.run_state import RunState
-from pipeline.streams import STREAMS
 from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.constants import LOOPBACK
@@ -37,39 +36,22 @@ Families = Iterable["Metric"]
 Sample = tuple[tuple[str, ...], float]  # values of the labels, the figure
 
 
-class MetricsNode:
+class MetricsNode(StateSink):
     """A sink that gives the figures at any moment. Any thread may ask.
 
     clock   → [ns since 1970-01-01 UTC]
     """
 
     name = "metrics"
-    inputs: tuple[type, ...] = tuple(stream.message for stream in STREAMS)
 
     def __init__(self, clock: Callable[[], int] = time.time_ns) -> None:
-        self._clock = clock
-        self._run = RunState(kept=1)
-        self._asked = threading.Lock()
+        super().__init__(kept=1, clock=clock)
         self.parts: list[Callable[[], Families]] = []  # figures of other nodes of this process
-
-    def handle(self, message: Message) -> Iterable[Message]:
-        """Take note of a message. Gives nothing back."""
-        with self._asked:
-            self._run.fold(message, self._clock())
-        return ()
-
-    @property
-    def statistics(self) -> NodeStatistics:
-        """It counts nothing of its own."""
-        return NodeStatistics()
-
-    def close(self) -> None:
-        """Nothing is held."""
 
     def collect(self) -> Iterator["Metric"]:
         """Every figure known now: what the Prometheus client's registry asks for."""
-        with self._asked:
-            families = list(run_families(self._run, self._clock()))
+        with self._asked() as (run, now_ns):
+            families = list(run_families(run, now_ns))
         yield from families
         for part in self.parts:
             yield from part()

@@ -5,18 +5,16 @@ every message ──► [status node] ◄── query on pilewatch/@status/* ─
 """
 
 import json
-import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
-from pipeline.messages import FoundationPosterior, Message, StreamGap
-from pipeline.nodes.node import NodeStatistics
+from pipeline.messages import FoundationPosterior, StreamGap
+from pipeline.monitoring.state_sink import StateSink
 from pipeline.state.health import NodeHealth, StreamHealth
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import posterior_summary
 from pipeline.state.run_state import RunState
-from pipeline.streams import STREAMS
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
@@ -26,7 +24,7 @@ ENDPOINT_FILE = "endpoint"  # in a session's folder while it runs
 GAPS_TOLD = 20
 
 
-class StatusNode:
+class StatusNode(StateSink):
     """A sink that can say at any moment how the session does. Any thread may ask.
 
     source   what the session listens to, for people
@@ -34,34 +32,17 @@ class StatusNode:
     """
 
     name = "status"
-    inputs: tuple[type, ...] = tuple(stream.message for stream in STREAMS)
 
     def __init__(self, source: str, clock: Callable[[], int] = time.time_ns) -> None:
         self.connections: Callable[[], Json] = dict  # → certificate's name or address → links
         self._source = source
-        self._clock = clock
-        self._run = RunState(kept=GAPS_TOLD)
-        self._asked = threading.Lock()
-
-    def handle(self, message: Message) -> Iterable[Message]:
-        """Take note of a message. Gives nothing back."""
-        with self._asked:
-            self._run.fold(message, self._clock())
-        return ()
-
-    @property
-    def statistics(self) -> NodeStatistics:
-        """It counts nothing of its own."""
-        return NodeStatistics()
-
-    def close(self) -> None:
-        """Nothing is held."""
+        super().__init__(GAPS_TOLD, clock)
 
     def as_json(self) -> Json:
         """Everything known now; names are stable."""
-        with self._asked:
+        with self._asked() as (run, now_ns):
             about = {"api": API, "source": self._source, "connections": self.connections()}
-            return about | status_figures(self._run, self._clock())
+            return about | status_figures(run, now_ns)
 
     def answer(self, _asked: bytes = b"") -> bytes:
         """`as_json` as it travels: JSON knows no NaN and no ∞, which any sender may send."""

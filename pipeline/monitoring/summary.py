@@ -17,7 +17,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.node import NodeStatistics
+from pipeline.nodes.node import Sink
 from pipeline.nodes.sharding import of_kind
 from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import empty_summary, posterior_summary
@@ -30,7 +30,7 @@ KEPT_WINDOWS = 5000  # windows, rejections and gaps of a live session, each: a m
 _T = TypeVar("_T", StreamGap, WindowRejected)
 
 
-class SessionSummary:
+class SessionSummary(Sink):
     """A sink that folds a session into its state and answers with nothing.
 
     Parameters
@@ -50,13 +50,10 @@ class SessionSummary:
         self.live = live
         self.run = RunState(kept=KEPT_WINDOWS if live else None, once=live)
         self.main = self.run.turbine(turbine)
-
-    @property
-    def inputs(self) -> tuple[type, ...]:
-        """What it takes: results and accounts, and blocks where these are counted by hearing."""
         results = (ModalEstimate, WindowRejected, FoundationEvent, FoundationPosterior)
         accounts = (StreamGap, FoundationTruth, NodeStatus)
-        return (*results, *accounts, *((AccelerationBlock,) if self.live else ()))
+        blocks = (AccelerationBlock,) if live else ()  # else counted where they are published
+        self.inputs = (*results, *accounts, *blocks)
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Take note of a message. Gives nothing back."""
@@ -66,14 +63,6 @@ class SessionSummary:
     def count(self, block: AccelerationBlock) -> None:
         """Take note of a block that the source publishes."""
         self.run.fold(block)
-
-    @property
-    def statistics(self) -> NodeStatistics:
-        """It counts nothing of its own: it would publish in its status what it then receives."""
-        return NodeStatistics()
-
-    def close(self) -> None:
-        """Nothing is held."""
 
     def as_json(self, wall: float) -> Json:
         """Return the content of `summary.json`; wall: how long the session took [s]."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 from pipeline.messages import Message, QualityWarning
+from pipeline.streams import STREAMS
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,20 @@ class Node(Protocol):
     def close(self) -> None:
         """Let go of what the node holds; called once, at the end."""
         ...
+
+
+class Sink:
+    """What a node has that takes messages, gives none back and counts none."""
+
+    inputs: tuple[type, ...] = tuple(stream.message for stream in STREAMS)
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """Nothing of its own: its status would count what it then receives."""
+        return NodeStatistics()
+
+    def close(self) -> None:
+        """Nothing is held."""
 
 
 @runtime_checkable

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pipeline.messages import ModalEstimate, WindowRejected
+from pipeline.messages import ModalEstimate, WindowRejected, rejected_estimate
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
 from sensors.errors import InputError
@@ -110,16 +110,3 @@ def refusal_by_operation(
         if doubt.code in settings.unusable:
             return rejected_estimate(estimate, doubt.code, f"{doubt.text}; not used")
     return None
-
-
-def rejected_estimate(estimate: ModalEstimate, code: str, reason: str) -> WindowRejected:
-    """The estimate's window as one that is not used."""
-    return WindowRejected(
-        turbine=estimate.turbine,
-        window=estimate.window,
-        start_ns=estimate.start_ns,
-        end_ns=estimate.end_ns,
-        code=code,
-        reason=reason,
-        origins=estimate.origins,
-    )

@@ -13,6 +13,7 @@ from pipeline.messages import (
     QualityWarning,
     UnitOrigin,
     WindowRejected,
+    rejected_estimate,
 )
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
 from pipeline.nodes.nacelle_axes import in_nacelle_axes
@@ -20,7 +21,6 @@ from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import (
     OperationSettings,
     refusal_by_operation,
-    rejected_estimate,
 )
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.updater import FoundationUpdater

@@ -15,7 +15,7 @@ from pipeline.scenario import scenario_from_metadata
 from pipeline.sources.session_files import SESSION_FILE
 from pipeline.state.books import Books
 from pipeline.state.json_values import Json
-from pipeline.updating.state import CheckpointError
+from pipeline.updating.checkpoint import CheckpointError
 from sensors.errors import InputError
 
 
@@ -39,7 +39,8 @@ class Audit:
         """The result in one line."""
         found = len(self.violations)
         verdict = "the books balance" if not found else f"{found} violations"
-        return f"{self.folder}: {verdict}; {self.n_files} files, {self.books.line}"
+        files = f"{self.n_files} file" + "s" * (self.n_files != 1)
+        return f"{self.folder}: {verdict}; {files}, {self.books.line}"
 
     def as_json(self) -> Json:
         """All figures; names are stable."""

@@ -16,8 +16,7 @@ from pipeline.sources.recorded_stream import recordings_in
 from pipeline.sources.sources import Source, replayed_with_structure
 from pipeline.state.json_values import Json
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import EstimateRefused, sightings
-from pipeline.updating.evidence.windows import SeenWindow
+from pipeline.updating.evidence.observations import EstimateRefused, SeenWindow, sightings
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.calibration import (

@@ -101,6 +101,8 @@ def start_project(
         If a file cannot be read, the folder holds such a project already, or the description
         cannot be read.
     """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"-o {folder} is a file; a folder is needed")
     layout_file, scenario_file = folder / "layout.toml", folder / "scenario.toml"
     for path in (layout_file, scenario_file):
         if path.exists():

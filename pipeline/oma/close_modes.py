@@ -6,7 +6,7 @@
     coincident modes   ─┴─ groups of suspects ─► one, two, three modes? ─► by evidence
 
 A mode that is reported explains what the others do not: of two poles that a group's lines do not
-resolve, one is left.
+resolve, one is left, and of poles whose lines a flat background explains as well, none.
 """
 
 from collections.abc import Sequence
@@ -77,7 +77,12 @@ def resolved_by_evidence(
         if _poles_suffice(group, inside, spectrum):
             continue
         found = modes_of_group(group, spectrum, others, settings)
-        if found is None or not found.modes:
+        if found is None:
+            continue
+        if not found.modes:
+            if found.flat and group.half_bandwidth * duration < UNRESOLVED:
+                result = [mode for mode in result if not any(mode is each for each in inside)]
+                reasons += [_no_peak(mode) for mode in inside]
             continue
         kept: Sequence[Mode] = with_leading_pole(found.modes, inside, found.weaker_share, duration)
         if group.half_bandwidth * duration >= UNRESOLVED:
@@ -148,8 +153,9 @@ def _suspects(
     spectrum: WindowSpectrum,
     harmonics: Sequence[Mode],
 ) -> list[Suspect]:
+    placed = [each for each in refused if each.code != "unstable"]
     named = [mode.frequency for mode in (*modes, *harmonics)]
-    named += [each.frequency for each in refused] + [each.frequency for each in coincident]
+    named += [each.frequency for each in placed] + [each.frequency for each in coincident]
     found = [
         Suspect(frequency, PEAK_HALF_WIDTH / spectrum.duration / frequency)
         for frequency in peaks_of_two(spectrum, named)
@@ -159,7 +165,7 @@ def _suspects(
     found += [Suspect(each.frequency, each.damping_ratio) for each in coincident]
     found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
     seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
-    seen += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code != "unstable"]
+    seen += [Suspect(each.frequency, each.damping_ratio) for each in placed]
     found += [
         each
         for each in seen
@@ -262,6 +268,16 @@ def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list
         )
         for pole in by_distance[len(kept) :]
     ]
+
+
+def _no_peak(mode: Mode) -> RefusedMode:
+    """An unresolved mode of the poles whose lines hold none."""
+    return RefusedMode(
+        mode.frequency,
+        mode.damping_ratio,
+        "explained",
+        "a flat background explains its lines as well",
+    )
 
 
 def _not_borne_out(modes: Sequence[Mode], named: Sequence[Mode], group: Group) -> list[RefusedMode]:

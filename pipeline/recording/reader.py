@@ -20,28 +20,17 @@ from pipeline.recording.mcap_file import (
 from pipeline.recording.salvage import describe_what_is_left
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
-from sensors.acquisition.layout import SensorLayout
 
 
-def read_messages(
-    path: Path,
-    message_types: Sequence[type] | None = None,
-    *,
-    start_ns: int | None = None,
-    end_ns: int | None = None,
-) -> Iterator[Message]:
+def read_messages(path: Path, message_types: Sequence[type] | None = None) -> Iterator[Message]:
     """What was recorded, in the order of recording.
 
-    message_types      which to give; None: all
-    start_ns, end_ns   only messages with start_ns <= their own time < end_ns (`time_of`) [ns since
-                       1970-01-01 UTC]; a message that holds for ever (SensorLayout) has the time
-                       at which it was recorded and is always given
+    message_types   which to give; None: all
 
     Checksums are verified on the way. Raises RecordingError at once where the file is missing,
     foreign or cut, and on reaching it where a chunk is damaged.
     """
-    file = _opened_whole(path)
-    return _messages(path, file, message_types, start_ns=start_ns, end_ns=end_ns)
+    return _messages(path, _opened_whole(path), message_types)
 
 
 def recorded_messages(path: Path) -> Iterator[RecordedMessage]:
@@ -86,26 +75,11 @@ def _opened_whole(path: Path) -> BinaryIO:
 
 
 def _messages(
-    path: Path,
-    file: BinaryIO,
-    message_types: Sequence[type] | None,
-    *,
-    start_ns: int | None,
-    end_ns: int | None,
+    path: Path, file: BinaryIO, message_types: Sequence[type] | None
 ) -> Iterator[Message]:
     for recorded in _recorded(path, file):
-        if message_types is not None and recorded.message_type not in message_types:
-            continue
-        if not _within(recorded, start_ns, end_ns):
-            continue
-        yield decoded(path, recorded)
-
-
-def _within(recorded: RecordedMessage, start_ns: int | None, end_ns: int | None) -> bool:
-    if recorded.message_type is SensorLayout:
-        return True
-    after_start = start_ns is None or recorded.publish_time >= start_ns
-    return after_start and (end_ns is None or recorded.publish_time < end_ns)
+        if message_types is None or recorded.message_type in message_types:
+            yield decoded(path, recorded)
 
 
 def _recorded(path: Path, file: BinaryIO) -> Iterator[RecordedMessage]:

@@ -34,6 +34,7 @@ from pipeline.report.sentences import (
 from pipeline.report.tables import (
     channels_table,
     events_table,
+    figures_table,
     gaps_table,
     modes_table,
     nodes_table,
@@ -238,8 +239,9 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
         heading("Foundation", level)
         + table_html(springs_table(record))
         + paragraph("narrowed by: of the prior's 90 % interval.", "quiet")
-        + paragraph(structure_sentence(posterior))
         + paragraph(fit, "quiet")
+        + paragraph(structure_sentence(posterior))
+        + (table_html(figures_table(record)) if posterior.figures else "")
         + _pair(pictures, f"{name}-foundation")
     )
 

@@ -24,6 +24,7 @@ from pipeline.state.turbine_state import TurbineState
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 
+ROUGH = 0.25  # half width from which a spring is known only roughly [-]
 SPRING_TEXTS = {
     "k11": "the foundation's lateral stiffness",
     "k22": "its rotational stiffness",
@@ -41,11 +42,22 @@ def headline(record: TurbineRecord) -> str:
     if not posterior.trusted:
         return "Do not use these stiffnesses: the data contradict the model."
     found = [event for event in record.state.events if event.kind == "foundation"]
+    known = _how_well(posterior)
     if found:
-        return "The foundation has changed; its stiffness since then is known."
+        return f"The foundation has changed; its stiffness since then {known}."
     if record.state.events:
-        return "The foundation's stiffness is known, but the structure's modes have changed."
-    return "The foundation's stiffness is known, and no change was found."
+        return f"The foundation's stiffness {known}, but the structure's modes have changed."
+    return f"The foundation's stiffness {known}, and no change was found."
+
+
+def _how_well(posterior: FoundationPosterior) -> str:
+    """Return "is known", or to what where that is little."""
+    half_widths = [
+        (high - low) / 2 / median
+        for median, low, high in (ratios(posterior.parameter(name)) for name in PARAMETER_NAMES)
+    ]
+    widest = max(half_widths)
+    return "is known" if widest < ROUGH else f"is known only to ±{percent(widest)}"
 
 
 def condition(record: TurbineRecord) -> str:
@@ -246,10 +258,9 @@ def _missing_samples(record: TurbineRecord) -> str:
     stream = record.figures["stream"]
     if not stream["gaps"] and not stream["lost"]:
         return "No sample is missing."
-    return (
-        f"{count_noun(stream['gaps'], 'gap')} in the stream, {span(stream['gap_s'])} in all; "
-        f"{count_noun(stream['lost'], 'block')} lost."
-    )
+    gaps = f"{count_noun(stream['gaps'], 'gap')} in the stream, {span(stream['gap_s'])} in all."
+    lost = stream["lost"]
+    return gaps + (f" {count_noun(lost, 'block')} lost between the nodes." if lost else "")
 
 
 def _modes_headline(record: TurbineRecord) -> str:

@@ -10,6 +10,7 @@ from pipeline.report.pictures.samples import FLAT_SHARE, ChannelStatistics
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import headline, ratios
 from pipeline.report.wording import percent, span, stamp
+from pipeline.state.posterior_json import figure_name
 from pipeline.state.run_modes import CombinedMode
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
@@ -21,7 +22,7 @@ def springs_table(record: TurbineRecord) -> TextTable:
     """Median and 90 % interval of each spring, over nominal and in its unit, and of σ."""
     posterior, truth = record.state.posterior, record.state.truth
     assert posterior is not None
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name in PARAMETER_NAMES:
         spring = posterior.parameter(name)
         median, low, high = ratios(spring)
@@ -42,17 +43,25 @@ def springs_table(record: TurbineRecord) -> TextTable:
         ("σ", "", f"below {sigma.p95:.1e} (95 %)", "", f"{sigma.median:.1e}", "-",
          figure(100 * sigma.contraction, ".1f"))
     )  # fmt: skip
-    rows += [
-        (each.name.replace("_", " "), "", f"{each.p05:.4g} to {each.p95:.4g}", "",
-         f"{each.median:.4g}", each.unit, figure(100 * each.contraction, ".1f"))
-        for each in posterior.figures
-    ]  # fmt: skip
     head = (
         "", "÷ nominal", "90 % interval", "truth", "median", "unit",
         "narrowed by [%]",
     )  # fmt: skip
     title = "Springs of the foundation at the mudline"
     return without_blank_columns(TextTable(title, head, tuple(rows)))
+
+
+def figures_table(record: TurbineRecord) -> TextTable:
+    """Median and 90 % interval of each figure of the structure and its sensors."""
+    posterior = record.state.posterior
+    assert posterior is not None
+    rows = tuple(
+        (figure_name(each.name), f"{each.median:.4g}", f"{each.p05:.4g} to {each.p95:.4g}",
+         each.unit, figure(100 * each.contraction, ".1f"))
+        for each in posterior.figures
+    )  # fmt: skip
+    head = ("", "median", "90 % interval", "unit", "narrowed by [%]")
+    return TextTable("Figures of the structure and its sensors", head, rows)
 
 
 def percent_or_blank(share: float) -> str:
@@ -154,7 +163,7 @@ def channels_table(record: TurbineRecord) -> TextTable:
     measured = f"[{unit}]" if unit else "(unscaled)"
     head = (
         "channel", "height [m]", "direction x, y, z", f"std {measured}", f"largest {measured}",
-        "missing [%]", "remark",
+        "not a number [%]", "remark",
     )  # fmt: skip
     return without_blank_columns(TextTable("Channels", head, tuple(rows), words=(6,)))
 
@@ -213,7 +222,10 @@ def nodes_table(record: TurbineRecord) -> TextTable:
 
 def overview_table(records: Sequence[TurbineRecord]) -> TextTable:
     """Return one row per turbine: the state of its foundation."""
-    head = ("turbine", "k11 ÷ nominal", "k22 ÷ nominal", "k12 ÷ nominal", "windows", "changes", "")
+    head = (
+        "turbine", "k11 ÷ nominal", "k22 ÷ nominal", "k12 ÷ nominal", "windows", "changes",
+        "verdict",
+    )  # fmt: skip
     return TextTable("", head, tuple(_overview_row(record) for record in records), words=(6,))
 
 

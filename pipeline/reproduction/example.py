@@ -16,17 +16,12 @@ from pipeline.messages import ModalEstimate, Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.reproduction.density import PublishedDensity
+from pipeline.reproduction.deterministic import Descent, ModalObjective, deterministic_update
 from pipeline.reproduction.paper import LABELS, SAMPLES
 from pipeline.scenario import Scenario, load_scenario, with_overrides
 from pipeline.sources.sources import simulated_tower
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import sightings
-from pipeline.updating.likelihood.deterministic import (
-    Descent,
-    IdentifiedModes,
-    ModalObjective,
-    deterministic_update,
-)
+from pipeline.updating.evidence.observations import SeenWindow, sightings
 from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
@@ -153,19 +148,13 @@ def run_example(
     labelled, start = paired_blind(estimate, model, prior, np.random.default_rng([seed, 3]))
     if not labelled:
         raise UpdatingError(f"seed {seed}: none of the publication's eleven modes was found")
-    identified = IdentifiedModes(
-        labels=tuple(labelled),
-        frequencies=np.array([mode.frequency for mode in labelled.values()]),
-        shapes=np.array([mode.shape for mode in labelled.values()]),
-        channels=np.arange(len(estimate.channels)),
-    )
-    objective = ModalObjective(identified, model)
-    known = list(labelled.values())
-    descents = deterministic_update(objective, prior)
+    labels, known = tuple(labelled), list(labelled.values())
+    objective = ModalObjective(labelled, model)
+    descents = deterministic_update(objective)
     report(PREPARED)
     published, corrected = _posteriors(
         replace(estimate, modes=tuple(known)),
-        identified.labels,
+        labels,
         model,
         prior,
         start,
@@ -176,7 +165,7 @@ def run_example(
     return Example(
         seed=seed,
         sign=sign,
-        modes=_modes(model, identified.labels, known),
+        modes=_modes(model, labels, known),
         others=len(estimate.modes) - len(known),
         objective_at_truth=objective(np.ones(3)),
         descents=descents,
@@ -186,7 +175,7 @@ def run_example(
 
 
 def identified_window(scenario: Scenario) -> ModalEstimate:
-    """Rdentify the scenario's ten minutes without the model."""
+    """Identify the scenario's ten minutes without the model."""
     tower = simulated_tower(scenario)
     samples = np.concatenate(list(tower.samples())).astype(np.float64)
     found = identify(samples, scenario.simulation.sampling_rate, scenario.oma)
@@ -279,9 +268,9 @@ def _posteriors(
 
     start   (3,) ratios k / nominal at which they were found
     """
-    evidence = ModalEvidence(channels=estimate.channels, joint_covariance=False).with_sightings(
-        sightings(estimate, estimate.channels), 1.0, estimate.duration
-    )
+    seen = SeenWindow.of(estimate, sightings(estimate, estimate.channels), rise=0.0)
+    evidence = ModalEvidence(channels=estimate.channels, joint_covariance=False)
+    evidence = evidence.with_window(replace(seen, weight=1.0, level_known=True))
     forward = model.subset(labels)
     order = {f"m{mode.name[1:]}": place for place, mode in enumerate(estimate.modes)}
     columns = tuple(order[mode.name] for mode in evidence.modes)

@@ -27,7 +27,7 @@ from pipeline.nodes.node import Node
 from pipeline.nodes.statistics import NodeAccount, message_counts
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.flow_control import Credit, Quiet, is_drained
-from pipeline.state.books import Intervals
+from pipeline.state.block_book import Intervals
 from pipeline.transport.bus import Bus, Inbox
 from pipeline.transport.codec import decode, encode
 from sensors.acquisition.blocks import AccelerationBlock

@@ -30,7 +30,7 @@ from pipeline.nodes.node import NodeSnapshot
 from pipeline.recording.atomic_write import make_folder_durably, written_whole
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
-from pipeline.updating.state import CheckpointError
+from pipeline.updating.checkpoint import CheckpointError
 from sensors.acquisition.layout import SensorLayout
 
 logger = logging.getLogger(__name__)

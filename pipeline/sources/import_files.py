@@ -102,6 +102,8 @@ def open_measurement(
     """
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise FileError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
+    if twice := [path for path in paths if paths.count(path) > 1]:
+        raise FileError(f"{twice[0]} is named twice")
     wanted = EVERYTHING if layout is None else layout.wanted()
     wanted = replace(wanted, stamps=sampling_rate is None)
     opened = [open_file(path, reader, wanted) for path in paths]
@@ -111,7 +113,8 @@ def open_measurement(
     if mapping is None:
         raise FileError(
             f"{files[0].path}: where on the tower are {', '.join(first.names)}? A layout file "
-            "says it (--layout FILE.toml); --template prints one to fill in"
+            "says it (--layout FILE.toml): `pilewatch import FILE --template` prints one to fill "
+            "in, `pilewatch new FILE` makes one from the names"
         )
     table = mapping.chosen(first)
     _require_one_quantity(table, files[0].path)

@@ -79,3 +79,8 @@ def empty_summary() -> Json:
     summary["change_probability"] = None
     summary.update(structure=None, budget={}, alternatives={}, unpredicted_share=None, relative={})
     return summary
+
+
+def figure_name(name: str) -> str:
+    """Return a figure's key in words: "RNA mass", "gain z80-fa"."""
+    return name.replace("_", " ").replace("rna ", "RNA ")

@@ -8,6 +8,8 @@ from pipeline.messages import ModePair, ParameterSummary, QualityWarning
 from pipeline.updating.acceptance import AcceptanceSettings
 from sensors.arrays import FloatArray
 
+FREQUENCY_FITS = 2.0  # standard deviations of a misfit within which the shape is what is odd [-]
+
 
 def contraction(width: float, extent: float) -> float:
     """1 − (90 % interval) / (the uniform prior's 90 % interval); 0 where nothing was learned.
@@ -67,6 +69,13 @@ def misfit_doubts(
         for each in pairs
         if abs(each.misfit) > settings.mode_misfit
     )
+
+
+def what_differs(pair: ModePair) -> str:
+    """Return the frequency's misfit, or the shape where the frequency fits."""
+    if pair.shape_used and abs(pair.misfit) < FREQUENCY_FITS:
+        return f"in shape: MAC {pair.mac:.3f}"
+    return f"frequency {pair.misfit:+.1f} standard deviations off"
 
 
 def unidentified_doubts(

@@ -11,6 +11,7 @@ from pipeline.messages import (
     ModalEstimate,
     RelativeStiffness,
     WindowRejected,
+    rejected_estimate,
 )
 from pipeline.updating.acceptance import refusal
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
@@ -20,36 +21,30 @@ from pipeline.updating.change.event_message import (
     sensitivities_of,
     watched_window,
 )
-from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
+from pipeline.updating.change.midpoint_slopes import measured_half_way
 from pipeline.updating.change.random_walk import deviation
 from pipeline.updating.change.revised_size import BeforeEvent, relative_change, revised_step
 from pipeline.updating.change.sufficient_statistics import with_tracks_only
+from pipeline.updating.checkpoint import CheckpointOwner, decoded_checkpoint, encoded_checkpoint
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused
 from pipeline.updating.evidence.observations import sightings as sightings_of
+from pipeline.updating.exact_inference import ExactInference
 from pipeline.updating.forward_model import ForwardModel
-from pipeline.updating.likelihood.posterior_density import StiffnessDensity
-from pipeline.updating.model_matching import Match, Matcher, partners_in_water, without_partner
+from pipeline.updating.model_matching import without_partner
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.posterior_message import posterior_message, relative_stiffness
-from pipeline.updating.prior import Prior, modal_where_supported
-from pipeline.updating.samplers.interface import PosteriorDraws
-from pipeline.updating.samplers.registry import sampler_of
+from pipeline.updating.prior import Prior
 from pipeline.updating.settings import UpdatingSettings
-from pipeline.updating.state import (
-    CheckpointOwner,
-    UpdatingState,
-    decoded_checkpoint,
-    encoded_checkpoint,
-)
+from pipeline.updating.state import UpdatingState
 from pipeline.updating.structural.alternatives import JointInference
-from pipeline.updating.structural.joint_message import as_exact, joint_message, mode_labels
+from pipeline.updating.structural.joint_message import joint_message, mode_labels
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh, model_at
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
-LONG_RIDGE = 0.1  # std / median of a spring that the modes do not separate from the others [-]
-POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for
+STATED_EXACT = "exact"  # structure, as a posterior names it
+UNSTATED_EXACT = "exact, as recorded before there was a choice"
 
 
 class FoundationUpdater:
@@ -86,29 +81,11 @@ class FoundationUpdater:
         self._forward = forward
         self._layout = layout
         self._seed = seed
-        self._joint = joint
         self._prior = Prior(forward.nominal, self.settings.prior)
-        self._sampler = sampler_of(
-            self.settings.sampling,
-            self.settings.sampler,
-            largest_rhat=self.settings.guards.rhat,
+        self._inference = joint or ExactInference(
+            forward, self._prior, self.settings, seed=seed, population=population
         )
         self._detector = ChangeDetector(self.settings.change)
-        self._exact_matcher: Matcher | None = None  # made where the structure is exact
-        if joint is None:
-            self._exact_matcher = self._matcher
-
-    @property
-    def _matcher(self) -> Matcher:
-        if self._exact_matcher is None:
-            self._exact_matcher = Matcher(
-                self._forward,
-                self._prior,
-                pairing=self.settings.pairing,
-                likelihood=self.settings.likelihood,
-                generator=np.random.default_rng(self._seed),
-            )
-        return self._exact_matcher
 
     def initial_state(self) -> UpdatingState:
         """Nothing seen yet."""
@@ -163,8 +140,8 @@ class FoundationUpdater:
         try:
             after, event = self._accumulated(state, estimate)
             after, posterior = self._refreshed(after, estimate)
-        except EstimateRefused as refusal:
-            return state, (_rejected(estimate, refusal),)
+        except EstimateRefused as refused:
+            return state, (rejected_estimate(estimate, refused.code, refused.reason),)
         return after, (posterior,) if event is None else (event, posterior)
 
     def accumulated(
@@ -177,8 +154,8 @@ class FoundationUpdater:
         """
         try:
             return self._accumulated(state, estimate)
-        except EstimateRefused as refusal:
-            return state, _rejected(estimate, refusal)
+        except EstimateRefused as refused:
+            return state, rejected_estimate(estimate, refused.code, refused.reason)
 
     def refreshed(
         self, state: UpdatingState, estimate: ModalEstimate
@@ -189,8 +166,8 @@ class FoundationUpdater:
         """
         try:
             return self._refreshed(state, estimate)
-        except EstimateRefused as refusal:
-            return state, _rejected(estimate, refusal)
+        except EstimateRefused as refused:
+            return state, rejected_estimate(estimate, refused.code, refused.reason)
 
     def _accumulated(
         self, state: UpdatingState, estimate: ModalEstimate
@@ -233,33 +210,51 @@ class FoundationUpdater:
 
     def _model_before(self, state: UpdatingState, median: FloatArray) -> ForwardModel:
         """The structure that the last posterior found, its modes followed from there."""
-        if self._joint is None or not state.joint:
+        if isinstance(self._inference, ExactInference) or not state.joint:
             return self._forward.following(self._prior.stiffness(median))
         latest = state.joint[0]
-        return model_at(self._joint.fit_of(latest.name), latest.u, self._layout)
+        return model_at(self._inference.fit_of(latest.name), latest.u, self._layout)
 
     def _refreshed(
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
-        if self._joint is not None:
-            return self._refreshed_jointly(self._joint, state, estimate)
-        match = self._matcher.matched(state.evidence, self._begun_at(state))
-        pairing = match.pairing
-        against = refusal(pairing.paired_share, pairing.cost, self.settings.guards)
+        if isinstance(self._inference, ExactInference):
+            return self._refreshed_exactly(self._inference, state, estimate)
+        return self._refreshed_jointly(self._inference, state, estimate)
+
+    def _refreshed_exactly(
+        self, exact: ExactInference, state: UpdatingState, estimate: ModalEstimate
+    ) -> tuple[UpdatingState, FoundationPosterior | WindowRejected]:
+        """The springs alone."""
+        match = exact.matched(state)
+        against = refusal(match.pairing.paired_share, match.pairing.cost, self.settings.guards)
         if against is not None:
-            return state, _rejected(estimate, EstimateRefused(against.code, against.text))
-        draws = self._drawn(match, state, estimate)
-        representative = self._representative(draws, match.peak.ratios)
+            return state, rejected_estimate(estimate, against.code, against.text)
+        found = exact.refreshed(match, state, estimate.window)
+        posterior = posterior_message(
+            estimate,
+            match,
+            found.draws,
+            found.representative,
+            now=self._in_this_window(found.draws.flat[:, [0, 1, 2, -1]], state.change, estimate),
+            prior=self._prior,
+            guards=self.settings.guards,
+        )
         after = replace(
             state,
             # contiguous, as a checkpoint gives it back: BLAS may round by layout
-            ensemble=np.ascontiguousarray(draws.ensemble),
-            median=representative[:3],
-            sensitivities=self._sensitivities(state.evidence, match, representative[:3]),
+            ensemble=np.ascontiguousarray(found.draws.ensemble),
+            median=found.representative[:3],
+            sensitivities=found.sensitivities,
         )
-        posterior = self._posterior(state, estimate, match, draws, representative)
-        posterior = replace(posterior, relative=_relative_to_earlier(after))
-        return after, as_exact(posterior, stated=self.settings.structure.stated)
+        change = self._change_probability(state.change, state.sensitivities, estimate.duration)
+        return after, replace(
+            posterior,
+            structure=STATED_EXACT if self.settings.structure.stated else UNSTATED_EXACT,
+            population=self._population_name,
+            change_probability=change,
+            relative=_relative_to_earlier(after),
+        )
 
     def _refreshed_jointly(
         self, joint: JointInference, state: UpdatingState, estimate: ModalEstimate
@@ -277,8 +272,7 @@ class FoundationUpdater:
         if found is None:
             raise without_partner(len(state.evidence.modes))
         if found.refusal is not None:
-            refused = EstimateRefused(found.refusal.code, found.refusal.text)
-            return state, _rejected(estimate, refused)
+            return state, rejected_estimate(estimate, found.refusal.code, found.refusal.text)
         fit, u = found.best.fit, found.best.peak.u
         model = model_at(fit, u, self._layout)
         posterior = joint_message(
@@ -298,40 +292,13 @@ class FoundationUpdater:
             sensor_fault="" if found.fault is None else found.fault.name,
         )
         change = self._change_probability(state.change, after.sensitivities, estimate.duration)
-        name = "" if self._population is None else self._population.name
-        return after, replace(posterior, population=name, change_probability=change)
+        return after, replace(
+            posterior, population=self._population_name, change_probability=change
+        )
 
-    def _drawn(self, match: Match, state: UpdatingState, estimate: ModalEstimate) -> PosteriorDraws:
-        generator = np.random.default_rng([self._seed, estimate.window])
-        density = StiffnessDensity(
-            match.likelihood, match.forward, self._prior, generator, self._population
-        )
-        return self._sampler(density.target(match.peak, self._ensemble(state)), generator)
-
-    def _posterior(
-        self,
-        state: UpdatingState,
-        estimate: ModalEstimate,
-        match: Match,
-        draws: PosteriorDraws,
-        representative: FloatArray,
-    ) -> FoundationPosterior:
-        posterior = posterior_message(
-            estimate,
-            match,
-            draws,
-            representative,
-            now=self._in_this_window(draws.flat[:, [0, 1, 2, -1]], state.change, estimate),
-            prior=self._prior,
-            guards=self.settings.guards,
-        )
-        return replace(
-            posterior,
-            population="" if self._population is None else self._population.name,
-            change_probability=self._change_probability(
-                state.change, state.sensitivities, estimate.duration
-            ),
-        )
+    @property
+    def _population_name(self) -> str:
+        return "" if self._population is None else self._population.name
 
     def _change_probability(
         self, change: ChangeState, pairs: Sequence[TrackSensitivity], duration: float
@@ -340,21 +307,6 @@ class FoundationUpdater:
         known = sensitivities_of(change.sums.tracks, pairs)
         verdict = self._detector.verdict(change, known, window_duration=duration)
         return float(verdict.probability)
-
-    def _begun_at(self, state: UpdatingState) -> FloatArray | None:
-        """(3,) ratios that the pairing looks at too: the last posterior's, before it the farm's."""
-        if state.median is None and self._population is not None:
-            return self._population.centre
-        return state.median
-
-    def _ensemble(self, state: UpdatingState) -> FloatArray | None:
-        """(n, 3) ratios about which the sampler looks first: the last posterior's, before it the
-        farm's."""
-        if state.ensemble is not None or self._population is None:
-            return state.ensemble
-        generator = np.random.default_rng([self._seed, 2])
-        drawn = self._population.draws(POPULATION_ENSEMBLE, generator)
-        return drawn[self._prior.supports(drawn)]
 
     def _in_this_window(
         self, common: FloatArray, change: ChangeState, estimate: ModalEstimate
@@ -372,37 +324,6 @@ class FoundationUpdater:
     def _rise(self, estimate: ModalEstimate) -> float:
         """Of the water above the model's in the window [m]; 0 where the level is not known."""
         return float(np.nan_to_num(estimate.water_level - self._forward.water_level))
-
-    def _sensitivities(
-        self, evidence: ModalEvidence, match: Match, median: FloatArray
-    ) -> tuple[TrackSensitivity, ...]:
-        """How every paired mode's track depends on springs, at the median, and on the water."""
-        water = partners_in_water(match.all_modes) if evidence.level_varied else None
-        slopes = stiffness_slopes(match.all_modes, self._prior, median)
-        found = {
-            evidence.modes[each.identified].track: TrackSensitivity(
-                track=evidence.modes[each.identified].track,
-                model=match.all_modes.labels[each.model_modes[0]],
-                slopes=slopes[list(each.model_modes)].mean(axis=0),
-                water=np.zeros(2) if water is None else water[each.model_modes[0]].curve,
-            )
-            for each in match.used
-        }
-        return tuple(each for each in found.values() if np.all(np.isfinite(each.slopes)))
-
-    def _representative(self, draws: PosteriorDraws, peak: FloatArray) -> FloatArray:
-        """(3,) the median of each ratio, what else is uncertain beside it; where these three cannot
-        stand together, the draw nearest to them; and of a long ridge, which few modes leave, the
-        peak: beside it the medians fit nothing, and draws only to within a σ nothing bounds."""
-        flat = draws.flat[:, :-1]
-        median = np.median(flat, axis=0)
-        if (flat[:, :3].std(axis=0) > LONG_RIDGE * median[:3]).any():
-            return peak
-        supported, modes = modal_where_supported(self._forward, self._prior, median[None, :3])
-        if supported[0] and modes is not None and modes.admissible[0]:
-            return median
-        distances = (((flat - median) / flat.std(axis=0)) ** 2).sum(axis=1)
-        return flat[int(np.argmin(distances))]
 
 
 def _joint_sensitivities(
@@ -438,14 +359,3 @@ def _relative_to_earlier(state: UpdatingState) -> tuple[RelativeStiffness, ...]:
     if step is None:
         return ()
     return relative_stiffness(*relative_change(earlier, step), earlier.end_ns)
-
-
-def _rejected(estimate: ModalEstimate, refusal: EstimateRefused) -> WindowRejected:
-    return WindowRejected(
-        turbine=estimate.turbine,
-        window=estimate.window,
-        start_ns=estimate.start_ns,
-        end_ns=estimate.end_ns,
-        code=refusal.code,
-        reason=refusal.reason,
-    )

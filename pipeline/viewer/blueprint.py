@@ -15,13 +15,23 @@ from pipeline.viewer.drawing.entities import (
 from pipeline.viewer.drawing.tower import SPACING
 from pipeline.viewer.farm_tab import farm_tab
 from pipeline.viewer.pictures.mac_matrix import SIDE
+from pipeline.viewer.pictures.spectrum import measured_sides
 from pipeline.viewer.pictures.status_text import STIFFNESSES
-from pipeline.viewer.view_parameters import ViewParameters, events_view, plane, time_series
+from pipeline.viewer.view_parameters import (
+    ViewParameters,
+    events_view,
+    plane,
+    time_series,
+    with_margins,
+)
 from sensors.acquisition.layout import SensorLayout
 
 
 def session_blueprint(
-    parameters: Sequence[ViewParameters], *, playback_speed: float
+    parameters: Sequence[ViewParameters],
+    *,
+    playback_speed: float,
+    span_ns: tuple[int, int] | None = None,
 ) -> rrb.Blueprint:
     """Return the tabs of one turbine; of several, an overview tab and one tab per turbine.
 
@@ -29,9 +39,13 @@ def session_blueprint(
     ----------
     playback_speed : float
         Sensor seconds per second of playback [-].
+    span_ns : tuple of int, optional
+        Start and end of a session that is over [ns since 1970]; while it runs, plots grow with it.
     """
     each = [turbine_tabs(each) for each in parameters]
     top = each[0] if len(each) == 1 else rrb.Tabs(farm_tab(parameters), *each, active_tab=0)
+    if span_ns is not None and span_ns[0] < span_ns[1]:
+        with_margins(top, span_ns)
     return rrb.Blueprint(
         top,
         rrb.TimePanel(
@@ -83,9 +97,9 @@ def _overview_plots(root: str, parameters: ViewParameters) -> rrb.Vertical:
 
 def _signals(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     views = [
-        _accelerations(root, layout, axis, name)
+        _accelerations(root, layout, side)
         for layout in parameters.layouts
-        for axis, name in enumerate(("fore-aft (x)", "side-side (y)"))
+        for side in measured_sides(layout)
     ]
     return rrb.Horizontal(
         rrb.Vertical(*views), _spectrum(root), column_shares=[1, 1], name="Signals"
@@ -148,7 +162,7 @@ def _joint(root: str) -> rrb.Spatial2DView:
 def _pile(root: str) -> rrb.Spatial2DView:
     return plane(
         f"{root}/foundation/pile",
-        "Pile head displacement under 1 MN: nominal orange, posterior purple, truth green",
+        "Pile head under 1 MN: nominal orange, posterior purple",
         [-1.35, 1.35],
         [-2.25, 1.25],
     )
@@ -156,7 +170,7 @@ def _pile(root: str) -> rrb.Spatial2DView:
 
 def _posterior_widths(root: str) -> rrb.TimeSeriesView:
     return time_series(
-        f"{root}/posterior_width", "Posterior width ÷ prior width [%], 90 % intervals", "RightTop"
+        f"{root}/posterior_width", "Posterior width ÷ prior width [%], 90 % intervals", "LeftTop"
     )
 
 
@@ -267,9 +281,10 @@ def _stiffness_bands(root: str) -> list[rrb.TimeSeriesView]:
     ]
 
 
-def _accelerations(root: str, layout: SensorLayout, axis: int, name: str) -> rrb.TimeSeriesView:
+def _accelerations(root: str, layout: SensorLayout, side: int) -> rrb.TimeSeriesView:
     path = signal_path(root, layout.unit)
-    along = [abs(channel.direction[axis]) > 0.7 for channel in layout.channels]
+    name = ("fore-aft (x)", "side-side (y)")[side]
+    along = [abs(channel.direction[side]) > 0.7 for channel in layout.channels]
     quantity, unit = _quantity(layout)
     title = f"{quantity} {name} of unit {layout.unit} [{unit}]"
     shown = {path: rr.SeriesLines(visible_series=along)}

@@ -74,6 +74,7 @@ class RerunStream:
         self._views: dict[str, TurbineView] = {}
         self._parameters: dict[str, ViewParameters] = {}  # of the blueprint, as sent or due
         self._unsettled_ns: int | None = None  # since when the sent blueprint is out of date
+        self._start_ns = 0  # of the file's first block
         self._now_ns = 0  # latest sensor time seen
         self._overview_ns = 0  # when the overview of all turbines was last drawn
         self._flushed_ns: int | None = None  # when the file was last flushed
@@ -82,6 +83,7 @@ class RerunStream:
         """Draw one message in its turbine's view."""
         if isinstance(message, AccelerationBlock):
             self._start_next_file(message.start_ns // DAY_NS)
+            self._start_ns = self._start_ns or message.start_ns
             self._now_ns = max(self._now_ns, message.end_ns)
         view = self._view_of(message.turbine)
         match message:
@@ -114,7 +116,9 @@ class RerunStream:
         """Draw what is buffered and close the output."""
         for view in self._views.values():
             view.finish()
-        if self._unsettled_ns is not None:
+        if self._parameters and isinstance(self._output, RrdFile):
+            self._send_blueprint((self._start_ns, self._now_ns))
+        elif self._unsettled_ns is not None:
             self._send_blueprint()
         self._draw_overview()
         self.disconnect()
@@ -135,6 +139,7 @@ class RerunStream:
             return
         self._day = day
         self.finish()
+        self._start_ns = 0
         first = self._output.path
         date = datetime.fromtimestamp(day * DAY_NS // NANOSECONDS, UTC).date()
         page = free_path(first.with_name(f"{first.stem}-{date}{first.suffix}"))
@@ -175,10 +180,14 @@ class RerunStream:
     def _is_past(self, since_ns: int | None, duration: float) -> bool:
         return since_ns is not None and self._now_ns - since_ns >= duration * NANOSECONDS
 
-    def _send_blueprint(self) -> None:
+    def _send_blueprint(self, span_ns: tuple[int, int] | None = None) -> None:
+        """Send the layout; with the span of a session that is over, plots get their margins."""
         self._unsettled_ns = None
-        parameters = list(self._parameters.values())
-        blueprint = session_blueprint(parameters, playback_speed=self._rates.playback_speed)
+        blueprint = session_blueprint(
+            list(self._parameters.values()),
+            playback_speed=self._rates.playback_speed,
+            span_ns=span_ns,
+        )
         self._recording.send_blueprint(blueprint)
 
     def _draw_overview(self) -> None:

@@ -6,12 +6,16 @@ from typing import Any, Literal
 
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun.blueprint.components import Corner2DBatch
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from pipeline.viewer.drawing.entities import TIMELINE
 from sensors.acquisition.layout import SensorLayout
 
-Corner = Literal["", "LeftTop", "RightTop"]  # of a plot, where its legend is; "": there is none
+Corner = Literal["", "LeftTop"]  # of a plot, where its legend is; "": there is none
+AT_LEFT = Corner2DBatch("LeftTop")
+TIME_MARGIN = 0.05  # of a finished session's time axis on both sides: room for dates [-]
+LEGEND_MARGIN = 0.2  # the same on the left where a legend stands there, beside the lines [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,28 @@ def time_series(origin: str, name: str, legend: Corner = "", **more: Any) -> rrb
         plot_legend=rrb.PlotLegend(legend) if legend else rrb.PlotLegend(visible=False),
         **more,
     )
+
+
+def with_margins(part: Any, span_ns: tuple[int, int]) -> None:
+    """Give every plot below a container its room beside the first and the last sample.
+
+    Parameters
+    ----------
+    part : Container or View
+        Changed in place.
+    span_ns : tuple of int
+        Start and end of the session [ns since 1970].
+    """
+    if isinstance(part, rrb.Container):
+        for each in part.contents:
+            with_margins(each, span_ns)
+    elif isinstance(part, rrb.TimeSeriesView):
+        (start, end), legend = span_ns, part.properties["PlotLegend"]
+        at_left = isinstance(legend, rrb.PlotLegend) and legend.corner == AT_LEFT
+        left = LEGEND_MARGIN if at_left else TIME_MARGIN
+        first = rrb.TimeRangeBoundary.absolute(nanos=round(start - left * (end - start)))
+        last = rrb.TimeRangeBoundary.absolute(nanos=round(end + TIME_MARGIN * (end - start)))
+        part.properties["TimeAxis"] = rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last))
 
 
 def plane(

@@ -13,7 +13,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.node import NodeStatistics
+from pipeline.nodes.node import Sink
 from pipeline.viewer.outputs.drawing_thread import DirectDrawing, Drawing, DrawingThread
 from pipeline.viewer.outputs.outputs import (
     ConnectedViewer,
@@ -28,7 +28,7 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.structure.description import TurbineDescription
 
 
-class Viewer:
+class Viewer(Sink):
     """Draw every message; produce none, and fail with none.
 
     Parameters
@@ -56,7 +56,7 @@ class Viewer:
     """
 
     name = "viewer"
-    inputs: tuple[type, ...] = (
+    inputs = (
         AccelerationBlock,
         SensorLayout,
         ModalEstimate,
@@ -99,11 +99,6 @@ class Viewer:
         for stage in self._drawings:
             stage.take(message)
         return ()
-
-    @property
-    def statistics(self) -> NodeStatistics:
-        """It counts nothing of its own."""
-        return NodeStatistics()
 
     def close(self) -> None:
         """Draw what is buffered and close files and viewers; a second call does nothing."""

@@ -11,8 +11,6 @@ from typing import Protocol, TypeVar
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
-REAL_TIME = 1.0
-AT_ONCE = math.inf
 LONGEST_PAUSE = 3600.0  # of sensor time that is waited for; more is a clock that was set [s]
 
 _T = TypeVar("_T")

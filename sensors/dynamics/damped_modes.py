@@ -6,8 +6,8 @@ import numpy as np
 
 from sensors.arrays import ComplexArray, FloatArray
 from sensors.dynamics.structure_modes import ObservedModes, StructureModes
-from sensors.structure.assembly import StructuralModel
 from sensors.structure.foundation import TurbineError
+from sensors.structure.structural_model import StructuralModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,11 +25,12 @@ from sensors.arrays import FloatArray
 from sensors.dynamics.figure_terms import RELATIVE, FigureTerms, Term, figure_terms
 from sensors.dynamics.full_model_modes import VISIBLE_SHARE, decoupled_groups
 from sensors.dynamics.snapshot_basis import SparseStack, snapshot_basis
-from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import BY_NAME
 from sensors.structure.foundation import positive_definite, spring_matrix
 from sensors.structure.sensor_readings import ChannelReadings
+from sensors.structure.structural_model import StructuralModel
 
 BladeMesh = Literal["described", "converged"]
 
@@ -312,26 +313,25 @@ class FigureModel:
         mass, stiffness, added = self._coefficients(departures[None])
         M = np.tensordot(mass[0], group.mass, axes=1) + self.flooded * group.inner_water
         if len(self._levels):
-            M += added[0] * self._water(group, np.array([level]))[0][0]
+            M += added[0] * self._water(group, level)[0]
         K = np.tensordot(stiffness[0], group.stiffness, axes=1)
         K += np.tensordot(theta, group.springs, axes=1)
         return K, M
 
-    def _water(self, group: _Group, levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """W and dW/dlevel, (n, m, m): Hermite's cubics between the tabulated levels."""
+    def _water(self, group: _Group, level: float) -> tuple[FloatArray, FloatArray]:
+        """W and dW/dlevel, (m, m): Hermite's cubic between the tabulated levels."""
         nodes = self._levels
-        place = np.clip((levels - nodes[0]) / LEVEL_SPACING, 0.0, len(nodes) - 1.0)
-        left = np.minimum(place.astype(int), len(nodes) - 2)
-        t = (place - left)[:, None, None]
-        values, slopes = group.water, group.water_slopes * LEVEL_SPACING
-        h00, h10 = 2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t
-        h01, h11 = 3 * t**2 - 2 * t**3, t**3 - t**2
-        W = h00 * values[left] + h10 * slopes[left] + h01 * values[left + 1]
-        W += h11 * slopes[left + 1]
-        d00, d10 = 6 * t**2 - 6 * t, 3 * t**2 - 4 * t + 1
-        d11 = 3 * t**2 - 2 * t
-        dW = d00 * (values[left] - values[left + 1]) + d10 * slopes[left] + d11 * slopes[left + 1]
-        return W, dW / LEVEL_SPACING
+        place = np.clip((level - nodes[0]) / LEVEL_SPACING, 0.0, len(nodes) - 1.0)
+        left = min(int(place), len(nodes) - 2)
+        t = place - left
+        weights = np.array([2 * t**3 - 3 * t**2 + 1, 3 * t**2 - 2 * t**3])
+        weights_of_slopes = np.array([t**3 - 2 * t**2 + t, t**3 - t**2]) * LEVEL_SPACING
+        derived = np.array([6 * t**2 - 6 * t, 6 * t - 6 * t**2]) / LEVEL_SPACING
+        derived_of_slopes = np.array([3 * t**2 - 4 * t + 1, 3 * t**2 - 2 * t])
+        ends, slopes = group.water[left : left + 2], group.water_slopes[left : left + 2]
+        W = np.tensordot(weights, ends, axes=1) + np.tensordot(weights_of_slopes, slopes, axes=1)
+        dW = np.tensordot(derived, ends, axes=1) + np.tensordot(derived_of_slopes, slopes, axes=1)
+        return W, dW
 
     # ---- many points -----------------------------------------------------------------------
 
@@ -510,12 +510,12 @@ class FigureModel:
         dK[3 : 3 + q] = np.tensordot(slopes[1], group.stiffness, axes=1)
         dM[3 : 3 + q] = np.tensordot(slopes[0], group.mass, axes=1)
         if len(self._levels):
-            W, dW = self._water(group, np.array([level]))
+            W, dW = self._water(group, level)
             added = 1.0
             if self._added is not None:
-                dM[3 + self._added] += W[0]
+                dM[3 + self._added] += W
                 added += departures[self._added]
-            dM[-1] = added * dW[0]
+            dM[-1] = added * dW
         return dK, dM
 
 

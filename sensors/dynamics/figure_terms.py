@@ -15,10 +15,11 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sensors.arrays import FloatArray
-from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import varied
 from sensors.structure.foundation import spring_matrix
+from sensors.structure.structural_model import StructuralModel
 
 Powers = Mapping[str, int]
 

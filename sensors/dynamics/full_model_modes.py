@@ -16,10 +16,11 @@ from scipy.sparse.csgraph import connected_components
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-from sensors.structure.assembly import PLANE_COLUMNS, StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import Direction, TurbineDescription
 from sensors.structure.foundation import TurbineError
 from sensors.structure.sensor_readings import ChannelReadings
+from sensors.structure.structural_model import PLANE_COLUMNS, StructuralModel
 
 VISIBLE_SHARE = 0.01  # of the largest sensor motion of any mode, all at unit modal mass [-]
 _COUPLED = 1e-11  # relative size of a matrix entry below which two coordinates do not couple [-]

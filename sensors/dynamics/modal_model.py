@@ -30,10 +30,11 @@ from sensors.dynamics.mudline_condensation import (
 )
 from sensors.dynamics.reference_modes import ReferenceModes, visible_modes
 from sensors.dynamics.water_level import modes_in_water
-from sensors.structure.assembly import PLANE_COLUMNS, StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import positive_definite, spring_matrix
 from sensors.structure.sensor_readings import ChannelReadings
+from sensors.structure.structural_model import PLANE_COLUMNS, StructuralModel
 
 __all__ = ["FullModes", "ModalModel", "ModalParameters", "followed_by_overlap", "full_modes"]
 

@@ -8,10 +8,10 @@ import numpy as np
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.dynamics.full_model_modes import VISIBLE_SHARE, FullModes, solved_modes
-from sensors.structure.assembly import StructuralModel
 from sensors.structure.description import Direction, ReferenceMode
 from sensors.structure.foundation import TurbineError
 from sensors.structure.sensor_readings import ChannelReadings
+from sensors.structure.structural_model import StructuralModel
 
 REFERENCE_WINDOW = 0.05  # a published mode is looked for within this relative distance [-]
 

@@ -7,8 +7,8 @@ from scipy.linalg import eigh
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-from sensors.structure.assembly import StructuralModel
 from sensors.structure.foundation import TurbineError
+from sensors.structure.structural_model import StructuralModel
 
 
 @dataclass(frozen=True, slots=True)

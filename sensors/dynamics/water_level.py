@@ -5,8 +5,9 @@ from scipy.linalg import eigh
 
 from sensors.arrays import FloatArray
 from sensors.dynamics.reference_modes import ReferenceModes
-from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.sensor_readings import ChannelReadings
+from sensors.structure.structural_model import StructuralModel
 
 
 def modes_in_water(

@@ -27,6 +27,7 @@ from sensors.files.formats import read_chunks
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
 
 GAP = 0.5  # a clock that is so far behind for good has lost a sample [samples]
+FIRST_DAY_NS = 86_400 * NANOSECONDS  # of 1970: times in it count from a file's start [ns]
 LATE_STAMPS = 16  # so many stamps in a row may be late without a sample being lost
 
 
@@ -192,7 +193,9 @@ def stamp_samples(
 
 
 def moment(time_ns: int) -> str:
-    """Return a time in words: "2024-03-01 12:00:00.250" (UTC)."""
+    """Return a time in words: "2024-03-01 12:00:00.250" (UTC); of a count from 0 "1000.050 s"."""
+    if 0 <= time_ns < FIRST_DAY_NS:
+        return f"{time_ns / NANOSECONDS:.3f} s"
     seconds, rest = divmod(time_ns, NANOSECONDS)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d}"
 

@@ -1,7 +1,8 @@
 """ChannelTable: what any file of measurements gives, whatever its format."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -310,6 +311,30 @@ def require_module(module: str, extra: str, path: Path) -> Any:
         raise FileError(
             f"{path}: {package} is needed to read it; pip install 'pilewatch[{extra}]'"
         ) from error
+
+
+@contextmanager
+def readable(path: Path, kind: str, *damage: type[Exception]) -> Iterator[None]:
+    """Report what a format's library raises of a damaged file in one line.
+
+    Parameters
+    ----------
+    kind : str
+        What the file should be, with its noun.
+    damage : type of Exception
+        What the library raises.
+
+    Raises
+    ------
+    FileError
+    """
+    try:
+        yield
+    except FileError:
+        raise
+    except damage as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise FileError(f"{path}: no readable {kind}: {reason or type(error).__name__}") from error
 
 
 def require_file(path: Path) -> Path:

@@ -13,7 +13,7 @@ from sensors.arrays import FloatArray, IndexArray
 from sensors.loads.filtered import RandomLoad, spectral_kernel, white_kernel
 from sensors.loads.load import LoadError, RandomStream, require_not_negative
 from sensors.loads.spectra import jonswap, wave_number
-from sensors.structure.assembly import PLANE_COLUMNS, StructuralModel
+from sensors.structure.structural_model import PLANE_COLUMNS, StructuralModel
 
 
 @dataclass(frozen=True, slots=True)

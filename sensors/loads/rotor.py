@@ -18,8 +18,8 @@ from sensors.loads.spectra import kaimal
 from sensors.loads.synthesis import SegmentedNoise, harmonics, in_chunks
 from sensors.loads.wind import ALONG_LENGTH, Wind
 from sensors.settings import NO_KEY
-from sensors.structure.assembly import StructuralModel
 from sensors.structure.rotor_nacelle import apex, rigid_displacement
+from sensors.structure.structural_model import StructuralModel
 
 ROTOR_RADIUS = 120.0  # of the IEA 15 MW [m]
 HIGHEST_TURBULENCE = 2.0  # of the thrust's turbulence; the rotor averages what is faster [Hz]

@@ -22,7 +22,7 @@ from sensors.loads.load import (
 )
 from sensors.loads.spectra import horizontal_motion, jonswap
 from sensors.loads.synthesis import OVERLAP, SegmentedNoise, harmonics, in_chunks
-from sensors.structure.assembly import StructuralModel
+from sensors.structure.structural_model import StructuralModel
 
 N_HEIGHTS = 12  # places over the water's depth where the force is evaluated
 N_PATTERNS = 8  # polynomials over the wetted height that the force is written in

@@ -23,8 +23,8 @@ from sensors.loads.load import (
 from sensors.loads.spectra import iec_coherence, kaimal
 from sensors.loads.synthesis import SegmentedNoise, harmonics, in_chunks
 from sensors.settings import NO_KEY
-from sensors.structure.assembly import StructuralModel
 from sensors.structure.rotor_nacelle import apex, blade_axes, rigid_displacement
+from sensors.structure.structural_model import StructuralModel
 
 # Chord of the IEA 15 MW blade at even shares of its length, root to tip [m].
 # Source: IEAWindTask37/IEA-15-240-RWT (Apache-2.0), OpenFAST/IEA-15-240-RWT_AeroDyn15_blade.dat.

@@ -5,9 +5,9 @@ import numpy as np
 from sensors.loads import Load, Sea, SeaState, Wind, random_loads, rotor_load, wave_load, wind_load
 from sensors.simulation.schedule import Schedule
 from sensors.simulation.settings import SimulationError, SimulationSettings
-from sensors.structure.assembly import StructuralModel
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, positive_definite
+from sensors.structure.structural_model import StructuralModel
 
 
 def build_schedule(settings: SimulationSettings, description: TurbineDescription) -> Schedule:

@@ -18,9 +18,10 @@ from sensors.dynamics.structure_modes import (
 from sensors.loads import Rotor, Wind, aerodynamic_damping, rotor_damping, thrust_slope
 from sensors.loads.operating_states import FINE_PITCH
 from sensors.simulation.schedule import Schedule
-from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings
+from sensors.structure.structural_model import StructuralModel
 
 # The structure is solved again when one of these has changed by as much.
 STIFFNESS_STEP = 2e-4  # of a spring, relative: 1e-5 of a frequency at most

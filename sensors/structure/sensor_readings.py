@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sensors.acquisition.layout import LayoutError, SensorLayout
 from sensors.arrays import FloatArray, IndexArray
-from sensors.structure.assembly import StructuralModel
+from sensors.structure.structural_model import StructuralModel
 
 
 @dataclass(frozen=True, slots=True, eq=False)

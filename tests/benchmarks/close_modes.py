@@ -15,7 +15,6 @@ found      one identified mode each, within max(3 std, .2 %), MAC .8 (.5 where t
            exceeds .3); phantoms are the identified modes left over within 7 %
 """
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -26,7 +25,7 @@ from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from sensors.arrays import FloatArray
-from tests.benchmarks._results import keep
+from tests.benchmarks._seeded import report, seeded_options, seeds_of
 
 DURATION = 600.0  # of a record [s]
 OVERSAMPLING = 2
@@ -276,20 +275,6 @@ def figures(first_seed: int, count: int) -> dict[str, dict[str, float]]:
 
 def main(arguments: list[str]) -> None:
     """Print the figures, and keep them where asked."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks close_modes")
-    parser.add_argument("--first-seed", type=int, default=50_001)
-    parser.add_argument("--records", type=int, default=50)
-    parser.add_argument("--keep", action="store_true", help="write the result")
-    options = parser.parse_args(arguments)
+    options = seeded_options("close_modes", first_seed=50_001, records=50).parse_args(arguments)
     found = figures(options.first_seed, options.records)
-    for name, row in found.items():
-        print(f"{name:14s} " + ", ".join(f"{key} {value:.3g}" for key, value in row.items()))
-    if options.keep:
-        keep(
-            "close_modes",
-            found,
-            command="python -m tests.benchmarks close_modes "
-            f"--first-seed {options.first_seed} --records {options.records} --keep",
-            seeds=range(options.first_seed, options.first_seed + options.records),
-            depends=("pipeline/oma", "tests/benchmarks/close_modes.py"),
-        )
+    report("close_modes", found, options, seeds=seeds_of(options))

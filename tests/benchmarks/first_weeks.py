@@ -19,8 +19,7 @@ import numpy as np
 
 from pipeline.messages import ModalEstimate
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import sightings
-from pipeline.updating.evidence.windows import SeenWindow
+from pipeline.updating.evidence.observations import SeenWindow, sightings
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.calibration import (

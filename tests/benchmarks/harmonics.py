@@ -11,7 +11,6 @@ cover       90 % intervals of the found modes' ζ and f
 harmonics   windows in which a mode is reported within 1.5 % of 1P, 3P or 6P that is none of the two
 """
 
-import argparse
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,7 +18,7 @@ from scipy.signal import lfilter
 
 from pipeline.oma.identification import identify
 from sensors.arrays import FloatArray
-from tests.benchmarks._results import keep
+from tests.benchmarks._seeded import report, seeded_options, seeds_of
 from tests.benchmarks.close_modes import Hidden, _is, bending_pair
 
 WANDER, CORRELATION = 0.01, 30.0  # std of the speed over its mean [-], time [s]
@@ -80,22 +79,8 @@ def figures(seeds: Sequence[int], *, known: bool) -> dict[str, float]:
 
 def main(arguments: list[str]) -> None:
     """Print the figures, and keep them where asked."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks harmonics")
-    parser.add_argument("--first-seed", type=int, default=71_001)
-    parser.add_argument("--records", type=int, default=100)
-    parser.add_argument("--keep", action="store_true", help="write the result")
-    options = parser.parse_args(arguments)
-    seeds = range(options.first_seed, options.first_seed + options.records)
+    options = seeded_options("harmonics", first_seed=71_001, records=100).parse_args(arguments)
+    seeds = seeds_of(options)
     found = {"with speed": figures(seeds, known=True)}
     found["without speed"] = figures(seeds[: max(1, len(seeds) // 4)], known=False)
-    for name, row in found.items():
-        print(f"{name:14s} " + ", ".join(f"{key} {value:.3g}" for key, value in row.items()))
-    if options.keep:
-        keep(
-            "harmonics",
-            found,
-            command="python -m tests.benchmarks harmonics "
-            f"--first-seed {options.first_seed} --records {options.records} --keep",
-            seeds=seeds,
-            depends=("pipeline/oma", "tests/benchmarks/harmonics.py"),
-        )
+    report("harmonics", found, options, seeds=seeds)

@@ -15,15 +15,13 @@ The checks of a window's samples are run, without the identification. Every seed
 `stop` is run once with the range, once with five times.
 """
 
-import argparse
-
 import numpy as np
 from scipy.signal import lfilter
 
 from pipeline.oma.data_quality.input_checks import check_stationarity
 from sensors.arrays import FloatArray
 from sensors.loads.spectra import kaimal
-from tests.benchmarks._results import keep
+from tests.benchmarks._seeded import report, seeded_options
 
 DURATION, RATE = 600.0, 10.0
 TURBULENCE, SPEED, LENGTH = 0.1, 2.0, 340.2  # intensity [-], [m/s], scale of Kaimal's spectrum [m]
@@ -118,22 +116,9 @@ def figures(first_seed: int, records: int, quiet: int) -> dict[str, float]:
 
 def main(arguments: list[str]) -> None:
     """Print the figures, and keep them where asked."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks stationarity")
-    parser.add_argument("--first-seed", type=int, default=90_001)
-    parser.add_argument("--records", type=int, default=200)
+    parser = seeded_options("stationarity", first_seed=90_001, records=200)
     parser.add_argument("--quiet", type=int, default=2000)
-    parser.add_argument("--keep", action="store_true", help="write the result")
     options = parser.parse_args(arguments)
     found = figures(options.first_seed, options.records, options.quiet)
-    for name, value in found.items():
-        print(f"{name:14s} {value:.4g}")
-    if options.keep:
-        keep(
-            "stationarity",
-            found,
-            command="python -m tests.benchmarks stationarity "
-            f"--first-seed {options.first_seed} --records {options.records} "
-            f"--quiet {options.quiet} --keep",
-            seeds=range(options.first_seed, options.first_seed + options.quiet),
-            depends=("pipeline/oma/data_quality", "tests/benchmarks/stationarity.py"),
-        )
+    seeds = range(options.first_seed, options.first_seed + options.quiet)
+    report("stationarity", found, options, seeds=seeds, depends="pipeline/oma/data_quality")

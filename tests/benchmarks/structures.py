@@ -15,7 +15,6 @@ duplicates  further identified modes beside one that was matched
 cover       90 % intervals of f and ζ by class of ζ f T
 """
 
-import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +25,7 @@ from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from sensors.arrays import BoolArray, FloatArray
-from tests.benchmarks._results import keep
+from tests.benchmarks._seeded import report, seeded_options, seeds_of
 
 CLASSES = {"below 3": (0.0, 3.0), "3 to 10": (3.0, 10.0), "above 10": (10.0, np.inf)}  # ζ f T [-]
 NINETY = 1.645  # std of a 90 % interval
@@ -218,15 +217,11 @@ def _of(pairs: Iterable[tuple[Structure, Judged]]) -> list[tuple[Structure, int,
 
 def main(arguments: list[str]) -> None:
     """Print the figures, and keep them where asked."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks structures")
-    parser.add_argument("--first-seed", type=int, default=75_001)
-    parser.add_argument("--records", type=int, default=60)
+    parser = seeded_options("structures", first_seed=75_001, records=60)
     parser.add_argument("--list", action="store_true", help="every mode missed or invented")
-    parser.add_argument("--keep", action="store_true", help="write the result")
     options = parser.parse_args(arguments)
-    seeds = range(options.first_seed, options.first_seed + options.records)
     structures, judged = [], []
-    for seed in seeds:
+    for seed in seeds_of(options):
         structure = draw(seed)
         found = identify(structure.samples, structure.sampling_rate)
         each = judge(structure, found.modes)
@@ -234,18 +229,7 @@ def main(arguments: list[str]) -> None:
             _print_record(seed, structure, each, found.refused)
         structures.append(structure)
         judged.append(each)
-    result = figures(structures, judged)
-    for name, value in result.items():
-        print(f"{name:20s} {value}")
-    if options.keep:
-        keep(
-            "structures",
-            result,
-            command="python -m tests.benchmarks structures "
-            f"--first-seed {options.first_seed} --records {options.records} --keep",
-            seeds=seeds,
-            depends=("pipeline/oma", "tests/benchmarks/structures.py"),
-        )
+    report("structures", figures(structures, judged), options, seeds=seeds_of(options))
 
 
 def _print_record(seed: int, structure: Structure, judged: Judged, refused: Any) -> None:

@@ -23,7 +23,7 @@ from pipeline.archive.store import StoredFrame
 from pipeline.archive.tracking import ArchiveTracking, TrackingState
 from pipeline.archive.work import Call
 from pipeline.messages import Message
-from pipeline.updating.state import CheckpointOwner, decoded_checkpoint, encoded_checkpoint
+from pipeline.updating.checkpoint import CheckpointOwner, decoded_checkpoint, encoded_checkpoint
 
 STRETCH, TRACKED, UPDATED = "Stretch", "TrackingState", "SavedPass"  # kinds of frames
 _LENGTH = struct.Struct("<I")

@@ -9,6 +9,7 @@ from pipeline.cli.tables.cells import count_noun, format_value, table_of
 from pipeline.farm.farm import Farm
 from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.state.json_values import Json
+from pipeline.state.posterior_json import figure_name
 
 
 def posterior_table(posterior: Json) -> Table:
@@ -33,13 +34,6 @@ def posterior_table(posterior: Json) -> Table:
     sigma = posterior["sigma"]
     above = f"below {format_value(sigma['p95'], '.1e')} (95 %)"
     table.add_row("σ", "", above, "", format_value(sigma["median"], ".1e"), "-")
-    for name, each in posterior["figures"].items():
-        # three digits and folded names: 80 columns hold them, and no figure is cut
-        interval = f"{format_value(each['p05'], '.3g')} to {format_value(each['p95'], '.3g')}"
-        median = format_value(each["median"], ".3g")
-        table.add_row(
-            escape(name.replace("_", " ")), "", interval, "", median, escape(each["unit"])
-        )
     table.caption = (
         f"{count_noun(posterior['windows'], 'window')}, {posterior['sampler']}: "
         f"{format_value(posterior['ess'], '.0f')} effective draws"
@@ -48,6 +42,20 @@ def posterior_table(posterior: Json) -> Table:
         f"{format_value(posterior['change_probability'], '.2f')}"
     )
     return table
+
+
+def figures_tables(posterior: Json) -> list[Table]:
+    """Return the table of the structure's figures; none where they are taken as known."""
+    if not posterior["figures"]:
+        return []
+    table = table_of("Figures of the structure and its sensors")
+    table.add_column("", justify="right", no_wrap=True)
+    for title in ("median", "90 % interval", "unit"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for name, each in posterior["figures"].items():
+        median, low, high = (format_value(each[key], ".3g") for key in ("median", "p05", "p95"))
+        table.add_row(escape(figure_name(name)), median, f"{low} to {high}", escape(each["unit"]))
+    return [table]
 
 
 def posteriors_table(posteriors: Sequence[Json]) -> Table:

@@ -24,9 +24,8 @@ from pipeline.monitoring.alarms.channels import AlarmChannel
 from pipeline.monitoring.alarms.heartbeat import AlarmHeartbeat, Pulse
 from pipeline.monitoring.alarms.outbox import DeliveryState, DeliveryThread, Outbox
 from pipeline.monitoring.alarms.settings import AlarmLogSettings, HeartbeatSettings
-from pipeline.nodes.node import NodeStatistics
+from pipeline.nodes.node import NodeStatistics, Sink
 from pipeline.recording.atomic_write import written_whole
-from pipeline.streams import STREAMS
 from sensors.errors import InputError
 
 logger = logging.getLogger(__name__)
@@ -38,7 +37,7 @@ CHECKED_EVERY = 1_000_000_000  # the log for ends and reminders, the channels fo
 WHOLE_SESSION = "session"  # in place of a turbine, for alarms about the session itself
 
 
-class AlarmNode:
+class AlarmNode(Sink):
     """Handles every message of a session, raises alarms, answers acknowledgements.
 
     Parameters
@@ -61,7 +60,6 @@ class AlarmNode:
     """
 
     name = "notices"
-    inputs: tuple[type, ...] = tuple(stream.message for stream in STREAMS)
 
     def __init__(
         self,

@@ -127,12 +127,20 @@ class GroupModes:
     """Rise of ln p that one mode more would promise [nats]."""
     weaker_share: float = 1.0
     """Power along the weaker axis of its pair over that along the stronger one [-]."""
+    flat: bool = False
+    """Whether a background without a mode explains the lines as well."""
 
 
 def modes_of_group(
-    group: Group, spectrum: WindowSpectrum, others: Sequence[Suspect], settings: OmaSettings
+    group: Group,
+    spectrum: WindowSpectrum,
+    others: Sequence[Suspect],
+    settings: OmaSettings,
+    *,
+    most_modes: int = MOST_GROUP_MODES,
 ) -> GroupModes | None:
-    """The modes of a group by evidence; None where the window has too few lines there."""
+    """The modes of a group by evidence, none where a flat background explains the lines as well;
+    None where the window has too few lines there."""
     band = band_of(group, spectrum, others)
     if band is None:
         return None
@@ -141,10 +149,10 @@ def modes_of_group(
     needed = Needed(group.low * band.duration - margin, group.high * band.duration + margin)
     resolved = group.half_bandwidth * band.duration >= RESOLVED
     found = best_fit(
-        band, needed, most_modes=MOST_GROUP_MODES, half_width=half_width, one_colour=resolved
+        band, needed, most_modes=most_modes, half_width=half_width, one_colour=resolved
     )
     if found is None:
-        return None
+        return GroupModes((), mixed=0.0, colour=0.0, unexplained=0.0, flat=True)
     best, band = found.fit, found.band
     perpendicular = None
     if not resolved:

@@ -71,7 +71,7 @@ def best_fit(
         best = fitted(strongest(band, half_width), band)
     if best.bayes_cost(band.n_lines) > cost_of_background(band) - NEEDED_EVIDENCE:
         return None
-    while best.modes.n_modes < min(most_modes, n_channels):
+    while True:
         place = left_unexplained(best.modes, band, half_width)[0]
         if place.gain < WORTH_A_TRY:
             break
@@ -80,6 +80,8 @@ def best_fit(
             band = shorter
             best = fitted(best.modes, band)
             continue
+        if best.modes.n_modes >= min(most_modes, n_channels):
+            break
         least = best.bayes_cost(band.n_lines) - NEEDED_EVIDENCE
         apart = told_apart_by_place(band, best.modes.n_modes + 1, half_width, best.modes.noise)
         further = fitted(apart, band) if apart is not None else best

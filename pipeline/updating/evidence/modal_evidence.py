@@ -25,7 +25,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.messages import ModalEstimate
 from pipeline.updating.evidence.mode_evidence import ModeEvidence, PartnerInWater
-from pipeline.updating.evidence.observations import ModeObservation, sightings
+from pipeline.updating.evidence.observations import ModeObservation, SeenWindow, sightings
 from sensors.arrays import FloatArray
 
 FOLLOWING_FREQUENCY_STD = 0.003  # relative scatter of one mode's f between windows [-]
@@ -153,29 +153,15 @@ class ModalEvidence:
 
         rise   of the water above the model's level [m]
         """
-        return self.with_sightings(
-            sightings(estimate, self.channels),
-            estimate.weight,
-            estimate.duration,
-            rise=rise,
-            level_known=bool(np.isfinite(estimate.water_level)),
-        )
+        return self.with_window(SeenWindow.of(estimate, sightings(estimate, self.channels), rise))
 
-    def with_sightings(
-        self,
-        seen: Sequence[ModeObservation],
-        weight: float,
-        duration: float,
-        *,
-        rise: float = 0.0,
-        level_known: bool = True,
-    ) -> "ModalEvidence":
-        """The same from the observations of a window of that weight and duration [s]."""
+    def with_window(self, seen: SeenWindow) -> "ModalEvidence":
+        """The same from what one window saw."""
         window = self.n_windows + 1
         modes, n_tracks = list(self.modes), self.n_tracks
-        followed = followed_by(self.modes, seen)
-        returned = jumped_from(self.modes, seen, followed)
-        for number, jump, sighting in zip(followed, returned, seen, strict=True):
+        followed = followed_by(self.modes, seen.sightings)
+        returned = jumped_from(self.modes, seen.sightings, followed)
+        for number, jump, sighting in zip(followed, returned, seen.sightings, strict=True):
             if number >= 0:
                 known = modes[number]
             elif jump >= 0:
@@ -185,9 +171,9 @@ class ModalEvidence:
             updated = known.with_sighting(
                 sighting,
                 window=window,
-                weight=weight,
+                weight=seen.weight,
                 joint_covariance=self.joint_covariance,
-                rise=rise,
+                rise=seen.rise,
             )
             if number >= 0:
                 modes[number] = updated
@@ -198,8 +184,8 @@ class ModalEvidence:
             modes=_remembered(modes, window),
             n_windows=window,
             n_tracks=n_tracks,
-            window_duration=min(self.window_duration or np.inf, duration),
-            n_unknown_levels=self.n_unknown_levels + (not level_known),
+            window_duration=min(self.window_duration or np.inf, seen.duration),
+            n_unknown_levels=self.n_unknown_levels + (not seen.level_known),
         )
 
     def with_channels(self, order: Sequence[int], signs: Sequence[float]) -> "ModalEvidence":

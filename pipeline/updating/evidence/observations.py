@@ -68,6 +68,36 @@ class ModeObservation:
         return replace(self, values=values, factor=factor)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenWindow:
+    """What one window saw, small enough to be kept and summed again by another rule."""
+
+    start_ns: int
+    duration: float
+    """[s]"""
+    weight: float
+    """hop / window duration [-]"""
+    rise: float
+    """Of the water above the model's level [m]; 0 where nothing reported it"""
+    sightings: tuple[ModeObservation, ...]
+    level_known: bool = True
+    """Whether anything reported the water's level"""
+
+    @classmethod
+    def of(
+        cls, estimate: ModalEstimate, sightings: Sequence[ModeObservation], rise: float
+    ) -> "SeenWindow":
+        """The window of an estimate, with its modes as observations."""
+        return cls(
+            start_ns=estimate.start_ns,
+            duration=estimate.duration,
+            weight=estimate.weight,
+            rise=rise,
+            sightings=tuple(sightings),
+            level_known=bool(np.isfinite(estimate.water_level)),
+        )
+
+
 def sightings(estimate: ModalEstimate, channels: Sequence[str]) -> list[ModeObservation]:
     """Every mode of an estimate on the layout's channels, the members of a close pair as one.
 

@@ -103,14 +103,16 @@ def observations(
     standard deviations, and one such shape would be bought off by a σ that blurs all the others.
     """
     resolved = settings.resolution / evidence.window_duration
+    gaps = np.abs(model_frequencies[:, None] - model_frequencies)
+    np.fill_diagonal(gaps, np.inf)
+    gaps[np.isnan(gaps)] = np.inf
+    nearest = gaps.argmin(axis=1)
     found = []
     for identified, model in enumerate(pairing.model_modes):
         if model < 0:
             continue
-        gaps = np.abs(model_frequencies - model_frequencies[model])
-        gaps[model] = np.inf
-        neighbour = int(np.nanargmin(gaps)) if np.isfinite(gaps).any() else -1
-        gap = float(gaps[neighbour]) if neighbour >= 0 else np.inf
+        neighbour = int(nearest[model])
+        gap = float(gaps[model, neighbour])
         if evidence.modes[identified].close_pair:
             both = (model, neighbour) if gap < resolved else (model,)
             found.append(ModeComparison(identified, both, shape_used=False, gap=0.0))

@@ -8,6 +8,7 @@ searched first; the best few are refined with a tolerance that shrinks; the chea
 from bisect import insort
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -17,7 +18,7 @@ from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.updating.evidence.mode_evidence import ModeEvidence
 from pipeline.updating.forward_model import ForwardModel, ModesOfStiffness
 from pipeline.updating.prior import Prior, UpdatingError, modal_where_supported
-from sensors.arrays import FloatArray
+from sensors.arrays import FloatArray, IndexArray
 from sensors.settings import NO_KEY
 
 STEP_LENGTHS = np.array([1.0, 0.5, 0.2, 0.05])  # of a Gauss-Newton step, tried in one batch [-]
@@ -114,11 +115,18 @@ def macs(targets: PairingTargets, shapes: FloatArray) -> FloatArray:
     returns   (n, n_identified, n_model); 1 for identified modes without a shape
     """
     values = np.ones((len(shapes), len(targets.shapes), shapes.shape[1]))
-    for mask in np.unique(targets.available, axis=0):
-        rows = np.flatnonzero((targets.available == mask).all(axis=1))
-        if mask.any():
-            values[:, rows] = modal_assurance_criterion(targets.shapes[rows] * mask, shapes * mask)
+    for mask, rows in _by_channels(targets):
+        seen = shapes if mask.all() else shapes * mask
+        values[:, rows] = modal_assurance_criterion(targets.shapes[rows], seen)
     return values
+
+
+@lru_cache(maxsize=8)
+def _by_channels(targets: PairingTargets) -> tuple[tuple[FloatArray, IndexArray], ...]:
+    """The channels of which some identified modes have a shape, and those modes."""
+    masks, which = np.unique(targets.available, axis=0, return_inverse=True)
+    rows = [np.flatnonzero(which.ravel() == n) for n in range(len(masks))]
+    return tuple((mask, row) for mask, row in zip(masks, rows, strict=True) if mask.any())
 
 
 def assigned(

@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.mode_evidence import ModeEvidence
-from pipeline.updating.evidence.windows import SeenWindow, with_window
+from pipeline.updating.evidence.observations import SeenWindow
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.alternatives import FittedAlternative, JointResult
 from pipeline.updating.structural.periods import CommonFit, Period, common_fit
@@ -247,7 +247,7 @@ def evidence_by_level(
     whole = empty
     modes: list[dict[int, ModeEvidence]] = [{} for _ in centres]
     for window, k in zip(windows, numbers.tolist(), strict=True):
-        whole = with_window(whole, window)
+        whole = whole.with_window(window)
         _add(modes[k], window, whole)
     kept = {mode.track for mode in whole.modes}
     counts = np.bincount(numbers)

@@ -15,7 +15,6 @@ chapter 10.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +22,9 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.mode_evidence import PartnerInWater
-from pipeline.updating.likelihood.likelihood import LikelihoodSettings, ModeComparison, observations
+from pipeline.updating.likelihood.likelihood import LikelihoodSettings, observations
+from pipeline.updating.likelihood.mode_errors import ModeErrors, mode_errors
 from pipeline.updating.likelihood.pairing import (
-    Pairing,
     PairingSettings,
     PairingTargets,
     assigned,
@@ -50,7 +49,6 @@ ANNEALING = (
     (0.003, 0.03, 0.008),
     (0.0015, 0.02, 0.004),
 )
-STUDENT_DEGREES = 4.0  # ν of Student's t, of each mode's frequency and each shape
 LARGEST_SQUARE = 9.0  # that one frequency counts in the cost; a shape's components each [-]
 FEW_STARTS = 3
 FINEST_TOLERANCE = 0.004  # of the pairing at the end, where the description holds [-]
@@ -77,71 +75,12 @@ class JointFitSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
-    """The paired modes at one point: errors, their variances, and how they depend on u."""
-
-    pairing: Pairing
-    used: tuple[ModeComparison, ...]
-    errors: FloatArray
-    """η, (p,) model minus identified: ln f and components of φ [-]"""
-    variances: FloatArray
-    """(p,) of the combined windows: S"""
-    floors: FloatArray
-    """(p,) systematic: F"""
-    reference: FloatArray
-    """(p,) diagonal of R, which σ² multiplies: 1 for ln f, ‖φ̄‖² for shapes"""
-    jacobian: FloatArray
-    """∂η/∂u, (p, n_dim)"""
-    groups: NDArray[np.intp]
-    """(p,) number of the observation of each component"""
-    is_frequency: NDArray[np.bool_]
-    """(p,)"""
-    tracks: NDArray[np.intp]
-    """(p,) of the identified mode"""
-    rows: NDArray[np.intp]
-    """(p,) 0 for f, 1 + channel for a component of φ"""
-    units: NDArray[np.intp]
-    """(p,) channel whose component is 1 in the shape; 0 for f"""
-    linearisation: Linearisation
-
-    def squares(self, variances: FloatArray) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
-        """χ² of each frequency and each shape, (g,), which of them every component belongs to,
-        (p,), and how many components each has, (g,)."""
-        members = 2 * self.groups + ~self.is_frequency
-        _, members = np.unique(members, return_inverse=True)
-        squares = np.bincount(members, self.errors**2 / variances)
-        return np.asarray(squares, dtype=float), members, np.bincount(members).astype(float)
-
-    @property
-    def keys(self) -> tuple[tuple[int, int, int], ...]:
-        """(p,) track of the identified mode, row of (f, φ) and unit component of each."""
-        return tuple(
-            zip(self.tracks.tolist(), self.rows.tolist(), self.units.tolist(), strict=True)
-        )
-
-    def robust_weights(self, variances: FloatArray) -> FloatArray:
-        """(p,) (ν + n) / (ν + χ²) of Student's t: what the identification got wrong by ten
-        standard deviations must not drag the stiffness by many of its own."""
-        squares, members, counts = self.squares(variances)
-        return student_weights(squares, counts)[members]
-
-
-def student_weights(squares: FloatArray, counts: NDArray[Any]) -> FloatArray:
-    """(g,) (ν + n) / (ν + χ²) of Student's t, at most 1.
-
-    squares   χ² of each group of components, (g,)
-    counts    n of its components, (g,)
-    """
-    return np.minimum((STUDENT_DEGREES + counts) / (STUDENT_DEGREES + squares), 1.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class JointPeak:
     """The end of one descent."""
 
     u: FloatArray
     """(n_dim,)"""
-    comparison: Comparison
+    comparison: ModeErrors
     cost: float
     """Misfit, prior and rejected modes"""
     degrees: int
@@ -171,14 +110,16 @@ class JointFit:
         n_channels = len(model.layout.channels)
         self.sensors = sensors or SensorReadings((), n_channels)
         self.coordinates = coordinates
-        self._likelihood = likelihood
+        self.likelihood = likelihood
         self._pairing = pairing
         self.settings = settings or JointFitSettings()
         self._reach = float(np.nanmax(self._modes(coordinates.origin[None]).frequencies))
         self.tolerance = FINEST_TOLERANCE
         self.rise = 0.0  # of the water in the evidence above the model's level [m]
         self._draws = coordinates.draws(self.settings.search_draws, generator, spread=0.9)
-        self._drawn_modes: FigureModes | None = None  # solved when a fit needs them
+        # modes of the draws by the level's uncertainty, solved when a fit needs them; fits with
+        # other priors share them
+        self._drawn_modes: dict[float, FigureModes] = {}
 
     def with_level_std(self, level_std: float) -> "JointFit":
         """The same with another uncertainty of the water's level [m]."""
@@ -315,9 +256,12 @@ class JointFit:
 
     def _bounds(self, targets: PairingTargets) -> FloatArray:
         """(n_draws,) pairing cost of each drawn structure if modes could share partners."""
-        if self._drawn_modes is None:
-            self._drawn_modes = self._modes(self._draws)
-        costs = pairing_costs(targets, self._drawn_modes, ANNEALING[0][2], self._pairing.mac_scale)
+        level_std = self.coordinates.level_std
+        if level_std not in self._drawn_modes:
+            self._drawn_modes.clear()  # sets of modes are large, and the last level mostly stays
+            self._drawn_modes[level_std] = self._modes(self._draws)
+        drawn = self._drawn_modes[level_std]
+        costs = pairing_costs(targets, drawn, ANNEALING[0][2], self._pairing.mac_scale)
         bounds = np.minimum(costs.min(axis=2), self._pairing.rejection) @ targets.weights
         return np.asarray(bounds)
 
@@ -368,7 +312,7 @@ class JointFit:
         degrees = len(found.errors) - N_SPRINGS
         return JointPeak(u, found, cost, degrees)
 
-    def variances(self, found: Comparison, sigma: float) -> FloatArray:
+    def variances(self, found: ModeErrors, sigma: float) -> FloatArray:
         """(p,) S + F + σ² R."""
         return found.variances + found.floors + sigma**2 * found.reference
 
@@ -409,7 +353,7 @@ class JointFit:
     def _step(
         self,
         u: FloatArray,
-        found: Comparison,
+        found: ModeErrors,
         sigma: float,
         extra: FloatArray | float,
         damping: float,
@@ -429,7 +373,7 @@ class JointFit:
         return step / max(1.0, float((np.abs(step) / longest).max()))
 
     def _cost(
-        self, u: FloatArray, found: Comparison, targets: PairingTargets, sigma: float
+        self, u: FloatArray, found: ModeErrors, targets: PairingTargets, sigma: float
     ) -> float:
         squares, _, counts = found.squares(self.variances(found, sigma))
         misfit = float(np.minimum(squares, LARGEST_SQUARE * counts).sum())
@@ -441,7 +385,7 @@ class JointFit:
 
     def compared(
         self, evidence: ModalEvidence, targets: PairingTargets, u: FloatArray, tolerance: float
-    ) -> Comparison | None:
+    ) -> ModeErrors | None:
         """Modes paired and compared at one point; None where it cannot stand or pairs nothing."""
         modes = self.linearised(u)
         if modes is None:
@@ -450,10 +394,10 @@ class JointFit:
         costs = pairing_costs(targets, drawn, tolerance, self._pairing.mac_scale)[0]
         pairing = assigned(costs, targets, u, self._pairing.rejection)
         mac = macs(targets, drawn.shapes)[0]
-        used = observations(evidence, pairing, modes.frequencies, self._likelihood, mac=mac)
+        used = observations(evidence, pairing, modes.frequencies, self.likelihood, mac=mac)
         if not used:
             return None
-        return self._comparison(evidence, pairing, used, modes)
+        return mode_errors(evidence, pairing, used, modes, self.likelihood)
 
     def linearised(self, u: FloatArray) -> Linearisation | None:
         """The model's modes at a point as the sensors read them; None where it cannot stand."""
@@ -477,89 +421,6 @@ class JointFit:
             readings=readings,
             reading_slopes=by_u,
             log_frequency_slopes=modes.log_frequency_slopes @ slopes,
-        )
-
-    def _comparison(
-        self,
-        evidence: ModalEvidence,
-        pairing: Pairing,
-        used: tuple[ModeComparison, ...],
-        modes: Linearisation,
-    ) -> Comparison:
-        settings = self._likelihood
-        log_f = modes.log_frequency_slopes
-        parts: list[tuple[NDArray[Any], ...]] = []
-        for number, each in enumerate(used):
-            mode = evidence.modes[each.identified]
-            variance = np.diag(mode.covariance)
-            columns = list(each.model_modes)
-            f = mode.frequency
-            frequencies = modes.frequencies[columns]
-            weights = frequencies / frequencies.sum()  # d ln(mean f) = Σ f dln f / Σ f
-            parts.append(
-                (
-                    np.array([np.log(frequencies.mean() / f)]),
-                    np.array([variance[0] / f**2]),
-                    np.array([settings.frequency_floor**2 + (each.gap / f) ** 2]),
-                    np.ones(1),
-                    (weights @ log_f[columns])[None],
-                    np.array([number]),
-                    np.array([True]),
-                    np.array([mode.track]),
-                    np.array([0]),
-                    np.array([0]),
-                )
-            )
-            if not each.shape_used:
-                continue
-            known = np.flatnonzero(mode.known)
-            channels = known[known > 0] - 1
-            read = modes.readings[columns[0]]
-            turned = modes.reading_slopes[columns[0]]
-            unit = mode.unit_component
-            shape = read / read[unit]
-            slope = (turned - shape[:, None] * turned[unit]) / read[unit]
-            n = len(channels)
-            parts.append(
-                (
-                    np.real(shape[channels]) - mode.shape[channels],
-                    variance[1 + channels],
-                    np.full(n, settings.shape_floor**2),
-                    np.full(n, float(np.nansum(mode.shape**2))),
-                    np.real(slope[channels]),
-                    np.full(n, number),
-                    np.zeros(n, dtype=bool),
-                    np.full(n, mode.track),
-                    1 + channels,
-                    np.full(n, unit),
-                )
-            )
-        (
-            errors,
-            variances,
-            floors,
-            reference,
-            jacobian,
-            groups,
-            is_frequency,
-            tracks,
-            rows,
-            units,
-        ) = (np.concatenate(each) for each in zip(*parts, strict=True))
-        return Comparison(
-            pairing=pairing,
-            used=used,
-            errors=errors,
-            variances=variances,
-            floors=floors,
-            reference=reference,
-            jacobian=jacobian,
-            groups=groups,
-            is_frequency=is_frequency,
-            tracks=tracks,
-            rows=rows,
-            units=units,
-            linearisation=modes,
         )
 
 

@@ -1,7 +1,5 @@
 """The posterior of an uncertain structure as it is published."""
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import halfnorm, norm
@@ -17,7 +15,12 @@ from pipeline.messages import (
     StructureAlternative,
 )
 from pipeline.updating.acceptance import AcceptanceSettings, reduced_chi_square
-from pipeline.updating.diagnostics import contraction, mode_information, unidentified_doubts
+from pipeline.updating.diagnostics import (
+    contraction,
+    mode_information,
+    unidentified_doubts,
+    what_differs,
+)
 from pipeline.updating.likelihood.pairing import macs
 from pipeline.updating.posterior_message import (
     largest_component_one,
@@ -35,8 +38,7 @@ from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.figures import LEVEL
 
 SAMPLER = "laplace"
-UNCERTAIN_STRUCTURE, EXACT_STRUCTURE = "uncertain", "exact"
-EXACT_AS_RECORDED = "exact, as recorded before there was a choice"
+UNCERTAIN_STRUCTURE = "uncertain"
 WORTH_NAMING = 0.02  # share of a spring's variance from which a figure stands in the budget [-]
 LEAST_ALTERNATIVE = 1e-3  # probability from which an alternative is named [-]
 NORMAL_90 = float(np.ptp(norm.ppf([0.05, 0.95])))  # width of the 90 % interval [std]
@@ -146,8 +148,8 @@ def _misfits(pairs: tuple[ModePair, ...], found: JointRefresh) -> tuple[QualityW
         QualityWarning(
             "mode-misfit",
             f"mode {pair.identified or '?'} at {pair.frequency:.4g} Hz, taken for the model's "
-            f"{pair.model}, is not what the other modes predict (frequency "
-            f"{pair.misfit:+.1f} standard deviations off): it counts little",
+            f"{pair.model}, is not what the other modes predict ({what_differs(pair)}): it "
+            "counts little",
         )
         for pair, p in zip(pairs, found.checks.p_values, strict=True)
         if p < UNPREDICTED
@@ -263,8 +265,3 @@ def _relative(found: JointRefresh, reference_ns: int) -> tuple[RelativeStiffness
         return ()
     stds = np.sqrt(np.diag(found.relative.covariance))
     return relative_stiffness(found.relative.mean, stds, reference_ns)
-
-
-def as_exact(posterior: FoundationPosterior, *, stated: bool) -> FoundationPosterior:
-    """The posterior of an exact structure, which names it so."""
-    return replace(posterior, structure=EXACT_STRUCTURE if stated else EXACT_AS_RECORDED)

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.joint_fit import Comparison, JointFit, student_weights
+from pipeline.updating.likelihood.mode_errors import ModeErrors, student_weights
+from pipeline.updating.structural.joint_fit import JointFit
 from sensors.arrays import FloatArray, IndexArray
 
 FLOOR_CORRELATION = 0.9  # of one mode's systematic error in two periods [-]
@@ -46,7 +47,7 @@ class CommonFit:
     """(n,)"""
     covariance: FloatArray
     """(n, n)"""
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[ModeErrors, ...]
     """Of each period, before the last step."""
 
 
@@ -74,7 +75,7 @@ def common_fit(
     """
     fits = [fit.with_rise(period.rise) for period in periods]
     targets = [fit.targets(period.evidence) for period in periods]
-    covariance, found = precision, list[Comparison]()
+    covariance, found = precision, list[ModeErrors]()
     for _ in range(rounds):
         found = []
         for each, target, period in zip(fits, targets, periods, strict=True):
@@ -93,7 +94,7 @@ def common_fit(
 
 
 def _by_component(
-    found: Sequence[Comparison],
+    found: Sequence[ModeErrors],
     periods: Sequence[Period],
     size: int,
     sigma: float,
@@ -125,7 +126,7 @@ class _ModeInPeriods:
     """(b, n) variances of what the periods have in common: ρ F"""
 
     def by_component(
-        self, found: Sequence[Comparison], periods: Sequence[Period], size: int, floors: float
+        self, found: Sequence[ModeErrors], periods: Sequence[Period], size: int, floors: float
     ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
         """Jacobian (b, size), errors (b,) and information (b, b) of each component."""
         own, common = self._robust()
@@ -154,7 +155,7 @@ class _ModeInPeriods:
         return own / (together if len(self.periods) == 1 else 1.0), self.common / together
 
 
-def _modes(found: Sequence[Comparison], sigma: float) -> list[_ModeInPeriods]:
+def _modes(found: Sequence[ModeErrors], sigma: float) -> list[_ModeInPeriods]:
     """Each mode's frequency and shape over the periods."""
     members: dict[tuple[int, int, bool], dict[int, dict[int, int]]] = {}
     for b, each in enumerate(found):

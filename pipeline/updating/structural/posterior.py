@@ -4,8 +4,16 @@ With the errors linear about the peak, η(u) = η₀ + J (u − u₁), every σ 
 
     H(σ) = Jᵀ D⁻¹ J + P,   D = S + F + σ² R,   δ(σ) = −H⁻¹ (Jᵀ D⁻¹ η₀ + P (u₁ − u₀)),
 
-and its weight is p(d | σ) ∝ |D|^(−1/2) |H|^(−1/2) exp(−½ (cost − δᵀ H δ)): Laplace's method in u,
+and its weight is p(d | σ) ∝ |H|^(−1/2) p(η(u₁ + δ) | σ) exp(−½ prior cost): Laplace's method in u,
 exact in σ. Source: Rue, Martino and Chopin, JRSS B 71 (2009) 319, with one hyperparameter.
+
+Where many modes are off by more than they report, the model is off, which is σ; where few are, they
+were identified wrongly. Student's t, which keeps the peak off gross errors, takes both for gross
+errors. So σ is judged by a normal density beside which a small share may lie anywhere:
+
+    p(η_g | σ) = (1 − ε) N(η_g; 0, D_g(σ)) + ε / (2 κ)ⁿ |D_g(0)|^(−1/2)
+
+for each frequency and each shape g of n components. Source: Box and Tiao, Biometrika 55 (1968) 119.
 
 The error budget: the variance of ln k that a figure brings is what would vanish if it were known,
 
@@ -15,14 +23,18 @@ the squared correlation of the joint posterior. Shares of correlated figures ove
 to the part that figures make together, 1 − var(ln k | all figures) / var(ln k).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.updating.likelihood.likelihood import sigma_grid
-from pipeline.updating.structural.joint_fit import Comparison, JointPeak
+from pipeline.updating.likelihood.mode_errors import ModeErrors
+from pipeline.updating.structural.joint_fit import JointPeak
 from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
 from sensors.arrays import FloatArray
+
+GROSS_SHARE = 0.05  # ε, of frequencies and shapes that were identified wrongly [-]
+GROSS_REACH = 20.0  # κ, of their own standard deviations within which they may lie [-]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +49,6 @@ class JointPosterior:
     """(n_sigma, n_dim)"""
     covariances: FloatArray
     """(n_sigma, n_dim, n_dim)"""
-    log_evidence: float
-    """log p(d), terms without σ and u left out"""
 
     @property
     def mean(self) -> FloatArray:
@@ -86,7 +96,7 @@ def joint_posterior(
 
     common   factor on the variances where errors of a rough model are common to so many modes [-]
     """
-    found: Comparison = peak.comparison
+    found: ModeErrors = peak.comparison
     sigma, widths = sigma_grid(highest_sigma, n_sigma)
     prior, off = coordinates.prior_precision, peak.u - coordinates.origin
     J, eta = found.jacobian, found.errors
@@ -99,17 +109,25 @@ def joint_posterior(
         covariance = np.linalg.inv(hessian)
         wide = covariance if common == 1.0 else np.linalg.inv((J.T / (common * D)) @ J + prior)
         step = -covariance @ gradient
-        cost = float((eta**2 / D).sum() + off @ prior @ off - gradient @ covariance @ gradient)
-        logs.append(-0.5 * (np.log(D).sum() + np.linalg.slogdet(hessian)[1] + cost))
+        there = replace(found, errors=eta + J @ step)
+        cost = float((off + step) @ prior @ (off + step) + np.linalg.slogdet(hessian)[1])
+        logs.append(log_contaminated(there, float(value)) - 0.5 * cost)
         means.append(peak.u + step)
         covariances.append(wide)
     log_weights = np.array(logs) + np.log(np.maximum(widths, 1e-300))
-    largest = float(log_weights.max())
-    weights = np.exp(log_weights - largest)
-    total = float(weights.sum())
-    return JointPosterior(
-        sigma, weights / total, np.array(means), np.array(covariances), largest + np.log(total)
-    )
+    weights = np.exp(log_weights - log_weights.max())
+    return JointPosterior(sigma, weights / weights.sum(), np.array(means), np.array(covariances))
+
+
+def log_contaminated(found: ModeErrors, sigma: float) -> float:
+    """ln p(η | σ) of errors of which some are gross, constants left out."""
+    own = found.variances + found.floors
+    variances = own + sigma**2 * found.reference
+    squares, members, counts = found.squares(variances)
+    wider = np.bincount(members, np.log(variances / own))  # ln |D(σ)| − ln |D(0)|
+    gross = np.log(GROSS_SHARE) + counts * np.log(np.sqrt(2 * np.pi) / (2 * GROSS_REACH))
+    logs = np.logaddexp(np.log(1 - GROSS_SHARE) - (squares + wider) / 2, gross)
+    return float(logs.sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from pipeline.updating.structural.joint_fit import Comparison, JointPeak
+from pipeline.updating.likelihood.mode_errors import ModeErrors
+from pipeline.updating.structural.joint_fit import JointPeak
 from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
 from sensors.arrays import FloatArray
 
@@ -50,7 +51,7 @@ class HeldOutChecks:
 
 def held_out_checks(peak: JointPeak, coordinates: JointCoordinates) -> HeldOutChecks:
     """Leave out every observation in turn."""
-    found: Comparison = peak.comparison
+    found: ModeErrors = peak.comparison
     D = found.variances + found.floors
     weights = found.robust_weights(D) / D
     J = found.jacobian

@@ -105,7 +105,7 @@ def log_sensors(
         rr.Points3D(
             [(0.0, -34.0, scale * level + 6.0) for level in levels],
             radii=0.1,
-            colors=colours.MEASURED,
+            colors=colours.NEUTRAL,  # blue is hardly read on a light label
             labels=[f"{level:g} m" for level in levels],
             show_labels=True,
         ),

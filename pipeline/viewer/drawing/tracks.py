@@ -29,7 +29,7 @@ def log_signal_style(recording: rr.RecordingStream, root: str, layout: SensorLay
         colours.LEVELS[levels.index(channel.elevation) % len(colours.LEVELS)]
         for channel in layout.channels
     ]
-    names = [f"{channel.name} [{channel.unit}]" for channel in layout.channels]
+    names = [f"{channel.name} [{channel.unit or '-'}]" for channel in layout.channels]
     recording.log(
         signal_path(root, layout.unit),
         rr.SeriesLines(

@@ -11,7 +11,7 @@ ORANGE: Colour = (230, 159, 0)
 BLUISH_GREEN: Colour = (0, 158, 115)
 VERMILLION: Colour = (213, 94, 0)
 REDDISH_PURPLE: Colour = (204, 121, 167)
-GREY: Colour = (124, 124, 124)
+GREY: Colour = (120, 120, 120)  # reads as well on Rerun's dark labels as on its light ones
 
 # One meaning per colour, in every view.
 MEASURED = SKY_BLUE

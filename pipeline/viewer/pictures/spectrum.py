@@ -1,6 +1,7 @@
 """Spectra of a window with the modes identified in it, as a picture. No rerun here.
 
-One panel for the fore-aft channels, one for the side-side channels; picture units, y down.
+A panel for the fore-aft channels, one for the side-side channels, where there are any; picture
+units, y down.
 """
 
 from collections import deque
@@ -93,17 +94,17 @@ def spectrum_picture(
     steady = np.nan_to_num(finite - np.nanmean(finite, axis=0))
     f, densities = power_spectral_densities(steady, sampling_rate)
     axis = FrequencyAxis(LOWEST, sampling_rate / 2)
-    by_panel = [_along(layout, direction) for direction in range(2)]
+    sides = measured_sides(layout)
     top = float(np.log10(max(densities[f >= LOWEST].max(), 1e-30)))
     elevations = sorted({channel.elevation for channel in layout.channels})
     curves = _curves(axis, f, densities, top)
     lines = [
         (curves[channel] + [0.0, panel * PITCH], channel)
-        for panel, channels in enumerate(by_panel)
-        for channel in channels
+        for panel, side in enumerate(sides)
+        for channel in _along(layout, side)
     ]
     shown = axis.shown(frequencies)
-    panels = [(panel * PITCH, panel * PITCH + HEIGHT) for panel in range(2)]
+    panels = [(panel * PITCH, panel * PITCH + HEIGHT) for panel in range(len(sides))]
     units = {channel.unit for channel in layout.channels}
     unit = units.pop() if len(units) == 1 else "unit"
     return SpectrumPicture(
@@ -113,8 +114,14 @@ def spectrum_picture(
             vertical_line(axis, frequency, *panel) for panel in panels for frequency in shown
         ),
         frames=tuple(frame(*panel) for panel in panels),
-        texts=_axis_texts(axis, top, unit) + axis.mode_texts(shown, -0.06),
+        texts=_axis_texts(axis, top, unit, [AXIS_TITLES[side] for side in sides])
+        + axis.mode_texts(shown, -0.06),
     )
+
+
+def measured_sides(layout: SensorLayout) -> list[int]:
+    """Return 0 for fore-aft, 1 for side-side: what the channels measure; 0 where neither."""
+    return [side for side in range(2) if _along(layout, side)] or [0]
 
 
 def _along(layout: SensorLayout, axis: int) -> list[int]:
@@ -155,14 +162,17 @@ def _curves(
     return [np.stack([x, 1.0 - 0.96 * y[:, i]], axis=1) for i in range(y.shape[1])]
 
 
-def _axis_texts(axis: FrequencyAxis, top: float, unit: str) -> tuple[Text, ...]:
-    texts = [text for panel in range(2) for text in axis.tick_texts(panel * PITCH + HEIGHT + 0.05)]
+def _axis_texts(
+    axis: FrequencyAxis, top: float, unit: str, names: Sequence[str]
+) -> tuple[Text, ...]:
+    panels = range(len(names))
+    texts = [text for panel in panels for text in axis.tick_texts(panel * PITCH + HEIGHT + 0.05)]
     texts += [
         Text((-0.13, panel * PITCH + 1.0 - 0.96 * (1.0 - below / DECADES)), f"1e{top - below:.0f}")
-        for panel in range(2)
+        for panel in panels
         for below in range(0, int(DECADES), 2)
     ]
-    for panel, name in enumerate(AXIS_TITLES):
+    for panel, name in enumerate(names):
         middle = (PANEL_WIDTH / 2, panel * PITCH + HEIGHT + 0.13)
         density = f"({unit})²/Hz" if unit else "1/Hz, unscaled"
         texts.append(Text(middle, f"frequency [Hz], {name}; density [{density}]"))

@@ -114,9 +114,8 @@ class SessionStatus:
     def _measurements_indicator(self) -> StatusIndicator:
         lost = sum(node.lost for node in self._state.statuses.values())
         if self.n_gaps or lost:
-            return StatusIndicator(
-                "warning", f"measurements: {count_noun(self.n_gaps, 'gap')}, {lost} lost"
-            )
+            text = f"measurements: {count_noun(self.n_gaps, 'gap')}"
+            return StatusIndicator("warning", text + f", {lost} lost" * bool(lost))
         if self._state.estimate is None and not self._state.rejections:
             return StatusIndicator("unknown", "measurements: no complete window yet")
         return StatusIndicator("good", "measurements: complete")
@@ -128,8 +127,8 @@ class SessionStatus:
         if self._state.estimate is None:
             return StatusIndicator("unknown", "modes: none yet")
         found = count_noun(len(self._state.estimate.modes), "mode")
-        if self._state.estimate.warnings:
-            return StatusIndicator("warning", f"{found}, with a warning")
+        if codes := {each.code: None for each in self._state.estimate.warnings}:
+            return StatusIndicator("warning", f"{found}; {', '.join(codes)}")
         return StatusIndicator("good", f"{found} in the last window")
 
     def _foundation_indicator(self) -> StatusIndicator:

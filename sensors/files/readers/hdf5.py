@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, require_file, require_module
+from sensors.files.table import FileError, readable, require_file, require_module
 
 SCALE_NOTES = ("scale_factor", "scale")
 SHIFT = ("add_offset", "offset")
@@ -34,14 +34,9 @@ def read_hdf5(path: Path) -> list[Sep005Channel]:
         If it is missing, damaged or holds none, or h5py is not installed.
     """
     h5py = require_module("h5py", "hdf5", path)
-    try:
-        with h5py.File(require_file(path), "r") as file:
-            arrays = _arrays(file, "", {}, h5py, path)
-    except FileError:
-        raise
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise FileError(f"{path}: no readable HDF5 file: {reason}") from error
+    damage = (OSError, RuntimeError, KeyError, TypeError, ValueError)
+    with readable(path, "HDF5 file", *damage), h5py.File(require_file(path), "r") as file:
+        arrays = _arrays(file, "", {}, h5py, path)
     return find_channels(arrays, path)
 
 

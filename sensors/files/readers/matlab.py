@@ -20,7 +20,7 @@ from scipy.io.matlab import MatReadError, MatReadWarning
 from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.readers.hdf5 import read_hdf5
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, require_file
+from sensors.files.table import readable, require_file
 
 HDF5_OFFSET = 512  # MATLAB puts a text before the HDF5 of version 7.3 [bytes]
 HDF5_MAGIC = b"\x89HDF"
@@ -53,13 +53,9 @@ def read_mat(path: Path) -> list[Sep005Channel]:
         beginning = file.read(HDF5_OFFSET + len(HDF5_MAGIC))
     if beginning.startswith(HDF5_MAGIC) or beginning.endswith(HDF5_MAGIC):
         return read_hdf5(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", MatReadWarning)  # of one name that is used twice
-            content = loadmat(path, simplify_cells=True)
-    except MATLAB_DAMAGE as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(f"{path}: no readable MATLAB file: {reason}") from error
+    with readable(path, "MATLAB file", *MATLAB_DAMAGE), warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatReadWarning)  # of one name that is used twice
+        content = loadmat(path, simplify_cells=True)
     variables = {name: each for name, each in content.items() if not name.startswith("__")}
     return find_channels(list(_arrays(variables, "", {})), path)
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, require_file, require_module
+from sensors.files.table import FileError, readable, require_file, require_module
 
 INSTRUMENTS = {"N": "a", "H": "v", "L": "v", "P": "v"}
 
@@ -50,12 +50,9 @@ def read_miniseed(path: Path) -> list[Sep005Channel]:
 def _read(obspy: Any, path: Path) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # obspy only warns of records that are cut off
-        try:
+        with readable(path, "miniSEED file", Exception):  # obspy raises bare Exceptions
             stream = obspy.read(str(path), format="MSEED", check_compression=False)
             cut = import_module("obspy.io.mseed.util").get_record_information(str(path))
-        except Exception as error:  # obspy raises bare Exceptions
-            reason = " ".join(str(error).split())
-            raise FileError(f"{path}: no readable miniSEED file: {reason}") from error
     if cut["excess_bytes"]:
         raise FileError(f"{path}: the miniSEED file was cut off within its last record")
     return stream

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, require_file
+from sensors.files.table import FileError, readable, require_file
 from sensors.files.text.decoding import most_unpacked, require_unpacked
 
 # What numpy raises of files that are no such archive: a broken header is read as Python's grammar.
@@ -40,15 +40,12 @@ def read_npz(path: Path) -> list[Sep005Channel]:
     """
     if not zipfile.is_zipfile(require_file(path)):
         raise FileError(f"{path}: no archive of arrays as np.savez writes it, or cut off")
-    try:
+    with readable(path, "NPZ file", *NPZ_DAMAGE):
         with zipfile.ZipFile(path) as packed:
             unpacked = sum(each.file_size for each in packed.infolist())
         require_unpacked(path, unpacked, most_unpacked(path.stat().st_size))
         with np.load(path, allow_pickle=False) as archive:
             arrays: dict[str, NDArray[Any]] = dict(archive)
-    except NPZ_DAMAGE as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise FileError(f"{path}: no readable NPZ file: {reason}") from error
     notes = {
         name: each for name, each in arrays.items() if each.size == 1 or each.dtype.kind in "US"
     }
@@ -69,11 +66,8 @@ def read_npy(path: Path) -> list[Sep005Channel]:
         If it is missing, damaged or holds none.
     """
     require_file(path)
-    try:
+    with readable(path, "NPY file", *NPZ_DAMAGE):
         values = np.load(path, allow_pickle=False)
-    except NPZ_DAMAGE as error:
-        reason = " ".join(str(error).split())
-        raise FileError(f"{path}: no readable NPY file: {reason}") from error
     if not isinstance(values, np.ndarray):
         raise FileError(f"{path}: an archive of arrays; name it .npz")
     return find_channels([NamedArray("ch", values)], path)

@@ -15,7 +15,7 @@ import numpy as np
 
 from sensors.arrays import FloatArray
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, require_file
+from sensors.files.table import readable, require_file
 
 WITH_TIME, WITHOUT_TIME, UNCOMPRESSED, LONG_NAMES = 1, 2, 3, 4  # values of the format
 NAME_LENGTH = 10  # of a name or a unit, where the file does not state it [characters]
@@ -81,10 +81,8 @@ def read_outb(path: Path) -> list[Sep005Channel]:
     Compressed samples are 16-bit integers n: x = (n - offset) / scale.
     """
     source = _Bytes(require_file(path).read_bytes())
-    try:
+    with readable(path, "OpenFAST output", EOFError, ValueError, struct.error, OverflowError):
         return _channels(source)
-    except (EOFError, ValueError, struct.error, OverflowError) as error:
-        raise FileError(f"{path}: no readable OpenFAST output: {error}") from error
 
 
 def _channels(source: _Bytes) -> list[Sep005Channel]:

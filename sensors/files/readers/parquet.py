@@ -12,7 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import parquet
 
-from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, readable
 from sensors.files.text.column_titles import distinct, split_unit
 from sensors.files.text.columns import Column, ColumnKind, convert_batches, sort_columns
 from sensors.files.text.dates import kind_of_text
@@ -33,18 +33,15 @@ def read_parquet_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[Cha
     FileError
         As it reads.
     """
-    try:
-        with parquet.ParquetFile(path) as file:
-            batches = file.iter_batches(batch_size=ROWS_OF_BATCH)
-            first = next(batches, None)
-            if first is None:
-                raise FileError(f"{path}: 0 sample(s); at least two are needed")
-            columns = sort_columns(_columns(file.schema_arrow, first), path, wanted)
-            used = (batch.select(list(columns.used)) for batch in chain((first,), batches))
-            yield from convert_batches(used, columns, path)
-    except (OSError, UnicodeError, pa.ArrowException) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise FileError(f"{path}: no readable Parquet file: {reason}") from error
+    damage = (OSError, UnicodeError, pa.ArrowException)
+    with readable(path, "Parquet file", *damage), parquet.ParquetFile(path) as file:
+        batches = file.iter_batches(batch_size=ROWS_OF_BATCH)
+        first = next(batches, None)
+        if first is None:
+            raise FileError(f"{path}: 0 sample(s); at least two are needed")
+        columns = sort_columns(_columns(file.schema_arrow, first), path, wanted)
+        used = (batch.select(list(columns.used)) for batch in chain((first,), batches))
+        yield from convert_batches(used, columns, path)
 
 
 def _columns(schema: pa.Schema, batch: pa.RecordBatch) -> list[Column]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, require_file, require_module
+from sensors.files.table import FileError, readable, require_file, require_module
 
 TDMS_DAMAGE = (
     *(OSError, ValueError, LookupError, EOFError, struct.error, NotImplementedError),
@@ -37,15 +37,10 @@ def read_tdms(path: Path) -> list[Sep005Channel]:
     """
     nptdms = require_module("nptdms", "tdms", path)
     logging.getLogger("nptdms").setLevel(logging.ERROR)  # a cut file is reported below, once
-    try:
-        with nptdms.TdmsFile.open(require_file(path)) as file:
-            arrays = list(_arrays(file))
-            cut = file.file_status.incomplete_final_segment
-    except FileError:
-        raise
-    except TDMS_DAMAGE as error:
-        reason = " ".join(str(error).split())
-        raise FileError(f"{path}: no readable TDMS file: {reason}") from error
+    require_file(path)
+    with readable(path, "TDMS file", *TDMS_DAMAGE), nptdms.TdmsFile.open(path) as file:
+        arrays = list(_arrays(file))
+        cut = file.file_status.incomplete_final_segment
     if cut:
         raise FileError(f"{path}: the TDMS file was cut off before its end")
     return find_channels(arrays, path)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, require_file, require_module
+from sensors.files.table import FileError, readable, require_file, require_module
 
 DELIMITER = b"    -1"  # before and behind every dataset
 TIME_RESPONSE = 1  # `func_type`
@@ -48,19 +48,14 @@ def read_uff(path: Path) -> list[Sep005Channel]:
         not require_file(path).read_bytes().rstrip().endswith(DELIMITER)
     ):  # pyuff drops a part in silence
         raise FileError(f"{path}: no universal file, or cut off: its last line must be -1")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            file = pyuff.UFF(str(path))
-            numbers = [i for i, kind in enumerate(file.get_set_types()) if int(kind) == 58]
-            sets = [file.read_sets(number) for number in numbers]
+    # pyuff raises bare Exceptions
+    with readable(path, "universal file", Exception), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        file = pyuff.UFF(str(path))
+        numbers = [i for i, kind in enumerate(file.get_set_types()) if int(kind) == 58]
+        sets = [file.read_sets(number) for number in numbers]
         responses = [each for each in sets if each["func_type"] == TIME_RESPONSE]
         channels = [_channel(each) for each in responses]
-    except FileError:
-        raise
-    except Exception as error:  # pyuff raises bare Exceptions
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise FileError(f"{path}: no readable universal file: {reason}") from error
     if not channels:
         raise FileError(f"{path}: it has no time response (dataset 58, function type 1)")
     return channels

@@ -10,6 +10,7 @@ displacements to m; other quantities stay as they are.
 
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +57,7 @@ def _batches(path: Path, head: TextHead) -> Iterator[pa.RecordBatch]:
                     use_threads=False,
                     block_size=CHUNK_BYTES,
                 ),
-                parse_options=arrow_csv.ParseOptions(
-                    delimiter=head.delimiter, invalid_row_handler=_comments_are_skipped
-                ),
+                parse_options=_parsing(head.delimiter),
                 convert_options=_conversion(head),
             ) as reader,
         ):
@@ -74,6 +73,16 @@ def _batches(path: Path, head: TextHead) -> Iterator[pa.RecordBatch]:
 def _column_names(head: TextHead) -> list[str]:
     """Names for Arrow's columns, no two alike."""
     return [str(number) for number in range(len(head.columns.all))]
+
+
+@cache
+def _parsing(delimiter: str) -> arrow_csv.ParseOptions:
+    """Return how rows are parsed.
+
+    Kept for good: Arrow's thread, which may outlive a reader that was left before its end, must
+    not be the last to let go of a Python function while the interpreter ends.
+    """
+    return arrow_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=_comments_are_skipped)
 
 
 def _comments_are_skipped(row: Any) -> str:

@@ -48,6 +48,8 @@ MISTAKES: tuple[tuple[str, str], ...] = (
         "new noise.csv -o made --springs 1e9,1e11,0",
         "are for --structure NAME_ElastoDyn.dat",
     ),
+    ("new noise.csv -o noise.csv", "-o noise.csv is a file; a folder is needed"),
+    ("new noise.csv noise.csv -o made", "noise.csv is named twice"),
     # status
     ("status", "no session"),
     ("status --out gone", "gone"),
@@ -64,6 +66,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("show text.mcap", "text.mcap"),
     ("show noise.csv", "noise.csv"),
     ("show short.mcap --view pink", "pink"),
+    ("show short.mcap -o picture.png", "NAME.rrd"),
     # report
     ("report gone.mcap", "gone.mcap"),
     ("report noise.csv", "noise.csv"),

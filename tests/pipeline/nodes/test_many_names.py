@@ -36,7 +36,8 @@ def holdings(node: IdentificationNode) -> list[int]:
 
     tables = [vars(node)]
     for member in node.members.values():
-        tables += [vars(member), vars(member._log), *map(vars, member._units.values())]
+        units = member.units
+        tables += [vars(member), vars(member._log), vars(units), *map(vars, units.by_name.values())]
     return [size(each) for table in tables for each in table.values() if isinstance(each, dict)]
 
 

@@ -29,7 +29,8 @@ def test_overlapping_modes_with_shapes_apart_are_both_found() -> None:
 
 
 def test_triplets_are_not_lost_without_a_word() -> None:
-    for seed in range(60_001, 60_005):
+    """Of 60033 and 60039 the poles agree upon nothing, which they call unstable."""
+    for seed in (60_001, 60_002, 60_033, 60_039):
         record = triplet(seed)
         hidden = record.frequencies[:3]
         modes = identify(record.samples, record.sampling_rate).modes

@@ -1,5 +1,6 @@
 """Plain sentences: what a manager reads is what the messages say, no more and no less."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,16 @@ def test_a_change_has_its_size_its_interval_and_its_start() -> None:
     )
 
 
+def test_a_stiffness_with_a_wide_interval_is_known_only_roughly(tmp_path: Path) -> None:
+    known = posterior(0)
+    (k11, *rest) = known.parameters
+    rough = replace(k11, p05=0.6 * k11.median, p95=1.5 * k11.median)
+    record = record_of(tmp_path, [LAYOUT, estimate(0), replace(known, parameters=(rough, *rest))])
+    assert headline(record) == (
+        "The foundation's stiffness is known only to ±45 %, and no change was found."
+    )
+
+
 def test_a_change_that_no_foundation_explains_is_not_called_the_foundations() -> None:
     text = event_sentence(event("modal-drift"))
     assert "in a way that no foundation explains" in text
@@ -59,7 +70,7 @@ def test_changes_come_first_then_each_spring_then_how_far_the_data_go(tmp_path: 
     assert "is known to ±1.0 %: 0.912 × its nominal value" in text[2]
     assert text[2].endswith("The simulated truth, 0.910, lies inside.")
     assert any("1 window could not be identified: 1 × gap" in each for each in text[4:])
-    assert text[-1].startswith("1 gap in the stream")
+    assert text[-1] == "1 gap in the stream, 4 s in all."
     assert condition(record) == "doubt"
 
 

@@ -22,13 +22,14 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.identification import SAID_AGAIN, IdentificationNode
+from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.units.resuming import REPEATED_ANSWERS
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.latest_messages import files_of, latest_estimates, latest_messages
 from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.runtime.recorded_past import recorded_past
 from pipeline.runtime.snapshots import SnapshotFolder
-from pipeline.updating.state import CheckpointError
+from pipeline.updating.checkpoint import CheckpointError
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, cut
 from tests.pipeline.nodes.test_wrong_clocks import YEAR, of_two_units
@@ -98,7 +99,7 @@ def killed_at(
 
 def without_repeated(before: list[Message], after: list[Message]) -> list[Message]:
     """The answers after a restart but for those that are given once more."""
-    again = min(SAID_AGAIN, sum(not isinstance(each, StreamGap) for each in before))
+    again = min(REPEATED_ANSWERS, sum(not isinstance(each, StreamGap) for each in before))
     assert [each.origins for each in after[:again]] == [e.origins for e in before[-again:]][:again]
     return after[again:]
 
@@ -123,7 +124,7 @@ def test_answers_that_may_not_have_been_recorded_are_given_again_as_they_were(
     measured, tmp_path: Path
 ) -> None:
     before, after = killed_at(155, 0, measured, tmp_path)
-    for last, again in zip(before[-SAID_AGAIN:], after[:SAID_AGAIN], strict=True):
+    for last, again in zip(before[-REPEATED_ANSWERS:], after[:REPEATED_ANSWERS], strict=True):
         assert again.modes[0].frequency == last.modes[0].frequency
         assert np.array_equal(again.modes[0].covariance_factor, last.modes[0].covariance_factor)
 

@@ -14,7 +14,7 @@ from pipeline.nodes.statistics import NodeAccount
 from pipeline.nodes.updating import LATEST_ANSWERS, TurbineUpdating, UpdatingNode
 from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.transport.codec import encode
-from pipeline.updating.state import CheckpointError
+from pipeline.updating.checkpoint import CheckpointError
 from tests.pipeline.updating.small_tower import LAYOUT
 from tests.pipeline.updating.test_state import estimate_of, updater_of
 

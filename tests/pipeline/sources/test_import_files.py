@@ -232,7 +232,7 @@ def test_what_cannot_be_joined_says_so_in_one_line(tmp_path: Path) -> None:
         ("t,a,b\n0,1,2\n1,2,3\n", r"where on the tower are a, b\? .*--template"),
         ("z1-fa,z1-ss\n1,2\n1,3\n", "give --sampling-rate HZ"),
         ("t,z1-fa [g],z1-ss [mm/s]\n0,1,2\n1,2,3\n", "mixes quantities"),
-        ("t,z1-fa [g]\n0,1\n1,2\n1,3\n", "time stands still or goes back"),
+        ("t,z1-fa [g]\n0,1\n1,2\n1,3\n", "time stands still or goes back at 1.000 s"),
         ("t,z1-fa [g]\n0,1\n1,2\n2,x\n", "'x' in line 4"),
     ],
 )

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.messages import MessageCount, ModalEstimate, StreamEnd, StreamGap, UnitOrigin
-from pipeline.state.books import Books, Intervals
+from pipeline.state.block_book import Intervals
+from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_estimates import estimate
 from tests.pipeline.example_messages import block, rejection, status
@@ -95,7 +96,17 @@ def test_blocks_that_are_recorded_and_refused_may_be_reported_missing() -> None:
     assert not books.violations()
     books.handle(gap(20, 1))
     (violation,) = books.violations()
-    assert violation.endswith("block 20 are reported missing and recorded")
+    assert violation.endswith("block 20 is reported missing and recorded")
+
+
+def test_late_blocks_that_came_here_before_the_report_of_them_balance() -> None:
+    """Two nodes send the block and the report; nothing orders them."""
+    books = books_of(*map(block, range(30)), gap(6, 3))
+    assert books.violations()
+    books.handle(replace(status("identification"), late=3))
+    assert not books.violations()
+    books.handle(gap(20, 1))
+    assert books.violations()
 
 
 def test_blocks_that_are_published_twice_are_not_lost() -> None:
@@ -127,7 +138,7 @@ def test_a_block_that_may_still_come_is_not_called_missing() -> None:
     for k in range(13, 17):
         books.handle(block(k))
     (violation,) = books.violations()
-    assert violation.endswith("block 10 are neither recorded nor reported missing")
+    assert violation.endswith("block 10 is neither recorded nor reported missing")
 
 
 def test_boots_under_one_name_have_books_of_their_own() -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.cli.tables.posteriors import posterior_table
+from pipeline.cli.tables.posteriors import figures_tables, posterior_table
 from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
 from pipeline.state.posterior_json import empty_summary, posterior_summary
 
@@ -80,7 +80,15 @@ def test_figures_of_the_structure_that_are_uncertain_stand_beside_the_springs():
     }
     assert posterior_summary(POSTERIOR)["figures"] == empty_summary()["figures"] == {}
     names = list(posterior_table(summary).columns[0].cells)
-    assert names == ["k11", "k22", "k12", "σ", "rna mass"]
+    assert names == ["k11", "k22", "k12", "σ"]
+    (figures,) = figures_tables(summary)
+    assert [list(column.cells) for column in figures.columns] == [
+        ["RNA mass"],
+        ["1.02"],
+        ["1 to 1.04"],
+        ["-"],
+    ]
+    assert not figures_tables(summary | {"figures": {}})
 
 
 def test_ratios_are_to_nominal_not_to_the_median():

@@ -1,5 +1,7 @@
 """What a posterior says of its own limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from pipeline.updating.diagnostics import (
     mode_information,
     predictive_misfits,
     unidentified_doubts,
+    what_differs,
 )
 
 
@@ -49,6 +52,12 @@ def test_a_misfitting_mode_is_named_with_its_frequency_and_distance():
     (doubt,) = misfit_doubts([pair, good], AcceptanceSettings())
     assert doubt.code == "mode-misfit"
     assert all(each in doubt.text for each in ("m8", "1.536", "-1.00%", "6.8"))
+
+
+def test_a_mode_whose_frequency_fits_is_named_by_its_shape():
+    pair = ModePair("m4", "3", 0.63, 0.0004, 0.6298, 0.981, True, misfit=0.2, information=0.01)
+    assert what_differs(pair) == "in shape: MAC 0.981"
+    assert what_differs(replace(pair, misfit=-4.1)) == "frequency -4.1 standard deviations off"
 
 
 def test_a_stiffness_of_which_nothing_was_learned_is_named():

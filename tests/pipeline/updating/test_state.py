@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pipeline.updating.checkpoint import STATE_VERSION, CheckpointError
 from pipeline.updating.likelihood.pairing import PairingSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.importance import ImportanceSettings
 from pipeline.updating.samplers.registry import SamplingSettings
 from pipeline.updating.settings import UpdatingSettings
-from pipeline.updating.state import STATE_VERSION, CheckpointError
 from pipeline.updating.updater import FoundationUpdater
 from sensors.errors import InputError
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate

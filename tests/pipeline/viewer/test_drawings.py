@@ -165,6 +165,14 @@ def test_a_swinging_mode_has_its_peak_at_its_frequency_in_the_spectrum():
     assert len(picture.spectra) == len(LAYOUT.channels)
 
 
+def test_a_direction_that_no_channel_measures_has_no_panel():
+    fore_aft = replace(LAYOUT, channels=LAYOUT.channels[:4])
+    samples = np.random.default_rng(4).standard_normal((4000, 4))
+    picture = spectrum_picture(samples, 40.0, fore_aft, [1.8])
+    assert len(picture.modes) == 1
+    assert not any("side-side" in text.text for text in picture.texts)
+
+
 @pytest.mark.parametrize("seconds", [600.0, 37.5])
 def test_spectra_in_single_precision_equal_welchs_over_the_drawn_decades(seconds: float):
     """The same as SciPy's in double precision, six decades down; a record shorter than a segment

@@ -16,10 +16,11 @@ from sensors.dynamics.structure_modes import (
     observed_modes,
     structure_modes,
 )
-from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
 from sensors.structure.foundation import TurbineError
 from sensors.structure.sensor_readings import ChannelReadings
+from sensors.structure.structural_model import StructuralModel
 
 TURBINE = load_turbine("iea15mw_monopile")
 LAYOUT = biaxial_layout("four", turbine="t", unit="u", elevations=(41.0, 80.0, 106.0, 145.0))

@@ -27,8 +27,9 @@ from sensors.loads import (
     wave_profile,
     white_kernel,
 )
-from sensors.structure.assembly import PLANE_COLUMNS, StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
+from sensors.structure.structural_model import PLANE_COLUMNS, StructuralModel
 
 RATE = 120.0  # [Hz]
 

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from sensors.loads import LoadError, Rotor, Wind, rotor_damping, rotor_load, thrust_slope
 from sensors.loads.operating_states import steady_state
 from sensors.loads.rotor import RotorLoad, averaging
-from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
+from sensors.structure.structural_model import StructuralModel
 
 SPEED, RATE = 9.0, 10.0  # [m/s], [Hz]
 RUNNING = steady_state(SPEED, 1.0)

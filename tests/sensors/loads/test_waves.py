@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from sensors.loads import LoadError, Sea, SeaState, wave_load, wave_number
 from sensors.loads.spectra import horizontal_motion, wave_numbers
 from sensors.loads.waves import WaveLoad, directional_covariance, elevation_spectrum
-from sensors.structure.assembly import PLANE_COLUMNS, StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
+from sensors.structure.structural_model import PLANE_COLUMNS, StructuralModel
 
 STATE = SeaState(significant_wave_height=3.5, peak_period=8.0, level=0.0, direction=0.0)
 RATE = 10.0  # [Hz]: ample for what ends at 0.6 Hz

@@ -10,8 +10,9 @@ from sensors.dynamics.structure_modes import ModalDamping, observed_modes, struc
 from sensors.loads import LoadError, Wind, aerodynamic_damping, wind_load
 from sensors.loads.spectra import iec_coherence, kaimal
 from sensors.loads.wind import WindLoad, mean_speeds
-from sensors.structure.assembly import StructuralModel, assemble
+from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
+from sensors.structure.structural_model import StructuralModel
 
 SPEED, RATE = 12.0, 5.0  # [m/s], [Hz]
 LAYOUT = biaxial_layout("four", turbine="t", unit="u", elevations=(41.0, 80.0, 106.0, 145.0))

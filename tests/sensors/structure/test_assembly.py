@@ -7,10 +7,11 @@ import pytest
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from sensors.structure.assembly import StructuralModel, added_mass, assemble, wetted_share
+from sensors.structure.assembly import added_mass, assemble, wetted_share
 from sensors.structure.description import RigidBody, TurbineDescription, Water
 from sensors.structure.foundation import FoundationSprings, TurbineError
 from sensors.structure.rotor_nacelle import blade_axes, rigid_bodies
+from sensors.structure.structural_model import StructuralModel
 from tests.sensors.structure.towers import CLAMPED, LENGTH, parked_turbine, uniform_tower
 
 # Middles of 450 slices of an element; the water level falls between two of them

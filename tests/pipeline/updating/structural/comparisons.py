@@ -4,16 +4,16 @@ from typing import Any, cast
 
 import numpy as np
 
-from pipeline.updating.structural.joint_fit import Comparison
+from pipeline.updating.likelihood.mode_errors import ModeErrors
 
 GROUPS = np.array([0, 0, 0, 1, 1, 1, 2, 2, 2])  # a frequency and two components of a shape each
 
 
-def comparison(seed: int, n_dim: int, *, tracks: tuple[int, int, int] = (0, 1, 2)) -> Comparison:
+def comparison(seed: int, n_dim: int, *, tracks: tuple[int, int, int] = (0, 1, 2)) -> ModeErrors:
     """Errors well below their standard deviations: none counts as an outlier."""
     generator = np.random.default_rng(seed)
     variances, floors = generator.uniform(0.5, 2.0, 9), generator.uniform(0.1, 1.0, 9)
-    return Comparison(
+    return ModeErrors(
         pairing=cast(Any, None),
         used=cast(Any, (None,) * 3),
         errors=0.3 * generator.standard_normal(9),

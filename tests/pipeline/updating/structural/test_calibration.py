@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import sightings
-from pipeline.updating.evidence.windows import SeenWindow
+from pipeline.updating.evidence.observations import SeenWindow, sightings
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference

@@ -1,16 +1,21 @@
-"""Draws of a posterior over several σ are those that its mean and covariance state."""
+"""Draws of a posterior over several σ are those that its mean and covariance state, and σ is what
+the errors of all modes have, not what few have."""
+
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from pipeline.updating.structural.posterior import JointPosterior
+from pipeline.updating.likelihood.mode_errors import ModeErrors
+from pipeline.updating.structural.joint_fit import JointPeak
+from pipeline.updating.structural.posterior import JointPosterior, joint_posterior
+from pipeline.updating.structural.prior import JointCoordinates
 
 POSTERIOR = JointPosterior(
     sigma=np.array([0.0, 0.01, 0.02]),
     weights=np.array([0.5, 0.3, 0.2]),
     means=np.array([[0.0, 1.0], [2.0, 1.0], [-1.0, 3.0]]),
     covariances=np.array([[[1.0, 0.5], [0.5, 1.0]], [[0.5, 0.0], [0.0, 2.0]], 0.1 * np.eye(2)]),
-    log_evidence=0.0,
 )
 
 
@@ -28,3 +33,55 @@ def test_draws_are_as_much_wider_about_each_mean_as_is_asked(widening: float) ->
     drawn, sigma = POSTERIOR.draws(200_000, np.random.default_rng(2), widening=widening)
     at_zero = drawn[sigma == 0.0]
     np.testing.assert_allclose(np.cov(at_zero.T), widening**2 * POSTERIOR.covariances[0], atol=0.02)
+
+
+MODES, COMPONENTS = 40, 7
+STD = 5e-4  # of every error by itself [-]
+
+
+def peak_of(errors: np.ndarray) -> JointPeak:
+    """A peak on whose coordinates nothing depends; errors: (n, 1 + components)."""
+    n, p = errors.shape
+    groups, rows = np.repeat(np.arange(n), p), np.tile(np.arange(p), n)
+    found = ModeErrors(
+        pairing=cast(Any, None),
+        used=cast(Any, (None,) * n),
+        errors=errors.ravel(),
+        variances=np.full(n * p, STD**2 / 2),
+        floors=np.full(n * p, STD**2 / 2),
+        reference=np.ones(n * p),
+        jacobian=np.zeros((n * p, 4)),
+        groups=groups,
+        is_frequency=rows == 0,
+        tracks=groups,
+        rows=rows,
+        units=np.zeros(n * p, dtype=int),
+        linearisation=cast(Any, None),
+    )
+    return JointPeak(np.zeros(4), found, 0.0, n * p - 3)
+
+
+COORDINATES = JointCoordinates(np.array([1.0, 1.0, 0.5]), (), 0.1)
+
+
+def sigma_of(errors: np.ndarray) -> JointPosterior:
+    return joint_posterior(peak_of(errors), COORDINATES, highest_sigma=0.01, n_sigma=60)
+
+
+@pytest.mark.parametrize("sigma", [5e-4, 1e-3, 3e-3])
+def test_the_discrepancy_of_all_modes_is_no_heap_of_gross_errors(sigma: float) -> None:
+    """Student's t alone took half of it for gross errors of the identification."""
+    for seed in range(5):
+        generator = np.random.default_rng(seed)
+        errors = np.hypot(STD, sigma) * generator.standard_normal((MODES, 1 + COMPONENTS))
+        found = sigma_of(errors)
+        mean = found.weights @ found.sigma
+        std = np.sqrt(found.weights @ (found.sigma - mean) ** 2)
+        assert abs(mean - sigma) < 3 * std + 0.02 * sigma
+
+
+def test_few_gross_errors_are_no_discrepancy_of_the_model() -> None:
+    errors = STD * np.random.default_rng(7).standard_normal((MODES, 1 + COMPONENTS))
+    alone = sigma_of(errors)
+    errors[:2] += 20 * STD
+    assert sigma_of(errors).weights @ alone.sigma < STD / 2

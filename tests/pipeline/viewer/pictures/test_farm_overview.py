@@ -84,7 +84,7 @@ def test_the_table_of_a_farm_begins_with_who_needs_attention(farm: Recorded):
     heading, attention, _, _ = text.split("\n\n")
     assert heading == "### 2 turbines: 1 known, 1 NOT TRUSTED"
     assert attention.startswith("- **south**: ")
-    assert "foundation: NOT TRUSTED\n- **north**: 10 modes, with a warning" in attention
+    assert "foundation: NOT TRUSTED\n- **north**: 10 modes; close-modes" in attention
     rows = [line for line in text.splitlines() if line.startswith(("| north", "| south"))]
     assert [row.split(" | ")[1] for row in rows] == ["known", "NOT TRUSTED"]
     assert all(row.count(" ± ") == 3 and "00:20:00" in row for row in rows)
@@ -107,7 +107,7 @@ def test_every_turbine_has_three_indicators_in_its_row_and_a_large_farm_further_
     assert (places < (right, bottom)).all()
 
 
-def test_the_views_of_a_farm_are_laid_out_once_for_all_its_turbines(
+def test_the_views_of_a_farm_are_laid_out_for_all_its_turbines_and_at_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     from pipeline.viewer import rerun_stream as show
@@ -126,4 +126,4 @@ def test_the_views_of_a_farm_are_laid_out_once_for_all_its_turbines(
         for number in range(5):
             viewer.handle(replace(message, turbine=f"T{number}"))
     viewer.close()
-    assert [len(turbines) for turbines in laid_out] == [5]
+    assert [len(turbines) for turbines in laid_out] == [5, 5]  # when all are there; at the end

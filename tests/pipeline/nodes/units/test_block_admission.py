@@ -18,7 +18,9 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes import window_identification
-from pipeline.nodes.block_admission import (
+from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.limits import LimitError, LimitSettings
+from pipeline.nodes.units.block_admission import (
     CONFLICT,
     OTHER_SESSION,
     REPEATED,
@@ -28,8 +30,6 @@ from pipeline.nodes.block_admission import (
     BlockMark,
     refusal_of,
 )
-from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.limits import LimitError, LimitSettings
 from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.scenario import scenario_from_text
 from pipeline.state.books import Books

@@ -1,0 +1,184 @@
+"""What is remembered of each acquisition unit of a turbine, and what that says of a window."""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from pipeline.messages import ModalEstimate, QualityWarning, StreamEnd
+from pipeline.nodes.by_turbine import LimitedMembers
+from pipeline.nodes.node import NodeStatistics
+from pipeline.nodes.units.block_admission import BlockAdmission, BlockMark
+from pipeline.oma.data_quality.block_monitor import BlockMonitor
+from pipeline.oma.windows.windowing import Beginning
+from sensors.acquisition.layout import SensorLayout
+
+LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
+MARKS = 10_000  # of a unit's latest blocks: where a restart reads on
+
+
+@dataclass(frozen=True, slots=True)
+class Boot:
+    """A start of a unit."""
+
+    session: str
+    number: int
+    """Starts under that session's name before it."""
+
+
+class AcquisitionUnit:
+    """One unit: which of its blocks are used, what is wrong with them, what it describes."""
+
+    def __init__(self, lateness: float) -> None:
+        self.admission = BlockAdmission()
+        self.monitor = BlockMonitor(lateness)
+        self.layouts: dict[str, SensorLayout] = {}  # by their ids, the latest last
+        self.ends: dict[str, StreamEnd] = {}  # by session: announced, blocks still missing
+        self.marks: deque[BlockMark] = deque(maxlen=MARKS)  # of the present boot
+        self.beginning = Beginning()  # where the present boot was expected to begin
+
+    @property
+    def layout(self) -> SensorLayout | None:
+        """The latest."""
+        return next(reversed(self.layouts.values()), None)
+
+    @property
+    def boot(self) -> Boot:
+        """The present one."""
+        return Boot(self.admission.session or "", self.admission.boot)
+
+    def note_end(self, end: StreamEnd) -> None:
+        """Remember that a session's end was announced."""
+        self.ends[end.session] = end
+        for oldest in list(self.ends)[:-LATEST_OF_A_UNIT]:
+            del self.ends[oldest]
+
+    def mark_before(self, needed: int) -> BlockMark | None:
+        """The block that holds a sample, or the last one before it."""
+        before = [mark for mark in self.marks if mark.first_sample <= needed]
+        if not before:
+            return self.marks[0] if self.marks else None
+        return max(before, key=lambda each: each.first_sample)
+
+
+class AcquisitionUnits:
+    """The units of one turbine, so many at most.
+
+    Parameters
+    ----------
+    lateness : float
+        By which a block may come after those that follow it [s].
+    most : int
+        Of more the one with the fewest messages is let go.
+    """
+
+    def __init__(self, lateness: float, most: int) -> None:
+        self.by_name: dict[str, AcquisitionUnit] = {}
+        self.layouts: dict[str, SensorLayout] = {}  # of all units, by their ids
+        self._lateness = lateness
+        self._names = LimitedMembers(most)
+        self._of_the_past = NodeStatistics()  # of units that are gone
+
+    def named(self, name: str) -> AcquisitionUnit:
+        """The unit that a message came from; made with its first one."""
+        leaving = self._names.heard(name)
+        if leaving is not None and leaving in self.by_name:
+            self._let_go(leaving)
+        if name not in self.by_name:
+            self.by_name[name] = AcquisitionUnit(self._lateness)
+        return self.by_name[name]
+
+    def _let_go(self, name: str) -> None:
+        gone = self.by_name.pop(name)
+        self._of_the_past += NodeStatistics(rejected=gone.admission.refused)
+        for layout_id in gone.layouts:
+            self.layouts.pop(layout_id, None)
+
+    def note_layout(self, layout: SensorLayout) -> None:
+        """Remember a unit's layout; the latest of each unit are kept."""
+        unit = self.named(layout.unit)
+        for layouts in (unit.layouts, self.layouts):
+            layouts.pop(layout.layout_id, None)
+            layouts[layout.layout_id] = layout
+        for oldest in list(unit.layouts)[:-LATEST_OF_A_UNIT]:
+            del unit.layouts[oldest]
+            self.layouts.pop(oldest, None)
+
+    @property
+    def latest_layouts(self) -> dict[str, SensorLayout]:
+        """The latest of each unit that has sent one."""
+        latest = {name: unit.layout for name, unit in self.by_name.items()}
+        return {name: layout for name, layout in latest.items() if layout is not None}
+
+    # ---- what they say of a window --------------------------------------------------------------
+
+    def still_channel(self, estimate: ModalEstimate) -> str | None:
+        """Which channel of the estimate kept one value for a while, in words."""
+        for name, unit, first, end in self._spans(estimate):
+            still = unit.monitor.still_channel(first, end)
+            if still is None:
+                continue
+            channel, since = still
+            names = unit.layout.channel_names if unit.layout else estimate.channels
+            for each in names[channel : channel + 1]:  # a layout may not be that of the blocks
+                for known_as in (each, f"{name}/{each}"):  # the latter where two units have one
+                    if known_as in estimate.channels:
+                        return f"{known_as} stands still from {since:.0f} s on"
+        return None
+
+    def conflict(self, estimate: ModalEstimate) -> str | None:
+        """That blocks of the window came with two contents, in words."""
+        for name, unit, first, end in self._spans(estimate):
+            count = sum(first <= sample < end for sample in unit.admission.conflicts)
+            if count:
+                return (
+                    f"{count} blocks of unit {name} came twice with different values: two devices "
+                    "send under one name"
+                )
+        return None
+
+    def warnings(self, estimate: ModalEstimate) -> tuple[QualityWarning, ...]:
+        """What link and clock of every unit did wrong; of several units, each by its name."""
+        several = len(self.by_name) > 1
+        return tuple(
+            replace(warning, text=f"unit {name}: {warning.text}") if several else warning
+            for name, unit, _, end in self._spans(estimate)
+            for warning in unit.monitor.warnings_until(end)
+        )
+
+    def _spans(self, estimate: ModalEstimate) -> Iterator[tuple[str, AcquisitionUnit, int, int]]:
+        """Each unit whose present boot the window lies in, with its first sample and one past its
+        last."""
+        for origin in estimate.origins:
+            unit = self.by_name.get(origin.unit)
+            if unit is None or unit.boot != Boot(origin.session, origin.boot) or not unit.marks:
+                continue
+            n_samples = round(estimate.duration * unit.marks[-1].sampling_rate)
+            yield origin.unit, unit, origin.first_sample, origin.first_sample + n_samples
+
+    # ---- what they count ------------------------------------------------------------------------
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        """Blocks that were refused."""
+        counts = self._of_the_past
+        for unit in self.by_name.values():
+            counts += NodeStatistics(rejected=unit.admission.refused)
+        return counts
+
+    @property
+    def complaint(self) -> str:
+        """Of one of the blocks that were refused: whose it was and what was wrong; "" of none."""
+        for name, unit in reversed(self.by_name.items()):
+            if unit.admission.unfit:
+                return f"unit {name}: {unit.admission.complaint}"
+        return ""
+
+    @property
+    def sequence_jumps(self) -> int:
+        """Block numbers that jumped where no sample is missing."""
+        return sum(unit.admission.sequence_jumps for unit in self.by_name.values())
+
+    @property
+    def gone(self) -> int:
+        """Units that were let go because the turbine had too many."""
+        return self._names.gone

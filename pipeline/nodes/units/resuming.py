@@ -1,0 +1,153 @@
+"""Where a turbine's identification goes on after a restart: what a snapshot holds, which of the
+recorded blocks are read again, which answers are repeated."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from pipeline.messages import Message, ModalEstimate, WindowRejected
+from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot
+from pipeline.nodes.units.block_admission import BlockMark
+from pipeline.nodes.units.joined_session import JoinedSession
+from pipeline.nodes.units.unit_session import UnitSession
+from pipeline.oma.tracking import DIES_AFTER
+from pipeline.oma.windows.windowing import Beginning
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
+
+OVERTAKING = 10  # messages by which a block may have come before one that lies before it
+REPEATED_ANSWERS = 2  # that may not have reached a recording before a kill
+
+IdentifiedSession = UnitSession | JoinedSession
+WindowAnswer = ModalEstimate | WindowRejected
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationState:
+    """The numbers that windows go by; samples are read again from where they are kept."""
+
+    admissions: Mapping[str, Any]
+    """Unit → state of its admission."""
+    boots: dict[str, Boot]
+    """Unit → its present boot."""
+    joined: bool
+    """Whether the session is one of several units."""
+    session: Mapping[str, Any] | None
+    """State of the session; None where there is none."""
+    marks: dict[str, BlockMark]
+    """Unit → its first block that is needed."""
+
+    @classmethod
+    def of(
+        cls, units: AcquisitionUnits, session: IdentifiedSession | None
+    ) -> "IdentificationState":
+        """What a running identification must not forget."""
+        needed = {} if session is None else session.needed()
+        marks = {name: units.by_name[name].mark_before(first) for name, first in needed.items()}
+        return cls(
+            {name: unit.admission.state() for name, unit in units.by_name.items()},
+            {name: unit.boot for name, unit in units.by_name.items()},
+            isinstance(session, JoinedSession),
+            None if session is None else session.state(),
+            {name: mark for name, mark in marks.items() if mark is not None},
+        )
+
+    def encoded(self) -> bytes:
+        """As a snapshot holds it."""
+        state = {
+            "units": self.admissions,
+            "boots": {name: [boot.session, boot.number] for name, boot in self.boots.items()},
+            "joined": self.joined,
+            "session": self.session,
+            "marks": {name: asdict(mark) for name, mark in self.marks.items()},
+        }
+        return json.dumps(state).encode()
+
+    @classmethod
+    def decoded(cls, encoded: bytes) -> "IdentificationState":
+        """What `encoded` gave."""
+        state = json.loads(encoded)
+        return cls(
+            state["units"],
+            {name: Boot(session, number) for name, (session, number) in state["boots"].items()},
+            bool(state["joined"]),
+            state["session"],
+            {name: BlockMark(**mark) for name, mark in state["marks"].items()},
+        )
+
+    def resume(self, session: IdentifiedSession) -> None:
+        """Let a new session go on with the first window that is not answered."""
+        assert self.session is not None
+        if isinstance(session, JoinedSession):
+            session.resume_boots(self.boots)
+        if self.joined == isinstance(session, JoinedSession):
+            needed = {n: Beginning(m.first_sample, m.sequence) for n, m in self.marks.items()}
+            session.resume(self.session, needed)
+
+
+def with_answer(
+    answers: tuple[WindowAnswer, ...], answer: WindowAnswer
+) -> tuple[WindowAnswer, ...]:
+    """The latest answers, as many as modes' names need; those to be repeated are whole."""
+    latest = (*answers, answer)[-DIES_AFTER - 1 :]
+    named, repeated = latest[:-REPEATED_ANSWERS], latest[-REPEATED_ANSWERS:]
+    return (*map(_without_covariances, named), *repeated)
+
+
+def _without_covariances(answer: WindowAnswer) -> WindowAnswer:
+    """An estimate as far as its modes' names need it: a hundredth of its size."""
+    if isinstance(answer, WindowRejected):
+        return answer
+    modes = tuple(
+        replace(mode, covariance_factor=mode.covariance_factor[:, :0], n_block_columns=0)
+        for mode in answer.modes
+    )
+    return replace(answer, modes=modes)
+
+
+def needed_messages(past: Iterable[Message], marks: dict[str, BlockMark]) -> Iterator[Message]:
+    """What was recorded since the blocks with these marks, they included, in its order.
+
+    Parameters
+    ----------
+    past : iterable of Message
+        Of one turbine, in the order of recording.
+    marks : dict
+        Unit → its first block that is needed.
+    """
+    reached: set[str] = set()
+    messages = list(past)
+    last = {
+        unit: max(
+            (n for n, each in enumerate(messages) if _is_marked(each, unit, mark)), default=None
+        )
+        for unit, mark in marks.items()
+    }
+    for number, message in enumerate(messages):
+        if isinstance(message, AccelerationBlock):
+            marked = last.get(message.unit)
+            if number == marked:
+                reached.add(message.unit)
+            ahead = marked is not None and marked - OVERTAKING <= number < marked
+            if message.unit in reached or (ahead and _follows(message, marks[message.unit])):
+                yield message
+        elif isinstance(message, SensorLayout | ScadaSample):
+            yield message
+
+
+def _follows(block: AccelerationBlock, mark: BlockMark) -> bool:
+    """Whether a block that came before the marked one lies behind it."""
+    return block.session == mark.session and (
+        mark.first_sample < block.first_sample <= mark.first_sample + OVERTAKING * mark.n_samples
+        and mark.start_ns < block.start_ns
+    )
+
+
+def _is_marked(message: Message, unit: str, mark: BlockMark) -> bool:
+    return (
+        isinstance(message, AccelerationBlock)
+        and message.unit == unit
+        and BlockMark.of(message) == mark
+    )

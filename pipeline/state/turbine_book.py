@@ -1,0 +1,192 @@
+"""What became of one turbine's windows and estimates."""
+
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from pipeline.messages import FoundationPosterior, ModalEstimate, WindowRejected
+from pipeline.state.json_values import Json
+
+MOST_BOOKS = 2000  # boots of units, and windows that are waited for, each; of more the oldest go
+UNANSWERED = 2  # later windows that were answered, after which an estimate counts as forgotten
+IN_POSTERIOR = "in-posterior"  # fate of an estimate
+LATEST_WINDOWS = 20  # whose fates are listed
+
+WindowKey = tuple[object, ...]
+
+
+@dataclass(slots=True)
+class WindowFate:
+    """What became of one window."""
+
+    window: int
+    start_ns: int
+    fate: str
+    """"identified", or the reason's code."""
+    estimate: str = ""
+    """Of an identified window: "pending", "in-posterior", or the code why it was refused."""
+
+
+@dataclass(slots=True)
+class TurbineBook:
+    """What became of one turbine's windows and estimates."""
+
+    identified: int = 0
+    rejected: Counter[str] = field(default_factory=Counter)
+    """By the reason's code."""
+    in_posterior: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+    """Estimates that the updating did not use, by the reason's code."""
+    pending: dict[WindowKey, int] = field(default_factory=dict)
+    """Estimates without an answer of the updating, in their order → later ones answered since."""
+    known: dict[WindowKey, WindowFate] = field(default_factory=dict)
+    """Fates of the latest windows."""
+    superseded: int = 0
+    """Answers of windows that have another one by now."""
+    without_posterior: int = 0
+    """Windows that were answered since the last posterior."""
+    unbalanced: int = 0
+    """Windows on end that were answered while the books did not balance."""
+    early: dict[WindowKey, str] = field(default_factory=dict)
+    """The last answer of the updating that may have overtaken its estimate on the way: two nodes
+    send them, and nothing orders what different nodes send."""
+    last: dict[WindowKey, int] = field(default_factory=dict)
+    """Boots of the units → number of their last window."""
+    skipped: list[str] = field(default_factory=list)
+    """Windows that have no fate, in words."""
+
+    def enter_estimate(self, estimate: ModalEstimate, *, updated: bool, awaited: bool) -> bool:
+        """Enter an identified window; False: it is given again after a restart.
+
+        Parameters
+        ----------
+        estimate : ModalEstimate
+        updated : bool
+            Whether an updating has been heard of.
+        awaited : bool
+            Whether an updating owes it an answer.
+        """
+        key = _key(estimate)
+        known = self.known.get(key)
+        if known is not None and known.fate == "identified":
+            return False
+        early = self.early.get(key, "") if updated else ""
+        self.early.clear()
+        if known is None:
+            self._follow(estimate)
+        else:
+            self.rejected -= Counter({known.fate: 1})
+            self.superseded += not early
+        self.identified += 1
+        pending = early or "pending" if awaited else ""
+        self.known[key] = WindowFate(estimate.window, estimate.start_ns, "identified", pending)
+        forget_oldest(self.known)
+        if early:
+            self.in_posterior += early == IN_POSTERIOR
+            self.refused += Counter({early: early != IN_POSTERIOR})
+        elif awaited:
+            self.pending[key] = 0
+            forget_oldest(self.pending)
+        return True
+
+    def enter_rejection(self, rejected: WindowRejected) -> bool:
+        """Enter a rejected window, or an estimate that the updating refused; whether it is a
+        window's first answer."""
+        key = _key(rejected)
+        known = self.known.get(key)
+        if known is None:
+            self.rejected[rejected.code] += 1
+            self._follow(rejected)
+            self.known[key] = WindowFate(rejected.window, rejected.start_ns, rejected.code)
+            self.early = {key: rejected.code}
+            forget_oldest(self.known)
+        elif key in self.pending:
+            self._strike_out(key)
+            self.refused[rejected.code] += 1
+            known.estimate = rejected.code
+        elif known.fate == "identified" and rejected.code != known.estimate:
+            self.superseded += 1  # by the estimate that the posterior has
+        return known is None
+
+    def enter_posterior(self, posterior: FoundationPosterior) -> None:
+        """Enter the answer to an estimate."""
+        key = _key(posterior)
+        if not posterior.origins:  # of an older recording: by the end of its window
+            key = next((each for each in self.pending if each[-1] == posterior.time_ns), key)
+        if key in self.pending:
+            self._strike_out(key)
+            self.in_posterior += 1
+            if key in self.known:
+                self.known[key].estimate = IN_POSTERIOR
+        elif key not in self.known:
+            self.early = {key: IN_POSTERIOR}
+        self.without_posterior = 0
+
+    def _strike_out(self, answered: WindowKey) -> None:
+        """Strike out an estimate. One that came before it and is still pending was passed over; one
+        that came after it only waits for a slow updating."""
+        for key in self.pending:
+            if key == answered:
+                break
+            self.pending[key] += 1
+        del self.pending[answered]
+
+    def _follow(self, answer: ModalEstimate | WindowRejected) -> None:
+        """Note windows between this one and the last of the same boots that have no answer."""
+        if not answer.origins:
+            return
+        boots: WindowKey = tuple((o.unit, o.session, o.boot) for o in answer.origins)
+        last = self.last.pop(boots, None)
+        self.last[boots] = max(answer.window, -1 if last is None else last)
+        forget_oldest(self.last)
+        if last is not None and answer.window > last + 1:
+            self.skipped.append(
+                f"windows {last + 1} to {answer.window - 1} of boot {answer.origins[0].boot} of "
+                f"session {answer.origins[0].session} have no answer"
+            )
+
+    @property
+    def forgotten(self) -> int:
+        """Estimates that have no answer although later ones have."""
+        return sum(count >= UNANSWERED for count in self.pending.values())
+
+    @property
+    def line(self) -> str:
+        """Windows and estimates in one line, with the reasons of those that are not used."""
+        return (
+            f"{self.identified} were identified, {self.rejected.total()} rejected "
+            f"({codes_in_words(self.rejected)}), {self.refused.total()} estimates refused "
+            f"({codes_in_words(self.refused)})"
+        )
+
+    def as_json(self) -> Json:
+        """The book in figures; names are stable."""
+        return {
+            "identified": self.identified,
+            "rejected": dict(self.rejected),
+            "in_posterior": self.in_posterior,
+            "refused": dict(self.refused),
+            "pending": len(self.pending),
+            "superseded": self.superseded,
+            "windows": [asdict(fate) for fate in list(self.known.values())[-LATEST_WINDOWS:]],
+        }
+
+
+def _key(message: ModalEstimate | WindowRejected | FoundationPosterior) -> WindowKey:
+    """A window's identity; of an older recording its start and end."""
+    if message.origins:
+        return tuple(message.origins)
+    if isinstance(message, FoundationPosterior):
+        return ("ends", message.time_ns)
+    return ("lies", message.start_ns, message.end_ns)
+
+
+def codes_in_words(codes: Counter[str]) -> str:
+    """How often each code, the most frequent first."""
+    return ", ".join(f"{count} × {code}" for code, count in codes.most_common()) or "none"
+
+
+def forget_oldest(table: dict[Any, Any]) -> None:
+    """Keep a table within `MOST_BOOKS`."""
+    if len(table) > MOST_BOOKS:
+        del table[next(iter(table))]

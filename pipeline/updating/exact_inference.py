@@ -1,0 +1,133 @@
+"""The springs' posterior where the structure is exact; where it is not, see `structural.inference`.
+
+evidence ─► Matcher: pairs, likelihood, peak ─► sampler: draws ─► ExactRefresh
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.updating.change.event_message import TrackSensitivity
+from pipeline.updating.change.midpoint_slopes import stiffness_slopes
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.forward_model import ForwardModel
+from pipeline.updating.likelihood.posterior_density import StiffnessDensity
+from pipeline.updating.model_matching import Match, Matcher, partners_in_water
+from pipeline.updating.population import StiffnessPopulation
+from pipeline.updating.prior import Prior, modal_where_supported
+from pipeline.updating.samplers.interface import PosteriorDraws
+from pipeline.updating.samplers.registry import sampler_of
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.state import UpdatingState
+from sensors.arrays import FloatArray
+
+LONG_RIDGE = 0.1  # std / median of a spring that the modes do not separate from the others [-]
+POPULATION_ENSEMBLE = 400  # draws of a farm's prior from which the first posterior is looked for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExactRefresh:
+    """What one window's refresh found."""
+
+    draws: PosteriorDraws
+    representative: FloatArray
+    """Ratios k / nominal, (3,), at which the model's modes are shown."""
+    sensitivities: tuple[TrackSensitivity, ...]
+    """Of every paired mode's track."""
+
+
+class ExactInference:
+    """Infers k11, k22, k12 and σ alone.
+
+    Parameters
+    ----------
+    forward : ForwardModel
+        The structure at the layout's sensors.
+    prior : Prior
+    settings : UpdatingSettings
+    seed : int
+        The scenario's.
+    population : StiffnessPopulation, optional
+        What a farm's other turbines imply of this one's springs.
+    """
+
+    def __init__(
+        self,
+        forward: ForwardModel,
+        prior: Prior,
+        settings: UpdatingSettings,
+        *,
+        seed: int,
+        population: StiffnessPopulation | None,
+    ) -> None:
+        self._forward, self._prior = forward, prior
+        self._seed, self._population = seed, population
+        self._sampler = sampler_of(
+            settings.sampling, settings.sampler, largest_rhat=settings.guards.rhat
+        )
+        self._matcher = Matcher(
+            forward,
+            prior,
+            pairing=settings.pairing,
+            likelihood=settings.likelihood,
+            generator=np.random.default_rng(seed),
+        )
+
+    def matched(self, state: UpdatingState) -> Match:
+        """The model's modes beside the evidence's, looked for at the last posterior's springs too,
+        before it at the farm's. Raises EstimateRefused."""
+        begun_at = state.median
+        if begun_at is None and self._population is not None:
+            begun_at = self._population.centre
+        return self._matcher.matched(state.evidence, begun_at)
+
+    def refreshed(self, match: Match, state: UpdatingState, window: int) -> ExactRefresh:
+        """Draws of the posterior after the window of that number."""
+        generator = np.random.default_rng([self._seed, window])
+        density = StiffnessDensity(
+            match.likelihood, match.forward, self._prior, generator, self._population
+        )
+        draws = self._sampler(density.target(match.peak, self._ensemble(state)), generator)
+        representative = self._representative(draws, match.peak.ratios)
+        sensitivities = self._sensitivities(state.evidence, match, representative[:3])
+        return ExactRefresh(draws, representative, sensitivities)
+
+    def _ensemble(self, state: UpdatingState) -> FloatArray | None:
+        """(n, 3) ratios about which the sampler looks first: the last posterior's, before it the
+        farm's."""
+        if state.ensemble is not None or self._population is None:
+            return state.ensemble
+        generator = np.random.default_rng([self._seed, 2])
+        drawn = self._population.draws(POPULATION_ENSEMBLE, generator)
+        return drawn[self._prior.supports(drawn)]
+
+    def _sensitivities(
+        self, evidence: ModalEvidence, match: Match, median: FloatArray
+    ) -> tuple[TrackSensitivity, ...]:
+        """How every paired mode's track depends on springs, at the median, and on the water."""
+        water = partners_in_water(match.all_modes) if evidence.level_varied else None
+        slopes = stiffness_slopes(match.all_modes, self._prior, median)
+        found = {
+            evidence.modes[each.identified].track: TrackSensitivity(
+                track=evidence.modes[each.identified].track,
+                model=match.all_modes.labels[each.model_modes[0]],
+                slopes=slopes[list(each.model_modes)].mean(axis=0),
+                water=np.zeros(2) if water is None else water[each.model_modes[0]].curve,
+            )
+            for each in match.used
+        }
+        return tuple(each for each in found.values() if np.all(np.isfinite(each.slopes)))
+
+    def _representative(self, draws: PosteriorDraws, peak: FloatArray) -> FloatArray:
+        """(3,) the median of each ratio, what else is uncertain beside it; where these three cannot
+        stand together, the draw nearest to them; and of a long ridge, which few modes leave, the
+        peak: beside it the medians fit nothing, and draws only to within a σ nothing bounds."""
+        flat = draws.flat[:, :-1]
+        median = np.median(flat, axis=0)
+        if (flat[:, :3].std(axis=0) > LONG_RIDGE * median[:3]).any():
+            return peak
+        supported, modes = modal_where_supported(self._forward, self._prior, median[None, :3])
+        if supported[0] and modes is not None and modes.admissible[0]:
+            return median
+        distances = (((flat - median) / flat.std(axis=0)) ** 2).sum(axis=1)
+        return flat[int(np.argmin(distances))]

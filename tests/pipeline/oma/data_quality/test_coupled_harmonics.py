@@ -1,0 +1,36 @@
+"""A turning rotor shows in a window by harmonics that keep one phase."""
+
+import numpy as np
+import pytest
+
+from pipeline.oma.data_quality.coupled_harmonics import coupled_harmonics
+from pipeline.oma.identification import identify
+from tests.benchmarks.close_modes import bending_pair
+from tests.benchmarks.harmonics import turning
+
+
+@pytest.mark.parametrize("ratio", [2, 3])
+def test_a_wandering_speed_keeps_the_phase_of_its_harmonics(ratio: int) -> None:
+    generator = np.random.default_rng(ratio)
+    rate, n = 10.0, 6000
+    speed = 0.3 * (1 + 0.01 * np.sin(2 * np.pi * np.arange(n) / rate / 70))
+    angle = 2 * np.pi * np.cumsum(speed) / rate
+    shaking = np.outer(np.cos(angle) + 0.3 * np.cos(ratio * angle + 1), [1.0, -0.5])
+    found = coupled_harmonics(shaking + 0.5 * generator.standard_normal((n, 2)), rate)
+    assert found is not None
+    assert found.ratio == ratio
+    assert found.frequency == pytest.approx(0.3, rel=0.02)
+    assert found.coherence > 0.8
+
+
+def test_modes_under_random_loads_are_no_harmonics() -> None:
+    for seed in range(8):
+        record = bending_pair(70_200 + seed)
+        assert coupled_harmonics(record.samples, record.sampling_rate) is None
+
+
+def test_a_turning_rotor_of_unknown_speed_is_a_warning() -> None:
+    record, samples, _, passing = turning(70_003)
+    warnings = identify(samples, record.sampling_rate).warnings
+    (text,) = [each.text for each in warnings if each.code == "harmonic"]
+    assert f"{passing:.2g}" in text

@@ -1,0 +1,79 @@
+"""A mode that stands alone in much noise, by the lines of its own resonance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.messages import Mode, RefusedMode
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.whittle.lone_modes import by_its_lines, sharpened
+from pipeline.oma.whittle.narrow_band import WindowSpectrum
+from sensors.arrays import FloatArray
+from tests.benchmarks.close_modes import ambient
+
+RATE = 10.0  # [Hz]
+TRUE_F, TRUE_ZETA = 1.0, 0.01
+SHAPE = np.array([1.0, 0.6, -0.4])
+
+
+def pole(frequency: float, *, std: float, shape: FloatArray = SHAPE) -> Mode:
+    factor = np.zeros((2 + len(shape), 2))
+    factor[0, 0], factor[1, 1] = std, 0.005
+    return Mode("", frequency, std, TRUE_ZETA, 0.005, shape, factor, 2)
+
+
+def lines(frequencies: list[float], shapes: list[FloatArray], seed: int) -> WindowSpectrum:
+    """Ten minutes of modes in as much noise."""
+    samples = ambient(
+        np.array(frequencies),
+        np.full(len(frequencies), TRUE_ZETA),
+        np.array(shapes),
+        RATE,
+        np.ones(len(frequencies)),
+        1.0,
+        np.random.default_rng(seed),
+    )
+    return WindowSpectrum(samples, RATE)
+
+
+def test_a_vague_mode_alone_is_known_to_about_the_attainable_bound() -> None:
+    bound = TRUE_F * np.sqrt(TRUE_ZETA / (2 * np.pi * TRUE_F * 600))
+    errors, stds = [], []
+    for seed in range(16):
+        found = by_its_lines(
+            pole(TRUE_F + 0.005, std=6 * bound),
+            [],
+            lines([TRUE_F], [SHAPE], seed),
+            OmaSettings(),
+        )
+        assert found is not None
+        errors.append((found.frequency - TRUE_F) / found.frequency_std)
+        stds.append(found.frequency_std / bound)
+    assert np.median(stds) < 1.8
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.4)
+
+
+def test_a_band_of_two_modes_leaves_the_pole_as_it_is() -> None:
+    spectrum = lines([TRUE_F, 1.04], [SHAPE, np.array([-0.3, 1.0, 0.7])], seed=1)
+    assert by_its_lines(pole(TRUE_F, std=0.01), [], spectrum, OmaSettings()) is None
+
+
+def test_a_refused_mode_that_its_lines_show_is_reported_and_noise_is_not() -> None:
+    spectrum = lines([TRUE_F], [SHAPE], seed=2)
+    for place, n_found in ((TRUE_F, 1), (3.0, 0)):
+        vague = pole(place, std=0.02)
+        reason = RefusedMode(place, TRUE_ZETA, "vague", "")
+        result = sharpened([], [reason], [(vague, reason)], spectrum, OmaSettings())
+        assert len(result.modes) == n_found
+        assert len(result.refused) == 1 - n_found
+
+
+def test_a_flank_of_a_mode_is_none_of_its_own() -> None:
+    spectrum = lines([TRUE_F], [SHAPE], seed=3)
+    known = pole(TRUE_F, std=0.001)
+    flank = replace(pole(1.035, std=0.03), damping_ratio=0.005)
+    reason = RefusedMode(flank.frequency, TRUE_ZETA, "vague", "")
+    result = sharpened([known], [reason], [(flank, reason)], spectrum, OmaSettings())
+    assert [mode.frequency for mode in result.modes] == [known.frequency]
+    assert result.refused == (reason,)
