@@ -4,7 +4,7 @@ python -m tests.benchmarks memory [--hours H] [--write]
 
     blocks, estimates and posteriors of 4 turbines, in counted time
                                ──► one node in a process of its own
-    memory after every half hour of measurements; a line through it after four tenths
+    memory after every half hour of measurements; a line through it after half
 
 Reported per hour of a run at 10 ×: ten hours of measurements. Modes and posteriors stand for
 themselves (their work is bounded by a window): what is asked is what nodes keep between messages.
@@ -37,7 +37,7 @@ from pipeline.viewer.outputs.outputs import RrdFile
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import biaxial_layout
-from tests.benchmarks._results import keep
+from tests.benchmarks._results import is_old, keep, kept
 from tests.pipeline.histories import DigestIdentifier
 from tests.pipeline.state.test_posterior_json import POSTERIOR
 from tests.pipeline.updating.small_tower import LAYOUT, SmallTower, drawn_estimate
@@ -49,7 +49,7 @@ RATE = 10.0  # [Hz]
 TURBINES = tuple(f"t{number}" for number in range(4))
 WINDOW = 600  # [s]
 SAMPLED_EVERY = 1800  # [s]
-WARM_UP = 0.4  # of the time: what is bounded by a number of blocks fills in three hours
+WARM_UP = 0.5  # of the time: what is bounded by a number of blocks fills in three hours
 SPEED = 10.0  # hours of measurements an hour
 KEPT = 200  # windows that a live run's state keeps of a turbine
 Take = Callable[[Message], object]
@@ -58,16 +58,18 @@ Take = Callable[[Message], object]
 def main(arguments: list[str]) -> None:
     """Measure every node and print its slopes."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks memory")
-    parser.add_argument("--hours", type=float, default=12.0)
+    parser.add_argument("--hours", type=float, default=7.0)
     parser.add_argument("--only", choices=[*NODES], nargs="*", default=[*NODES])
     parser.add_argument("--write", action="store_true")
     chosen = parser.parse_args(arguments)
     figures = {name: apart(NODES[name], chosen.hours) for name in chosen.only}
     print(json.dumps(figures, indent=1))
     if chosen.write:
+        before = kept("memory")
         keep(
             "memory",
-            figures,
+            (before["figures"] if before and not is_old(before) else {})
+            | figures,  # piece by piece
             command=f"python -m tests.benchmarks memory --hours {chosen.hours:g} --write",
             depends=["pipeline/nodes", "pipeline/state", "pipeline/recording", "pipeline/viewer"],
         )
