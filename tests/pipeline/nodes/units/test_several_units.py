@@ -12,6 +12,7 @@ import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamGap, WindowRejected
 from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from pipeline.runtime.runner import with_end
@@ -24,6 +25,7 @@ from sensors.simulation.acquisition_units import (
     read_by_units,
     unit_layouts,
 )
+from tests.pipeline.histories import DigestIdentifier
 from tests.pipeline.oma.conftest import KnownStructure, structure
 
 RATE = 20.0
@@ -220,6 +222,13 @@ def fates(said: list[Message]) -> list[tuple[object, str]]:
     return [(each.origins, getattr(each, "code", "")) for each in windows]
 
 
+@pytest.fixture
+def digests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows that cost nothing: what is asked is which samples they have."""
+    monkeypatch.setattr(window_identification, "StreamingIdentifier", DigestIdentifier)
+
+
+@pytest.mark.usefixtures("digests")
 @pytest.mark.parametrize("layouts_at", [(0, 9), (5, 2), (3, 40), (30, 30)])
 def test_every_window_has_one_fate_whenever_the_layouts_come(blocks, layouts_at) -> None:
     """Books count a window once: blocks that go on in a joined session end none."""
@@ -238,6 +247,7 @@ def test_every_window_has_one_fate_whenever_the_layouts_come(blocks, layouts_at)
     assert not node.statistics.rejected
 
 
+@pytest.mark.usefixtures("digests")
 @pytest.mark.parametrize("n_strays", [1, 10])
 def test_blocks_of_a_unit_without_a_layout_end_no_window(blocks, n_strays: int) -> None:
     """One name that is spelt wrong must not end the window of the unit that is there."""
@@ -254,6 +264,7 @@ def test_blocks_of_a_unit_without_a_layout_end_no_window(blocks, n_strays: int) 
     assert (n_strays == 10) == bool(node.statistics.rejected)  # the rest of them wait
 
 
+@pytest.mark.usefixtures("digests")
 def test_a_unit_without_a_layout_is_followed_when_the_other_falls_silent(blocks) -> None:
     node = IdentificationNode(replace(SETTINGS, window_duration=60, hop=60))
     said = []
