@@ -181,19 +181,20 @@ def source_status(turbine: str, published: Counter[str]) -> NodeStatus:
 def with_end(source: Iterable[Message]) -> Iterator[Message]:
     """The source's messages, then one StreamEnd per unit and session, of its last boot."""
     last: dict[tuple[str, str, str], AccelerationBlock] = {}
-    numbers: dict[tuple[str, str, str], Intervals] = {}  # of the present boot's blocks
+    numbers: dict[tuple[str, str, str, int], Intervals] = {}  # of each boot's blocks
     boots: dict[tuple[str, str, str], BootCounter] = {}
     for message in source:
         if isinstance(message, AccelerationBlock):
             key = (message.turbine, message.unit, message.session)
             last[key] = message
-            counter, known = boots.setdefault(key, BootCounter()), numbers.get(key, Intervals())
-            before, repeats = counter.boot, message.sequence in known
-            if counter.boot_of(message, repeats=repeats) != before:
-                known = Intervals()
-                known.add(message.sequence - counter.also, message.sequence)
-            known.add(message.sequence)
-            numbers[key] = known
+            counter = boots.setdefault(key, BootCounter())
+            present = numbers.setdefault((*key, counter.boot), Intervals())
+            boot = counter.boot_of(message, repeats=message.sequence in present)
+            of_boot = numbers.setdefault((*key, boot), Intervals())
+            of_boot.add(message.sequence - counter.also, message.sequence + 1)
         yield message
     for key, block in last.items():
-        yield StreamEnd(block.turbine, block.unit, block.session, block.end_ns, len(numbers[key]))
+        boot = boots[key].boot_at(block.sequence, block.start_ns)
+        yield StreamEnd(
+            block.turbine, block.unit, block.session, block.end_ns, len(numbers[*key, boot])
+        )

@@ -12,6 +12,7 @@ from pipeline.nodes.units.block_admission import BlockMark
 from pipeline.nodes.units.joined_session import JoinedSession
 from pipeline.nodes.units.unit_session import UnitSession
 from pipeline.oma.tracking import DIES_AFTER
+from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
@@ -82,7 +83,7 @@ class IdentificationState:
         if isinstance(session, JoinedSession):
             session.resume_boots(self.boots)
         if self.joined == isinstance(session, JoinedSession):
-            needed = {name: mark.first_sample for name, mark in self.marks.items()}
+            needed = {n: Beginning(m.first_sample, m.sequence) for n, m in self.marks.items()}
             session.resume(self.session, needed)
 
 
