@@ -47,7 +47,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path, recording: Path) -> None:
-    outcome = disk_trial(tmp_path, recording, kilobytes=60)
+    outcome = disk_trial(tmp_path, recording, kilobytes=30)
     assert outcome.exit_code == 0
     assert outcome.warned
     assert 0 < outcome.recorded < outcome.published == 66

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.archive.store import StoredFrame, frames_of, messages_in
-from pipeline.messages import Message, ModalEstimate, Mode
+from pipeline.messages import Message, ModalEstimate, Mode, without_covariances
 from pipeline.transport.codec import decode, encode
 from sensors.arrays import FloatArray
 
@@ -50,7 +50,7 @@ def kept_messages(frames: Iterable[StoredFrame]) -> Iterator[Message]:
 
 def kept_estimate(estimate: ModalEstimate) -> bytes:
     """An estimate as bytes, its covariances in single precision."""
-    slim = replace(estimate, modes=tuple(_without_factor(mode) for mode in estimate.modes))
+    slim = without_covariances(estimate)
     content = encode(slim)
     groups = (_group_bytes(group) for group in _groups(estimate.modes))
     return _LENGTH.pack(len(content)) + content + b"".join(groups)
@@ -72,10 +72,6 @@ def restored_estimate(kept: bytes) -> ModalEstimate:
         for place, mode in enumerate(slim.modes)
     )
     return replace(slim, modes=modes)
-
-
-def _without_factor(mode: Mode) -> Mode:
-    return replace(mode, covariance_factor=mode.covariance_factor[:, :0], n_block_columns=0)
 
 
 def _places(modes: Sequence[Mode]) -> list[list[int]]:

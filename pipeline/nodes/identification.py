@@ -4,7 +4,6 @@ block ─► which blocks are used ─► a session of the turbine's units ─�
          `units/block_admission`  `units/unit_session`, `joined_session`         `_in_context`
 """
 
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
@@ -13,9 +12,17 @@ from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore, too_many
 from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog
-from pipeline.nodes.units.acquisition_units import AcquisitionUnit, AcquisitionUnits, Boot
-from pipeline.nodes.units.block_admission import DEFAULT_LIMITS, BlockMark, window_refusal
-from pipeline.nodes.units.joined_session import JoinedSession
+from pipeline.nodes.units.acquisition_units import AcquisitionUnit, AcquisitionUnits
+from pipeline.nodes.units.block_admission import (
+    DEFAULT_LIMITS,
+    NO_LAYOUT,
+    Admission,
+    BlockMark,
+    Refusal,
+    window_refusal,
+)
+from pipeline.nodes.units.joined_session import SILENT, JoinedSession
+from pipeline.nodes.units.opening_blocks import OpeningBlock, OpeningBlocks
 from pipeline.nodes.units.resuming import (
     REPEATED_ANSWERS,
     IdentificationState,
@@ -28,11 +35,10 @@ from pipeline.nodes.units.unit_session import UnitSession
 from pipeline.nodes.window_identification import CpuClock, CpuLimit
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
-
-OPENING_BLOCKS = 64  # that came before all layouts and are kept for what begins with them
 
 
 class TurbineIdentification:
@@ -76,17 +82,15 @@ class TurbineIdentification:
         self._channels = ChannelSwapMonitor()
         self._of_the_past = NodeStatistics()  # of sessions that are over
         self._answers: tuple[WindowAnswer, ...] = ()  # the latest
-        # blocks, boots and expected first samples of sessions of one unit, in no answered window
-        self._opening = deque[tuple[AccelerationBlock, Boot, int]](maxlen=OPENING_BLOCKS)
+        self._opening = OpeningBlocks()
         self._resumable: IdentificationState | None = None  # of an identification that has ended
 
     def handle(self, message: Message) -> Iterator[Message]:
         """The answers to a block; other messages say what they mean."""
         for answer in map(self._in_context, self._answers_to(message)):
             yield answer
-            if isinstance(answer, ModalEstimate):
-                self._opening.clear()
             if isinstance(answer, WindowAnswer):
+                self._opening.answered()
                 self._answers = with_answer(self._answers, answer)
                 self.revision += 1
 
@@ -114,13 +118,12 @@ class TurbineIdentification:
             unit.admission.refuse(too_much)
             return
         refusal = None if self._session is None else self._session.refusal(block)
-        admission = unit.admission.admit(block, refusal)
-        yield from self._take_all(unit, admission.blocks, starts=admission.starts)
+        yield from self._take_all(unit, unit.admission.admit(block, refusal))
 
-    def _take_all(
-        self, unit: AcquisitionUnit, blocks: tuple[AccelerationBlock, ...], *, starts: bool
-    ) -> Iterator[Message]:
-        if starts:
+    def _take_all(self, unit: AcquisitionUnit, admission: Admission) -> Iterator[Message]:
+        blocks = admission.blocks
+        if admission.begins is not None:
+            unit.beginning = admission.begins
             unit.monitor.restart()
             unit.marks.clear()
             self.revision += 1
@@ -133,21 +136,22 @@ class TurbineIdentification:
 
     def _take(self, unit: AcquisitionUnit, block: AccelerationBlock) -> Iterator[Message]:
         boot = unit.boot
+        begins = not unit.marks or unit.marks[0] == BlockMark.of(block)
+        beginning = unit.beginning if begins else Beginning(block.first_sample, block.sequence)
+        opening = OpeningBlock(block, boot, beginning)
         if self._session is None or not self._session.goes_on_with(block, boot):
-            if self._session is not None:
-                yield from self._end_session()
-            self._session = self._new_session(unit, block)
-            if isinstance(self._session, JoinedSession):
-                yield from self._push_opening(self._session)
+            if self._waits(block):
+                self._refuse_dropped(self._opening.wait(opening))
+                return
+            yield from self._change_session(unit, opening)
+        assert self._session is not None
         misfit = self._session.misfit(block)
         if misfit is not None:
             unit.admission.refuse(misfit)
             return
-        begins = not unit.marks or unit.marks[0] == BlockMark.of(block)
-        first = 0 if begins else block.first_sample
         if isinstance(self._session, UnitSession):
-            self._opening.append((block, boot, first))
-        yield from self._session.push(block, boot, first)
+            self._refuse_dropped(self._opening.use(opening))
+        yield from self._session.push(block, boot, beginning)
         if self._session.has_lost_time:
             unused = self._session.release()
             yield from self._end_session()
@@ -156,23 +160,49 @@ class TurbineIdentification:
             return
         yield from self._end_if_complete()
 
-    def _push_opening(self, session: JoinedSession) -> Iterator[Message]:
-        """Begin with the blocks that came before the layouts of all units were known: these travel
-        on keys of their own, and windows must not depend on which came first."""
-        opening = list(self._opening)
-        self._opening.clear()
-        for block, boot, first in opening:
-            known = self.units.by_name.get(block.unit)
-            if known is not None and known.boot == boot and session.misfit(block) is None:
-                yield from session.push(block, boot, first)
+    def _waits(self, block: AccelerationBlock) -> bool:
+        """Whether a block of another unit must wait: the layouts that join it with the unit that is
+        identified travel on keys of their own and may come later."""
+        return (
+            isinstance(self._session, UnitSession)
+            and block.unit not in self._session.newest
+            and len(self._layouts_to_join(block)) < 2
+            and self._opening.waiting < SILENT
+        )
+
+    def _refuse_dropped(self, dropped: OpeningBlock | None) -> None:
+        """Count a block that waited for layouts that did not come."""
+        if dropped is not None and dropped.block.unit in self.units.by_name:
+            text = "its layout, which would join it with the turbine's other unit, is not known"
+            self.units.by_name[dropped.block.unit].admission.refuse(Refusal(NO_LAYOUT, text))
 
     # ---- sessions -------------------------------------------------------------------------------
 
-    def _new_session(self, unit: AcquisitionUnit, block: AccelerationBlock) -> IdentifiedSession:
+    def _change_session(self, unit: AcquisitionUnit, opening: OpeningBlock) -> Iterator[Message]:
+        """Begin another session, with the blocks that waited for it; where it joins units, with
+        those of the session before too, which then ends without a word."""
+        before, whole = self._session, self._opening.whole
+        waiting = self._opening.taken()
+        own = [each for each in waiting if each.block.unit == opening.block.unit]
+        of_boot = [each for each in own if each.boot == opening.boot]
+        self._session = self._new_session(unit, (*of_boot, opening)[0])
+        joins = isinstance(self._session, JoinedSession) and isinstance(before, UnitSession)
+        if before is not None and not (joins and whole):
+            yield from self._finished(before)
+        for each in waiting:
+            known = self.units.by_name.get(each.block.unit)
+            fits = self._session.goes_on_with(each.block, each.boot)
+            if fits and known is not None and known.boot == each.boot:
+                if self._session.misfit(each.block) is None:
+                    yield from self._session.push(each.block, each.boot, each.beginning)
+            elif not each.used:
+                self._refuse_dropped(each)
+
+    def _new_session(self, unit: AcquisitionUnit, opening: OpeningBlock) -> IdentifiedSession:
         """The session that begins with a block, or goes on with it after a restart."""
-        session = self._session_for(unit, block)
+        session = self._session_for(opening)
         resumable, self._resumable = self._resumable, None
-        if resumable is not None and resumable.boots.get(block.unit) == unit.boot:
+        if resumable is not None and resumable.boots.get(opening.block.unit) == unit.boot:
             resumable.resume(session)
             for answer in self._answers:
                 if isinstance(answer, ModalEstimate):
@@ -180,19 +210,24 @@ class TurbineIdentification:
                 session.recall(answer)
         return session
 
-    def _session_for(self, unit: AcquisitionUnit, block: AccelerationBlock) -> IdentifiedSession:
-        layouts, speed = self.units.latest_layouts, self._log.rotor_speed
-        if len(layouts) > 1 and block.unit in layouts:
-            joined = [layouts[name] for name in sorted(layouts)]
-            return JoinedSession(joined, self._settings, self._cpu, speed)
-        known = self.units.layouts
-        return UnitSession(block, unit.boot, self._settings, known, self._cpu, speed)
+    def _layouts_to_join(self, block: AccelerationBlock) -> list[SensorLayout]:
+        """The latest layout of every unit, by their names; none where the block's is not known."""
+        layouts = self.units.latest_layouts
+        return [layouts[name] for name in sorted(layouts)] if block.unit in layouts else []
+
+    def _session_for(self, opening: OpeningBlock) -> IdentifiedSession:
+        settings, speed = self._settings, self._log.rotor_speed
+        layouts = self._layouts_to_join(opening.block)
+        if len(layouts) > 1:
+            return JoinedSession(layouts, settings, self._cpu, speed)
+        first, known = (opening.block, opening.boot, opening.beginning), self.units.layouts
+        return UnitSession(*first, settings, known, self._cpu, speed)
 
     def _ended(self, unit: AcquisitionUnit, end: StreamEnd) -> Iterator[Message]:
         unit.note_end(end)
         admission = unit.admission.note_end(end.session)
         if admission.blocks:
-            yield from self._take_all(unit, admission.blocks, starts=admission.starts)
+            yield from self._take_all(unit, admission)
         yield from self._end_if_complete()
 
     def _end_if_complete(self) -> Iterator[Message]:
@@ -212,9 +247,16 @@ class TurbineIdentification:
             yield from self._end_session()
 
     def _end_session(self) -> Iterator[Message]:
-        """What a session still has to say; its blocks stay counted."""
+        """What the session still has to say; blocks that waited for another one are refused."""
         session, self._session = self._session, None
         assert session is not None
+        for each in self._opening.taken():
+            if not each.used:
+                self._refuse_dropped(each)
+        yield from self._finished(session)
+
+    def _finished(self, session: IdentifiedSession) -> Iterator[Message]:
+        """What a session still has to say; its blocks stay counted."""
         yield from session.finish()
         self._of_the_past += NodeStatistics(late=session.late, duplicate=session.duplicate)
 

@@ -24,7 +24,7 @@ from pipeline.messages import (
 )
 from pipeline.state.block_book import BlockBook, block_numbers
 from pipeline.state.json_values import Json
-from pipeline.state.turbine_book import TurbineBook, forget_oldest
+from pipeline.state.turbine_book import TurbineBook, codes_in_words, forget_oldest
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.boots import BootCounter
 
@@ -70,10 +70,12 @@ class Books:
             case AccelerationBlock():
                 self._block(message)
             case StreamGap():
-                first = message.first_sequence
-                self._latest(message).reported.add(first, first + message.n_blocks)
+                end = message.first_sequence + message.n_blocks
+                book = self._book_at(_session(message), end, message.end_ns)
+                book.reported.add(message.first_sequence, end)
             case StreamEnd():
-                self._latest(message).published = message.n_blocks
+                book = self._book_at(_session(message), message.n_blocks, message.time_ns)
+                book.published = message.n_blocks
             case ModalEstimate() | WindowRejected():
                 self._answer(message)
             case FoundationPosterior():
@@ -92,7 +94,7 @@ class Books:
         self._is_updating = self._updates is not False
 
     def _block(self, block: AccelerationBlock) -> None:
-        session = (block.turbine, block.unit, block.session)
+        session = _session(block)
         counter = self._boots.setdefault(session, BootCounter())
         present = self._blocks.get((*session, counter.boot))
         repeats = present is not None and block.sequence in present.recorded
@@ -106,11 +108,10 @@ class Books:
             book.recorded.add(block.sequence - counter.also, block.sequence)
         book.enter(block.sequence, unused_before=unused)
 
-    def _latest(self, message: StreamGap | StreamEnd) -> BlockBook:
-        """The book of the session's present boot."""
-        session = (message.turbine, message.unit, message.session)
-        counter = self._boots.setdefault(session, BootCounter())
-        return self._blocks.setdefault((*session, counter.boot), BlockBook())
+    def _book_at(self, session: tuple[str, str, str], sequence: int, time_ns: int) -> BlockBook:
+        """The book of the boot whose block of that number begins at that time, else the present."""
+        boot = self._boots.setdefault(session, BootCounter()).boot_at(sequence, time_ns)
+        return self._blocks.setdefault((*session, boot), BlockBook())
 
     def _turbine(self, turbine: str) -> TurbineBook:
         book = self._turbines.setdefault(turbine, TurbineBook())
@@ -226,12 +227,18 @@ class Books:
         blocks = [book for book in self._blocks.values() if book.recorded]
         books = self._turbines.values()
         boots = f"{len(blocks)} boot" + "s" * (len(blocks) != 1)
+        refused = sum(self._refused.values(), Counter[str]())
+        unused = f", {refused.total()} not used ({codes_in_words(refused)})" if refused else ""
         return (
             f"{sum(len(each.recorded) for each in blocks)} blocks of {boots} recorded, "
-            f"{sum(each.lost for each in blocks)} lost; "
+            f"{sum(each.lost for each in blocks)} lost{unused}; "
             f"{sum(each.identified for each in books)} windows identified, "
             f"{sum(each.rejected.total() for each in books)} rejected; "
             f"{sum(each.in_posterior for each in books)} estimates in the posterior, "
             f"{sum(each.refused.total() for each in books)} refused, "
             f"{sum(len(each.pending) for each in books)} pending"
         )
+
+
+def _session(message: AccelerationBlock | StreamGap | StreamEnd) -> tuple[str, str, str]:
+    return message.turbine, message.unit, message.session

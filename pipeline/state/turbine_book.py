@@ -155,8 +155,8 @@ class TurbineBook:
         """Windows and estimates in one line, with the reasons of those that are not used."""
         return (
             f"{self.identified} were identified, {self.rejected.total()} rejected "
-            f"({_counted(self.rejected)}), {self.refused.total()} estimates refused "
-            f"({_counted(self.refused)})"
+            f"({codes_in_words(self.rejected)}), {self.refused.total()} estimates refused "
+            f"({codes_in_words(self.refused)})"
         )
 
     def as_json(self) -> Json:
@@ -181,7 +181,8 @@ def _key(message: ModalEstimate | WindowRejected | FoundationPosterior) -> Windo
     return ("lies", message.start_ns, message.end_ns)
 
 
-def _counted(codes: Counter[str]) -> str:
+def codes_in_words(codes: Counter[str]) -> str:
+    """How often each code, the most frequent first."""
     return ", ".join(f"{count} × {code}" for code, count in codes.most_common()) or "none"
 
 

@@ -27,7 +27,7 @@ class UpdateRates:
 
 
 # Large chunks: a small file.
-TO_FILE = UpdateRates(signals=60.0, swing=60.0, swing_chunk=600.0, nodes=60.0, settling=30.0)
+TO_FILE = UpdateRates(signals=600.0, swing=60.0, swing_chunk=3600.0, nodes=60.0, settling=30.0)
 # Small chunks for a prompt picture, but at most four a second at any speed of a replay.
 TO_VIEWER = UpdateRates(
     signals=1.0, swing=18.0, swing_chunk=1.0, nodes=5.0, settling=1.0, min_interval=0.25

@@ -5,27 +5,30 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 NOTABLE_CLOCK_STEP = 0.5  # of stamps against the sample count between two blocks [s]
 RATE_ERROR = 0.01  # of a converter's rate, at most [-]
 ENOUGH_TO_START = 5  # blocks on end with numbers that came before and stamps that are new
+MOST_EARLIER = 8  # whose newest blocks are remembered
 
 
 class BootCounter:
     """Counts the boots of one unit under one session's name, of blocks as they arrive.
 
-    A block behind the newest one is late or comes again where its stamp fits its number, or its
-    number is nearer to the newest one's than to 0; else the unit has started again. So it has where
-    blocks on end bring numbers once more that came before, under stamps that do not fit.
+    A block whose number and stamp follow those of an earlier boot, and not those of the present
+    one, is of the earlier: it was sent again, or two devices send under one name. One behind the
+    newest of the present boot is late or comes again where its stamp fits its number, or its number
+    is nearer to the newest one's than to 0; else the unit has started again. So it has where blocks
+    on end bring numbers once more that came before, under stamps that do not fit.
     """
 
     def __init__(self) -> None:
         self.boot = 0
         self.also = 0
         """Blocks just before the last that are found, with it, to be of the new boot."""
-        self._newest: AccelerationBlock | None = None
+        self._newest: dict[int, AccelerationBlock] = {}  # by boot
         self._on_end: list[AccelerationBlock] = []  # that may have started a boot
 
     def unused_before(self, block: AccelerationBlock) -> int:
         """Return how many numbers a unit passed over before a block without missing a sample."""
-        newest = self._newest
-        if newest is None or block.first_sample != newest.first_sample + len(newest.samples):
+        newest = self._newest.get(self.boot)
+        if newest is None or not _follows(newest, block):
             return 0
         return max(0, block.sequence - newest.sequence - 1)
 
@@ -39,19 +42,54 @@ class BootCounter:
             Whether a block of that number has come in the present boot.
         """
         self.also = 0
-        newest = self._newest
+        newest = self._newest.get(self.boot)
         if newest is None:
-            self._newest = block
-        elif block.first_sample > newest.first_sample:
-            self._newest = block
+            self._newest[self.boot] = block
+            return self.boot
+        fits = _fits(newest, block)
+        earlier = None if fits else self._earlier(block)
+        if earlier is not None:
+            return earlier
+        if block.first_sample > newest.first_sample:
+            self._newest[self.boot] = block
             self._on_end.clear()
-        elif _fits(newest, block):
+        elif fits:
             self._on_end.clear()
         elif 2 * block.sequence < newest.sequence:
             self._start([block])
         elif repeats:
             self._follow(block)
         return self.boot
+
+    def boot_at(self, sequence: int, time_ns: int) -> int:
+        """Which boot's block of that number begins at that time; the present one where none does.
+
+        Parameters
+        ----------
+        sequence : int
+        time_ns : int
+            By the unit's clock [ns].
+        """
+
+        def begins_then(boot: int) -> bool:
+            newest = self._newest[boot]
+            due = (sequence - newest.sequence) * newest.duration
+            return abs((time_ns - newest.start_ns) / NANOSECONDS - due) <= NOTABLE_CLOCK_STEP
+
+        latest_first = reversed(self._newest)
+        return next((boot for boot in latest_first if begins_then(boot)), self.boot)
+
+    def _earlier(self, block: AccelerationBlock) -> int | None:
+        """The latest boot before the present one that a block fits, and follows if it follows the
+        present one by its number."""
+        either = _follows(self._newest[self.boot], block)
+        others = [(boot, newest) for boot, newest in self._newest.items() if boot != self.boot]
+        for boot, newest in reversed(others):
+            if _fits(newest, block) and (_follows(newest, block) or not either):
+                if block.first_sample > newest.first_sample:
+                    self._newest[boot] = block
+                return boot
+        return None
 
     def _follow(self, block: AccelerationBlock) -> None:
         last = self._on_end[-1] if self._on_end else None
@@ -64,8 +102,14 @@ class BootCounter:
     def _start(self, blocks: list[AccelerationBlock]) -> None:
         self.boot += 1
         self.also = len(blocks) - 1
-        self._newest = blocks[-1]
+        self._newest[self.boot] = blocks[-1]
+        if len(self._newest) > MOST_EARLIER:
+            del self._newest[next(iter(self._newest))]
         self._on_end.clear()
+
+
+def _follows(newest: AccelerationBlock, block: AccelerationBlock) -> bool:
+    return block.first_sample == newest.first_sample + len(newest.samples)
 
 
 def _fits(newest: AccelerationBlock, block: AccelerationBlock) -> bool:

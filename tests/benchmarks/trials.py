@@ -52,6 +52,9 @@ SCENARIO = """
 title = "A small tower for what must survive"
 seed = 5
 
+[sensors]  # two levels: what survives does not depend on how many channels there are
+elevations = [80.0, 145.0]
+
 [simulation]
 duration = {duration}
 transient = 60.0

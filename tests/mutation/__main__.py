@@ -28,7 +28,7 @@ import pytest
 from tests.benchmarks import _results
 
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
-LISTS = ("numerics", "faults", "fresh", "drawn")
+LISTS = ("numerics", "faults", "fresh", "drawn", "again")
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".*_cache")
 # What the tests import and no fault is in: once for all faults.
 LIBRARIES = ("numpy", "scipy.stats", "scipy.optimize", "scipy.signal", "scipy.linalg", "emcee",
@@ -83,6 +83,7 @@ def fails(tree: Path, tests: Sequence[str], limit: float = LIMIT) -> bool:
     child = os.fork()
     if child == 0:
         os.setsid()  # what its tests start ends with it
+        signal.alarm(round(limit) + 5)  # and it ends where its parent is killed
         os._exit(_run_in(tree, tests))
     end = time.monotonic() + limit
     while time.monotonic() < end:

@@ -1,6 +1,7 @@
 """Draw small faults by chance, one in a module, from modules that no other list touches.
 
-    python -m tests.mutation.draw --seed 20261123 --faults 120 > tests/mutation/drawn.json
+    python -m tests.mutation.draw --seed 20261123 --faults 120 --without numerics faults fresh
+    python -m tests.mutation.draw --seed 20261124 --faults 40 --without numerics faults fresh drawn
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
 nearest first, or else those that import what imports it. Texts of messages, docstrings, logging,
@@ -12,7 +13,7 @@ import ast
 import json
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -118,11 +119,11 @@ def _between(
         yield right.lineno, start, start + len(old), new, f"{old.strip()} is {new.strip()}"
 
 
-def modules() -> list[Path]:
-    """Return the modules that may be drawn: no other list has a fault in them."""
+def modules(without: Sequence[str]) -> list[Path]:
+    """Return the modules that may be drawn: none of those lists has a fault in them."""
     taken = {
         fault["place"]
-        for name in ("numerics", "faults", "fresh")
+        for name in without
         for fault in json.loads((HERE / f"{name}.json").read_text(encoding="utf-8"))
     }
     files = [file for top in ("sensors", "pipeline") for file in sorted((ROOT / top).rglob("*.py"))]
@@ -186,10 +187,10 @@ def _distance_from(place: str) -> Callable[[str], tuple[int, str]]:
     return distance
 
 
-def drawn(seed: int, number: int) -> list[dict[str, Any]]:
+def drawn(seed: int, number: int, without: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Draw faults, each in a module of its own."""
     rng = np.random.default_rng(seed)
-    files, found = modules(), []
+    files, found = modules(without), []
     texts = [
         file.read_text(encoding="utf-8")
         for top in ("sensors", "pipeline")
@@ -234,8 +235,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--faults", type=int, default=120)
+    parser.add_argument("--without", nargs="*", default=[], help="lists whose modules are left out")
     options = parser.parse_args()
-    json.dump(drawn(options.seed, options.faults), sys.stdout, indent=1, ensure_ascii=False)
+    faults = drawn(options.seed, options.faults, options.without)
+    json.dump(faults, sys.stdout, indent=1, ensure_ascii=False)
     sys.stdout.write("\n")
 
 

@@ -9,6 +9,7 @@ from pipeline.nodes.by_turbine import LimitedMembers
 from pipeline.nodes.node import NodeStatistics
 from pipeline.nodes.units.block_admission import BlockAdmission, BlockMark
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
+from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.layout import SensorLayout
 
 LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
@@ -33,6 +34,7 @@ class AcquisitionUnit:
         self.layouts: dict[str, SensorLayout] = {}  # by their ids, the latest last
         self.ends: dict[str, StreamEnd] = {}  # by session: announced, blocks still missing
         self.marks: deque[BlockMark] = deque(maxlen=MARKS)  # of the present boot
+        self.beginning = Beginning()  # where the present boot was expected to begin
 
     @property
     def layout(self) -> SensorLayout | None:

@@ -7,6 +7,9 @@
 A forged, stray or broken block has no other effect than its count under the reason's code. A unit
 that starts again, under a new session's name or the same, is followed after five blocks, or at once
 where the end of its session was announced. Its starts under one session's name are its boots.
+
+A boot that goes on although another one has begun since is another device under the same name: the
+first that was heard is used, the other's blocks are refused while it sends.
 """
 
 from collections import Counter
@@ -18,15 +21,18 @@ import numpy as np
 
 from pipeline.nodes.limits import LimitSettings
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR
+from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock
 
 STUBBORN = 5  # blocks on end that follow each other and not the last one taken
 MOST_CANDIDATES = 4  # sessions whose blocks are held
-RETURNING = 1000  # the same, of a session that is over and whose stamps are of the past
+RETURNING = 1000  # the same, of a boot that is over and whose stamps are of the past
+SECOND_ALONE = 300  # the same, of a second device that sends under the first one's name
 MOST_SKIPPED = 10**8  # that may be missing in between: a day at 1 kHz
 REMEMBERED_CONTENTS = 600  # blocks whose samples are recognised
 FEWEST_RECOGNISABLE = 10  # of a block that is not like another by chance
 MOST_SESSION_NAMES = 64  # names of sessions whose boots are remembered
+MOST_BOOTS_OVER = 8  # whose last blocks are remembered
 
 # Codes of refusals, as they are counted in a NodeStatus.
 TOO_LARGE = "window-too-large"
@@ -39,8 +45,12 @@ CONFLICT = "conflicting-content"
 REPEATED = "repeated-samples"
 LAYOUT = "not-its-layout"
 UNITS = "cannot-be-joined"
+NO_LAYOUT = "no-layout"
+SECOND = "second-device"
 
 DEFAULT_LIMITS = LimitSettings()
+
+BootKey = tuple[str, int]  # session, starts under its name before
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +96,8 @@ class Admission:
 
     blocks: tuple[AccelerationBlock, ...] = ()
     """In the order of arrival."""
-    starts: bool = False
-    """Whether they begin a boot: what was running before is over."""
+    begins: Beginning | None = None
+    """Where a boot that they begin is expected to begin: what was running before is over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +118,9 @@ class BlockAdmission:
         self.conflicts: list[int] = []  # first samples that came with two contents in this boot
         self.sequence_jumps = 0  # block numbers that jumped where samples did not
         self._boots: dict[str, int] = {}  # by session's name, the latest last
+        self._over: dict[BootKey, BlockMark] = {}  # last block taken of boots before this one
+        self._second: set[BootKey] = set()  # of them, those of a second device
+        self._began_ns = 0  # stamp with which the present boot began
         self._last: BlockMark | None = None
         self._ended = False  # the end of the present session was announced
         self._held: dict[str, list[AccelerationBlock]] = {}  # by session, in their order
@@ -157,7 +170,8 @@ class BlockAdmission:
             self._make_room(held)
             return Admission()
         blocks = self._let_in(block.session)
-        return self._continued(blocks) if self._goes_on(blocks[0]) else self._begin(blocks)
+        goes_on = self._boot_over(blocks[0]) is None and self._goes_on(blocks[0])
+        return self._continued(blocks) if goes_on else self._begin(blocks)
 
     def note_end(self, session: str) -> Admission:
         """Take note that a session's end was announced; its blocks that are held are let in."""
@@ -174,14 +188,24 @@ class BlockAdmission:
 
     def state(self) -> dict[str, Any]:
         """What a restart needs, as JSON can say it."""
-        last = None if self._last is None else asdict(self._last)
-        return {"boot": self.boot, "boots": self._boots, "last": last}
+        return {
+            "boot": self.boot,
+            "boots": self._boots,
+            "last": None if self._last is None else asdict(self._last),
+            "began_ns": self._began_ns,
+            "over": [[*key, asdict(mark), key in self._second] for key, mark in self._over.items()],
+        }
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from what `state` gave."""
         self.boot = int(state["boot"])
         self._boots = {str(name): int(boot) for name, boot in state["boots"].items()}
         self._last = None if state["last"] is None else BlockMark(**state["last"])
+        self._began_ns = int(state.get("began_ns", 0))
+        for session, boot, mark, second in state.get("over", ()):
+            self._over[session, boot] = BlockMark(**mark)
+            if second:
+                self._second.add((session, boot))
 
     def begin_after(self, mark: BlockMark) -> None:
         """Expect the block with that mark, or one that follows it."""
@@ -201,6 +225,10 @@ class BlockAdmission:
     def _against(self, block: AccelerationBlock) -> Refusal | None:
         assert self._last is not None
         against = refusal_of(self._last, block)
+        if against is None and self._over and not _tight(self._last, block):
+            over = self._boot_over(block)
+            if over is not None and self._over[over].next_sample == block.first_sample:
+                return Refusal(UNFIT, "its number and stamp follow those of another boot")
         held = self._held.get(block.session)
         if against is not None or not held:
             return against
@@ -250,8 +278,24 @@ class BlockAdmission:
     def _needed(self, held: list[AccelerationBlock]) -> int:
         """Blocks on end that it takes."""
         assert self._last is not None
-        of_the_past = self._is_over(held[-1].session) and held[-1].start_ns < self._last.end_ns
+        over, latest = self._boot_over(held[-1]), held[-1].start_ns
+        if over in self._second:
+            return STUBBORN if self._ended else SECOND_ALONE
+        if over is not None:  # sent again after it was over, or never over
+            return RETURNING if latest <= self._began_ns else STUBBORN
+        of_the_past = self._is_over(held[-1].session) and latest < self._last.end_ns
         return RETURNING if of_the_past and held[0].sequence > 0 else STUBBORN
+
+    def _boot_over(self, block: AccelerationBlock) -> BootKey | None:
+        """Which boot before this one a block follows, by number and by stamp."""
+        following = [
+            (abs(since - clock), key)
+            for key, mark in self._over.items()
+            if key[0] == block.session and block.first_sample >= mark.next_sample
+            if _tight(mark, block)
+            for since, clock in [_apart(mark, block)]
+        ]
+        return min(following)[1] if following else None
 
     def _let_in(self, session: str) -> tuple[AccelerationBlock, ...]:
         """The blocks of a session that are held; those of others are refused."""
@@ -270,8 +314,7 @@ class BlockAdmission:
             if following is None or BlockMark.of(block).next_sample != following.first_sample:
                 break
             chain.insert(0, block)
-        other = self._last is not None and session != self._last.session
-        self.refused[OTHER_SESSION if other else UNFIT] -= len(chain)
+        self.refused.subtract(self._code_of(block) for block in chain)
         self.refused += Counter()  # codes without a block go
         return tuple(chain)
 
@@ -303,22 +346,55 @@ class BlockAdmission:
         return Admission(blocks)
 
     def _begin(self, blocks: tuple[AccelerationBlock, ...]) -> Admission:
-        name = blocks[0].session
-        self.boot = self._boots.pop(name, -1) + 1
-        self._boots[name] = self.boot
-        if len(self._boots) > MOST_SESSION_NAMES:
-            del self._boots[next(iter(self._boots))]
+        begins = self._beginning(blocks)
+        self._began_ns = blocks[0].start_ns
         self._last, self._ended = BlockMark.of(blocks[-1]), False
         self._contents.clear()
         self._samples.clear()
         self.conflicts = []
         for block in blocks:
             self._content_refusal(block)
-        return Admission(blocks, starts=True)
+        return Admission(blocks, begins)
+
+    def _beginning(self, blocks: tuple[AccelerationBlock, ...]) -> Beginning:
+        """Count a boot, or take up the one before that goes on; where it is expected to begin."""
+        name, last = blocks[0].session, self._last
+        over = self._boot_over(blocks[0])
+        if last is not None:
+            present = (last.session, self.boot)
+            self._over[present] = last
+            if over is not None and blocks[-1].start_ns > self._began_ns:
+                self._second.add(present)
+        if over is not None:
+            mark = self._over.pop(over)
+            self._second.discard(over)
+            self.boot = over[1]
+            return Beginning(mark.next_sample, mark.sequence + 1)
+        for oldest in list(self._over)[:-MOST_BOOTS_OVER]:
+            del self._over[oldest]
+            self._second.discard(oldest)
+        self.boot = self._boots.pop(name, -1) + 1
+        self._boots[name] = self.boot
+        if len(self._boots) > MOST_SESSION_NAMES:
+            del self._boots[next(iter(self._boots))]
+        if last is None or last.session != name or blocks[0].sequence <= last.sequence:
+            return Beginning()
+        # another rate or shape within the numbers of one boot
+        missing = (blocks[0].sequence - last.sequence - 1) * len(blocks[0].samples)
+        return Beginning(max(0, blocks[0].first_sample - missing), last.sequence + 1)
 
     def _refuse(self, block: AccelerationBlock) -> None:
+        code = self._code_of(block)
+        self.refused[code] += 1
+        if code == SECOND:
+            self.complaint = f"two devices send under one name, both as {block.session!r}"
+
+    def _code_of(self, block: AccelerationBlock) -> str:
+        """Code of why a block that was held is refused."""
+        if self._boot_over(block) in self._second:
+            return SECOND
         other = self._last is not None and block.session != self._last.session
-        self.refused[OTHER_SESSION if other else UNFIT] += 1
+        return OTHER_SESSION if other else UNFIT
 
     def _refuse_all(self, blocks: list[AccelerationBlock]) -> None:
         for block in blocks:

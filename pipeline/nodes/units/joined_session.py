@@ -19,7 +19,7 @@ from pipeline.nodes.window_identification import (
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.unit_clock import ClockStep, clock_step, stamp_of
-from pipeline.oma.windows.windowing import BlockOrder, MissingSamples, Window
+from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
@@ -88,13 +88,12 @@ class JoinedSession:
             return None
         return Refusal(LAYOUT, f"{own} channels where its unit's layout names {named}")
 
-    def push(self, block: AccelerationBlock, boot: Boot, first: int) -> Iterator[Message]:
-        """Take a block of which `misfit` says nothing; `first` is the sample that its unit is
-        expected to begin with."""
+    def push(self, block: AccelerationBlock, boot: Boot, beginning: Beginning) -> Iterator[Message]:
+        """Take a block of which `misfit` says nothing; its unit is expected to begin there."""
         self._n_pushed += 1
         self._heard[block.unit] = self._n_pushed
         if self._boots.get(block.unit) != boot:
-            yield from self._restarted(block, boot, first)
+            yield from self._restarted(block, boot, beginning)
         used = self._agrees(block)
         before = self._newest.get(block.unit)
         if before is None or block.first_sample >= before.first_sample:
@@ -146,10 +145,10 @@ class JoinedSession:
         grid = self._joiner.grid
         return {"window": self._windows.next_index, "grid": None if grid is None else list(grid)}
 
-    def resume(self, state: Mapping[str, Any], needed: Mapping[str, int]) -> None:
+    def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
         """Go on with the first window that is not answered, on the same clock."""
-        for unit, first in needed.items():
-            self._orders[unit] = BlockOrder(self._settings.lateness, first)
+        for unit, beginning in needed.items():
+            self._orders[unit] = BlockOrder(self._settings.lateness, beginning)
         if state["grid"] is None:
             return
         origin_ns, rate, session = state["grid"]
@@ -186,17 +185,20 @@ class JoinedSession:
             return False
         self._out.discard(block.unit)
         self._joiner.restart(block.unit)
-        self._orders[block.unit] = BlockOrder(self._settings.lateness, block.first_sample)
+        beginning = Beginning(block.first_sample, block.sequence)
+        self._orders[block.unit] = BlockOrder(self._settings.lateness, beginning)
         return True
 
-    def _restarted(self, block: AccelerationBlock, boot: Boot, first: int) -> Iterator[Message]:
+    def _restarted(
+        self, block: AccelerationBlock, boot: Boot, beginning: Beginning
+    ) -> Iterator[Message]:
         """What still waits of the unit's boot before this block's."""
         order = self._orders.get(block.unit)
         known = self._boots.get(block.unit)
         self._boots[block.unit] = boot
         self._newest.pop(block.unit, None)
         self._out.discard(block.unit)
-        self._orders[block.unit] = BlockOrder(self._settings.lateness, first)
+        self._orders[block.unit] = BlockOrder(self._settings.lateness, beginning)
         if order is None or known is None:
             return
         pieces = list(order.flush())

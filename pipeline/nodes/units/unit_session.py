@@ -4,6 +4,7 @@ blocks ─► BlockOrder ─► WindowIdentification
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from pipeline.messages import Message, ModalEstimate, UnitOrigin, WindowRejected
@@ -16,18 +17,19 @@ from pipeline.nodes.window_identification import (
     unknown_speed,
 )
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.windows.windowing import BlockOrder, MissingSamples, Window
+from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
 
 class UnitSession:
-    """One boot of a turbine's only unit."""
+    """One boot of a turbine's only unit; its windows begin where the boot is expected to begin."""
 
     def __init__(
         self,
         first: AccelerationBlock,
         boot: Boot,
+        beginning: Beginning,
         settings: OmaSettings,
         layouts: dict[str, SensorLayout],
         limit: CpuLimit | None = None,
@@ -35,7 +37,8 @@ class UnitSession:
     ):
         self._unit, self._boot = first.unit, boot
         self._settings = settings
-        self._order = BlockOrder(settings.lateness)
+        self._order = BlockOrder(settings.lateness, beginning)
+        self._origin = beginning.first_sample  # of the windows
         self._windows = WindowIdentification(
             first.turbine,
             first.unit,
@@ -66,11 +69,8 @@ class UnitSession:
         """Why a block is of no use, however many like it come; the only unit's never is."""
         return None
 
-    def push(self, block: AccelerationBlock, _: Boot, first: int) -> Iterator[Message]:
-        """Take a block of this boot; `first` is the sample that its unit is expected to begin
-        with."""
-        if self._newest is None and first:
-            self._order.expect(first)
+    def push(self, block: AccelerationBlock, _: Boot, __: Beginning) -> Iterator[Message]:
+        """Take a block of this boot."""
         if self._newest is None or block.first_sample >= self._newest.first_sample:
             self._newest = block
         yield from self._answers(self._order.push(block))
@@ -96,25 +96,28 @@ class UnitSession:
     def needed(self) -> dict[str, int]:
         """First sample of each unit that is not in an answered window."""
         hop = self._settings.hop * self._rate
-        return {self._unit: round(self._windows.next_index * hop)}
+        return {self._unit: self._origin + round(self._windows.next_index * hop)}
 
     def state(self) -> dict[str, Any]:
         """What a restart needs beside the samples, as JSON can say it."""
-        return {"window": self._windows.next_index}
+        return {"window": self._windows.next_index, "origin": self._origin}
 
-    def resume(self, state: Mapping[str, Any], needed: Mapping[str, int]) -> None:
+    def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
         """Go on with the first window that is not answered."""
         self._order = BlockOrder(self._settings.lateness, needed[self._unit])
+        self._origin = int(state.get("origin", 0))
         self._windows.begin_at(int(state["window"]))
 
     def _origins(self, window: Window) -> tuple[UnitOrigin, ...]:
-        boot = self._boot
-        return (UnitOrigin(self._unit, boot.session, boot.number, window.first_sample),)
+        boot, first = self._boot, self._origin + window.first_sample
+        return (UnitOrigin(self._unit, boot.session, boot.number, first),)
 
     def _answers(self, pieces: Iterable[AccelerationBlock | MissingSamples]) -> Iterator[Message]:
         for piece in pieces:
             if isinstance(piece, MissingSamples):
                 yield self._windows.gap(piece, self._unit, self._boot.session)
+            if self._origin:
+                piece = replace(piece, first_sample=piece.first_sample - self._origin)
             yield from self._windows.push(piece)
 
     @property

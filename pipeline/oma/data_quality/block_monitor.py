@@ -4,18 +4,22 @@ Everything is filed under sample numbers of the unit's boot: stamps are what is 
 """
 
 from collections import Counter, deque
+from datetime import UTC, datetime
 
 import numpy as np
 
 from pipeline.messages import QualityWarning
 from pipeline.oma.windows.unit_clock import fit_clock
-from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 REMEMBERED_BLOCKS = 600  # blocks by which a repeated one is recognised
 CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps better than 1
 CLOCK_JITTER = 1e-3  # std of the blocks' stamps about a straight line [s]
 STILL_BLOCKS = 2  # blocks on end in which a channel that is alive never keeps one value
 REMEMBERED_STAMPS = 100_000  # blocks: a day of them without an estimate that asks
+UNSET_BEFORE_NS = (
+    978_307_200 * NANOSECONDS
+)  # 2001; clocks that lost their time begin in 1970 to 2000
 FEWEST_OF_BLOCK = 10  # of a block that is checked
 
 
@@ -101,9 +105,11 @@ class BlockMonitor:
         kept = [stamp for stamp in self._stamps if stamp[0] >= end]
         self._stamps = deque(kept, maxlen=REMEMBERED_STAMPS)
         clock = fit_clock(stamps, self._rate)
+        warnings = (
+            [_unset_clock(stamps[-1][1])] if stamps and stamps[-1][1] < UNSET_BEFORE_NS else []
+        )
         if clock is None:
-            return []
-        warnings = []
+            return warnings
         if clock.step:
             text = (
                 f"the unit's time stamps step by {clock.step:+.3g} s against its sample count: its "
@@ -123,3 +129,12 @@ class BlockMonitor:
             )
             warnings.append(QualityWarning("clock-jitter", text))
         return warnings
+
+
+def _unset_clock(start_ns: int) -> QualityWarning:
+    day = datetime.fromtimestamp(start_ns / NANOSECONDS, UTC)
+    return QualityWarning(
+        "clock-unset",
+        f"the time stamps are of {day:%Y-%m-%d}: the unit's clock was never set, or the "
+        "measurements are without a date; SCADA, tide and history go by it",
+    )

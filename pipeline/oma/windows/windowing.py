@@ -34,6 +34,16 @@ class MissingSamples:
     end_ns: int  # sensor clock where samples resume [ns]
 
 
+@dataclass(frozen=True, slots=True)
+class Beginning:
+    """Where a stream of blocks is expected to begin in its unit's counts."""
+
+    first_sample: int = 0
+    """Since the unit's start."""
+    sequence: int = 0
+    """Of its block."""
+
+
 class BlockOrder:
     """Puts the blocks of one session in order: waits a little for a late one, drops repeats.
 
@@ -41,17 +51,13 @@ class BlockOrder:
     when one that begins more than `lateness` after it has come.
     """
 
-    def __init__(self, lateness: float, first_sample: int = 0):
+    def __init__(self, lateness: float, beginning: Beginning = Beginning()):
         self._lateness = lateness  # [s] of sensor time
-        self._first = first_sample  # the first that is expected
+        self._beginning = beginning
         self._waiting: dict[int, AccelerationBlock] = {}  # by first_sample
         self._last: AccelerationBlock | None = None
         self.late = 0  # blocks that came after they had been given up
         self.duplicate = 0  # blocks that came twice
-
-    def expect(self, first_sample: int) -> None:
-        """Begin with a sample of a unit that has been running."""
-        self._first = first_sample
 
     def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock | MissingSamples]:
         """Take one block as it arrives; give what is now in order."""
@@ -70,10 +76,12 @@ class BlockOrder:
 
     @property
     def _next_sample(self) -> int:
-        return self._last.first_sample + len(self._last.samples) if self._last else self._first
+        if self._last is None:
+            return self._beginning.first_sample
+        return self._last.first_sample + len(self._last.samples)
 
     def _count_unusable(self, block: AccelerationBlock) -> None:
-        seen = block.first_sample < self._first  # before a restart
+        seen = block.first_sample < self._beginning.first_sample  # before a restart
         if seen or (self._last is not None and block.sequence == self._last.sequence):
             self.duplicate += 1
         else:
@@ -93,7 +101,7 @@ class BlockOrder:
 
     def _missing_before(self, block: AccelerationBlock) -> MissingSamples:
         n_samples = block.first_sample - self._next_sample
-        first_sequence = self._last.sequence + 1 if self._last else 0
+        first_sequence = self._last.sequence + 1 if self._last else self._beginning.sequence
         duration_ns = round(n_samples / block.sampling_rate * NANOSECONDS)
         return MissingSamples(
             first_sample=self._next_sample,

@@ -22,8 +22,9 @@ APPLICATION = "pilewatch"
 CONNECT_TIMEOUT = 3.0  # for a running viewer to answer [s]
 CLOSE_TIMEOUT = 5.0  # for an output to close, flushed or not [s]
 # Interval between flushes to a file [s]. A kill loses at most this much of the drawings, which the
-# recording can draw again; with 30 s the file is an eighth larger.
-FILE_TICK = 600.0
+# recording can draw again. Until a file is closed, at the end of its day, Rerun keeps 1.3 kB a
+# chunk in memory: with 600 s a farm of four grew by 2.2 MB an hour of measurements, now by 0.4 MB.
+FILE_TICK = 3600.0
 _log = logging.getLogger(__name__)
 
 

@@ -54,6 +54,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("status", "no session"),
     ("status --out gone", "gone"),
     ("status --connect nowhere", "nowhere"),
+    ("status --zenoh-config alone.json5", "no session answers at alone.json5"),
     # control
     ("control rewind", "'rewind' is not one of"),
     ("control seek soon", "a valid number is needed"),
@@ -228,6 +229,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
     (place / "text.mcap").write_text("This is a text.")
     (place / "layout.toml").write_text(LAYOUT.format(second="high"))
     (place / "other.toml").write_text(LAYOUT.format(second="tip"))
+    (place / "alone.json5").write_text('{mode: "peer", scouting: {multicast: {enabled: false}}}')
     (place / "own.toml").write_text(shipped_text("iea15mw_monopile"))
     (place / "empty").mkdir()
     os.link(short_recording, place / "short.mcap")

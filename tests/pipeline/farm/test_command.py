@@ -47,6 +47,22 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_a_farm_waits_no_longer_than_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    class EmptyInbox:
+        def get(self, timeout: float) -> None:
+            asked.append(timeout)
+
+        def put(self, _: object) -> None: ...
+
+    monkeypatch.setattr(sources, "Inbox", EmptyInbox)
+    with pytest.raises(FarmError, match="no posterior came"):
+        RunningFarm(MemoryBus()).posteriors()
+    (patience,) = asked
+    assert 0 < patience <= sources.FIRST_PATIENCE
+
+
 def test_recordings_become_a_table_a_prior_and_figures(recorded: Path, tmp_path: Path) -> None:
     prior, parquet = tmp_path / "prior.json", tmp_path / "farm.parquet"
     options = ["--prior", str(prior), "--table", str(parquet), "--json"]

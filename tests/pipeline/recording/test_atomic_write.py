@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.recording.atomic_write import written_whole
+from pipeline.recording.atomic_write import make_folder_durably, written_whole
+from tests.pipeline.power_cut import power_cut
 
 
 def test_a_disk_that_refuses_leaves_what_was_there_and_the_error_names_the_file(
@@ -40,3 +41,21 @@ def test_a_file_may_be_read_by_whom_the_umask_lets(tmp_path: Path) -> None:
     finally:
         os.umask(before)
     assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == 0o644
+
+
+@pytest.mark.parametrize("before", [None, b"before"])
+def test_what_was_written_is_there_after_a_power_cut(tmp_path: Path, before: bytes | None) -> None:
+    with power_cut(tmp_path):
+        path = tmp_path / "summary.json"
+        if before is not None:
+            written_whole(path, before)
+        written_whole(path, b"after")
+    assert path.read_bytes() == b"after"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_folders_that_were_made_are_there_after_a_power_cut(tmp_path: Path) -> None:
+    with power_cut(tmp_path):
+        make_folder_durably(tmp_path / "a" / "b" / "c")
+        written_whole(tmp_path / "a" / "b" / "c" / "file", b"content")
+    assert (tmp_path / "a" / "b" / "c" / "file").read_bytes() == b"content"

@@ -145,3 +145,11 @@ def test_files_of_one_second_are_set_aside_under_numbers(tmp_path: Path) -> None
         names.append(folder.set_aside(file).name)
     when = "session-20231114T221320Z"
     assert names == [f"{when}.mcap", f"{when}-2.mcap", f"{when}-3.mcap"]
+
+
+def test_a_node_gets_the_scenario_that_its_run_names(tmp_path: Path) -> None:
+    source = replayed(Path("recordings/parked.mcap"))
+    options, bus = SessionOptions(out=tmp_path, rrd=False), peer_of("tcp/127.0.0.1:1")
+    named = node_command("updating", source, options, bus, "own.toml")
+    assert named[named.index("--scenario") + 1] == "own.toml"
+    assert "--scenario" not in node_command("updating", source, options, bus, None)

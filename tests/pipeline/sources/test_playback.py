@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate
+from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
-from pipeline.runtime.runner import with_end
+from pipeline.runtime.source_feed import with_end
 from pipeline.sources.playback import Playback
 from pipeline.sources.recorded_stream import SourceError
 from pipeline.sources.sources import replayed, simulated
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, block, same
+from tests.pipeline.histories import DigestIdentifier
 
 SECOND = 10**9  # [ns]
 
@@ -85,9 +87,11 @@ def test_several_files_are_one_stream_without_repeats(tmp_path, short_recording,
     assert joined.truth == whole.truth
 
 
-def test_a_replay_of_the_parts_gives_the_estimates_of_the_whole_bit_for_bit(
-    tmp_path, short_recording
+def test_a_replay_of_the_parts_gives_the_windows_of_the_whole_bit_for_bit(
+    tmp_path, short_recording, monkeypatch
 ):
+    """What is identified of them is a digest of their samples."""
+    monkeypatch.setattr(window_identification, "StreamingIdentifier", DigestIdentifier)
     parts(tmp_path, short_recording, 5)
     one, many = (first_estimate(replayed(path)) for path in (short_recording, tmp_path))
     assert same(one, many)

@@ -11,7 +11,7 @@ from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.likelihood.pairing import PairingSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.importance import ImportanceSettings
-from pipeline.updating.samplers.interface import Peak, Target
+from pipeline.updating.samplers.interface import Peak, PosteriorDraws, Target
 from pipeline.updating.samplers.registry import SamplingSettings, sampler_of
 from pipeline.updating.samplers.tmcmc import TemperingSettings
 from pipeline.updating.settings import UpdatingSettings
@@ -339,3 +339,14 @@ def test_the_size_of_a_change_is_revised_by_the_windows_that_follow():
     for spring, truth in zip(posteriors[-1].relative, (1.0, 0.9, 1.0), strict=True):
         std = (spring.p95 - spring.p05) / (2 * 1.6449)
         assert spring.median == pytest.approx(truth, abs=3 * std)
+
+
+def test_springs_that_cannot_stand_together_are_represented_by_the_nearest_draw(updater):
+    """Every draw has k11 k22 > k12^2, their medians have not."""
+    groups = [[0.72, 0.80, 1.0]] * 9 + [[0.80, 0.72, 1.0]] * 9 + [[0.75, 0.75, 0.98]] * 2
+    flat = np.column_stack([np.array(groups), np.zeros(len(groups))])
+    medians = np.median(flat[:, :3], axis=0) * NOMINAL
+    assert medians[0] * medians[1] < medians[2] ** 2
+    draws = PosteriorDraws(flat, flat[:, :3], "", 0, 20.0)
+    found = updater._representative(draws, peak=np.ones(3))
+    assert found == pytest.approx([0.72, 0.80, 1.0])  # at 1.1 σ; the last two at 3.3 σ of k12

@@ -40,7 +40,17 @@ def test_samples_are_means_of_ten_seconds_and_the_rest_is_unknown(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("speed", "state"), [(7.5, "operating"), (0.5, "idling"), (0.0, "parked"), (math.nan, "")]
+    ("speed", "state"),
+    [
+        (7.5, "operating"),
+        (-2.01, "operating"),
+        (2.0, "idling"),
+        (0.5, "idling"),
+        (-0.11, "idling"),
+        (0.1, "parked"),
+        (0.0, "parked"),
+        (math.nan, ""),
+    ],  # a parked rotor may creep, an idling one turns once in half a minute
 )
 def test_the_rotor_speed_states_what_the_turbine_does(speed: float, state: str) -> None:
     assert state_of_rotor(speed) == state

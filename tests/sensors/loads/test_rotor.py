@@ -4,6 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sensors.loads import LoadError, Rotor, Wind, rotor_damping, rotor_load, thrust_slope
 from sensors.loads.operating_states import steady_state
@@ -121,3 +123,22 @@ def test_a_rotors_force_does_not_depend_on_the_chunks(tower: StructuralModel, ch
 def test_a_rotor_with_a_negative_share_is_refused() -> None:
     with pytest.raises(LoadError, match=r"rotor third_harmonic is -0\.1"):
         Rotor(third_harmonic=-0.1)
+
+
+@given(st.floats(0.0, 30.0), st.floats(0.0, 1.0), st.booleans())
+def test_a_steady_rotor_is_between_feathered_and_in_operation(
+    wind: float, share: float, idling: bool
+) -> None:
+    """What is on the way is a straight line between both ends; power goes with the wind cubed."""
+    rest, full = (steady_state(wind, each, idling=idling) for each in (0.0, 1.0))
+    found = steady_state(wind, share, idling=idling)
+    for name in ("rotor_speed", "pitch", "power", "thrust"):
+        ends = getattr(rest, name), getattr(full, name)
+        expected = ends[0] + share * (ends[1] - ends[0])
+        assert getattr(found, name) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert (rest.pitch, rest.power, rest.thrust) == (90.0, 0.0, 0.0)
+    assert rest.rotor_speed == pytest.approx(0.05 * wind if idling else 0.0)
+    seen = min(max(wind, 3.0), 25.0)  # cut-in and cut-out
+    assert full.power == pytest.approx(15e6 * min(1.0, (seen / 10.59) ** 3))
+    assert 5.0 <= full.rotor_speed <= 7.56
+    assert full.pitch == 0.0 or seen > 10.59

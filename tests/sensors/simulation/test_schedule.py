@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sensors.loads import Wind
+from sensors.loads import Sea, Wind
 from sensors.loads.operating_states import RATED_SPEED, steady_state
-from sensors.simulation.loads_over_time import build_schedule
+from sensors.simulation.loads_over_time import build_loads, build_schedule
 from sensors.simulation.scada_samples import scada_samples
 from sensors.simulation.schedule import (
     FoundationSchedule,
@@ -16,6 +16,7 @@ from sensors.simulation.schedule import (
     Tide,
 )
 from sensors.simulation.settings import SimulationSettings
+from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
 
 STAGES = (
@@ -117,3 +118,13 @@ def test_the_wind_of_the_settings_blows_where_no_step_gives_one() -> None:
     settings = SimulationSettings(wind=Wind(speed=9.0))
     description = load_turbine("iea15mw_monopile")
     assert build_schedule(settings, description).figure("wind_speed", 60.0) == 9.0
+
+
+def test_every_load_begins_a_transient_before_the_record() -> None:
+    """At time 0 the tower moves as if the weather had always been there."""
+    description = load_turbine("iea15mw_monopile")
+    settings = SimulationSettings(wind=Wind(), sea=Sea(), transient=25.0, stages=STAGES)
+    model, schedule = assemble(description), build_schedule(settings, description)
+    loads = build_loads(model, settings, schedule, rate=10.0)
+    starts = [load.start for load in loads if hasattr(load, "start")]
+    assert starts == [-25.0] * 3  # waves, wind, rotor

@@ -1,18 +1,23 @@
 """A block that cannot be of its session changes nothing; a unit that has begun anew is followed."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pipeline.messages import (
     Message,
+    MessageCount,
     ModalEstimate,
+    NodeStatus,
     StabilisationDiagram,
     StreamEnd,
     StreamGap,
     WindowRejected,
 )
+from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.limits import LimitError, LimitSettings
 from pipeline.nodes.units.block_admission import (
@@ -25,9 +30,12 @@ from pipeline.nodes.units.block_admission import (
     BlockMark,
     refusal_of,
 )
+from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.scenario import scenario_from_text
+from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block as message
+from tests.pipeline.histories import DigestIdentifier
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, START, cut
 from tests.pipeline.oma.conftest import structure
 
@@ -100,7 +108,10 @@ def test_the_gate_holds_no_more_than_it_needs_to_decide(blocks) -> None:
     later = [replace(b, start_ns=b.start_ns + 2 * DAY * NANOSECONDS) for b in blocks]
     admitted = [gate.admit(block) for block in later[: STUBBORN + 1]]
     assert [len(each.blocks) for each in admitted] == [0] * (STUBBORN - 1) + [STUBBORN, 1]
-    assert [each.starts for each in admitted] == [False] * (STUBBORN - 1) + [True, False]
+    assert [each.begins is not None for each in admitted] == [False] * (STUBBORN - 1) + [
+        True,
+        False,
+    ]
     assert gate.unfit == 0
 
 
@@ -286,3 +297,121 @@ def test_limits_are_keys_of_a_scenario() -> None:
     """
     limits = scenario_from_text(text, "own.toml").limits
     assert limits == LimitSettings(7, 50.0, 0.5, 3.0, units=2, turbines=3)
+
+
+# ---- a boot that changes, and two devices under one name ----------------------------------------
+
+
+@pytest.fixture(scope="module")
+def digests() -> Iterator[None]:
+    """Windows that cost nothing: what is asked is which samples they have."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(window_identification, "StreamingIdentifier", DigestIdentifier)
+        yield
+
+
+def kept_books(heard: list[Message]) -> tuple[Books, list[ModalEstimate | WindowRejected]]:
+    """The books of a run, and its windows."""
+    node, books = IdentificationNode(SETTINGS), Books()
+    windows = []
+    for each in heard:
+        books.handle(each)
+        for answer in node.handle(each):
+            books.handle(answer)
+            if isinstance(answer, ModalEstimate | WindowRejected):
+                windows.append(answer)
+    refused = tuple(MessageCount(*each) for each in node.statistics.rejected.items())
+    books.handle(NodeStatus("t1", "identification", 0, "stopped", -1, refused=refused))
+    return books, windows
+
+
+@pytest.mark.usefixtures("digests")
+@pytest.mark.parametrize("at", [60, 100])
+@pytest.mark.parametrize("rate", [RATE / 2, 2 * RATE])
+def test_a_rate_that_changes_inside_a_boot_costs_the_window_that_it_lies_in(at, rate) -> None:
+    """From there on windows begin with the first sample of the new rate."""
+    plain = cut(np.random.default_rng(1).normal(size=(5000, 2)))[:230]
+    heard: list[Message] = [LAYOUT]
+    first = 0
+    for block in plain:
+        if block.sequence >= at:
+            twice = np.repeat(block.samples, 2, axis=0)[:: 1 if rate > RATE else 4]
+            block = replace(block, sampling_rate=rate, samples=twice, first_sample=first)
+        first += len(block.samples)
+        heard.append(block)
+    books, windows = kept_books(heard)
+    spans = [(each.start_ns - START, each.end_ns - START) for each in windows]
+    assert [s // NANOSECONDS for s, _ in spans] == [0, *[60] * (at == 100), at, at + 60]
+    assert [isinstance(each, WindowRejected) for each in windows].count(True) == (at == 100)
+    assert not books.violations()
+
+
+@pytest.mark.usefixtures("digests")
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("name", ["s1", "s2"])
+def test_of_two_devices_under_one_unit_each_block_has_one_fate(seed: int, name: str) -> None:
+    """They send in bursts, as after a cut; the first that is heard is used from then on."""
+    rng = np.random.default_rng(seed)
+    later, bursts = int(rng.choice([3, 7, 37, 90])), rng.choice([1, 2, 8, 30], size=2)
+    one, other = (cut(rng.normal(size=(4900, 2)))[:245] for _ in range(2))
+    pause = later * NANOSECONDS
+    other = [replace(b, session=name, start_ns=b.start_ns + pause) for b in other[:-later]]
+    sent = [
+        ((block.sequence // burst + 1) * burst + delay, number, block)
+        for number, (blocks, delay, burst) in enumerate(
+            [(one, 0, int(bursts[0])), (other, later, int(bursts[1]))]
+        )
+        for block in blocks
+    ]
+    heard = [block for *_, block in sorted(sent, key=lambda each: (*each[:2], each[2].sequence))]
+    ends = [StreamEnd("t1", "tower", b[0].session, b[-1].end_ns, len(b)) for b in (one, other)]
+    books, windows = kept_books([LAYOUT, *heard, *ends])
+    assert not books.violations()
+    units = books.as_json()["units"]
+    assert sorted(each["recorded"] for each in units) == sorted([len(one), len(other)])
+    assert not any(each["repeated"] or each["lost"] for each in units)
+    codes = set(books.as_json()["refused"]["identification"])
+    assert {"second-device", "does-not-follow", "other-session"} & codes
+    assert "not used (" in books.line
+    identified = [each for each in windows if isinstance(each, ModalEstimate)]
+    assert len(identified) >= (len(one) - later) // 60 - 2
+    assert len({each.origins for each in windows}) == len(windows)
+
+
+@pytest.mark.usefixtures("digests")
+@pytest.mark.parametrize("killed_at", [103, 107, 150, 163, 200])
+def test_a_rate_that_changed_is_gone_on_with_after_a_restart(
+    tmp_path: Path, killed_at: int
+) -> None:
+    heard: list[Message] = [LAYOUT]
+    for block in cut(np.random.default_rng(1).normal(size=(5000, 2)))[:240]:
+        if block.sequence >= 100:
+            first = 2000 + (block.sequence - 100) * 10
+            block = replace(
+                block, sampling_rate=RATE / 2, samples=block.samples[::2], first_sample=first
+            )
+        heard.append(block)
+
+    def fates(restarts: bool) -> dict[object, str]:
+        def node() -> IdentificationNode:
+            store = SnapshotFolder(tmp_path / str(restarts), "identification")
+            return IdentificationNode(SETTINGS, store=store, past=list(recorded))
+
+        recorded: list[Message] = []
+        running = node()
+        for number, each in enumerate(heard):
+            if restarts and number == killed_at:
+                running = node()
+            recorded.append(each)
+            recorded.extend(running.handle(each))
+        windows = [e for e in recorded if isinstance(e, ModalEstimate | WindowRejected)]
+        return {
+            each.origins: f"{each.modes[0].frequency}"
+            if isinstance(each, ModalEstimate)
+            else each.code
+            for each in windows
+        }
+
+    calm = fates(restarts=False)
+    assert [origins[0].first_sample for origins in calm] == [0, 1200, 2000, 2600]
+    assert fates(restarts=True) == calm

@@ -12,9 +12,11 @@ import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamGap, WindowRejected
 from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
-from pipeline.runtime.runner import with_end
+from pipeline.runtime.source_feed import with_end
+from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
 from sensors.simulation.acquisition_units import (
@@ -23,6 +25,7 @@ from sensors.simulation.acquisition_units import (
     read_by_units,
     unit_layouts,
 )
+from tests.pipeline.histories import DigestIdentifier
 from tests.pipeline.oma.conftest import KnownStructure, structure
 
 RATE = 20.0
@@ -205,10 +208,80 @@ def test_layouts_that_come_after_the_first_blocks_change_no_window(blocks) -> No
     delivered = list(with_end(read_by_units(blocks[:ONE], LAYOUT, units)))
     node = IdentificationNode(SETTINGS)
     heard = [lower, *delivered[:9], upper, *delivered[9:]]
-    said = estimates([a for message in heard for a in node.handle(message)])
-    for ours, theirs in zip(said, estimates(answers(blocks[:ONE], units)), strict=True):
+    said = [a for message in heard for a in node.handle(message)]
+    whole = answers(blocks[:ONE], units)
+    for ours, theirs in zip(estimates(said), estimates(whole), strict=True):
         assert ours.start_ns == theirs.start_ns
         assert [m.frequency for m in ours.modes] == [m.frequency for m in theirs.modes]
+    assert fates(said) == fates(whole)
+    assert (node.statistics.late, node.statistics.duplicate) == (0, 0)
+
+
+def fates(said: list[Message]) -> list[tuple[object, str]]:
+    windows = [each for each in said if isinstance(each, ModalEstimate | WindowRejected)]
+    return [(each.origins, getattr(each, "code", "")) for each in windows]
+
+
+@pytest.fixture
+def digests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows that cost nothing: what is asked is which samples they have."""
+    monkeypatch.setattr(window_identification, "StreamingIdentifier", DigestIdentifier)
+
+
+@pytest.mark.usefixtures("digests")
+@pytest.mark.parametrize("layouts_at", [(0, 9), (5, 2), (3, 40), (30, 30)])
+def test_every_window_has_one_fate_whenever_the_layouts_come(blocks, layouts_at) -> None:
+    """Books count a window once: blocks that go on in a joined session end none."""
+    units = two_units(start=0.4)
+    heard: list[Message] = list(with_end(read_by_units(blocks[:130], LAYOUT, units)))
+    for place, layout in sorted(zip(layouts_at, unit_layouts(LAYOUT, units), strict=True), key=str):
+        heard.insert(place, layout)
+    node, books = IdentificationNode(replace(SETTINGS, window_duration=60, hop=60)), Books()
+    said = [a for message in heard for a in node.handle(message)]
+    for message in (*heard, *said):
+        books.handle(message)
+    assert [code for _, code in fates(said)] == ["", "", "short"]
+    firsts = {origin.first_sample for origin in fates(said)[0][0]}
+    assert firsts == {0, 8}  # upper starts 0.4 s after lower
+    assert not books.violations()
+    assert not node.statistics.rejected
+
+
+@pytest.mark.usefixtures("digests")
+@pytest.mark.parametrize("n_strays", [1, 10])
+def test_blocks_of_a_unit_without_a_layout_end_no_window(blocks, n_strays: int) -> None:
+    """One name that is spelt wrong must not end the window of the unit that is there."""
+    node = IdentificationNode(replace(SETTINGS, window_duration=60, hop=60))
+    plain = IdentificationNode(replace(SETTINGS, window_duration=60, hop=60))
+    list(node.handle(LAYOUT)), list(plain.handle(LAYOUT))
+    said, whole = [], []
+    for block in blocks[:125]:
+        whole += plain.handle(block)
+        said += node.handle(block)
+        if block.sequence in range(20, 20 + n_strays):
+            said += node.handle(replace(block, unit="towre"))
+    assert fates(said) == fates(whole)
+    assert (n_strays == 10) == bool(node.statistics.rejected)  # the rest of them wait
+
+
+@pytest.mark.usefixtures("digests")
+def test_a_unit_without_a_layout_is_followed_when_the_other_falls_silent(blocks) -> None:
+    node = IdentificationNode(replace(SETTINGS, window_duration=60, hop=60))
+    said = []
+    for block in blocks[:90]:
+        said += node.handle(replace(block, unit="first"))
+    for block in blocks[90:220]:
+        number = block.sequence - 90
+        second = replace(block, unit="second", sequence=number, first_sample=20 * number)
+        said += node.handle(second)
+    windows = [(origins[0].unit, origins[0].first_sample, code) for origins, code in fates(said)]
+    assert windows == [
+        ("first", 0, ""),
+        ("first", 1200, "short"),
+        ("second", 0, ""),
+        ("second", 1200, ""),
+    ]
+    assert not node.statistics.rejected
 
 
 def test_heights_without_a_unit_are_one_clear_line() -> None:

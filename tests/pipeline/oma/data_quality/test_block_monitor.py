@@ -1,6 +1,7 @@
 """What link and clock of a unit do wrong is told by name, once."""
 
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import pytest
 
@@ -52,3 +53,16 @@ def test_a_channel_that_dies_within_a_window_is_found_where_it_dies() -> None:
         watch.note(replace(sound, samples=samples))
     assert watch.still_channel(0, 20 * 40) == (5, 13.0)
     assert watch.still_channel(0, 10 * 40) is None
+
+
+@pytest.mark.parametrize(
+    ("year", "warned"), [(1970, True), (1980, True), (2000, True), (2024, False)]
+)
+def test_a_clock_that_was_never_set_is_named(year: int, warned: bool) -> None:
+    monitor = BlockMonitor(lateness=5.0)
+    begins = round(datetime(year, 1, 2, tzinfo=UTC).timestamp()) * NANOSECONDS
+    for number in range(30):
+        monitor.note(replace(block(number), start_ns=begins + number * NANOSECONDS))
+    found = {each.code: each.text for each in monitor.warnings_until(10**9)}
+    assert ("clock-unset" in found) == warned
+    assert not warned or f"{year}-01-02" in found["clock-unset"]

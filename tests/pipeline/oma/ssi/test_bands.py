@@ -74,3 +74,13 @@ def test_a_lower_frequency_asked_for_gains_a_slower_band() -> None:
     reached = lowest("")
     assert lowest(f"[oma]\nlowest_frequency = {reached / 3}\n") == pytest.approx(reached / 3)
     assert lowest("[oma]\nlowest_frequency = 3.0\n") == 3.0
+
+
+@pytest.mark.parametrize("lowest", np.geomspace(0.002, 0.2, 25))
+def test_the_slowest_band_holds_a_period_of_the_lowest_frequency_and_is_no_slower(lowest) -> None:
+    settings = OmaSettings(lowest_frequency=lowest)
+    bands = plan_bands(n_samples=10**7, n_channels=4, sampling_rate=RATE, settings=settings)
+    slowest = max(bands, key=lambda band: band.decimation)
+    periods = 2 * slowest.block_rows / slowest.sampling_rate * lowest
+    assert periods >= 1.0
+    assert slowest.decimation == 8 or periods < 4.0  # the next faster one would not hold it
