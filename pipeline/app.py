@@ -5,7 +5,7 @@
     every message ──► [recorder] → MCAP   and ──► [viewer] → Rerun
 
 To change the identification, the updating, a sink or a view, change its line in `build`; what each
-turbine's updating is made of stands in `turbines.py`.
+turbine's updating is made of stands in `runtime/updaters.py`.
 """
 
 import time

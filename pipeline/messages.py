@@ -5,7 +5,7 @@ otherwise. `streams.py` defines on which key each type travels; `transport/codec
 written.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,6 +149,15 @@ class WindowRejected:
     code: str  # stable: "gap", "nan", "constant", …
     reason: str  # for people: "gap of 0.4 s in unit tower at 12.0 s"
     origins: tuple[UnitOrigin, ...] = ()  # identity of the window
+
+
+def without_covariances(estimate: ModalEstimate) -> ModalEstimate:
+    """The estimate without its modes' covariance factors, by far its largest part."""
+    modes = tuple(
+        replace(mode, covariance_factor=mode.covariance_factor[:, :0], n_block_columns=0)
+        for mode in estimate.modes
+    )
+    return replace(estimate, modes=modes)
 
 
 def rejected_estimate(estimate: ModalEstimate, code: str, reason: str) -> WindowRejected:

@@ -20,7 +20,8 @@ from typing import Any
 
 from pipeline.app import Outputs, build
 from pipeline.nodes.statistics import NodeAccount
-from pipeline.runtime.runner import _dispatch, one_blas_thread, with_end
+from pipeline.runtime.runner import _dispatch, one_blas_thread
+from pipeline.runtime.source_feed import with_end
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock
 from tests.test_layout import imports, longest_chain
@@ -36,6 +37,7 @@ ROOMS = {
         "pipeline/runtime/snapshots.py",
         "pipeline/runtime/recorded_past.py",
         "pipeline/nodes/by_turbine.py",
+        "pipeline/nodes/units/resuming.py",
     ),
     "state": ("pipeline/state",),
     "accounts": (

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
-from pipeline.offline.identify_file import recorded_channels
+from pipeline.offline.measured_file import recorded_channels
 from pipeline.offline.update_recording import holds_estimates, update_from
 from pipeline.recording.reader import read_messages
 from pipeline.run.options import SessionOptions, Way

@@ -15,11 +15,13 @@ together: 55 numbers of 420 for eight channels and 40 blocks.
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.archive.store import StoredFrame, frames_of, messages_in
-from pipeline.messages import Message, ModalEstimate, Mode
+from pipeline.messages import Message, ModalEstimate, Mode, without_covariances
 from pipeline.transport.codec import decode, encode
 from sensors.arrays import FloatArray
 
@@ -48,7 +50,7 @@ def kept_messages(frames: Iterable[StoredFrame]) -> Iterator[Message]:
 
 def kept_estimate(estimate: ModalEstimate) -> bytes:
     """An estimate as bytes, its covariances in single precision."""
-    slim = replace(estimate, modes=tuple(_without_factor(mode) for mode in estimate.modes))
+    slim = without_covariances(estimate)
     content = encode(slim)
     groups = (_group_bytes(group) for group in _groups(estimate.modes))
     return _LENGTH.pack(len(content)) + content + b"".join(groups)
@@ -70,10 +72,6 @@ def restored_estimate(kept: bytes) -> ModalEstimate:
         for place, mode in enumerate(slim.modes)
     )
     return replace(slim, modes=modes)
-
-
-def _without_factor(mode: Mode) -> Mode:
-    return replace(mode, covariance_factor=mode.covariance_factor[:, :0], n_block_columns=0)
 
 
 def _places(modes: Sequence[Mode]) -> list[list[int]]:
@@ -123,8 +121,15 @@ def triangular(factor: FloatArray) -> FloatArray:
     return lower
 
 
+@cache
+def _lower_mask(size: int) -> NDArray[np.bool_]:
+    """(size, size) whether an element is on the diagonal or below: made once, used 40 times a
+    window."""
+    return np.tri(size, dtype=bool)
+
+
 def _lower(matrix: FloatArray) -> bytes:
-    return bytes(matrix[np.tril_indices(len(matrix))].astype("<f4").tobytes())
+    return bytes(matrix[_lower_mask(len(matrix))].astype("<f4").tobytes())
 
 
 @dataclass(slots=True)
@@ -154,7 +159,7 @@ class _Reader:
 
     def _triangle(self, size: int) -> FloatArray:
         matrix = np.zeros((size, size))
-        matrix[np.tril_indices(size)] = self._numbers(size * (size + 1) // 2)
+        matrix[_lower_mask(size)] = self._numbers(size * (size + 1) // 2)
         return matrix
 
     def _numbers(self, count: int) -> FloatArray:

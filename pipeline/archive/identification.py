@@ -21,7 +21,8 @@ from pipeline.messages import (
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.salvage import remaining_messages
-from pipeline.runtime.runner import one_blas_thread, with_end
+from pipeline.runtime.runner import one_blas_thread
+from pipeline.runtime.source_feed import with_end
 from pipeline.sources.playback import SensorMessage
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout

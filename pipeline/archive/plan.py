@@ -13,10 +13,11 @@ task is independent of the others, and windows lie where one recording of the wh
 Pure functions of what `survey` has seen.
 """
 
+from bisect import bisect_left, bisect_right
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, pairwise, takewhile
+from itertools import accumulate, pairwise
 from pathlib import Path
 
 from pipeline.archive.survey import FileSurvey, Part
@@ -111,18 +112,18 @@ def turbine_plan(parts: Sequence[Part], settings: OmaSettings) -> TurbinePlan:
     Files of a turbine with several acquisition units are taken one by one: its units are joined on
     one clock within a file, never over files.
     """
-    turbine = parts[0].turbine
+    turbine, found = parts[0].turbine, PartsBySample(parts)
     if len({part.unit for part in parts}) > 1:
         tasks = _tasks_of_whole_files(turbine, parts)
     else:
         chains = chains_of(parts)
-        tasks = [task for chain in chains for task in _tasks_of_chain(chain, settings, parts)]
+        tasks = [task for chain in chains for task in _tasks_of_chain(chain, settings, found)]
     gaps = sorted(
         {
             gap
             for part in parts
             for gap, missing in zip(part.gaps, part.missing or [None] * len(part.gaps), strict=True)
-            if missing is None or not _is_filled(part, missing, parts)
+            if missing is None or not _is_filled(part, missing, found)
         },
         key=lambda gap: gap.start_ns,
     )
@@ -196,8 +197,55 @@ def _links(chain: Sequence[Part]) -> list[_Link]:
     return links
 
 
+class PartsBySample:
+    """The parts of a turbine by their place in their session: which of them may hold a sample.
+
+    An archive of years has some 100 000 parts, and most lack nothing: each gap looks only at the
+    parts that reach into it.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        All of the turbine.
+    """
+
+    def __init__(self, parts: Sequence[Part]) -> None:
+        by_session: dict[tuple[object, ...], list[tuple[int, Part]]] = defaultdict(list)
+        for place, part in enumerate(parts):
+            by_session[_session_of(part)].append((place, part))
+        self._by_session = {
+            session: sorted(held, key=lambda each: each[1].first_sample)
+            for session, held in by_session.items()
+        }
+        self._firsts = {
+            session: [part.first_sample for _, part in held]
+            for session, held in self._by_session.items()
+        }
+        self._reached = {  # by this part or one before it
+            session: list(accumulate((part.next_sample for _, part in held), max))
+            for session, held in self._by_session.items()
+        }
+
+    def others(self, part: Part, start: int, stop: int) -> list[Part]:
+        """Return parts of the same boot that reach into a range of samples, in their order."""
+        session = _session_of(part)
+        begin = bisect_right(self._reached[session], start)
+        end = bisect_left(self._firsts[session], stop)
+        return [
+            other
+            for _, other in sorted(self._by_session[session][begin:end], key=lambda each: each[0])
+            if other is not part
+            and other.next_sample > start
+            and agree(part.stretch, other.stretch)
+        ]
+
+
+def _session_of(part: Part) -> tuple[object, ...]:
+    return (part.unit, part.session, part.layout_id, part.sampling_rate, part.n_channels)
+
+
 def sent_again(
-    part: Part, first: int, end: int, parts: Sequence[Part]
+    part: Part, first: int, end: int, parts: PartsBySample
 ) -> Iterator[tuple[Part, int, int]]:
     """Where samples that a part lacks were recorded later: the part, the first, one after the last.
 
@@ -206,30 +254,19 @@ def sent_again(
     part : Part
     first, end : int
         Of its session: the first sample of the range that is looked at, one after its last.
-    parts : sequence of Part
+    parts : PartsBySample
         All of the turbine.
     """
-    others = [each for each in parts if each is not part and _is_of_boot(each, part)]
     for lacking, lacking_end in part.missing:
-        wanted = [(max(first, lacking), min(end, lacking_end))]
-        for other in others:
+        begin, stop = max(first, lacking), min(end, lacking_end)
+        wanted = [(begin, stop)]
+        for other in parts.others(part, begin, stop) if begin < stop else ():
             left: list[tuple[int, int]] = []
             for start, stop in wanted:
                 held = list(_held(other, start, stop))
                 yield from ((other, *each) for each in held)
                 left += _without(start, stop, held)
             wanted = left
-
-
-def _is_of_boot(other: Part, part: Part) -> bool:
-    alike = (part.unit, part.session, part.layout_id, part.sampling_rate, part.n_channels)
-    return alike == (
-        other.unit,
-        other.session,
-        other.layout_id,
-        other.sampling_rate,
-        other.n_channels,
-    ) and agree(part.stretch, other.stretch)
 
 
 def _held(part: Part, start: int, stop: int) -> Iterator[tuple[int, int]]:
@@ -247,14 +284,14 @@ def _without(start: int, stop: int, taken: Iterable[tuple[int, int]]) -> Iterato
         yield start, stop
 
 
-def _is_filled(part: Part, missing: tuple[int, int], parts: Sequence[Part]) -> bool:
+def _is_filled(part: Part, missing: tuple[int, int], parts: PartsBySample) -> bool:
     """Whether other parts hold all samples of a gap."""
     found = sent_again(part, *missing, parts)
     return sum(end - first for _, first, end in found) == missing[1] - missing[0]
 
 
 def _tasks_of_chain(
-    chain: Sequence[Part], settings: OmaSettings, parts: Sequence[Part]
+    chain: Sequence[Part], settings: OmaSettings, parts: PartsBySample
 ) -> Iterator[IdentificationTask]:
     """One task for every file of the chain in which a window begins.
 
@@ -270,13 +307,17 @@ def _tasks_of_chain(
             own.append(windows.popleft())
         if own:
             end = min(own[-1] + length, n_samples)
-            read = _beginning_before(end, islice(links, place, None))
+            read = _links_before(end, links, place)
             before = chain[place - 1] if place else None
             yield _task(read, own[0], end, parts, n_windows=len(own), before=before)
 
 
-def _beginning_before(end: int, links: Iterable[_Link]) -> list[_Link]:
-    return list(takewhile(lambda link: link.first < end, links))
+def _links_before(end: int, links: Sequence[_Link], place: int) -> Sequence[_Link]:
+    """Links from a place on that begin before a sample of the chain."""
+    stop = place
+    while stop < len(links) and links[stop].first < end:
+        stop += 1
+    return links[place:stop]
 
 
 def _windows(n_samples: int, length: int, hop: float) -> Iterator[int]:
@@ -294,7 +335,7 @@ def _task(
     read: Sequence[_Link],
     origin: int,
     end: int,
-    parts: Sequence[Part],
+    parts: PartsBySample,
     *,
     n_windows: int,
     before: Part | None,

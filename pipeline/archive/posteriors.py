@@ -23,8 +23,7 @@ from pipeline.archive.compact import kept_estimate, restored_estimate
 from pipeline.archive.store import StoredFrame, frames_of, key_of_result, messages_in
 from pipeline.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
-from pipeline.nodes.nacelle_axes import in_nacelle_axes
-from pipeline.nodes.operating_state import OperationSettings, refusal_by_operation
+from pipeline.nodes.operating_state import OperationSettings, usable_estimate
 from pipeline.runtime.runner import one_blas_thread
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.settings import UpdatingSettings
@@ -181,11 +180,11 @@ class PosteriorPass:
         yield from self._stretch_ended()
 
     def _taken(self, measured: ModalEstimate) -> Iterator[Message | Call]:
-        refused = refusal_by_operation(measured, self._plan.operation)
-        if refused is not None:
-            yield refused
+        usable = usable_estimate(measured, self._plan.operation, self._plan.layout)
+        if isinstance(usable, WindowRejected):
+            yield usable
             return
-        payload = kept_estimate(in_nacelle_axes(measured, self._plan.layout))
+        payload = kept_estimate(usable)
         estimate = restored_estimate(payload)
         with one_blas_thread():
             after, said = self._updater.accumulated(self._state, estimate)

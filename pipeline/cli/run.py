@@ -101,7 +101,7 @@ def run(
     """Estimate the foundation's stiffness from accelerations."""
     from pipeline.monitoring.alarms.settings import load_notices
     from pipeline.run.run import run_session
-    from pipeline.runtime.runner import busy_nodes
+    from pipeline.runtime.node_thread import busy_nodes
     from pipeline.sources.feed_publisher import feed_source
     from pipeline.sources.playback import Playback
     from pipeline.sources.sources import open_source

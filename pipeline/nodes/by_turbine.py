@@ -99,17 +99,19 @@ class NodeByTurbine(Generic[N]):
         self._kept: dict[str, int] = {}  # revision of the last snapshot
         self._not_kept: tuple[QualityWarning, ...] = ()
         self._of_the_past = NodeStatistics()
-        self._to_say: list[Message] = []  # by nodes that were made before their first message
+        self._early_answers: list[
+            Message
+        ] = []  # of nodes that were made before their first message
 
     def begin(self, turbine: str) -> None:
         """Make a turbine's node before its first message.
 
         Raises CheckpointError for a snapshot that it cannot go on from.
         """
-        self._to_say += self._begun(turbine)
+        self._early_answers += self._begun(turbine)
 
     def _begun(self, turbine: str) -> Iterator[Message]:
-        """The turbine's node made; what it says again, or for the first time."""
+        """Make the turbine's node; what it answers again, or for the first time."""
         if turbine in self.members:
             return
         node = self.members[turbine] = self._make(turbine)
@@ -125,8 +127,8 @@ class NodeByTurbine(Generic[N]):
         leaving = self._names.heard(turbine)
         if leaving is not None and leaving in self.members:
             yield from self._let_go(leaving)
-        said, self._to_say = self._to_say, []
-        yield from said
+        early, self._early_answers = self._early_answers, []
+        yield from early
         yield from self._begun(turbine)
         yield from self.members[turbine].handle(message)
         self._keep(turbine)

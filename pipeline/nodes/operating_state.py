@@ -1,4 +1,5 @@
-"""What the turbine was doing during a window, and which windows may speak of the foundation."""
+"""What the turbine was doing during a window: which ones may speak of the foundation, and the
+nacelle's axes, along which their shapes are compared."""
 
 import math
 from collections import deque
@@ -7,7 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from pipeline.messages import ModalEstimate, WindowRejected, rejected_estimate
+from pipeline.messages import ModalEstimate, Mode, WindowRejected, rejected_estimate
+from pipeline.modal_assurance import normalised_to, renormalised_factor
+from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
 from sensors.errors import InputError
@@ -96,17 +99,74 @@ class OperationLog:
         return before[-1:] + inside
 
 
-def refusal_by_operation(
-    estimate: ModalEstimate, settings: OperationSettings
-) -> WindowRejected | None:
-    """Why an estimate may not speak of the foundation; None: it may."""
+def usable_estimate(
+    estimate: ModalEstimate, settings: OperationSettings, layout: SensorLayout | None
+) -> ModalEstimate | WindowRejected:
+    """The estimate with its shapes along the nacelle's axes, or why it may not speak of the
+    foundation.
+
+    Parameters
+    ----------
+    estimate : ModalEstimate
+    settings : OperationSettings
+    layout : SensorLayout or None
+        Of the sensors, along whose axes the model's shapes are read; None: as the estimate says.
+    """
     state, allowed = estimate.operating_state, settings.allowed_states
     if state and state not in allowed:
         reason = (
             f"the turbine was {state}; only {' and '.join(allowed)} windows update the foundation"
         )
         return rejected_estimate(estimate, "operating-state", reason)
-    for doubt in estimate.warnings:
-        if doubt.code in settings.unusable:
-            return rejected_estimate(estimate, doubt.code, f"{doubt.text}; not used")
-    return None
+    for warning in estimate.warnings:
+        if warning.code in settings.unusable:
+            return rejected_estimate(estimate, warning.code, f"{warning.text}; not used")
+    if estimate.end_ns <= estimate.start_ns:
+        text = "the window ends where it begins: its unit's clock was set"
+        return rejected_estimate(estimate, "no-duration", text)
+    return estimate if layout is None else in_nacelle_axes(estimate, layout)
+
+
+def in_nacelle_axes(estimate: ModalEstimate, layout: SensorLayout) -> ModalEstimate:
+    """The estimate with its shapes turned from the tower's axes to those of the yawed nacelle.
+
+    Sensors are fixed to the tower while fore-aft follows the nacelle. Two axes at one height span
+    the horizontal motion there, whatever their directions; it is read again along the layout's own
+    directions after a turn by −yaw. Unchanged where the yaw is 0 or unknown.
+    """
+    if not np.isfinite(estimate.yaw) or abs(estimate.yaw) < 1e-9:
+        return estimate
+    by_name = {channel.name: channel for channel in layout.channels}
+    if not by_name.keys() >= set(estimate.channels):
+        return estimate  # the updater refuses channels that the layout does not have
+    measured = replace(layout, channels=tuple(by_name[name] for name in estimate.channels))
+    turn = turning_matrix(measured, estimate.yaw)
+    return replace(estimate, modes=tuple(_turned(mode, turn) for mode in estimate.modes))
+
+
+def turning_matrix(layout: SensorLayout, yaw: float) -> FloatArray:
+    """(n_channels, n_channels): readings along tower axes → along nacelle axes, yaw [deg].
+
+    Raises InputError for a height with one axis alone, whose motion across is not known.
+    """
+    angle = np.radians(yaw)
+    to_nacelle = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    turn = np.zeros((len(layout.channels), len(layout.channels)))
+    for elevation in np.unique(layout.elevations):
+        own = np.flatnonzero(layout.elevations == elevation)
+        axes = layout.directions[own, :2]
+        if np.linalg.matrix_rank(axes, tol=0.1) < 2:
+            raise InputError(
+                f"layout {layout.layout_id} has one direction only at {elevation:g} m; a nacelle "
+                f"yawed by {yaw:g} deg needs two"
+            )
+        turn[np.ix_(own, own)] = axes @ to_nacelle @ np.linalg.pinv(axes)
+    return turn
+
+
+def _turned(mode: Mode, turn: FloatArray) -> Mode:
+    shape = turn @ mode.shape
+    unit = int(np.argmax(np.abs(shape)))
+    factor = mode.covariance_factor.copy()
+    factor[2:] = renormalised_factor(shape, turn @ mode.covariance_factor[2:], unit)
+    return replace(mode, shape=normalised_to(shape, unit), covariance_factor=factor)

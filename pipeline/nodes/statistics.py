@@ -84,9 +84,9 @@ class NodeAccount:
         refusal     of the last of them: where it came and what was wrong
         """
         counts: NodeStatistics = self.node.statistics
-        doubts = counts.warnings
+        warnings = counts.warnings
         if malformed:
-            doubts += (
+            warnings += (
                 QualityWarning("malformed", f"messages were dropped, the last one {refusal}"),
             )
         return NodeStatus(
@@ -101,7 +101,7 @@ class NodeAccount:
             late=counts.late,
             duplicate=counts.duplicate,
             busy_s=self._busy_ns * 1e-9,
-            warnings=doubts,
+            warnings=warnings,
             malformed=malformed,
             recovered=recovered,
             recorded=counts.recorded,

@@ -13,15 +13,10 @@ from pipeline.messages import (
     QualityWarning,
     UnitOrigin,
     WindowRejected,
-    rejected_estimate,
 )
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
-from pipeline.nodes.nacelle_axes import in_nacelle_axes
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
-from pipeline.nodes.operating_state import (
-    OperationSettings,
-    refusal_by_operation,
-)
+from pipeline.nodes.operating_state import OperationSettings, usable_estimate
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.blocks import NANOSECONDS
@@ -143,15 +138,10 @@ class TurbineUpdating:
         return answers
 
     def _answers_to(self, estimate: ModalEstimate) -> Iterable[Answer]:
-        refused = refusal_by_operation(estimate, self._settings)
-        if refused is not None:
-            return (refused,)
-        if estimate.end_ns <= estimate.start_ns:
-            text = "the window ends where it begins: its unit's clock was set"
-            return (rejected_estimate(estimate, "no-duration", text),)
-        if self._layout is not None:
-            estimate = in_nacelle_axes(estimate, self._layout)
-        self._state, answers = self._updater.watched(self._state, estimate)
+        usable = usable_estimate(estimate, self._settings, self._layout)
+        if isinstance(usable, WindowRejected):
+            return (usable,)
+        self._state, answers = self._updater.watched(self._state, usable)
         return answers
 
     def _compare(self, live: SensorLayout) -> None:

@@ -6,9 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.messages import HALF_INTERVAL, FoundationEvent, ModalEstimate, UnitOrigin
-from pipeline.nodes.nacelle_axes import in_nacelle_axes
-from pipeline.nodes.operating_state import refusal_by_operation
+from pipeline.messages import (
+    HALF_INTERVAL,
+    FoundationEvent,
+    ModalEstimate,
+    UnitOrigin,
+    WindowRejected,
+)
+from pipeline.nodes.operating_state import usable_estimate
 from pipeline.recording.reader import read_messages
 from pipeline.runtime.runner import one_blas_thread
 from pipeline.scenario import Scenario
@@ -244,10 +249,11 @@ def _estimates(source: Source) -> list[ModalEstimate]:
 
 def _seen(estimate: ModalEstimate, source: Source, water_level: float) -> SeenWindow | None:
     """The window as evidence; None where it may not speak of the foundation."""
-    if estimate.duration <= 0 or refusal_by_operation(estimate, source.scenario.operation):
+    usable = usable_estimate(estimate, source.scenario.operation, source.layout)
+    if isinstance(usable, WindowRejected):
         return None
     try:
-        seen = sightings(in_nacelle_axes(estimate, source.layout), source.layout.channel_names)
+        seen = sightings(usable, source.layout.channel_names)
     except EstimateRefused:
         return None
     return SeenWindow.of(estimate, seen, float(np.nan_to_num(estimate.water_level - water_level)))

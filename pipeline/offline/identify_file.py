@@ -4,8 +4,7 @@ Windows are cut here, not by the node's windowing: a file may have uneven times,
 and one window of any length, where blocks have one rate and windows are the scenario's.
 """
 
-import heapq
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,26 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, QualityWarning, RefusedMode, WindowRejected
-from pipeline.nodes.operating_state import OperationLog
+from pipeline.offline.measured_file import measured_channels
 from pipeline.oma.cross_check import CrossCheck, combined_checks
 from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import ModeTracker
-from pipeline.oma.windows.unit_alignment import UnitJoiner
-from pipeline.oma.windows.windowing import BlockOrder, MissingSamples
-from pipeline.recording.reader import read_messages
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
-from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
 from sensors.files.channel_names import UnusedChannel, split_motions
-from sensors.files.formats import read_file
 from sensors.files.layout_file import LayoutFile
-from sensors.files.rotor_speed import with_rotor_speed_apart
-from sensors.files.table import EVERYTHING, STANDING_STAMPS, ChannelTable, FileError, Quantity
-
-JOINING = 5.0  # waiting time for a missing unit [s]
+from sensors.files.table import STANDING_STAMPS, ChannelTable, FileError, Quantity
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,9 +80,7 @@ class FileIdentification:
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
         """Every warning once: of identified windows, then of rejected ones."""
-        warnings = [each for estimate in self.estimates for each in estimate.warnings]
-        warnings += [QualityWarning(each.code, each.reason) for each in self.rejected]
-        return tuple(dict.fromkeys(warnings))
+        return warnings_of(self.estimates, self.rejected)
 
     def windows_json(self) -> dict[str, Any]:
         """Return the number of identified windows and the rejected ones, as in `summary.json`."""
@@ -104,6 +93,15 @@ class FileIdentification:
             for each in self.rejected
         ]
         return {"identified": len(self.estimates), "rejected": rejected}
+
+
+def warnings_of(
+    estimates: Iterable[ModalEstimate], rejected: Iterable[WindowRejected]
+) -> tuple[QualityWarning, ...]:
+    """Return every warning of the windows once, then why windows were rejected."""
+    found = [each for estimate in estimates for each in estimate.warnings]
+    found += [QualityWarning(each.code, each.reason) for each in rejected]
+    return tuple(dict.fromkeys(found))
 
 
 def identify_file(
@@ -147,39 +145,76 @@ def identify_file(
     if window is not None and not 0 < window <= duration * (1 + 1e-9):
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
     length = len(table.samples) if window is None else round(window * rate)
+    return identify_table(table, rate, length, settings=settings, unused=unused)
+
+
+def identify_table(
+    table: ChannelTable,
+    rate: float,
+    length: int,
+    *,
+    settings: OmaSettings | None = None,
+    unused: tuple[UnusedChannel, ...] = (),
+    layout: SensorLayout | None = None,
+) -> FileIdentification:
+    """Identify the modes in a table of channels, window by window.
+
+    Parameters
+    ----------
+    rate : float
+        Sampling rate [Hz].
+    length : int
+        Samples of a window.
+    unused : tuple of UnusedChannel
+        Channels that were left out, for a warning.
+    layout : SensorLayout, optional
+        Whose turbine and channels these are.
+    """
     quantities = table.quantities or guessed_quantities(table.samples, rate)
-    guessed = _guess(table, quantities) + _unused(unused)
-    tracker = ModeTracker()
-    estimates, rejected = [], []
-    first: IdentifiedWindow | None = None
-    candidates: list[RefusedCandidate] = []
-    checks: dict[str, list[CrossCheck]] = {}
-    for window_found in _windows(table, rate, length, settings or OmaSettings(), quantities):
-        answer = _answer(window_found, table, rate)
-        refused = window_found.identification.refused
-        candidates += [RefusedCandidate(window_found.number, each) for each in refused]
-        if isinstance(answer, ModalEstimate):
-            first = first or window_found
-            named = tracker.named(answer.modes)
-            found = window_found.identification.cross_checks
-            for mode, check in zip(named, found, strict=True):
-                if check is not None:
-                    checks.setdefault(mode.name, []).append(check)
-            estimates.append(replace(answer, modes=named, warnings=answer.warnings + guessed))
-        else:
-            tracker.missed()
-            rejected.append(answer)
+    found = _Found(_guess(table, quantities) + _unused(unused))
+    for window in _windows(table, rate, length, settings or OmaSettings(), quantities):
+        found.take(window, _answer(window, table, rate, layout))
     return FileIdentification(
-        tuple(estimates),
-        tuple(rejected),
+        tuple(found.estimates),
+        tuple(found.rejected),
         rate,
-        duration,
+        len(table.samples) / rate,
         table.names,
         table.start_ns,
-        first,
-        tuple(candidates),
-        {name: combined_checks(each) for name, each in checks.items()},
+        found.first,
+        tuple(found.candidates),
+        {name: combined_checks(each) for name, each in found.checks.items()},
     )
+
+
+@dataclass(slots=True)
+class _Found:
+    """What the windows so far gave."""
+
+    warnings: tuple[QualityWarning, ...]
+    """Of the whole file."""
+    tracker: ModeTracker = field(default_factory=ModeTracker)
+    estimates: list[ModalEstimate] = field(default_factory=list)
+    rejected: list[WindowRejected] = field(default_factory=list)
+    candidates: list[RefusedCandidate] = field(default_factory=list)
+    checks: dict[str, list[CrossCheck]] = field(default_factory=dict)
+    first: IdentifiedWindow | None = None
+
+    def take(self, window: IdentifiedWindow, answer: ModalEstimate | WindowRejected) -> None:
+        """Add the next window."""
+        found = window.identification
+        self.candidates += [RefusedCandidate(window.number, each) for each in found.refused]
+        if isinstance(answer, WindowRejected):
+            self.tracker.missed()
+            self.rejected.append(answer)
+            return
+        self.first = self.first or window
+        named = self.tracker.named(answer.modes)
+        for mode, check in zip(named, found.cross_checks, strict=True):
+            if check is not None:
+                self.checks.setdefault(mode.name, []).append(check)
+        warnings = answer.warnings + self.warnings
+        self.estimates.append(replace(answer, modes=named, warnings=warnings))
 
 
 def _read(
@@ -187,17 +222,9 @@ def _read(
 ) -> tuple[ChannelTable, float, tuple[UnusedChannel, ...]]:
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
-    wanted = EVERYTHING if layout is None else layout.wanted()
-    recorded = path.suffix == ".mcap"
-    table = (
-        recorded_channels(path)
-        if recorded
-        else with_rotor_speed_apart(read_file(path, wanted=wanted))
-    )
+    table = measured_channels(path, layout)
     unused: tuple[UnusedChannel, ...] = ()
-    if layout is not None:
-        table = layout.chosen(table)
-    elif not recorded:
+    if layout is None and path.suffix != ".mcap":
         columns, unused = split_motions(table)
         table = table.only(columns)
     stamped = table.sampling_rate
@@ -213,88 +240,10 @@ def _read(
     return table, sampling_rate or stamped or 0.0, unused
 
 
-def recorded_channels(path: Path) -> ChannelTable:
-    """Return the samples of a recording's first turbine, in order of time.
-
-    Missing blocks are visible in `times`. Several acquisition units are joined on one clock.
-
-    Raises
-    ------
-    RecordingError, FileError
-        If it holds no blocks.
-    """
-    layouts: dict[str, SensorLayout] = {}
-    blocks: dict[str, list[AccelerationBlock]] = {}  # of the first turbine, by unit
-    operation: dict[str, OperationLog] = {}
-    turbine = ""
-    for message in read_messages(path, (SensorLayout, AccelerationBlock, ScadaSample)):
-        if isinstance(message, ScadaSample):
-            operation.setdefault(message.turbine, OperationLog(None)).note(message)
-        elif isinstance(message, SensorLayout):
-            layouts[message.layout_id] = message
-        elif isinstance(message, AccelerationBlock):
-            turbine = turbine or message.turbine
-            if message.turbine == turbine:
-                blocks.setdefault(message.unit, []).append(message)
-    if not blocks:
-        raise FileError(f"{path} holds no acceleration blocks")
-    by_unit = {unit: _in_order(blocks[unit]) for unit in sorted(blocks)}
-    if len(by_unit) > 1:
-        table = _join_blocks(by_unit, layouts)
-    else:
-        (ordered,) = by_unit.values()
-        table = _table(ordered, layouts)
-    return _with_speed(table, operation.get(turbine, OperationLog()))
-
-
-def _with_speed(table: ChannelTable, operation: OperationLog) -> ChannelTable:
-    assert table.times is not None
-    end_ns = table.start_ns + round(float(table.times[-1]) * NANOSECONDS) + 1
-    seconds = np.linspace(0.0, float(table.times[-1]), len(table.times))
-    speed = operation.rotor_speed(table.start_ns, end_ns, len(seconds))
-    if speed is None:
-        return table
-    return replace(table, rotor_speed=np.interp(table.times, seconds, speed))
-
-
 def _constant_speed(rotor_speed: float, n_samples: int) -> NDArray[np.float64]:
     if not 0 <= rotor_speed < float("inf"):
         raise InputError(f"--rotor-speed is {rotor_speed:g} rpm; it must not be negative")
     return np.full(n_samples, rotor_speed)
-
-
-def _in_order(blocks: list[AccelerationBlock]) -> list[AccelerationBlock]:
-    once = {(block.session, block.sequence): block for block in blocks}
-    return sorted(once.values(), key=lambda block: block.start_ns)
-
-
-def _join_blocks(
-    by_unit: dict[str, list[AccelerationBlock]], layouts: dict[str, SensorLayout]
-) -> ChannelTable:
-    joiner = UnitJoiner([layouts[blocks[0].layout_id] for blocks in by_unit.values()], JOINING)
-    orders = {unit: BlockOrder(JOINING) for unit in by_unit}
-    chunks: list[AccelerationBlock | MissingSamples] = []
-    for block in heapq.merge(*by_unit.values(), key=lambda block: block.start_ns):
-        chunks += joiner.push(block, list(orders[block.unit].push(block)))
-    chunks += joiner.finish()
-    joined = [chunk for chunk in chunks if isinstance(chunk, AccelerationBlock)]
-    return _table(joined, {joiner.layout.layout_id: joiner.layout})
-
-
-def _table(blocks: list[AccelerationBlock], layouts: dict[str, SensorLayout]) -> ChannelTable:
-    start_ns = blocks[0].start_ns
-    times = [
-        (block.start_ns - start_ns) / NANOSECONDS
-        + np.arange(len(block.samples)) / block.sampling_rate
-        for block in blocks
-    ]
-    samples = np.concatenate([block.samples for block in blocks]).astype(np.float64)
-    layout = layouts.get(blocks[0].layout_id)
-    names = tuple(f"ch{i + 1}" for i in range(samples.shape[1]))
-    units = ("m/s²",) * len(names)
-    if layout is not None:
-        names, units = layout.channel_names, tuple(channel.unit for channel in layout.channels)
-    return ChannelTable(names, units, samples, np.concatenate(times), start_ns)
 
 
 def _guess(
@@ -319,7 +268,7 @@ def _unused(channels: tuple[UnusedChannel, ...]) -> tuple[QualityWarning, ...]:
         return ()
     text = (
         f"not used, as no motion of the structure: {', '.join(map(str, channels))}; a layout file "
-        "(--layout) chooses the channels"
+        "chooses the channels"
     )
     return (QualityWarning("channels-left-out", text),)
 
@@ -334,44 +283,38 @@ def _windows(
     for number, first in enumerate(range(0, len(table.samples) - length + 1, length)):
         window = slice(first, first + length)
         samples = table.samples[window]
-        times = None if table.times is None else table.times[window]
-        speed = None if table.rotor_speed is None else table.rotor_speed[window]
         found = identify(
             samples,
             rate,
             settings,
-            times=times,
+            times=None if table.times is None else table.times[window],
             channel_names=table.names,
             quantities=quantities,
-            rotor_speed=speed,
+            rotor_speed=None if table.rotor_speed is None else table.rotor_speed[window],
             cross_checked=True,
         )
         yield IdentifiedWindow(number, samples, found)
 
 
 def _answer(
-    window: IdentifiedWindow, table: ChannelTable, rate: float
+    window: IdentifiedWindow, table: ChannelTable, rate: float, layout: SensorLayout | None
 ) -> ModalEstimate | WindowRejected:
-    first = window.number * len(window.samples)
-    start_ns = table.start_ns + _nanoseconds(
-        first, rate, None if table.times is None else table.times[first:]
-    )
-    end_ns = start_ns + round(len(window.samples) / rate * NANOSECONDS)
-    rejection = window.identification.rejection
-    if rejection is not None:
-        return WindowRejected("", window.number, start_ns, end_ns, rejection.code, rejection.text)
+    turbine, found = layout.turbine if layout else "", window.identification
+    length = len(window.samples)
+    first = window.number * length
+    seconds = first / rate if table.times is None else float(table.times[first])
+    start_ns = table.start_ns + round(seconds * NANOSECONDS)
+    end_ns = start_ns + round(length / rate * NANOSECONDS)
+    if found.rejection is not None:
+        why = found.rejection
+        return WindowRejected(turbine, window.number, start_ns, end_ns, why.code, why.text)
     return ModalEstimate(
-        turbine="",
+        turbine=turbine,
         window=window.number,
         start_ns=start_ns,
         end_ns=end_ns,
-        layout_id="",
+        layout_id=layout.layout_id if layout else "",
         channels=table.names,
-        modes=window.identification.modes,
-        warnings=window.identification.warnings,
+        modes=found.modes,
+        warnings=found.warnings,
     )
-
-
-def _nanoseconds(first: int, rate: float, times: NDArray[np.float64] | None) -> int:
-    seconds = first / rate if times is None else float(times[0])
-    return round(seconds * NANOSECONDS)

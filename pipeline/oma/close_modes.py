@@ -165,7 +165,7 @@ def _suspects(
     found += [Suspect(each.frequency, each.damping_ratio) for each in coincident]
     found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
     seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
-    seen += [Suspect(each.frequency, each.damping_ratio) for each in placed]
+    seen += [Suspect(e.frequency, e.damping_ratio) for e in placed if e.code != "mixture"]
     found += [
         each
         for each in seen

@@ -1,7 +1,7 @@
 """Blind identification of one window: samples in, modes with their uncertainty out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,52 +175,32 @@ def concluded(
 
     steady   the window's samples, free of offset, (n, n_channels)
     """
-    modes, harmonics = [], []
-    refused: list[RefusedMode] = []
-    doubtful: list[tuple[Mode, RefusedMode]] = []
-    vague_shapes: list[tuple[Mode, RefusedMode]] = []
-    duration = len(steady) / sampling_rate
-    for each in merged([band.modes for band in by_band], [band.band for band in by_band]):
-        mode = each.mode
-        if hardly_damped(mode) and is_harmonic(steady, sampling_rate, mode.frequency):
-            harmonics.append(mode)
-        elif not each.steady:
-            refused.append(unsteady(mode, settings.minimum_presence))
-        elif (why := why_refused(mode, duration, settings, alone=each.alone)) is None:
-            modes.append(mode)
-        else:
-            refused.append(RefusedMode(mode.frequency, mode.damping_ratio, *why))
-            doubtful.append((mode, refused[-1]))
-            if why[0] == "mixture" and each.n_bands > 1 and bandwidth_share(mode) <= SURE_SHARE:
-                vague_shapes.append((mode, refused[-1]))
-    warnings = [finding.warning for finding in findings]
-    warnings += [
-        QualityWarning(
-            "harmonic",
-            f"what shakes at {mode.frequency:.4g} Hz keeps its amplitude: a machine's harmonic, "
-            "not taken for a mode",
-        )
-        for mode in harmonics
-    ]
+    judged = _judged(by_band, steady, sampling_rate, settings)
     coupled = coupled_harmonics(steady, sampling_rate)
+    warnings = [finding.warning for finding in findings]
+    warnings += [_steady_amplitude(mode) for mode in judged.harmonics]
     warnings += [] if coupled is None else [_of_a_machine(coupled)]
-    twins = _twins_beside(by_band, [*modes, *harmonics])
     spectrum = WindowSpectrum(steady, sampling_rate, integrations)
     by_evidence = resolved_by_evidence(
-        modes, refused, twins, spectrum, settings, harmonics=harmonics
+        judged.modes,
+        judged.refused,
+        _twins_beside(by_band, [*judged.modes, *judged.harmonics]),
+        spectrum,
+        settings,
+        harmonics=judged.harmonics,
     )
-    by_evidence = with_lone_modes(by_evidence, vague_shapes, spectrum)
+    by_evidence = with_lone_modes(by_evidence, judged.vague_shapes, spectrum)
     stationary = all(finding.code != "non-stationary" for finding in findings)
     by_lines = (
-        sharpened(by_evidence.modes, by_evidence.refused, doubtful, spectrum, settings)
+        sharpened(by_evidence.modes, by_evidence.refused, judged.doubtful, spectrum, settings)
         if stationary
         else Sharpened(by_evidence.modes, by_evidence.refused)
     )
-    alike = _twins_beside(by_band, [*by_lines.modes, *harmonics])
+    alike = _twins_beside(by_band, [*by_lines.modes, *judged.harmonics])
     warnings += [_coincident(each) for each in alike]
     pairs = twin_pairs(alike, steady, sampling_rate, integrations)
     found = sorted([*by_lines.modes, *pairs], key=lambda mode: mode.frequency)
-    reasons = [*by_lines.refused, *(harmonic(mode) for mode in harmonics)]
+    reasons = [*by_lines.refused, *(harmonic(mode) for mode in judged.harmonics)]
     reasons += unstable(by_band, found, reasons)
     return Identification(
         tuple(found),
@@ -228,6 +208,43 @@ def concluded(
         diagrams=tuple(band.poles for band in by_band),
         refused=tuple(sorted(reasons, key=lambda each: each.frequency)),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Judged:
+    """What the poles of all bands show, each for itself."""
+
+    modes: list[Mode] = field(default_factory=list)
+    harmonics: list[Mode] = field(default_factory=list)
+    refused: list[RefusedMode] = field(default_factory=list)
+    doubtful: list[tuple[Mode, RefusedMode]] = field(default_factory=list)
+    """Modes that are known too vaguely, each with its reason."""
+    vague_shapes: list[tuple[Mode, RefusedMode]] = field(default_factory=list)
+    """Those of them whose f and ζ are sure."""
+
+
+def _judged(
+    by_band: Sequence[BandIdentification],
+    steady: FloatArray,
+    sampling_rate: float,
+    settings: OmaSettings,
+) -> _Judged:
+    judged, duration = _Judged(), len(steady) / sampling_rate
+    for each in merged([band.modes for band in by_band], [band.band for band in by_band]):
+        mode = each.mode
+        if hardly_damped(mode) and is_harmonic(steady, sampling_rate, mode.frequency):
+            judged.harmonics.append(mode)
+        elif not each.steady:
+            judged.refused.append(unsteady(mode, settings.minimum_presence))
+        elif (why := why_refused(mode, duration, settings, alone=each.alone)) is None:
+            judged.modes.append(mode)
+        else:
+            reason = RefusedMode(mode.frequency, mode.damping_ratio, *why)
+            judged.refused.append(reason)
+            judged.doubtful.append((mode, reason))
+            if why[0] == "mixture" and each.n_bands > 1 and bandwidth_share(mode) <= SURE_SHARE:
+                judged.vague_shapes.append((mode, reason))
+    return judged
 
 
 def _twins_beside(
@@ -240,6 +257,14 @@ def _twins_beside(
         if not any(abs(twins.frequency - f) <= TWINS_PLACE * twins.frequency for f in others):
             found.append(twins)
     return found
+
+
+def _steady_amplitude(mode: Mode) -> QualityWarning:
+    return QualityWarning(
+        "harmonic",
+        f"what shakes at {mode.frequency:.4g} Hz keeps its amplitude: a machine's harmonic, "
+        "not taken for a mode",
+    )
 
 
 def _of_a_machine(coupled: CoupledHarmonics) -> QualityWarning:

@@ -22,13 +22,13 @@ from pipeline.scenario import Scenario, load_scenario, with_overrides
 from pipeline.sources.sources import simulated_tower
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import SeenWindow, sightings
-from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
     observations,
 )
 from pipeline.updating.likelihood.pairing import Pairing, PairingSettings
+from pipeline.updating.likelihood.posterior_density import laplace_peak
 from pipeline.updating.model_matching import Matcher
 from pipeline.updating.prior import Prior, UpdatingError
 from pipeline.updating.samplers.interface import LogDensity, PosteriorDraws

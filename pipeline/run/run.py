@@ -38,10 +38,12 @@ from pipeline.run.folder import (
 from pipeline.run.options import SessionOptions
 from pipeline.run.ownership import Ownership, epoch_of, owned
 from pipeline.run.processes import SHARED, node_command, processes, require_processes
-from pipeline.runtime import runner
 from pipeline.runtime.flow_control import UNACKNOWLEDGED_BLOCKS
+from pipeline.runtime.node_thread import NodeThread, open_session, serve
+from pipeline.runtime.runner import one_blas_thread, run_lock_step, run_workers
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
+from pipeline.runtime.source_feed import Worker
 from pipeline.sources.feed_publisher import FeedAccount
 from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
 from pipeline.sources.sources import Source
@@ -197,7 +199,7 @@ def _run(
             raise InputError("--lock-step cannot run a live source: it waits for nobody")
         nodes = [*(plan.make() for plan in graph), *sinks]
         messages = source.messages(options.speed, stopping)
-        runner.run_lock_step(messages, nodes, turbine=turbine, report=report)
+        run_lock_step(messages, nodes, turbine=turbine, report=report)
         return
     meeting = meeting_point(options.zenoh)
 
@@ -209,7 +211,7 @@ def _run(
     control = ReplayControl(source, options.speed, stopping)
     # The hub first: a port that is taken is reported before a node has started a file.
     with open_hub(meeting, status, f"{STATUS_KEY}/{turbine}", options.out) as bus:
-        workers: list[runner.Worker] = []
+        workers: list[Worker] = []
         for plan in graph:
             if options.way == "processes":
                 command = node_command(plan.name, source, options, meeting.nodes, scenario_option)
@@ -217,14 +219,14 @@ def _run(
                     plan, command, options.shards, inherited=(ownership.descriptor,)
                 )
             else:
-                workers.append(runner.NodeThread(plan.make(), open_bus, turbine))
-        workers += [runner.NodeThread(each, open_bus, turbine) for each in (*sinks, status)]
+                workers.append(NodeThread(plan.make(), open_bus, turbine))
+        workers += [NodeThread(each, open_bus, turbine) for each in (*sinks, status)]
         for told in sinks:
             if isinstance(told, AlarmNode):
                 bus.answer(f"{ALARMS_KEY}/{turbine}", told.answer)
         if not source.is_live:
             bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
-        runner.run_workers(
+        run_workers(
             _messages(source, control, stopping),
             workers,
             bus,
@@ -298,7 +300,7 @@ def _run_owned_node(
         raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")
     if shard is not None and name not in SHARED:
         raise InputError(f"--shard is for {' and '.join(SHARED)}, not for {name}")
-    with runner.one_blas_thread(), runner.open_session(lambda: ZenohBus(options.zenoh)) as bus:
+    with one_blas_thread(), open_session(lambda: ZenohBus(options.zenoh)) as bus:
         if options.fresh and name == "updating":
             set_checkpoints_aside(options.out)
         if options.fresh and name == "identification":
@@ -308,4 +310,4 @@ def _run_owned_node(
         node = plans[name].make()
         if shard is not None:
             node = ShardedNode(node, parsed_shard(shard, source.turbines))
-        runner.serve(node, bus, turbine=source.layout.turbine, stopping=stopping)
+        serve(node, bus, turbine=source.layout.turbine, stopping=stopping)

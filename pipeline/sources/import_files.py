@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, whole_recording
-from pipeline.runtime.runner import with_end
+from pipeline.runtime.source_feed import with_end
 from pipeline.scenario import Scenario, load_scenario, modes_only, scenario_metadata
 from pipeline.sources.sources import COMPACT
 from sensors.acquisition.blocks import AccelerationBlock

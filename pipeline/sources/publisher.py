@@ -6,7 +6,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from pipeline.runtime.runner import open_session, with_end
+from pipeline.runtime.node_thread import open_session
+from pipeline.runtime.source_feed import with_end
 from pipeline.sources.durable_publisher import kept_until_acknowledged
 from pipeline.sources.recorded_source import RecordedSource
 from pipeline.sources.recorded_stream import SourceError

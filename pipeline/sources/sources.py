@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from pipeline.messages import FoundationTruth, Message
 from pipeline.recording.info import recording_info
 from pipeline.recording.writer import Metadata, RecorderSettings, whole_recording
-from pipeline.runtime.runner import with_end
+from pipeline.runtime.source_feed import with_end
 from pipeline.scenario import (
     DEFAULT_SCENARIO,
     MODES_ONLY,

@@ -1,10 +1,8 @@
 """TurbineState: what is known of one turbine of a run."""
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeVar
-
-import numpy as np
 
 from pipeline.messages import (
     FoundationEvent,
@@ -19,12 +17,11 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
     same_window,
+    without_covariances,
 )
 from pipeline.state.run_modes import CombinedMode, combined_modes
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-
-NO_FACTOR = np.empty((0, 0))  # frequencies, shapes and their stds are all that is reported
 
 _Item = TypeVar("_Item")
 
@@ -230,7 +227,7 @@ class TurbineState:
 
     def _estimate(self, estimate: ModalEstimate) -> None:
         """Keep a window once, even where a restarted identification has seen it again."""
-        estimate = without_factors(estimate)
+        estimate = without_covariances(estimate)
         self.estimate = self.last_answer = estimate
         if all(not same_window(each, estimate) for each in self.estimates):
             self.estimates.append(estimate)
@@ -282,11 +279,3 @@ class TurbineState:
         del items[: len(gone)]
         self.gone[name] += len(gone)
         return gone
-
-
-def without_factors(estimate: ModalEstimate) -> ModalEstimate:
-    """Return the estimate without its covariance factors, by far its largest part."""
-    modes = tuple(
-        replace(mode, covariance_factor=NO_FACTOR, n_block_columns=0) for mode in estimate.modes
-    )
-    return replace(estimate, modes=modes)

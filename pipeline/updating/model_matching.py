@@ -9,7 +9,6 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.mode_evidence import PartnerInWater
 from pipeline.updating.evidence.observations import EstimateRefused
 from pipeline.updating.forward_model import ForwardModel
-from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
@@ -23,6 +22,7 @@ from pipeline.updating.likelihood.pairing import (
     PairingTargets,
     macs,
 )
+from pipeline.updating.likelihood.posterior_density import laplace_peak
 from pipeline.updating.prior import Prior, UpdatingError
 from pipeline.updating.samplers.interface import Peak
 from sensors.arrays import FloatArray

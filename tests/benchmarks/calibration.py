@@ -36,14 +36,13 @@ from scipy.stats import chisquare
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.forward_model import ForwardModel
-from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
     ModeComparison,
 )
 from pipeline.updating.likelihood.pairing import PairingSearch, PairingSettings, PairingTargets
-from pipeline.updating.likelihood.posterior_density import StiffnessDensity
+from pipeline.updating.likelihood.posterior_density import StiffnessDensity, laplace_peak
 from pipeline.updating.prior import PARAMETER_NAMES, Prior, PriorSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.interface import Peak, PosteriorDraws

@@ -25,7 +25,7 @@ import numpy as np
 from pipeline.messages import FoundationPosterior, Message, ModalEstimate
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.writer import Recorder
-from pipeline.runtime.runner import with_end
+from pipeline.runtime.source_feed import with_end
 from pipeline.sources.recorded_stream import recorded_stream
 from pipeline.transport.codec import encode
 from pipeline.updating.forward_model import ForwardModel

@@ -136,6 +136,7 @@ def _drawn(
         if np.argmax(np.abs(seen)) != unit:
             continue
         found.append((number, _mode(number, f + spread_f * rng.standard_normal(), seen, factor)))
+    found.sort(key=lambda each: each[1].frequency)  # as the evidence has them
     estimate = ModalEstimate(
         turbine="t",
         window=0,

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-from sensors.files.channel_names import UnusedChannel, split_motions
 from sensors.files.table import ChannelTable, Quantity, rate_of_stamps
 
 from .errors import InputError, require
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Measurement:
-    """What the channels of a structure measured, evenly sampled."""
+    """What the channels of a structure measured, evenly sampled but for gaps in `stamps`."""
 
     samples: FloatArray
     """(n_samples, n_channels) in the channels' units; NaN where a sample is missing."""
@@ -43,6 +42,9 @@ class Measurement:
     """What each channel measures; None for all the same."""
     rotor_speed: FloatArray | None = None
     """Speed of a turning rotor, (n_samples,) [rpm]; None where it is not known."""
+    stamps: FloatArray | None = None
+    """Seconds since the first sample, (n_samples,), as the source has them, which may have gaps;
+    None where only the rate is known."""
 
     @property
     def duration(self) -> float:
@@ -52,7 +54,23 @@ class Measurement:
     @property
     def times(self) -> FloatArray:
         """(n_samples,) seconds since the first sample [s]."""
+        if self.stamps is not None:
+            return self.stamps
         return np.arange(len(self.samples)) / self.sampling_rate
+
+    @property
+    def table(self) -> ChannelTable:
+        """The samples as any file of measurements gives them."""
+        stated = self.quantities or ()
+        return ChannelTable(
+            self.channels,
+            self.units,
+            self.samples,
+            self.stamps,
+            self.start_ns,
+            stated_quantities=stated,
+            rotor_speed=self.rotor_speed,
+        )
 
     def between(self, start: float, end: float) -> Measurement:
         """The samples of a part of the record.
@@ -71,13 +89,18 @@ class Measurement:
         InputError
             If nothing is left.
         """
-        first, last = (round(time * self.sampling_rate) for time in (max(start, 0.0), end))
-        part = self.samples[first:last]
-        if not len(part):
+        half_a_step = 0.5 / self.sampling_rate
+        part = slice(*np.searchsorted(self.times, np.array([start, end]) - half_a_step).tolist())
+        if not len(self.samples[part]):
             raise InputError(f"nothing lies between {start:g} and {end:g} s of {self!r}")
-        shifted = self.start_ns + round(first / self.sampling_rate * 1e9)
-        speed = None if self.rotor_speed is None else self.rotor_speed[first:last]
-        return replace(self, samples=part, start_ns=shifted, rotor_speed=speed)
+        begin = float(self.times[part][0])
+        return replace(
+            self,
+            samples=self.samples[part],
+            start_ns=self.start_ns + round(begin * 1e9),
+            rotor_speed=None if self.rotor_speed is None else self.rotor_speed[part],
+            stamps=None if self.stamps is None else self.stamps[part] - begin,
+        )
 
     def __repr__(self) -> str:
         return (
@@ -156,25 +179,14 @@ def read(
     InputError
         If the file cannot be read or its sampling rate is not known.
     """
-    from pipeline.offline.identify_file import recorded_channels
-    from sensors.files.formats import read_file
+    from pipeline.offline.measured_file import measured_channels
     from sensors.files.layout_file import layout_by_names, load_layout
-    from sensors.files.rotor_speed import with_rotor_speed_apart
-    from sensors.files.table import EVERYTHING
 
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"read takes a file's path, not {type(path).__name__}; identify an array")
     file = Path(path)
     mapping = None if layout is None else load_layout(Path(layout))
-    wanted = EVERYTHING if mapping is None else mapping.wanted()
-    recorded = file.suffix == ".mcap"
-    table = (
-        recorded_channels(file)
-        if recorded
-        else with_rotor_speed_apart(read_file(file, wanted=wanted))
-    )
-    if mapping is not None:
-        table = mapping.chosen(table)
+    table = measured_channels(file, mapping)
     rate = table.sampling_rate
     if sampling_rate is not None:
         rate = positive("sampling_rate", sampling_rate, "Hz")
@@ -192,6 +204,7 @@ def read(
         layout=None if known is None else known.sensor_layout(table),
         quantities=table.quantities,
         rotor_speed=table.rotor_speed,
+        stamps=None if table.sampling_rate is None else table.times,  # None: they stand still
     )
 
 
@@ -259,7 +272,10 @@ def measurement_of(
     if isinstance(samples, str | os.PathLike):
         return read(samples, sampling_rate=sampling_rate)
     values = _array(samples)
-    stated = _rate_of_index(samples) if sampling_rate is None else sampling_rate
+    start_ns, stamps = _clock_of_index(samples)
+    stated = (
+        rate_of_stamps(stamps) if sampling_rate is None and stamps is not None else sampling_rate
+    )
     rate = positive("sampling_rate", stated, "Hz")
     if layout is not None:
         channels = layout.channel_names
@@ -271,7 +287,7 @@ def measurement_of(
     units = ("",) * len(names)
     if layout is not None:
         units = tuple(channel.unit for channel in layout.channels)
-    return Measurement(values, rate, names, units, layout=layout)
+    return Measurement(values, rate, names, units, start_ns, layout, stamps=stamps)
 
 
 def _array(samples: ArrayLike) -> FloatArray:
@@ -295,12 +311,17 @@ def _array(samples: ArrayLike) -> FloatArray:
     return values
 
 
-def _rate_of_index(samples: object) -> float | None:
-    """Sampling rate [Hz] of a table that is indexed by time stamps; None of others."""
-    stamps = np.asarray(getattr(samples, "index", ()) if hasattr(samples, "index") else ())
-    if stamps.dtype.kind not in "mM" or len(stamps) < 2:
-        return None
-    return rate_of_stamps((stamps - stamps[0]) / np.timedelta64(1, "s"))
+def _clock_of_index(samples: object) -> tuple[int, FloatArray | None]:
+    """First sample [ns since 1970-01-01 UTC] and seconds since it, of a table that is indexed by
+    time stamps (without a zone: UTC) or by durations; 0 and None of others."""
+    index: Any = samples.index if hasattr(samples, "index") else ()
+    if getattr(index, "tz", None) is not None:
+        index = index.tz_convert(None)
+    stamps = np.asarray(() if callable(index) else index)
+    if stamps.ndim != 1 or len(stamps) < 2 or stamps.dtype.kind not in "mM":
+        return 0, None
+    start = stamps[0].astype("datetime64[ns]").astype(int) if stamps.dtype.kind == "M" else 0
+    return int(start), np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s"))
 
 
 def positive(name: str, value: object, unit: str) -> float:
@@ -314,22 +335,3 @@ def positive(name: str, value: object, unit: str) -> float:
     if isinstance(value, str) or not np.isscalar(value) or not 0 < value < float("inf"):  # type: ignore[operator]
         raise InputError(f"{name} is {value!r}; a number above 0 is needed [{unit}]")
     return float(value)  # type: ignore[arg-type]
-
-
-def motions_of(measured: Measurement) -> tuple[Measurement, tuple[UnusedChannel, ...]]:
-    """The channels of a file that may be motions of the structure, and the others.
-
-    All of them where a layout has chosen.
-    """
-    if measured.layout is not None:
-        return measured, ()
-    table = ChannelTable(measured.channels, measured.units, measured.samples, None)
-    columns, unused = split_motions(table)
-    quantities = measured.quantities
-    return replace(
-        measured,
-        samples=measured.samples[:, columns],
-        channels=tuple(measured.channels[i] for i in columns),
-        units=tuple(measured.units[i] for i in columns),
-        quantities=None if quantities is None else tuple(quantities[i] for i in columns),
-    ), unused

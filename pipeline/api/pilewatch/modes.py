@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.messages import ModalEstimate, Mode, QualityWarning, WindowRejected
-from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-from sensors.files.channel_names import UnusedChannel
 
 from .errors import InputError, require
-from .measurement import Measurement, measurement_of, motions_of, positive
+from .measurement import Measurement, measurement_of, positive
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,9 +58,9 @@ class Modes:
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
         """Every reservation of the windows once, then why windows were rejected."""
-        found = [warning for estimate in self.estimates for warning in estimate.warnings]
-        found += [QualityWarning(each.code, each.reason) for each in self.rejected]
-        return tuple(dict.fromkeys(found))
+        from pipeline.offline.identify_file import warnings_of
+
+        return warnings_of(self.estimates, self.rejected)
 
     def __len__(self) -> int:
         return len(self.last)
@@ -239,50 +237,20 @@ def identify(
     InputError
         If the samples have no rate or not two axes, or the window does not fit.
     """
-    from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
-    from pipeline.oma.identification import identify as identify_samples
-    from pipeline.oma.tracking import ModeTracker
+    from pipeline.offline.identify_file import identify_table
+    from sensors.files.channel_names import UnusedChannel, split_motions
 
     measured = measurement_of(samples, sampling_rate, channels, layout)
     speed = measured.rotor_speed if rotor_speed is None else _speed(rotor_speed, measured)
+    table = replace(measured.table, rotor_speed=speed)
     unused: tuple[UnusedChannel, ...] = ()
-    if isinstance(samples, Measurement | str | os.PathLike):
-        measured, unused = motions_of(measured)
-    left_out = tuple(QualityWarning("channels-left-out", str(each)) for each in unused)
-    quantities = measured.quantities or guessed_quantities(measured.samples, measured.sampling_rate)
+    if isinstance(samples, Measurement | str | os.PathLike) and measured.layout is None:
+        columns, unused = split_motions(replace(table, times=None))
+        table = table.only(columns)
     length = _window_samples(measured, window)
-    tracker = ModeTracker()
-    estimates: list[ModalEstimate] = []
-    rejected: list[WindowRejected] = []
-    turbine = measured.layout.turbine if measured.layout else "structure"
-    for number, first in enumerate(range(0, len(measured.samples) - length + 1, length)):
-        found = identify_samples(
-            measured.samples[first : first + length],
-            measured.sampling_rate,
-            channel_names=measured.channels,
-            quantities=quantities,
-            rotor_speed=None if speed is None else speed[first : first + length],
-        )
-        start_ns = measured.start_ns + round(first / measured.sampling_rate * NANOSECONDS)
-        end_ns = start_ns + round(length / measured.sampling_rate * NANOSECONDS)
-        if found.rejection is not None:
-            why = found.rejection
-            reason = WindowRejected(turbine, number, start_ns, end_ns, why.code, why.text)
-            rejected.append(reason)
-            continue
-        estimates.append(
-            ModalEstimate(
-                turbine=turbine,
-                window=number,
-                start_ns=start_ns,
-                end_ns=end_ns,
-                layout_id=measured.layout.layout_id if measured.layout else "",
-                channels=measured.channels,
-                modes=tracker.named(found.modes),
-                warnings=found.warnings + left_out,
-            )
-        )
-    return Modes(tuple(estimates), tuple(rejected), measured.channels, measured.layout)
+    rate, places = measured.sampling_rate, measured.layout
+    found = identify_table(table, rate, length, unused=unused, layout=places)
+    return Modes(found.estimates, found.rejected, found.channels, places)
 
 
 def _speed(rotor_speed: float | ArrayLike, measured: Measurement) -> FloatArray:

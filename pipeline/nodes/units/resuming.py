@@ -3,10 +3,10 @@ recorded blocks are read again, which answers are repeated."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from pipeline.messages import Message, ModalEstimate, WindowRejected
+from pipeline.messages import Message, ModalEstimate, WindowRejected, without_covariances
 from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot
 from pipeline.nodes.units.block_admission import BlockMark
 from pipeline.nodes.units.joined_session import JoinedSession
@@ -93,18 +93,12 @@ def with_answer(
     """The latest answers, as many as modes' names need; those to be repeated are whole."""
     latest = (*answers, answer)[-DIES_AFTER - 1 :]
     named, repeated = latest[:-REPEATED_ANSWERS], latest[-REPEATED_ANSWERS:]
-    return (*map(_without_covariances, named), *repeated)
+    return (*map(_as_far_as_named, named), *repeated)
 
 
-def _without_covariances(answer: WindowAnswer) -> WindowAnswer:
+def _as_far_as_named(answer: WindowAnswer) -> WindowAnswer:
     """An estimate as far as its modes' names need it: a hundredth of its size."""
-    if isinstance(answer, WindowRejected):
-        return answer
-    modes = tuple(
-        replace(mode, covariance_factor=mode.covariance_factor[:, :0], n_block_columns=0)
-        for mode in answer.modes
-    )
-    return replace(answer, modes=modes)
+    return without_covariances(answer) if isinstance(answer, ModalEstimate) else answer
 
 
 def needed_messages(past: Iterable[Message], marks: dict[str, BlockMark]) -> Iterator[Message]:

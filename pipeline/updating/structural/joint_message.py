@@ -2,7 +2,7 @@
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import halfnorm, norm
+from scipy.special import ndtri
 
 from pipeline.messages import (
     FigureShare,
@@ -41,8 +41,8 @@ SAMPLER = "laplace"
 UNCERTAIN_STRUCTURE = "uncertain"
 WORTH_NAMING = 0.02  # share of a spring's variance from which a figure stands in the budget [-]
 LEAST_ALTERNATIVE = 1e-3  # probability from which an alternative is named [-]
-NORMAL_90 = float(np.ptp(norm.ppf([0.05, 0.95])))  # width of the 90 % interval [std]
-HALF_NORMAL_90 = float(np.ptp(halfnorm.ppf([0.05, 0.95])))
+NORMAL_90 = float(np.ptp(ndtri([0.05, 0.95])))  # width of the 90 % interval [std]
+HALF_NORMAL_90 = float(np.ptp(ndtri([0.525, 0.975])))
 
 
 def joint_message(

@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 
 from pipeline.archive.plan import (
     IdentificationTask,
+    PartsBySample,
     chains_of,
     parts_by_turbine,
     turbine_plan,
 )
 from pipeline.archive.survey import FileSurvey, Part, archive_files, without_copies
+from pipeline.messages import StreamGap
 from pipeline.oma.settings import OmaSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
@@ -206,3 +208,47 @@ def test_files_with_the_same_bytes_count_once() -> None:
 def test_a_pattern_that_names_nothing_is_a_mistake_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="names no recording"):
         archive_files([str(tmp_path / "*.mcap")])
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 900), st.integers(1, 300), st.sampled_from(["s", "u"])),
+        min_size=1,
+        max_size=12,
+    ),
+    st.integers(0, 900),
+    st.integers(1, 200),
+)
+def test_parts_that_reach_into_a_gap_are_found_as_by_looking_at_all(
+    held: list[tuple[int, int, str]], first: int, n_samples: int
+) -> None:
+    parts = [
+        part(str(number), begin, length, session=session)
+        for number, (begin, length, session) in enumerate(held)
+    ]
+    found = PartsBySample(parts).others(parts[0], first, first + n_samples)
+    assert found == [
+        each
+        for each in parts[1:]
+        if each.session == parts[0].session
+        and each.first_sample < first + n_samples
+        and each.next_sample > first
+    ]
+
+
+def test_a_plan_looks_at_other_parts_only_where_samples_are_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An archive of ten years has 90 000 files: each with each would take days."""
+    asked: list[Part] = []
+
+    def nothing(_: PartsBySample, of: Part, start: int, stop: int) -> list[Part]:
+        asked.append(of)
+        return []
+
+    monkeypatch.setattr(PartsBySample, "others", nothing)
+    whole = [part(str(number), 250 * number, 250) for number in range(20)]
+    gap = StreamGap("t", "tower", "s", START_NS, START_NS + NANOSECONDS, 180, 1)
+    lacking = replace(whole[7], missing=((1800, 1810),), gaps=(gap,))
+    tasks(*whole[:7], lacking, *whole[8:])
+    assert {each.path.name for each in asked} == {"7"}

@@ -17,7 +17,13 @@ from pipeline.archive.posteriors import (
 )
 from pipeline.archive.store import StoredFrame, messages_in, packed, unpacked
 from pipeline.archive.work import Call
-from pipeline.messages import FoundationEvent, FoundationPosterior, Message, ModalEstimate
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    Message,
+    ModalEstimate,
+    WindowRejected,
+)
 from pipeline.nodes.operating_state import OperationSettings
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.blocks import NANOSECONDS
@@ -175,6 +181,13 @@ def test_most_posteriors_are_left_to_others(passed: tuple[list[Message], list[Ca
 
     assert apart >= 0.5 * N_WINDOWS
     assert all(len(call.argument.estimates) <= WINDOWS_OF_CALL for call in passed[1])
+
+
+def test_a_window_without_duration_is_rejected_as_in_a_session(kept: Kept) -> None:
+    first = next(estimates())
+    _, refused = PosteriorPass(PLAN, kept).answers([replace(first, end_ns=first.start_ns)])
+    assert isinstance(refused, WindowRejected)
+    assert refused.code == "no-duration"
 
 
 def test_other_windows_before_or_another_seed_are_another_result() -> None:

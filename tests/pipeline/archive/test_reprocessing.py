@@ -21,7 +21,7 @@ from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.mcap_file import record_offsets
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Recorder, RecorderSettings
-from pipeline.runtime.runner import with_end
+from pipeline.runtime.source_feed import with_end
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout

@@ -23,7 +23,7 @@ from pipeline.cli import app
 from pipeline.messages import NodeStatus, WindowRejected
 from pipeline.nodes.sharding import Shard, ShardedNode
 from pipeline.run.endpoints import bus_options, meeting_point
-from pipeline.runtime.runner import NodeThread
+from pipeline.runtime.node_thread import NodeThread
 from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint
 from pipeline.transport.zenoh_settings import configuration

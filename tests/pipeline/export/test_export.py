@@ -14,7 +14,7 @@ from pipeline.export.export import Exported, export
 from pipeline.export.samples import sample_times
 from pipeline.export.table_file import TableFile
 from pipeline.messages import FoundationTruth, ParameterSummary
-from pipeline.offline.identify_file import recorded_channels
+from pipeline.offline.measured_file import recorded_channels
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
 from sensors.files.formats import read_file

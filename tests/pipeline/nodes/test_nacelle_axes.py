@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.nodes.nacelle_axes import in_nacelle_axes, turning_matrix
+from pipeline.nodes.operating_state import in_nacelle_axes, turning_matrix
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 from tests.pipeline.example_estimates import estimate, mode

@@ -12,7 +12,7 @@ import pytest
 
 from pipeline.messages import Message, ModalEstimate, StabilisationDiagram, WindowRejected
 from pipeline.nodes.identification import IdentificationNode
-from pipeline.runtime.runner import with_end
+from pipeline.runtime.source_feed import with_end
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout

@@ -11,14 +11,9 @@ import pytest
 from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.nodes.node import Node, NodeStatistics
 from pipeline.runtime.errors import NodeFailed
-from pipeline.runtime.runner import (
-    DRAINED_WITHIN,
-    NodeThread,
-    run_lock_step,
-    run_workers,
-    serve,
-    with_end,
-)
+from pipeline.runtime.node_thread import DRAINED_WITHIN, NodeThread, serve
+from pipeline.runtime.runner import run_lock_step, run_workers
+from pipeline.runtime.source_feed import with_end
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block as acceleration_block
 from tests.pipeline.transport.memory_bus import MemoryBus
@@ -157,7 +152,7 @@ def test_a_node_that_hears_nothing_ends_the_run_with_its_name(
     monkeypatch: pytest.MonkeyPatch, unacknowledged_blocks: int | None
 ) -> None:
     """On main before, such a run never ended."""
-    monkeypatch.setattr("pipeline.runtime.runner.FIRST_BLOCK_TIMEOUT", 0.5)
+    monkeypatch.setattr("pipeline.runtime.source_feed.FIRST_BLOCK_TIMEOUT", 0.5)
     bus, listener = DeafBus(), Listener()
     with pytest.raises(NodeFailed, match=r"listener: the first block was published 0\.5 s ago"):
         run_workers(

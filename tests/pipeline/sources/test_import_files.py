@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 from pipeline.app import Outputs, build
 from pipeline.cli import app
-from pipeline.offline.identify_file import identify_file, recorded_channels
+from pipeline.offline.identify_file import identify_file
+from pipeline.offline.measured_file import recorded_channels
 from pipeline.offline.model_modes import model_modes
 from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages

@@ -15,7 +15,7 @@ from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
-from pipeline.runtime.runner import with_end
+from pipeline.runtime.source_feed import with_end
 from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout

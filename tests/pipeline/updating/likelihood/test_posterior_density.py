@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.likelihood.laplace import laplace_peak
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
     ModeComparison,
 )
-from pipeline.updating.likelihood.posterior_density import StiffnessDensity
+from pipeline.updating.likelihood.posterior_density import StiffnessDensity, laplace_peak
 from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.registry import SamplingSettings, sampler_of

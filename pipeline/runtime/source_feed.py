@@ -1,0 +1,198 @@
+"""The source's side of a run: what it publishes, and when all of it has been handled."""
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Protocol
+
+from pipeline.messages import Message, NodeStatus, StreamEnd
+from pipeline.nodes.statistics import message_counts
+from pipeline.runtime.errors import NodeFailed
+from pipeline.runtime.flow_control import Credit, Quiet, is_drained
+from pipeline.runtime.node_thread import STOPPED_WITHIN
+from pipeline.state.block_book import Intervals
+from pipeline.transport.bus import Bus, Inbox
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.boots import BootCounter
+
+START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports for seconds
+FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]
+SOURCE = "source"
+
+BlockReport = Callable[[AccelerationBlock], None]
+
+
+class Worker(Protocol):
+    """A node somewhere else: in a thread or in a process of its own."""
+
+    @property
+    def name(self) -> str:
+        """Name of the node."""
+        ...
+
+    @property
+    def inputs(self) -> tuple[type, ...]:
+        """Message types that the node takes."""
+        ...
+
+    def start(self) -> None:
+        """Start the node."""
+        ...
+
+    @property
+    def restarts(self) -> int:
+        """How often the node had to be started again."""
+        ...
+
+    def check(self) -> None:
+        """Handle a node that has ended before it was asked to: start it again or raise
+        NodeFailed."""
+        ...
+
+    def stop(self, within: float = STOPPED_WITHIN) -> None:
+        """Let the node finish what it has, close it, and wait for it; not for longer [s]."""
+        ...
+
+
+class RunEnded(Exception):  # noqa: N818  # the name states what happened
+    """The run was asked to end before the source ended."""
+
+
+class SourceFeed:
+    """Publishes a source no faster than the workers follow, and knows when all is handled."""
+
+    def __init__(self, bus: Bus, workers: Sequence[Worker], ended: threading.Event) -> None:
+        self._bus = bus
+        self._workers = workers
+        self._ended = ended
+        self._inbox = Inbox()
+        self._subscription = bus.subscribe((NodeStatus,), self._inbox)
+        self._latest: dict[str, NodeStatus] = {}  # by node
+        self._deaf: Callable[[], list[str]] = list  # nodes that receive nothing
+        self._quiet = Quiet()
+
+    def wait_until_ready(self) -> None:
+        """Return when every worker has subscribed. Raises NodeFailed after START_TIMEOUT."""
+        names = {worker.name for worker in self._workers}
+        deadline = time.monotonic() + START_TIMEOUT
+        self.wait(lambda: self._latest.keys() >= names or time.monotonic() > deadline)
+        missing = names - self._latest.keys()
+        if missing:
+            raise NodeFailed(f"{', '.join(sorted(missing))} not ready after {START_TIMEOUT:g} s")
+
+    def publish(
+        self,
+        source: Iterable[Message],
+        turbine: str,
+        unacknowledged_blocks: int | None,
+        report: BlockReport | None,
+    ) -> None:
+        """Publish all of the source and return when every message has been handled."""
+        takers = [each.name for each in self._workers if AccelerationBlock in each.inputs]
+        credit = Credit(takers, unacknowledged_blocks) if unacknowledged_blocks else None
+        published: Counter[str] = Counter()
+        first_published: float | None = None
+        for message in with_end(source):
+            if credit and isinstance(message, AccelerationBlock):
+                self._deaf = partial(self._unacknowledged, takers, first_published)
+                self.wait(partial(self._may_send, credit, message.sequence))
+            self._check()
+            self._bus.publish(message)
+            published[type(message).__name__] += 1
+            if first_published is None and isinstance(message, AccelerationBlock):
+                first_published = time.monotonic()
+            if report and isinstance(message, AccelerationBlock):
+                report(message)
+        finished = source_status(turbine, published)
+        self._bus.publish(finished)
+        consumers = {worker.name: worker.inputs for worker in self._workers}
+        self._deaf = partial(self._unacknowledged, takers, first_published)
+        self._quiet = Quiet()
+        self.wait(lambda: self._all_handled(finished, consumers))
+
+    def _all_handled(self, finished: NodeStatus, consumers: Mapping[str, Sequence[type]]) -> bool:
+        if any(worker.restarts for worker in self._workers):  # their counts started again
+            return self._quiet.of_all(consumers)
+        return is_drained([finished, *self._latest.values()], consumers)
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        """Return when the condition on the workers' statuses holds.
+
+        Raises NodeFailed when a worker has died, RunEnded when the run is to end.
+        """
+        self._take_statuses(timeout=0)
+        while not condition():
+            self._check()
+            self._take_statuses(timeout=0.1)
+
+    def _take_statuses(self, timeout: float) -> None:
+        while (status := self._inbox.get(timeout)) is not None:
+            assert isinstance(status, NodeStatus)
+            self._latest[status.node] = status
+            self._quiet.note(status)
+            timeout = 0
+
+    def _may_send(self, credit: Credit, sequence: int) -> bool:
+        return credit.may_send(sequence, self._latest.values())
+
+    def _check(self) -> None:
+        """Raise RunEnded or NodeFailed where there is no reason to go on."""
+        if self._ended.is_set():
+            raise RunEnded
+        for worker in self._workers:
+            worker.check()
+        deaf = self._deaf()
+        if deaf:
+            raise NodeFailed(
+                f"{', '.join(sorted(deaf))}: the first block was published "
+                f"{FIRST_BLOCK_TIMEOUT:g} s ago and did not arrive; is the transport's version "
+                "one that this program was tried with?"
+            )
+
+    def _unacknowledged(self, takers: Sequence[str], since: float | None) -> list[str]:
+        """Nodes that have not received the first block although its time is over [s, monotonic]."""
+        if since is None or time.monotonic() - since < FIRST_BLOCK_TIMEOUT:
+            return []
+        return [name for name in takers if not _heard_blocks(self._latest.get(name))]
+
+
+def _heard_blocks(status: NodeStatus | None) -> bool:
+    """Whether a node has taken a block, or reports that blocks were lost before they reached it."""
+    name = AccelerationBlock.__name__
+    return status is not None and (
+        status.lost > 0 or any(each.message == name and each.count for each in status.received)
+    )
+
+
+def source_status(turbine: str, published: Counter[str]) -> NodeStatus:
+    """The source's last word: what it published in all."""
+    return NodeStatus(
+        turbine=turbine,
+        node=SOURCE,
+        time_ns=time.time_ns(),
+        state="stopped",
+        last_sequence=-1,
+        published=message_counts(published),
+    )
+
+
+def with_end(source: Iterable[Message]) -> Iterator[Message]:
+    """The source's messages, then one StreamEnd per unit and session, of its last boot."""
+    last: dict[tuple[str, str, str], AccelerationBlock] = {}
+    numbers: dict[tuple[str, str, str, int], Intervals] = {}  # of each boot's blocks
+    boots: dict[tuple[str, str, str], BootCounter] = {}
+    for message in source:
+        if isinstance(message, AccelerationBlock):
+            key = (message.turbine, message.unit, message.session)
+            last[key] = message
+            counter = boots.setdefault(key, BootCounter())
+            present = numbers.setdefault((*key, counter.boot), Intervals())
+            boot = counter.boot_of(message, repeats=message.sequence in present)
+            of_boot = numbers.setdefault((*key, boot), Intervals())
+            of_boot.add(message.sequence - counter.also, message.sequence + 1)
+        yield message
+    for key, block in last.items():
+        published = len(numbers[*key, boots[key].boot_at(block.sequence, block.start_ns)])
+        yield StreamEnd(block.turbine, block.unit, block.session, block.end_ns, published)
