@@ -194,7 +194,5 @@ def with_end(source: Iterable[Message]) -> Iterator[Message]:
             of_boot.add(message.sequence - counter.also, message.sequence + 1)
         yield message
     for key, block in last.items():
-        boot = boots[key].boot_at(block.sequence, block.start_ns)
-        yield StreamEnd(
-            block.turbine, block.unit, block.session, block.end_ns, len(numbers[*key, boot])
-        )
+        published = len(numbers[*key, boots[key].boot_at(block.sequence, block.start_ns)])
+        yield StreamEnd(block.turbine, block.unit, block.session, block.end_ns, published)

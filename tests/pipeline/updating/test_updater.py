@@ -348,5 +348,5 @@ def test_springs_that_cannot_stand_together_are_represented_by_the_nearest_draw(
     medians = np.median(flat[:, :3], axis=0) * NOMINAL
     assert medians[0] * medians[1] < medians[2] ** 2
     draws = PosteriorDraws(flat, flat[:, :3], "", 0, 20.0)
-    found = updater._representative(draws, peak=np.ones(3))
+    found = updater._inference._representative(draws, peak=np.ones(3))
     assert found == pytest.approx([0.72, 0.80, 1.0])  # at 1.1 σ; the last two at 3.3 σ of k12
