@@ -158,7 +158,7 @@ class SessionStatus:
         k22 = posterior.parameter("k22")
         return (
             f"Foundation known: rotational stiffness k22 is {k22.median / k22.nominal:.3f} × "
-            f"nominal, 90 % interval {k22.p05 / k22.nominal:.3f} and "
+            f"nominal, 90 % interval {k22.p05 / k22.nominal:.3f} to "
             f"{k22.p95 / k22.nominal:.3f}."
         )
 
