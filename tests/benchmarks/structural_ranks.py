@@ -25,19 +25,15 @@ from scipy.stats import chisquare
 
 from pipeline.messages import ModalEstimate, Mode
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference
-from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.structural.joint_fit import JointFit, JointPeak, continued
 from pipeline.updating.structural.prior import GaussianBelief, JointCoordinates
 from pipeline.updating.structural.refresh import WIDENING
-from pipeline.updating.structural.settings import UNCERTAIN
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
 from sensors.dynamics.figure_model import Linearisation
-from sensors.structure.description import load_turbine
+from tests.benchmarks import structural_uncertainty
 from tests.benchmarks._results import keep
-from tests.benchmarks.structural_uncertainty import DEPENDS
 from tests.outside.modal_data import LAYOUT
 from tests.outside.model import SpringSign
 
@@ -68,10 +64,7 @@ class Trial:
 
 def inference_of(sign: SpringSign) -> JointInference:
     """The product's, but for the prior of springs and σ."""
-    turbine = load_turbine("iea15mw_monopile").with_sign(sign)
-    found = joint_inference(turbine, LAYOUT, UpdatingSettings(structure=UNCERTAIN), seed=1)
-    assert found is not None
-    narrowed = found.with_springs(_springs)
+    narrowed = structural_uncertainty.inference_of(sign).with_springs(_springs)
     return JointInference(
         narrowed.fits,
         structure=narrowed.structure,
@@ -225,5 +218,5 @@ def main(arguments: Sequence[str]) -> None:
             command=f"python -m tests.benchmarks structural_ranks --sign {chosen.sign} "
             f"--seeds {chosen.seeds} --trials {chosen.trials}",
             seeds=seeds,
-            depends=DEPENDS,
+            depends=structural_uncertainty.DEPENDS,
         )

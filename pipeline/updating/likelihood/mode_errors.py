@@ -154,7 +154,10 @@ def _frequency_rows(
     modes: Linearisation,
     settings: LikelihoodSettings,
 ) -> tuple[NDArray[Any], ...]:
-    """Every used mode's ln f beside the model's; of two model modes their mean."""
+    """Every used mode's ln f beside the model's; of two model modes their mean.
+
+    Returns errors, variances, floors, reference, Jacobian, groups, tracks, rows and units.
+    """
     places = np.array([each.identified for each in used])
     pairs = np.array([(each.model_modes[0], each.model_modes[-1]) for each in used])
     gaps = np.array([each.gap for each in used])
@@ -181,7 +184,8 @@ def _shape_rows(
     modes: Linearisation,
     settings: LikelihoodSettings,
 ) -> tuple[NDArray[Any], ...]:
-    """Components of the shapes that are compared, normalised to the identified mode's unit."""
+    """Components of the shapes that are compared, normalised to the identified mode's unit; as
+    `_frequency_rows`."""
     groups = np.array([n for n, each in enumerate(used) if each.shape_used], dtype=int)
     places = np.array([used[n].identified for n in groups], dtype=int)
     columns = np.array([used[n].model_modes[0] for n in groups], dtype=int)

@@ -111,7 +111,7 @@ def joint_posterior(
         step = -covariance @ gradient
         there = replace(found, errors=eta + J @ step)
         cost = float((off + step) @ prior @ (off + step) + np.linalg.slogdet(hessian)[1])
-        logs.append(log_contaminated(there, float(value)) - 0.5 * cost)
+        logs.append(_log_density(there, float(value)) - 0.5 * cost)
         means.append(peak.u + step)
         covariances.append(wide)
     log_weights = np.array(logs) + np.log(np.maximum(widths, 1e-300))
@@ -119,7 +119,7 @@ def joint_posterior(
     return JointPosterior(sigma, weights / weights.sum(), np.array(means), np.array(covariances))
 
 
-def log_contaminated(found: ModeErrors, sigma: float) -> float:
+def _log_density(found: ModeErrors, sigma: float) -> float:
     """ln p(η | σ) of errors of which some are gross, constants left out."""
     own = found.variances + found.floors
     variances = own + sigma**2 * found.reference

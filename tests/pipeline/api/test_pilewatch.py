@@ -69,6 +69,7 @@ def test_an_exact_structure_is_a_choice_that_is_written_down(
     assert posterior.message.figures
     assert not exact.message.figures
     assert np.all(np.std(exact.ratios, axis=0) < np.std(posterior.ratios, axis=0))
+    np.testing.assert_allclose(np.median(exact.ratios, axis=0), 1.0, atol=0.1)
 
 
 def test_a_structure_is_never_assumed(modes: "pw.Modes") -> None:
