@@ -70,7 +70,7 @@ def _blades(change: Callable[[BladeElement, float], BladeElement]) -> FigureChan
 def _bodies(change: Callable[[RigidBody, float], RigidBody]) -> FigureChange:
     def changed(turbine: TurbineDescription, departure: float) -> TurbineDescription:
         nacelle = turbine.rotor_nacelle
-        bodies = tuple(change(body, departure) for body in nacelle.bodies)
+        bodies = tuple(change(body.about_centre, departure) for body in nacelle.bodies)
         return replace(turbine, rotor_nacelle=replace(nacelle, bodies=bodies))
 
     return changed
