@@ -156,7 +156,8 @@ class TurbineIdentification:
             unused = self._session.release()
             yield from self._end_session()
             for each in unused:
-                yield from self._take(self.units.by_name[each.unit], each)
+                if each.unit in self.units.by_name:
+                    yield from self._take(self.units.by_name[each.unit], each)
             return
         yield from self._end_if_complete()
 
@@ -237,6 +238,8 @@ class TurbineIdentification:
         if self._session is None or not any(unit.ends for unit in units.values()):
             return
         newest = self._session.newest
+        if not newest.keys() <= units.keys():  # one was let go: its end is not known
+            return
         ends = [units[unit].ends.get(name) for unit, (name, _) in newest.items()]
         reached = [end_ns for _, end_ns in newest.values()]
         if newest and all(
