@@ -163,13 +163,15 @@ class TurbineIdentification:
 
     def _waits(self, block: AccelerationBlock) -> bool:
         """Whether a block of another unit must wait: the layouts that join it with the unit that is
-        identified travel on keys of their own and may come later."""
-        return (
-            isinstance(self._session, UnitSession)
-            and block.unit not in self._session.newest
-            and len(self._layouts_to_join(block)) < 2
-            and self._opening.waiting < SILENT
-        )
+        identified travel on keys of their own and may come later. One without a layout never takes
+        the place of one with a layout."""
+        session = self._session
+        if not isinstance(session, UnitSession) or block.unit in session.newest:
+            return False
+        layouts = self.units.latest_layouts
+        if block.unit not in layouts and session.newest.keys() <= layouts.keys():
+            return True
+        return len(self._layouts_to_join(block)) < 2 and self._opening.waiting < SILENT
 
     def _refuse_dropped(self, dropped: OpeningBlock | None) -> None:
         """Count a block that waited for layouts that did not come."""

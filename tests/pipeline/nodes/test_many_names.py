@@ -94,6 +94,19 @@ def test_a_unit_that_is_let_go_while_its_session_runs_ends_no_node(tmp_path: Pat
     assert [each.origins[0].unit for each in windows] == [LAYOUT.unit]
 
 
+def test_units_without_a_layout_never_take_the_place_of_one_that_has_one() -> None:
+    """However many of their blocks come between two of its own."""
+    node = IdentificationNode(SETTINGS)
+    said = list(node.handle(LAYOUT))
+    for number in range(62):
+        said += node.handle(block(number))
+        for other in range(30):
+            said += node.handle(block(number, unit=f"forged {other % 4}"))
+    windows = [each for each in said if isinstance(each, ModalEstimate | WindowRejected)]
+    assert [(type(each), each.window) for each in windows] == [(ModalEstimate, 0)]
+    assert node.statistics.rejected["no-layout"] > 1700
+
+
 def test_nodes_of_the_turbines_that_were_heard_most_are_kept() -> None:
     made: list[Refuser] = []
 
