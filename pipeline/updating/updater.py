@@ -336,18 +336,18 @@ def _joint_sensitivities(
     slopes = modes.log_frequency_slopes[:, :3] @ by_theta * fit.coordinates.nominal
     varied = found.evidence.level_varied
     water = [each.curve for each in fit.partners_in_water(peak)] if varied else None
-    sensitivities = {}
-    for each in peak.comparison.used:
-        track = found.evidence.modes[each.identified].track
-        first = each.model_modes[0]
-        if labels[first] != "?":
-            sensitivities[track] = TrackSensitivity(
-                track=track,
-                model=labels[first],
-                slopes=slopes[list(each.model_modes)].mean(axis=0),
-                water=np.zeros(2) if water is None else water[first],
-            )
-    return tuple(sensitivities.values())
+    known = [each for each in peak.comparison.used if labels[each.model_modes[0]] != "?"]
+    chosen = found.evidence.one_a_track(each.identified for each in known)
+    return tuple(
+        TrackSensitivity(
+            track=found.evidence.modes[each.identified].track,
+            model=labels[each.model_modes[0]],
+            slopes=slopes[list(each.model_modes)].mean(axis=0),
+            water=np.zeros(2) if water is None else water[each.model_modes[0]],
+        )
+        for each in known
+        if each.identified in chosen
+    )
 
 
 def _relative_to_earlier(state: UpdatingState) -> tuple[RelativeStiffness, ...]:

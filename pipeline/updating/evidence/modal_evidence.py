@@ -17,7 +17,7 @@ so that two more sums for each mode bring the combined estimate to the model's l
 of the model turns out to be its partner.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -179,6 +179,7 @@ class ModalEvidence:
                 modes[number] = updated
             else:
                 modes.append(updated)
+        modes, n_tracks = _with_own_tracks(modes, window, n_tracks)
         return replace(
             self,
             modes=_remembered(modes, window),
@@ -197,6 +198,14 @@ class ModalEvidence:
             return self
         modes = tuple(mode.with_channels(order, signs) for mode in self.modes)
         return replace(self, modes=modes)
+
+    def one_a_track(self, places: Iterable[int]) -> set[int]:
+        """Of the modes at these places, of every track the one that most windows saw.
+
+        A second one is the track's after a jump that may yet prove to be another mode.
+        """
+        rising = sorted(places, key=lambda place: self.modes[place].n_windows)
+        return set({self.modes[place].track: place for place in rising}.values())
 
     @property
     def unknown_level_share(self) -> float:
@@ -224,6 +233,25 @@ class ModalEvidence:
         tracks = {mode.last_frequency: mode.track for mode in other.modes}
         modes = [replace(m, track=tracks.get(m.last_frequency, m.track)) for m in self.modes]
         return replace(self, modes=tuple(modes), n_tracks=max(self.n_tracks, other.n_tracks))
+
+
+def _with_own_tracks(
+    modes: Sequence[ModeEvidence], window: int, n_tracks: int
+) -> tuple[list[ModeEvidence], int]:
+    """The modes and the number of tracks, none of which this window sees twice.
+
+    What seemed to be the continuation of a missed mode was another one if a window sees both: the
+    mode of more windows keeps the track.
+    """
+    owners: set[int] = set()
+    apart = list(modes)
+    now = [number for number, mode in enumerate(modes) if mode.last_window == window]
+    for number in sorted(now, key=lambda number: modes[number].n_windows, reverse=True):
+        if modes[number].track in owners:
+            apart[number] = replace(modes[number], track=n_tracks)
+            n_tracks += 1
+        owners.add(apart[number].track)
+    return apart, n_tracks
 
 
 def _remembered(modes: Sequence[ModeEvidence], n_windows: int) -> tuple[ModeEvidence, ...]:
