@@ -33,6 +33,10 @@ SamplerOption = Annotated[
     SamplerChoice | None,
     typer.Option("--sampler", help="Default: the scenario's, else importance."),
 ]
+DatesOption = Annotated[
+    Literal["day-first", "month-first"] | None,
+    typer.Option("--dates", help="What comes first in dates such as 3/4/2024."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 

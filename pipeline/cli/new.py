@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.console import JsonOption, escape_markup, output, print_json, stderr
+from pipeline.cli.console import DatesOption, JsonOption, escape_markup, output, print_json, stderr
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ def new(
     sampling_rate: Annotated[
         float | None, typer.Option(help="[Hz]; where the files have no time stamps.")
     ] = None,
+    dates: DatesOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Start from your own files: guess the layout, write scenario, layout and recording."""
@@ -62,6 +63,7 @@ def new(
             mudline=mudline,
             springs=None if springs is None else _springs(springs),
             sampling_rate=sampling_rate,
+            dates=dates,
         )
     drawing = _drawn(project)
     if as_json:
@@ -90,8 +92,9 @@ def new(
         output.print(f"Recorded beside the motions as SCADA: {listed}", soft_wrap=True)
     if not project.complete:
         layout, scenario = folder / "layout.toml", folder / "scenario.toml"
+        rate = "" if sampling_rate is None else f"--sampling-rate {sampling_rate:g} "
         again = (
-            f"rm {project.recording} && pilewatch import {' '.join(map(str, files))} "
+            f"rm {project.recording} && pilewatch import {' '.join(map(str, files))} {rate}"
             f"--layout {layout} --scenario {scenario} -o {project.recording}"
         )
         output.print(

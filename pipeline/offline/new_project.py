@@ -21,7 +21,7 @@ from sensors.files.channel_names import GuessedChannel, UnusedChannel, guess_cha
 from sensors.files.conditions import ConditionChannel, condition_channels, read_conditions
 from sensors.files.formats import channels_in
 from sensors.files.layout_file import parse_layout
-from sensors.files.table import ChannelTable, FileError
+from sensors.files.table import EVERYTHING, ChannelTable, DateOrder, FileError, dated
 from sensors.settings import toml_string
 from sensors.structure.decks.elastodyn import read_elastodyn
 from sensors.structure.decks.toml_text import description_toml
@@ -68,6 +68,7 @@ def start_project(
     springs: FoundationSprings | None = None,
     mudline: float | None = None,
     sampling_rate: float | None = None,
+    dates: DateOrder | None = None,
 ) -> NewProject:
     """Write layout, scenario and recording of a measurement into a folder.
 
@@ -90,6 +91,8 @@ def start_project(
         Elevation at which a WindIO monopile ends [m].
     sampling_rate : float, optional
         [Hz]; needed where the files have neither a rate nor time stamps.
+    dates : {"day-first", "month-first"}, optional
+        What comes first in dates such as 3/4/2024.
 
     Returns
     -------
@@ -109,7 +112,7 @@ def start_project(
             raise InputError(f"{path} exists; choose another folder with -o")
     described = structure_text(structure, subdyn, springs, mudline)
     turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
-    table = channels_in(files[0], None)
+    table = channels_in(files[0], None, dated(EVERYTHING, dates))
     columns, left_out = choose_channels(table)
     channels = guess_channels(table.only(columns).names)
     unknown = [each.name for each in channels if not (each.height_known and each.direction_known)]
@@ -118,7 +121,7 @@ def start_project(
             f"the structural model needs the height and axis of each channel; {unknown[0]!r} has "
             "none in its name. `pilewatch import FILE --template` prints a layout file to fill in"
         )
-    measurement = _measurement(files, channels, turbine, sampling_rate)
+    measurement = _measurement(files, channels, turbine, sampling_rate, dates)
     n_samples, still = _survey(measurement)
     if n_samples < measurement.sampling_rate:
         listed = ", ".join(str(file) for file in files)
@@ -126,9 +129,9 @@ def start_project(
     if still:
         left_out += tuple(UnusedChannel(name, "constant over the record") for name in still)
         channels = tuple(each for each in channels if each.name not in still)
-        measurement = _measurement(files, channels, turbine, sampling_rate)
+        measurement = _measurement(files, channels, turbine, sampling_rate, dates)
     folder.mkdir(parents=True, exist_ok=True)
-    layout_file.write_text(layout_text(channels, turbine), encoding="utf-8")
+    layout_file.write_text(layout_text(channels, turbine, dates), encoding="utf-8")
     named = structure if described is None else STRUCTURE_FILE
     text = scenario_text(turbine, named, n_samples / measurement.sampling_rate)
     scenario = scenario_from_text(text, str(scenario_file))
@@ -180,8 +183,9 @@ def _measurement(
     channels: Sequence[GuessedChannel],
     turbine: str,
     sampling_rate: float | None,
+    dates: DateOrder | None,
 ) -> Measurement:
-    layout = parse_layout(layout_text(channels, turbine), "layout.toml")
+    layout = parse_layout(layout_text(channels, turbine, dates), "layout.toml")
     return open_measurement(files, layout=layout, turbine=turbine, sampling_rate=sampling_rate)
 
 
@@ -250,7 +254,9 @@ def structure_text(
     return None if structure in SHIPPED else turbine_text(structure)
 
 
-def layout_text(channels: Sequence[GuessedChannel], turbine: str) -> str:
+def layout_text(
+    channels: Sequence[GuessedChannel], turbine: str, dates: DateOrder | None = None
+) -> str:
     """The layout file of guessed channels, each with what it was read from."""
     lines = [
         "# Axes: x downwind (fore-aft), y to the side (side-side), z up from mean water level.",
@@ -266,6 +272,8 @@ def layout_text(channels: Sequence[GuessedChannel], turbine: str) -> str:
             f"elevation = {each.elevation:.6g}" + ("" if each.height_known else "  # place only"),
             f"direction = [{direction}]",
         ]
+    if dates is not None:
+        lines += ["", "[time]", f"dates = {toml_string(dates)}"]
     return "\n".join(lines) + "\n"
 
 

@@ -89,6 +89,14 @@ def test_a_skew_accelerometer_moves_the_picture_along_its_own_direction():
     assert moved.direction == "FA"
 
 
+def test_two_sensors_along_one_axis_at_one_height_are_drawn_at_their_mean():
+    twice = SensorLayout(
+        "t1", "u", "twice", tuple(Accelerometer(name, 50.0, (1.0, 0.0, 0.0)) for name in "ab")
+    )
+    moved = deflection(twice, ("a", "b"), np.array([0.9, 1.1]))
+    assert moved.displacements == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
+
+
 def test_a_shape_on_part_of_the_channels_is_drawn_where_these_sit():
     part = deflection(LAYOUT, ("z145-ss", "z41-ss"), np.array([1.0, 0.2]))
     assert list(part.elevations) == [41.0, 145.0]
