@@ -40,14 +40,24 @@ _TRAILING = re.compile(r"(?:\d|\b[Aa][Cc]?[Cc]?)([XYZxyz])(?![A-Za-z])")
 
 # Words of a name, in lower case, that stand for what is no motion of the structure.
 CONDITIONS = {
-    **dict.fromkeys(("wind", "windspeed", "wspd", "anemometer"), "the wind"),
-    **dict.fromkeys(("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm"), "the rotor"),
+    **dict.fromkeys(("wind", "windspeed", "wspd", "anemometer", "windgeschwindigkeit"), "the wind"),
+    **dict.fromkeys(
+        ("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm", "drehzahl"), "the rotor"
+    ),
     **dict.fromkeys(("pitch", "bldpitch", "azimuth", "yaw", "nacyaw"), "an angle of the turbine"),
-    **dict.fromkeys(("power", "pwr", "genpwr", "torque"), "power"),
-    **dict.fromkeys(("temp", "temperature", "ptemp", "tamb", "humidity"), "the weather"),
+    **dict.fromkeys(("power", "pwr", "genpwr", "torque", "leistung"), "power"),
+    **dict.fromkeys(
+        ("temp", "temperature", "ptemp", "tamb", "humidity", "temperatur"), "the weather"
+    ),
     **dict.fromkeys(("pressure", "rain"), "the weather"),
-    **dict.fromkeys(("batt", "battery", "volt", "voltage", "supply"), "the logger's supply"),
-    **dict.fromkeys(("wave", "tide", "waterlevel", "sealevel", "water", "sea"), "the sea"),
+    **dict.fromkeys(
+        ("batt", "battery", "volt", "voltage", "supply", "batterie"),
+        "the logger's supply",
+    ),
+    **dict.fromkeys(
+        ("wave", "tide", "waterlevel", "sealevel", "water", "sea", "wasserstand", "pegel"),
+        "the sea",
+    ),
     **dict.fromkeys(("status", "state", "flag", "counter", "record", "valid"), "a state"),
 }
 # Units of such quantities; patterns over the unit in lower case without blanks.
