@@ -281,6 +281,19 @@ def test_a_tower_leans_as_its_springs_let_it(sign: SpringSign):
     assert (u > 0) == (sign == "embedded-pile")
 
 
+@pytest.mark.parametrize("all_singular", [False, True])
+def test_draws_of_springs_that_carry_no_load_are_left_out(all_singular: bool):
+    rng = np.random.default_rng(8)
+    posterior = foundation_posterior(modal_estimate(0, rng), 1, rng)
+    draws = posterior.draws.copy()
+    draws[: None if all_singular else 3, :3] = [2.0**20, 2.0**30, 2.0**25]  # k11·k22 = k12²
+    truth = FoundationTruth(TURBINE, 0, 2.0**20, 2.0**30, 2.0**25)
+    picture = pile_picture(replace(posterior, draws=draws), DESCRIPTION, truth)
+    assert len(picture.posterior) == (0 if all_singular else 3)
+    assert np.isfinite(np.array(picture.posterior)).all()
+    assert len(picture.truth) == 0
+
+
 def test_the_truth_leans_within_the_posterior_and_less_than_nominal_where_it_is_stiffer():
     truth = FoundationTruth(TURBINE, 0, *map(float, TRUE_RATIOS * DESCRIPTION.nominal))
     rng = np.random.default_rng(8)
