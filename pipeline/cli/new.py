@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.console import DatesOption, JsonOption, escape_markup, output, print_json, stderr
+from pipeline.cli.tables.cells import count_noun
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
@@ -81,7 +82,8 @@ def new(
             }
         )
         return
-    output.print(f"{len(project.channels)} channels at {project.sampling_rate:g} Hz:")
+    number = count_noun(len(project.channels), "channel")
+    output.print(f"{number} at {project.sampling_rate:g} Hz:")
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
     if project.left_out:

@@ -123,7 +123,7 @@ def dated(wanted: Wanted, dates: DateOrder | None) -> Wanted:
 
 EVERYTHING = Wanted()
 STANDING_STAMPS = (
-    "{path}: its time stamps stand still; --sampling-rate HZ counts the samples instead"
+    "{path}: its time stamps do not increase; --sampling-rate HZ counts the samples instead"
 )
 
 
@@ -205,7 +205,7 @@ def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
     -------
     float or None
     """
-    if len(times) < 2:
+    if len(times) < 2 or not times[-1] > times[0]:
         return None
     steps = np.diff(times)
     typical = max(float(np.median(steps)), float(np.mean(steps)) / 2)
