@@ -27,7 +27,7 @@ def new(
         str,
         typer.Option(
             help="A shipped description, a TOML file, OpenFAST's NAME_ElastoDyn.dat, a WindIO "
-            'NAME.yaml, or "none": modes alone.'
+            'NAME.yaml, a BModes NAME.bmi, or "none": modes alone.'
         ),
     ] = "none",
     subdyn: Annotated[
@@ -42,7 +42,10 @@ def new(
         ),
     ] = None,
     mudline: Annotated[
-        float | None, typer.Option(help="Elevation at which a WindIO monopile ends [m].")
+        float | None,
+        typer.Option(
+            help="Elevation at which a WindIO monopile ends, or a BModes tower begins [m]."
+        ),
     ] = None,
     sampling_rate: Annotated[
         float | None, typer.Option(help="[Hz]; where the files have no time stamps.")

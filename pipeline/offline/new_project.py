@@ -23,15 +23,22 @@ from sensors.files.formats import channels_in
 from sensors.files.layout_file import parse_layout
 from sensors.files.table import EVERYTHING, ChannelTable, DateOrder, FileError, dated
 from sensors.settings import toml_string
+from sensors.structure.decks.bmodes import read_bmodes
 from sensors.structure.decks.elastodyn import read_elastodyn
 from sensors.structure.decks.toml_text import description_toml
 from sensors.structure.decks.windio import read_windio
-from sensors.structure.description import SHIPPED, load_turbine, turbine_text
+from sensors.structure.description import (
+    SHIPPED,
+    TurbineDescription,
+    load_turbine,
+    turbine_text,
+)
 from sensors.structure.foundation import FoundationSprings
 
 _log = logging.getLogger(__name__)
 
 YAML = (".yaml", ".yml")  # of WindIO
+DAT, BMI = ".dat", ".bmi"  # of ElastoDyn, of BModes
 STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
 WINDOW = 600.0  # length of an identified window, unless the record is shorter [s]
 
@@ -81,14 +88,15 @@ def start_project(
     name : str
         Of the turbine or structure; the first file's by default.
     structure : str
-        Shipped description, path of a description (TOML), of an ElastoDyn file (.dat) or of a
-        WindIO file (.yaml), which is brought into the folder; or "none" for modes alone.
+        Shipped description, path of a description (TOML), of an ElastoDyn file (.dat), a WindIO
+        file (.yaml) or a BModes tower (.bmi), which is brought into the folder; or "none": modes
+        alone.
     subdyn : Path, optional
         SubDyn's file of the monopile below an ElastoDyn tower.
     springs : FoundationSprings, optional
         At the mudline; needed with files of other programs, which have none.
     mudline : float, optional
-        Elevation at which a WindIO monopile ends [m].
+        Elevation at which a WindIO monopile ends, or a BModes tower begins [m].
     sampling_rate : float, optional
         [Hz]; needed where the files have neither a rate nor time stamps.
     dates : {"day-first", "month-first"}, optional
@@ -234,24 +242,38 @@ def structure_text(
     InputError
         If the file cannot be read, or another program's comes without springs.
     """
-    is_windio = structure.endswith(YAML)
-    if (subdyn or springs or mudline is not None) and not structure.endswith((".dat", *YAML)):
+    is_deck = structure.endswith((DAT, BMI, *YAML))
+    if (subdyn or springs or mudline is not None) and not is_deck:
         raise InputError(
-            "--subdyn, --springs and --mudline are for --structure NAME_ElastoDyn.dat and NAME.yaml"
+            "--subdyn, --springs and --mudline are for --structure NAME_ElastoDyn.dat, NAME.yaml "
+            "and NAME.bmi"
         )
-    if is_windio or structure.endswith(".dat"):
+    if is_deck:
         if springs is None:
             raise InputError(
                 f"{structure} has no springs of the mudline: give --springs k11,k22,k12 "
                 "[N/m, N·m/rad, N/rad]"
             )
-        if is_windio:
-            return description_toml(read_windio(Path(structure), springs, mudline=mudline))
-        return description_toml(read_elastodyn(Path(structure), springs, subdyn=subdyn))
+        return description_toml(_of_deck(Path(structure), springs, subdyn, mudline))
     if structure == NO_STRUCTURE:
         return None
     load_turbine(structure)
     return None if structure in SHIPPED else turbine_text(structure)
+
+
+def _of_deck(
+    path: Path, springs: FoundationSprings, subdyn: Path | None, mudline: float | None
+) -> TurbineDescription:
+    """The turbine of another program's file."""
+    if subdyn is not None and path.suffix != DAT:
+        raise InputError(f"--subdyn is for --structure NAME_ElastoDyn.dat, not for {path}")
+    if mudline is not None and path.suffix == DAT:
+        raise InputError(f"--mudline is for NAME.yaml and NAME.bmi, not for {path}")
+    if path.suffix == DAT:
+        return read_elastodyn(path, springs, subdyn=subdyn)
+    if path.suffix == BMI:
+        return read_bmodes(path, springs, mudline=mudline)
+    return read_windio(path, springs, mudline=mudline)
 
 
 def layout_text(

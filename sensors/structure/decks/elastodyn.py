@@ -54,9 +54,9 @@ class Deck:
             Its names in earlier versions.
         """
         for line in self.lines:
-            words = line.split()
+            words = [word.rstrip(":") for word in line.split()]
             if not {keyword, *older}.isdisjoint(words[1:3]):
-                return words[0].strip('"')
+                return words[0].strip("\"'")
         raise TurbineError(f"{self.path}: there is no {keyword}; is it the right kind of file?")
 
     def number(self, keyword: str, *older: str) -> float:
