@@ -40,7 +40,9 @@ _TRAILING = re.compile(r"(?:\d|\b[Aa][Cc]?[Cc]?)([XYZxyz])(?![A-Za-z])")
 
 # Words of a name, in lower case, that stand for what is no motion of the structure.
 CONDITIONS = {
-    **dict.fromkeys(("wind", "windspeed", "wspd", "anemometer", "windgeschwindigkeit"), "the wind"),
+    **dict.fromkeys(
+        ("wind", "windspeed", "wspd", "ws", "anemometer", "windgeschwindigkeit"), "the wind"
+    ),
     **dict.fromkeys(
         ("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm", "drehzahl"), "the rotor"
     ),

@@ -21,7 +21,7 @@ IDLING = 0.1  # a rotor that is slower stands [rpm]
 
 # Field of a ScadaSample: a word of the name, and what a value of each unit is in the field's unit.
 _FIELDS: dict[str, tuple[str, dict[str, float]]] = {
-    "wind_speed": ("wind|windspeed|wspd|windgeschwindigkeit", {"m/s": 1.0}),
+    "wind_speed": ("wind|windspeed|wspd|ws|windgeschwindigkeit", {"m/s": 1.0}),
     "rotor_speed": ("rotspeed|rotorspeed|rotor|rpm|drehzahl", {"rpm": 1.0, "1/min": 1.0, "": 1.0}),
     "pitch": ("pitch|bldpitch", {"deg": 1.0, "°": 1.0, "": 1.0}),
     "yaw": ("yaw|nacyaw|yawpos", {"deg": 1.0, "°": 1.0}),

@@ -143,7 +143,7 @@ def _spring_texts(posterior: FoundationPosterior) -> tuple[Text, ...]:
     for name, place in zip(STIFFNESSES, places, strict=True):
         k = posterior.parameter(name)
         texts.append(Text(place, f"{name} {k.median:.4g} {k.unit}, {k.median / k.nominal:.3f} ×"))
-    return (*texts, Text((-0.95, -0.07), "mudline"))
+    return (*texts, Text((-0.95, -0.13), "mudline"))
 
 
 def _response_texts(responses: FloatArray, height: float, exaggeration: float) -> tuple[Text, ...]:

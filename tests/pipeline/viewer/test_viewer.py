@@ -271,7 +271,7 @@ def test_status_and_events_tell_the_session(recorded: Recorded):
         assert text_labels in health
     events = [text for (text,) in recorded.column(f"{ROOT}/events", "TextLog:text")]
     assert sum("window 1 rejected" in text for text in events) == 1
-    assert sum("× nominal" in text for text in events) == 2
+    assert sum("÷ nominal" in text for text in events) == 2
     levels = [level for (level,) in recorded.column(f"{ROOT}/events", "TextLog:level")]
     assert levels.count("WARN") == 2  # the gap and the rejected window
 
