@@ -49,11 +49,18 @@ class SessionSummary(Sink):
         self.source = source
         self.live = live
         self.run = RunState(kept=KEPT_WINDOWS if live else None, once=live)
-        self.main = self.run.turbine(turbine)
+        self._first = turbine
         results = (ModalEstimate, WindowRejected, FoundationEvent, FoundationPosterior)
         accounts = (StreamGap, FoundationTruth, NodeStatus)
         blocks = (AccelerationBlock,) if live else ()  # else counted where they are published
         self.inputs = (*results, *accounts, *blocks)
+
+    @property
+    def main(self) -> TurbineState:
+        """The session's first turbine; where it is silent and others are not, the first of them."""
+        heard = [each for each in self.run.turbines.values() if each.received]
+        is_silent = all(each.turbine != self._first for each in heard)
+        return heard[0] if heard and is_silent else self.run.turbine(self._first)
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Take note of a message. Gives nothing back."""
