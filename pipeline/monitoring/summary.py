@@ -58,9 +58,10 @@ class SessionSummary(Sink):
     @property
     def main(self) -> TurbineState:
         """The session's first turbine; where it is silent and others are not, the first of them."""
-        heard = [each for each in self.run.turbines.values() if each.received]
-        is_silent = all(each.turbine != self._first for each in heard)
-        return heard[0] if heard and is_silent else self.run.turbine(self._first)
+        measured = self.run.measured
+        if self._first in measured or not measured:
+            return self.run.turbine(self._first)
+        return next(iter(measured.values()))
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Take note of a message. Gives nothing back."""
@@ -102,13 +103,13 @@ def run_figures(
             turbine, source=source, wall=wall, live=live, published=published, books=books
         )
 
-    first = run.turbine(main)
+    first = run.reported(main)
     answer = figures(first, run.published, run.books.as_json())
-    if len(run.turbines) > 1:
+    if len(run.measured) > 1:
         others = {
             name: figures(each, each.published, run.books.as_json(name))
-            for name, each in run.turbines.items()
-            if each is not first
+            for name, each in run.measured.items()
+            if name != main
         }
         members = {main: dict(answer), **others}
         answer["turbines"] = [members[name] for name in sorted(members)]
@@ -118,7 +119,7 @@ def run_figures(
 
 def turbine_figures(run: RunState, turbine: str, *, source: str) -> Json:
     """Return the figures of one turbine of a recorded run."""
-    state = run.turbine(turbine)
+    state = run.reported(turbine)
     figures: Json = with_nulls(
         _figures(
             state,
