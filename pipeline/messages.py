@@ -150,6 +150,9 @@ class WindowRejected:
     code: str  # stable: "gap", "nan", "constant", …
     reason: str  # for people: "gap of 0.4 s in unit tower at 12.0 s"
     origins: tuple[UnitOrigin, ...] = ()  # identity of the window
+    windows_before: int = (
+        0  # windows right before it that lie in the same gap: this rejects them too
+    )
 
 
 def without_covariances(estimate: ModalEstimate) -> ModalEstimate:

@@ -293,7 +293,7 @@ class StabilisationDiagram(_message.Message):
     def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., orders: _Optional[_Iterable[float]] = ..., bands: _Optional[_Iterable[float]] = ..., frequencies: _Optional[_Iterable[float]] = ..., frequency_stds: _Optional[_Iterable[float]] = ..., damping_ratios: _Optional[_Iterable[float]] = ..., refused: _Optional[_Iterable[_Union[RefusedMode, _Mapping]]] = ...) -> None: ...
 
 class WindowRejected(_message.Message):
-    __slots__ = ("turbine", "window", "start_ns", "end_ns", "code", "reason", "origins")
+    __slots__ = ("turbine", "window", "start_ns", "end_ns", "code", "reason", "origins", "windows_before")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     WINDOW_FIELD_NUMBER: _ClassVar[int]
     START_NS_FIELD_NUMBER: _ClassVar[int]
@@ -301,6 +301,7 @@ class WindowRejected(_message.Message):
     CODE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
     ORIGINS_FIELD_NUMBER: _ClassVar[int]
+    WINDOWS_BEFORE_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     window: int
     start_ns: int
@@ -308,7 +309,8 @@ class WindowRejected(_message.Message):
     code: str
     reason: str
     origins: _containers.RepeatedCompositeFieldContainer[UnitOrigin]
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., code: _Optional[str] = ..., reason: _Optional[str] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
+    windows_before: int
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., code: _Optional[str] = ..., reason: _Optional[str] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ..., windows_before: _Optional[int] = ...) -> None: ...
 
 class ParameterSummary(_message.Message):
     __slots__ = ("name", "unit", "nominal", "median", "p05", "p95", "contraction")

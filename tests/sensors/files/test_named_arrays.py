@@ -212,6 +212,12 @@ def test_structures_of_matlab_are_groups_with_their_own_notes(tmp_path: Path) ->
     np.testing.assert_allclose(table.samples, 9.80665 * SAMPLES)
 
 
+def test_cells_of_matlab_that_hold_more_than_texts_are_no_names(tmp_path: Path) -> None:
+    content = {"acc": SAMPLES, "fs": RATE, "names": np.array(["a", 2.0], object)}
+    savemat(tmp_path / "a.mat", content)
+    assert read_file(tmp_path / "a.mat").names != ("a", "2.0")
+
+
 def test_days_of_matlab_in_a_mat_file_have_a_date(tmp_path: Path) -> None:
     days = 719_529 + START_NS / 86_400e9 + SECONDS / 86_400
     savemat(tmp_path / "a.mat", {"time": days[:, None], "acc": SAMPLES.T})
