@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-SETTLING = 2.0  # of links between a new publisher and who subscribes [s]
+LINKS_SETTLE = 2.0  # of links between a new publisher and who subscribes [s]
 LINGER = 5.0  # after the last block, for subscribers that ask for what they missed [s]
 
 
@@ -97,7 +97,7 @@ def settled(messages: Iterable[Message], wait: Callable[[float], object]) -> Ite
         if isinstance(message, AccelerationBlock) and not has_waited:
             unit = (message.turbine, message.unit)
             if unit in seen:
-                wait(SETTLING)
+                wait(LINKS_SETTLE)
                 has_waited = True
             seen.add(unit)
         yield message

@@ -1,6 +1,6 @@
 """A source that only publishes gives its links time before it sends as fast as it can."""
 
-from pipeline.sources.publisher import SETTLING, settled
+from pipeline.sources.publisher import LINKS_SETTLE, settled
 from tests.pipeline.example_messages import block
 
 
@@ -10,4 +10,4 @@ def test_the_links_are_waited_for_once_when_every_unit_has_sent_its_first_block(
     messages = [first, other, first, other, first]
     done: list[object] = []
     done.extend(settled(messages, done.append))
-    assert done == [first, other, SETTLING, first, other, first]
+    assert done == [first, other, LINKS_SETTLE, first, other, first]
