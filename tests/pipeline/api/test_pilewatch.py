@@ -130,7 +130,7 @@ def test_a_masked_sample_is_a_missing_one_and_none_is_a_mode() -> None:
     masked = np.ma.masked_all((1000, 2))
     found = pw.identify(masked, 20.0)
     assert not len(found)
-    assert "not finite" in repr(found)
+    assert "missing or no numbers" in repr(found)
 
 
 def test_a_tables_columns_and_time_stamps_are_names_and_rate() -> None:
