@@ -137,7 +137,8 @@ class TurbineIdentification:
     def _take(self, unit: AcquisitionUnit, block: AccelerationBlock) -> Iterator[Message]:
         boot = unit.boot
         begins = not unit.marks or unit.marks[0] == BlockMark.of(block)
-        beginning = unit.beginning if begins else Beginning(block.first_sample, block.sequence)
+        expected = unit.beginning if begins else None
+        beginning = expected or Beginning(block.first_sample, block.sequence)
         opening = OpeningBlock(block, boot, beginning)
         if self._session is None or not self._session.goes_on_with(block, boot):
             if self._waits(block):
@@ -312,6 +313,7 @@ class TurbineIdentification:
         self._answers = tuple(each for each in snapshot.messages if isinstance(each, WindowAnswer))
         for name, admission in state.admissions.items():
             self.units.named(name).admission.resume(admission)
+            self.units.named(name).beginning = None
         if state.session is not None:
             self._resumable = state
             for name, mark in state.marks.items():

@@ -66,7 +66,7 @@ class UnitHistory:
             if unit != "both" and rng.random() < 0.5:  # and it is put right again
                 later = min(n_blocks - 1, at + int(rng.integers(5, n_blocks // 2)))
                 steps.append((later, -size, unit))
-        restarts = rng.integers(1, 2 * n_blocks, size=rng.integers(0, 3))
+        restarts = rng.integers(4, 2 * n_blocks, size=rng.integers(0, 3))
         return cls(length, hop, n_blocks, tuple(sorted(steps)), frozenset(map(int, restarts)))
 
     def messages(self) -> Iterator[Message]:

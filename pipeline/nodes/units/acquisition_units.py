@@ -34,7 +34,8 @@ class AcquisitionUnit:
         self.layouts: dict[str, SensorLayout] = {}  # by their ids, the latest last
         self.ends: dict[str, StreamEnd] = {}  # by session: announced, blocks still missing
         self.marks: deque[BlockMark] = deque(maxlen=MARKS)  # of the present boot
-        self.beginning = Beginning()  # where the present boot was expected to begin
+        # where the present boot was expected to begin; None: with its next block, after a restart
+        self.beginning: Beginning | None = Beginning()
 
     @property
     def layout(self) -> SensorLayout | None:
