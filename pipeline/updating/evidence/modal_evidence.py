@@ -36,23 +36,25 @@ FOLLOWING_REJECTION = 9.0  # three standard deviations: beyond, it is another mo
 JUMP = 0.1  # largest relative change of f by which a mode may be the same after a jump: a fifth of
 # the springs lost moves the second bending modes by 8 % [-]
 JUMP_MAC = 0.9  # least MAC for that
-ESTABLISHED_MODE = 2  # windows from which a mode can be missed
 
 
 def jumped_from(
-    modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation], followed: Sequence[int]
+    modes: Sequence[ModeEvidence],
+    seen: Sequence[ModeObservation],
+    followed: Sequence[int],
+    window: int,
 ) -> list[int]:
     """For each observation that continues no mode, the one of which it may be the continuation
     after a jump of frequency, or −1.
 
-    That is the nearest established mode of like shape that this window did not see. The two stay
+    That is the nearest mode of like shape that most windows saw and this one did not. The two stay
     apart as evidence, since a mean over both would be neither's frequency, but share a track: on
     it a change is detected.
     """
     missed = [
         number
         for number, mode in enumerate(modes)
-        if number not in followed and mode.n_windows >= ESTABLISHED_MODE
+        if number not in followed and mode.missed_by_chance(window)
     ]
     found = [-1] * len(seen)
     waiting = [row for row, number in enumerate(followed) if number < 0]
@@ -160,7 +162,7 @@ class ModalEvidence:
         window = self.n_windows + 1
         modes, n_tracks = list(self.modes), self.n_tracks
         followed = followed_by(self.modes, seen.sightings)
-        returned = jumped_from(self.modes, seen.sightings, followed)
+        returned = jumped_from(self.modes, seen.sightings, followed, window)
         for number, jump, sighting in zip(followed, returned, seen.sightings, strict=True):
             if number >= 0:
                 known = modes[number]

@@ -200,7 +200,7 @@ def test_columns_of_parquet_are_understood_by_their_types(tmp_path: Path) -> Non
 
 def test_structures_of_matlab_are_groups_with_their_own_notes(tmp_path: Path) -> None:
     content = {
-        "tower": {"acc": SAMPLES, "fs": RATE, "units": "g", "names": np.array(["a", "b"], object)},
+        "tower": {"acc": SAMPLES, "fs": RATE, "units": "g", "labels": np.array(["a", "b"], object)},
         "comment": "made today",
         "settings": {"empty": np.zeros((0, 0)), "flag": True},
     }

@@ -275,6 +275,17 @@ def test_what_a_later_window_sees_beside_the_missed_mode_was_no_jump():
     assert kept[0] == evidence.modes[0].track
 
 
+def test_a_mode_that_most_windows_miss_does_not_jump():
+    """Another one of like shape, seen beside its absence, is another one."""
+    rare, *others = windows(6, seed=21)
+    without = [replace(each, modes=each.modes[1:]) for each in others]
+    evidence = combined([rare, without[0], others[1], *without[2:]])
+    (estimate,) = windows(1, seed=22)
+    other = replace(estimate.modes[0], frequency=estimate.modes[0].frequency * 1.02)
+    after = evidence.with_estimate(replace(estimate, modes=(other, *estimate.modes[1:])))
+    assert len({mode.track for mode in after.modes}) == len(LABELS) + 1
+
+
 def test_of_two_modes_on_one_track_the_one_that_most_windows_saw_stands_for_it():
     evidence = combined(windows(6, seed=15))
     (estimate,) = windows(1, seed=16)
