@@ -59,7 +59,8 @@ class AcquisitionUnit:
     def expected(self, block: AccelerationBlock) -> Beginning:
         """Where a session that begins with a block expects the unit's first one: after the newest
         that a session before it had, so that what is missing in between is reported."""
-        if not self.marks or self.marks[0] == BlockMark.of(block):
+        first = self.marks[0] if self.marks else None
+        if first is None or (first.sequence, first.start_ns) == (block.sequence, block.start_ns):
             return self.beginning or Beginning(block.first_sample, block.sequence)
         if 0 < self._reached.first_sample < block.first_sample:
             return self._reached
