@@ -58,6 +58,9 @@ STEEPEST = 1.2  # ln of a channel's power beside a resonance, below it over abov
 # a parked tower that no fit described nine in ten had more, of 108 that one did one in five
 MOST_FAILURES = 2  # bands that the model does not describe, after which the window's modes stand
 # too densely for any
+CONFIRMED_SHARE = (
+    0.3  # of the half bandwidth: what f and ζ of a refused mode beside others are known to
+)
 MOST_UNCONFIRMED = 4  # refused modes, the best known first, that the lines do not show either
 
 
@@ -102,13 +105,18 @@ def sharpened(
         elif fitted.frequency_std < SHARPER * mode.frequency_std:
             gusty = _with_gusts(fitted, mode)
             result = [gusty if each is mode else each for each in result]
-    failures = 0
+    too_dense, failures = failures >= MOST_FAILURES, 0
     for mode, reason in sorted(doubtful, key=lambda each: bandwidth_share(each[0])):
-        if not any(reason is each for each in refused):
+        if not any(reason is each for each in refused) or failures >= MOST_UNCONFIRMED:
             continue
-        if failures >= MOST_UNCONFIRMED or not _worth_a_fit(mode, result, spectrum):
+        if _worth_a_fit(mode, result, spectrum):
+            fitted = by_its_lines(mode, result, spectrum, settings)
+        elif not too_dense and _all_known(mode, result, spectrum):
+            fitted = with_neighbours(mode, result, spectrum, settings)
+            if fitted is not None and bandwidth_share(fitted) > CONFIRMED_SHARE:
+                fitted = None
+        else:
             continue
-        fitted = by_its_lines(mode, result, spectrum, settings)
         if fitted is None or not _stands_out(fitted, result, spectrum):
             failures += 1
         else:

@@ -26,8 +26,8 @@ from pipeline.oma.whittle.spectral_model import CloseModes, n_inner
 from sensors.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 REACH_WIDTHS, REACH_LINES = 6.0, 10.0  # of a band beyond its mode, half bandwidths and lines
-LOWEST_SHARE = 0.4  # of the mode's frequency, below which no band reaches [-]
-LEAST_WIDTHS = 2.0  # of a band to either side, whatever its neighbours
+LOWEST_END = 0.4  # of the mode's frequency, below which no band reaches [-]
+SIDE_WIDTHS = 2.0  # of a band to either side, whatever its neighbours
 CLEAR_WIDTHS, CLEAR_LINES = 4.0, 3.0  # between a band and a neighbour that is not fitted
 BINS_A_WIDTH = 4.0  # of the distance from the nearest resonance, no less than its half bandwidth
 FEWEST_BINS = 12
@@ -93,7 +93,7 @@ def around_mode(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) ->
     """
     T, width = spectrum.duration, half_bandwidth(mode)
     reach = REACH_LINES / T + REACH_WIDTHS * width
-    low, high = max(mode.frequency - reach, LOWEST_SHARE * mode.frequency), mode.frequency + reach
+    low, high = max(mode.frequency - reach, LOWEST_END * mode.frequency), mode.frequency + reach
     modes = [mode]
     for each in sorted(others, key=lambda other: abs(other.frequency - mode.frequency)):
         clear = CLEAR_WIDTHS * half_bandwidth(each) + CLEAR_LINES / T
@@ -106,7 +106,7 @@ def around_mode(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) ->
         else:
             high = min(high, each.frequency - clear)
     edges = _edges(low * T, min(high * T, spectrum.n_lines - 2), modes, T)
-    narrow = min(mode.frequency - low, high - mode.frequency) < LEAST_WIDTHS * width
+    narrow = min(mode.frequency - low, high - mode.frequency) < SIDE_WIDTHS * width
     if narrow or len(edges) <= FEWEST_BINS:
         return None
     return AroundMode(tuple(modes), spectrum.uneven_band(edges))

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.messages import Mode
+from pipeline.messages import Mode, RefusedMode
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.whittle.lone_modes import with_neighbours
+from pipeline.oma.whittle.lone_modes import sharpened, with_neighbours
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import around_mode, first_mode, left_near_first
 from pipeline.oma.whittle.spectral_model import expected_matrices
@@ -84,3 +84,16 @@ def test_a_neighbour_that_is_not_known_leaves_the_pole_as_it_is() -> None:
     fit = around.fitted()
     assert first_mode(fit, around.band).frequency_std > 0
     assert left_near_first(fit, around.band) > 20
+
+
+def test_a_refused_mode_that_its_neighbours_leave_unexplained_is_reported() -> None:
+    reason = RefusedMode(1.0, 0.05, "unstable", "")
+    vague = pole(0, relative_std=0.02, off=0.01)
+    known = [pole(1), pole(2)]
+    result = sharpened(known, [reason], [(vague, reason)], window(4), OmaSettings())
+    assert len(result.modes) == 3
+    assert not result.refused
+    elsewhere = replace(vague, frequency=1.8)
+    result = sharpened([pole(0), *known], [reason], [(elsewhere, reason)], window(4), OmaSettings())
+    assert len(result.modes) == 3
+    assert result.refused == (reason,)
