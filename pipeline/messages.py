@@ -16,6 +16,7 @@ from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
 
 HALF_INTERVAL = 1.6449  # of the normal distribution's central 90 %, in standard deviations
+UNCERTAIN_STRUCTURE = "uncertain"  # structure of a posterior whose figures are inferred as well
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +150,9 @@ class WindowRejected:
     code: str  # stable: "gap", "nan", "constant", …
     reason: str  # for people: "gap of 0.4 s in unit tower at 12.0 s"
     origins: tuple[UnitOrigin, ...] = ()  # identity of the window
+    windows_before: int = (
+        0  # windows right before it that lie in the same gap: this rejects them too
+    )
 
 
 def without_covariances(estimate: ModalEstimate) -> ModalEstimate:
@@ -219,6 +223,20 @@ class FigureShare:
 
 
 @dataclass(frozen=True, slots=True)
+class FigureError:
+    """What an error of the description makes of the springs' estimates.
+
+    Of one standard deviation of the figure's prior, as ln (true / estimated) of each spring;
+    turbines of one description have it in common.
+    """
+
+    name: str  # of the figure, or "water_level"
+    k11: float  # [-]
+    k22: float  # [-]
+    k12: float  # [-]
+
+
+@dataclass(frozen=True, slots=True)
 class StructureAlternative:
     """One of several structures that no figure leads between: flooded or not, …"""
 
@@ -269,6 +287,7 @@ class FoundationPosterior:
     alternatives: tuple[StructureAlternative, ...] = ()  # likeliest first
     unpredicted_share: float = 0.0  # of the modes, each predicted by the others [-]
     relative: tuple[RelativeStiffness, ...] = ()  # to the period before the last event
+    figure_errors: tuple[FigureError, ...] = ()  # of the description; none for an exact structure
     origins: tuple[UnitOrigin, ...] = ()  # identity of the last window that entered
 
     def parameter(self, name: str) -> ParameterSummary:

@@ -20,9 +20,20 @@ if TYPE_CHECKING:
     from pipeline.viewer.outputs.outputs import ViewerOutput
     from sensors.acquisition.blocks import AccelerationBlock
 
+
+class LineConsole(Console):
+    """A console that folds sentences on a terminal only: in a file or a pipe a line is a line."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as `Console` does."""
+        sentences = all(isinstance(each, str) for each in objects)
+        options.setdefault("soft_wrap", sentences and not self.is_terminal)
+        super().print(*objects, **options)
+
+
 # Without emoji: they would replace what is between two colons, as in an address.
-stderr = Console(stderr=True, emoji=False)  # progress, warnings, errors
-output = Console(emoji=False)  # results
+stderr = LineConsole(stderr=True, emoji=False)  # progress, warnings, errors
+output = LineConsole(emoji=False)  # results
 
 ScenarioOption = Annotated[
     str | None,
@@ -32,6 +43,10 @@ SamplerChoice = Literal["importance", "emcee", "tmcmc", "tmcmc-published"]  # of
 SamplerOption = Annotated[
     SamplerChoice | None,
     typer.Option("--sampler", help="Default: the scenario's, else importance."),
+]
+DatesOption = Annotated[
+    Literal["day-first", "month-first"] | None,
+    typer.Option("--dates", help="What comes first in dates such as 3/4/2024."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 

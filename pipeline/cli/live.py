@@ -4,7 +4,6 @@ import json
 import os
 import threading
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -61,10 +60,12 @@ def feed(
     ],
     layout: Annotated[
         Path | None,
-        typer.Option(help="TOML file of its channels; default: the scenario's sensors."),
+        typer.Option(help="TOML file of its channels; or --scenario, whose sensors they are."),
     ] = None,
     scenario: ScenarioOption = None,
-    turbine: Annotated[str | None, typer.Option(help="Its turbine; default: the layout's.")] = None,
+    turbine: Annotated[
+        str | None, typer.Option(help="Its turbine; default: the layout's or the scenario's.")
+    ] = None,
     once: Annotated[
         bool, typer.Option("--once", help="Fail if the instrument does not answer at the start.")
     ] = False,
@@ -106,9 +107,7 @@ def feed(
         raise InputError(
             f"--layout {layout} and --scenario {scenario}: both define the channels; give one"
         )
-    channels = channels_of(layout, scenario)
-    if turbine is not None:
-        channels = replace(channels, turbine=turbine)
+    channels = channels_of(address, layout, scenario, turbine)
     live = open_feed(address, channels, once=once, state=state)
     with stop_on_signals() as stopping, progress(address, None) as report:
         if seconds is not None:

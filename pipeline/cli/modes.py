@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pipeline.cli.console import JsonOption, ScenarioOption, escape_markup, output, stderr
+from pipeline.cli.console import (
+    DatesOption,
+    JsonOption,
+    ScenarioOption,
+    escape_markup,
+    output,
+    stderr,
+)
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,6 +48,7 @@ def identify(
         Path | None,
         typer.Option(help="TOML file of the channels to use, as for `pilewatch import`."),
     ] = None,
+    dates: DatesOption = None,
     rotor_speed: Annotated[
         float | None,
         typer.Option(
@@ -78,6 +86,7 @@ def identify(
             sampling_rate=sampling_rate,
             window=window,
             layout=None if layout is None else load_layout(layout),
+            dates=dates,
             rotor_speed=rotor_speed,
             settings=OmaSettings(
                 lowest_frequency=lowest_frequency, highest_frequency=highest_frequency

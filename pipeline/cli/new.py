@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.console import JsonOption, escape_markup, output, print_json, stderr
+from pipeline.cli.console import DatesOption, JsonOption, escape_markup, output, print_json, stderr
+from pipeline.cli.tables.cells import count_noun
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def new(
         str,
         typer.Option(
             help="A shipped description, a TOML file, OpenFAST's NAME_ElastoDyn.dat, a WindIO "
-            'NAME.yaml, or "none": modes alone.'
+            'NAME.yaml, a BModes NAME.bmi, or "none": modes alone.'
         ),
     ] = "none",
     subdyn: Annotated[
@@ -41,11 +42,15 @@ def new(
         ),
     ] = None,
     mudline: Annotated[
-        float | None, typer.Option(help="Elevation at which a WindIO monopile ends [m].")
+        float | None,
+        typer.Option(
+            help="Elevation at which a WindIO monopile ends, or a BModes tower begins [m]."
+        ),
     ] = None,
     sampling_rate: Annotated[
         float | None, typer.Option(help="[Hz]; where the files have no time stamps.")
     ] = None,
+    dates: DatesOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Start from your own files: guess the layout, write scenario, layout and recording."""
@@ -62,6 +67,7 @@ def new(
             mudline=mudline,
             springs=None if springs is None else _springs(springs),
             sampling_rate=sampling_rate,
+            dates=dates,
         )
     drawing = _drawn(project)
     if as_json:
@@ -79,7 +85,8 @@ def new(
             }
         )
         return
-    output.print(f"{len(project.channels)} channels at {project.sampling_rate:g} Hz:")
+    number = count_noun(len(project.channels), "channel")
+    output.print(f"{number} at {project.sampling_rate:g} Hz:")
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
     if project.left_out:
@@ -90,8 +97,9 @@ def new(
         output.print(f"Recorded beside the motions as SCADA: {listed}", soft_wrap=True)
     if not project.complete:
         layout, scenario = folder / "layout.toml", folder / "scenario.toml"
+        rate = "" if sampling_rate is None else f"--sampling-rate {sampling_rate:g} "
         again = (
-            f"rm {project.recording} && pilewatch import {' '.join(map(str, files))} "
+            f"rm {project.recording} && pilewatch import {' '.join(map(str, files))} {rate}"
             f"--layout {layout} --scenario {scenario} -o {project.recording}"
         )
         output.print(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pipeline.cli.console import (
+    DatesOption,
     JsonOption,
     ScenarioOption,
     escape_markup,
@@ -163,6 +164,7 @@ def import_files(
         str | None,
         typer.Option(help="package.module:function that reads a file to SEP005 channels."),
     ] = None,
+    dates: DatesOption = None,
     at_most: Annotated[
         float, typer.Option("--at-most", help="Give up after so many seconds.")
     ] = 3600.0,
@@ -177,9 +179,11 @@ def import_files(
     from pipeline.sources.import_files import open_measurement, record_measurement
     from sensors.files.formats import channels_in
     from sensors.files.layout_file import layout_template, load_layout
+    from sensors.files.table import EVERYTHING, dated
 
     if template:
-        typer.echo(layout_template(channels_in(files[0], reader)), nl=False)
+        wanted = dated(EVERYTHING, dates)
+        typer.echo(layout_template(channels_in(files[0], reader, wanted)), nl=False)
         return
     if out is None:
         raise InputError("import needs -o FILE.mcap, the recording to write")
@@ -191,6 +195,7 @@ def import_files(
             turbine="turbine" if chosen is None else chosen.turbine.id,
             sampling_rate=sampling_rate,
             reader=reader,
+            dates=dates,
         )
         with progress(f"importing {len(files)} files", None) as report:
             record_measurement(measurement, out, scenario=chosen, report=report)

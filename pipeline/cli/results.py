@@ -64,7 +64,7 @@ def print_results(
             output.print(
                 f"window at {rejected['start']:.0f} s rejected: {escape_markup(rejected['reason'])}"
             )
-        _print_rest(reasons, f"rejected windows ({code})")
+        _print_rest(reasons, f"rejected ({code})")
     for code, warnings in _by_code(figures["warnings"]).items():
         for warning in warnings[:PRINTED_PER_CODE]:
             output.print(f"[yellow]{code}[/]: {escape_markup(warning['text'])}")

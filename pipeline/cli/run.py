@@ -100,6 +100,7 @@ def run(
 ) -> None:
     """Estimate the foundation's stiffness from accelerations."""
     from pipeline.monitoring.alarms.settings import load_notices
+    from pipeline.run.processes import require_processes
     from pipeline.run.run import run_session
     from pipeline.runtime.node_thread import busy_nodes
     from pipeline.sources.feed_publisher import feed_source
@@ -126,6 +127,7 @@ def run(
     )
     alarm_settings = None if notices is None else load_notices(notices)
     options = replace(options, metrics=metrics, notices=alarm_settings)
+    require_processes(options)
     playback = Playback(start, float("inf") if end is None else end, loop)
     if source is not None and is_feed(source):
         if processes:
@@ -257,6 +259,7 @@ def node(
     ] = False,
 ) -> None:
     """Run one node of the graph until Ctrl-C or SIGTERM."""
+    from pipeline.nodes.sharding import parsed_shard
     from pipeline.run.run import run_node
     from pipeline.runtime.supervisor import stopped_with_parent
     from pipeline.sources.sources import open_source
@@ -269,6 +272,8 @@ def node(
         zenoh=zenoh_settings(mode, listen, connect, zenoh_config),
         fresh=fresh,
     )
+    if shard is not None:
+        parsed_shard(shard)  # a mistake in it is one line, before what is noted of the source
     opened = open_source("live" if recording is None else f"replay:{recording}", scenario)
     source = opened.with_sampler(sampler)
     with stop_on_signals() as stopping, open_view(view) as shown:

@@ -4,8 +4,12 @@
                                                                       ├ PooledTurbine each
                                                                       └ StiffnessPopulation
 
-Nominally equal turbines of one design share the model, and with it the model's errors: what all of
-them are wrong by alike, pooling takes for the farm's mean.
+Turbines of one design share the description, and with it its errors: what the figures of the
+structure have wrong moves all of them alike, however many there are. So the turbines are pooled as
+the nominal description reads them, by what their own measurements leave open, and one draw ξ of the
+description's errors is added to all of them (`evidence`). Where the figures differ from turbine to
+turbine instead, they stand in the spread that the pooling infers, and deviations are those of the
+springs with what the figures make of them.
 """
 
 from collections.abc import Sequence
@@ -13,7 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.farm.evidence import StackedEvidence, evidence_of
+from pipeline.farm.evidence import StackedEvidence, common_errors, evidence_of
 from pipeline.farm.members import LeftOut, members_of, nominal_of
 from pipeline.farm.pooling import PooledDraws, pooled
 from pipeline.farm.settings import FarmError, GibbsSettings, PopulationPrior
@@ -114,13 +118,16 @@ def pooled_farm(
     coordinates = SpringCoordinates(nominal_of(members[0]))
     evidence = [evidence_of(each, coordinates, generator) for each in members]
     drawn = pooled(
-        StackedEvidence.of(evidence),
+        StackedEvidence.of([each.of_the_description() for each in evidence]),
         settings.population,
         generator,
         settings.gibbs,
         equal_spreads(coordinates),
     )
-    return _told(members, left_out, drawn, coordinates, settings.population)
+    figures, common = common_errors(evidence)
+    population = _population(members, drawn, coordinates, settings.population, figures, common)
+    with_errors = drawn.with_common_errors(common, generator) if figures else drawn
+    return _told(members, left_out, with_errors, coordinates, population)
 
 
 def equal_spreads(coordinates: SpringCoordinates) -> FloatArray:
@@ -139,7 +146,7 @@ def _told(
     left_out: tuple[LeftOut, ...],
     drawn: PooledDraws,
     coordinates: SpringCoordinates,
-    prior: PopulationPrior,
+    population: StiffnessPopulation,
 ) -> Farm:
     centres = coordinates.to_ratios(drawn.means)  # (n_draws, 3)
     spreads = log_spreads(drawn, coordinates)
@@ -154,22 +161,35 @@ def _told(
         )
         for number, posterior in enumerate(members)
     )
-    chosen = _evenly(len(drawn.means), POPULATION_DRAWS)
     return Farm(
         turbines=turbines,
         left_out=left_out,
         centre=_summaries(centres * coordinates.nominal, members[0]),
         spread=farm_spread,
-        population=StiffnessPopulation(
-            turbines=tuple(each.turbine for each in members),
-            nominal=coordinates.nominal,
-            means=drawn.means[chosen],
-            covariances=drawn.covariances[chosen],
-            outlier_shares=drawn.outlier_shares[chosen],
-            outlier_std=prior.outlier_std,
-        ),
+        population=population,
         ess=drawn.ess,
         rhat=drawn.rhat,
+    )
+
+
+def _population(
+    members: Sequence[FoundationPosterior],
+    drawn: PooledDraws,
+    coordinates: SpringCoordinates,
+    prior: PopulationPrior,
+    figures: tuple[str, ...],
+    common: FloatArray,
+) -> StiffnessPopulation:
+    chosen = _evenly(len(drawn.means), POPULATION_DRAWS)
+    return StiffnessPopulation(
+        turbines=tuple(each.turbine for each in members),
+        nominal=coordinates.nominal,
+        means=drawn.means[chosen],
+        covariances=drawn.covariances[chosen],
+        outlier_shares=drawn.outlier_shares[chosen],
+        outlier_std=prior.outlier_std,
+        figures=figures,
+        common=common.mean(axis=0),
     )
 
 

@@ -36,7 +36,7 @@ stated, f may be anything up to 1.1 [.8, 1.5]. Nor does it help to leave it open
 is common to all, uniform a priori, came out as it went in, and the errors stayed what they were.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,6 +58,17 @@ class PooledDraws:
     outlier_probabilities: FloatArray  # each turbine's, against the others, (n_turbines,)
     ess: float  # smallest effective sample size over μ and √Σ_jj
     rhat: float  # largest split R̂ over the same
+
+    def with_common_errors(
+        self, common: FloatArray, generator: np.random.Generator
+    ) -> "PooledDraws":
+        """Turbines and mean moved by one draw of the description's errors each sweep.
+
+        common   L, (n_turbines, n_figures, d)
+        """
+        xi = generator.standard_normal((len(self.points), common.shape[1]))
+        moved = np.einsum("nf,tfd->ntd", xi, common)
+        return replace(self, points=self.points + moved, means=self.means + moved.mean(axis=1))
 
 
 def pooled(

@@ -156,19 +156,22 @@ class TurbineIdentification:
             unused = self._session.release()
             yield from self._end_session()
             for each in unused:
-                yield from self._take(self.units.by_name[each.unit], each)
+                if each.unit in self.units.by_name:
+                    yield from self._take(self.units.by_name[each.unit], each)
             return
         yield from self._end_if_complete()
 
     def _waits(self, block: AccelerationBlock) -> bool:
         """Whether a block of another unit must wait: the layouts that join it with the unit that is
-        identified travel on keys of their own and may come later."""
-        return (
-            isinstance(self._session, UnitSession)
-            and block.unit not in self._session.newest
-            and len(self._layouts_to_join(block)) < 2
-            and self._opening.waiting < SILENT
-        )
+        identified travel on keys of their own and may come later. One without a layout never takes
+        the place of one with a layout."""
+        session = self._session
+        if not isinstance(session, UnitSession) or block.unit in session.newest:
+            return False
+        layouts = self.units.latest_layouts
+        if block.unit not in layouts and session.newest.keys() <= layouts.keys():
+            return True
+        return len(self._layouts_to_join(block)) < 2 and self._opening.waiting < SILENT
 
     def _refuse_dropped(self, dropped: OpeningBlock | None) -> None:
         """Count a block that waited for layouts that did not come."""
@@ -237,6 +240,8 @@ class TurbineIdentification:
         if self._session is None or not any(unit.ends for unit in units.values()):
             return
         newest = self._session.newest
+        if not newest.keys() <= units.keys():  # one was let go: its end is not known
+            return
         ends = [units[unit].ends.get(name) for unit, (name, _) in newest.items()]
         reached = [end_ns for _, end_ns in newest.values()]
         if newest and all(

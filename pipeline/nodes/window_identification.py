@@ -402,14 +402,17 @@ class WindowIdentification:
 
     def _rejected(self, window: Window, why: QualityWarning) -> WindowRejected:
         self._tracker.missed()
+        before = window.passed_over
         return WindowRejected(
             turbine=self._turbine,
             window=window.index,
             start_ns=window.start_ns,
             end_ns=window.end_ns,
             code=why.code,
-            reason=why.text,
+            reason=why.text
+            + (f"; {before} windows before it lie in the same gap" if before else ""),
             origins=self._origins_of(window),
+            windows_before=before,
         )
 
 

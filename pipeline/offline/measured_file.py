@@ -16,12 +16,14 @@ from sensors.acquisition.scada import ScadaSample
 from sensors.files.formats import read_file
 from sensors.files.layout_file import LayoutFile
 from sensors.files.rotor_speed import with_rotor_speed_apart
-from sensors.files.table import EVERYTHING, ChannelTable, FileError
+from sensors.files.table import EVERYTHING, ChannelTable, DateOrder, FileError, dated
 
 JOINING = 5.0  # waiting time for a missing unit [s]
 
 
-def measured_channels(path: Path, layout: LayoutFile | None = None) -> ChannelTable:
+def measured_channels(
+    path: Path, layout: LayoutFile | None = None, dates: DateOrder | None = None
+) -> ChannelTable:
     """Return the channels that a layout file lists; all, as in the file, without one.
 
     Raises
@@ -32,7 +34,7 @@ def measured_channels(path: Path, layout: LayoutFile | None = None) -> ChannelTa
     if path.suffix == ".mcap":
         table = recorded_channels(path)
     else:
-        wanted = EVERYTHING if layout is None else layout.wanted()
+        wanted = dated(EVERYTHING if layout is None else layout.wanted(), dates)
         table = with_rotor_speed_apart(read_file(path, wanted=wanted))
     return table if layout is None else layout.chosen(table)
 

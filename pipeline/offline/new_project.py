@@ -21,17 +21,24 @@ from sensors.files.channel_names import GuessedChannel, UnusedChannel, guess_cha
 from sensors.files.conditions import ConditionChannel, condition_channels, read_conditions
 from sensors.files.formats import channels_in
 from sensors.files.layout_file import parse_layout
-from sensors.files.table import ChannelTable, FileError
+from sensors.files.table import EVERYTHING, ChannelTable, DateOrder, FileError, dated
 from sensors.settings import toml_string
+from sensors.structure.decks.bmodes import read_bmodes
 from sensors.structure.decks.elastodyn import read_elastodyn
 from sensors.structure.decks.toml_text import description_toml
 from sensors.structure.decks.windio import read_windio
-from sensors.structure.description import SHIPPED, load_turbine, turbine_text
+from sensors.structure.description import (
+    SHIPPED,
+    TurbineDescription,
+    load_turbine,
+    turbine_text,
+)
 from sensors.structure.foundation import FoundationSprings
 
 _log = logging.getLogger(__name__)
 
 YAML = (".yaml", ".yml")  # of WindIO
+DAT, BMI = ".dat", ".bmi"  # of ElastoDyn, of BModes
 STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
 WINDOW = 600.0  # length of an identified window, unless the record is shorter [s]
 
@@ -68,6 +75,7 @@ def start_project(
     springs: FoundationSprings | None = None,
     mudline: float | None = None,
     sampling_rate: float | None = None,
+    dates: DateOrder | None = None,
 ) -> NewProject:
     """Write layout, scenario and recording of a measurement into a folder.
 
@@ -80,16 +88,19 @@ def start_project(
     name : str
         Of the turbine or structure; the first file's by default.
     structure : str
-        Shipped description, path of a description (TOML), of an ElastoDyn file (.dat) or of a
-        WindIO file (.yaml), which is brought into the folder; or "none" for modes alone.
+        Shipped description, path of a description (TOML), of an ElastoDyn file (.dat), a WindIO
+        file (.yaml) or a BModes tower (.bmi), which is brought into the folder; or "none": modes
+        alone.
     subdyn : Path, optional
         SubDyn's file of the monopile below an ElastoDyn tower.
     springs : FoundationSprings, optional
         At the mudline; needed with files of other programs, which have none.
     mudline : float, optional
-        Elevation at which a WindIO monopile ends [m].
+        Elevation at which a WindIO monopile ends, or a BModes tower begins [m].
     sampling_rate : float, optional
         [Hz]; needed where the files have neither a rate nor time stamps.
+    dates : {"day-first", "month-first"}, optional
+        What comes first in dates such as 3/4/2024.
 
     Returns
     -------
@@ -109,7 +120,7 @@ def start_project(
             raise InputError(f"{path} exists; choose another folder with -o")
     described = structure_text(structure, subdyn, springs, mudline)
     turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
-    table = channels_in(files[0], None)
+    table = channels_in(files[0], None, dated(EVERYTHING, dates))
     columns, left_out = choose_channels(table)
     channels = guess_channels(table.only(columns).names)
     unknown = [each.name for each in channels if not (each.height_known and each.direction_known)]
@@ -118,7 +129,7 @@ def start_project(
             f"the structural model needs the height and axis of each channel; {unknown[0]!r} has "
             "none in its name. `pilewatch import FILE --template` prints a layout file to fill in"
         )
-    measurement = _measurement(files, channels, turbine, sampling_rate)
+    measurement = _measurement(files, channels, turbine, sampling_rate, dates)
     n_samples, still = _survey(measurement)
     if n_samples < measurement.sampling_rate:
         listed = ", ".join(str(file) for file in files)
@@ -126,9 +137,9 @@ def start_project(
     if still:
         left_out += tuple(UnusedChannel(name, "constant over the record") for name in still)
         channels = tuple(each for each in channels if each.name not in still)
-        measurement = _measurement(files, channels, turbine, sampling_rate)
+        measurement = _measurement(files, channels, turbine, sampling_rate, dates)
     folder.mkdir(parents=True, exist_ok=True)
-    layout_file.write_text(layout_text(channels, turbine), encoding="utf-8")
+    layout_file.write_text(layout_text(channels, turbine, dates), encoding="utf-8")
     named = structure if described is None else STRUCTURE_FILE
     text = scenario_text(turbine, named, n_samples / measurement.sampling_rate)
     scenario = scenario_from_text(text, str(scenario_file))
@@ -180,8 +191,9 @@ def _measurement(
     channels: Sequence[GuessedChannel],
     turbine: str,
     sampling_rate: float | None,
+    dates: DateOrder | None,
 ) -> Measurement:
-    layout = parse_layout(layout_text(channels, turbine), "layout.toml")
+    layout = parse_layout(layout_text(channels, turbine, dates), "layout.toml")
     return open_measurement(files, layout=layout, turbine=turbine, sampling_rate=sampling_rate)
 
 
@@ -230,27 +242,43 @@ def structure_text(
     InputError
         If the file cannot be read, or another program's comes without springs.
     """
-    is_windio = structure.endswith(YAML)
-    if (subdyn or springs or mudline is not None) and not structure.endswith((".dat", *YAML)):
+    is_deck = structure.endswith((DAT, BMI, *YAML))
+    if (subdyn or springs or mudline is not None) and not is_deck:
         raise InputError(
-            "--subdyn, --springs and --mudline are for --structure NAME_ElastoDyn.dat and NAME.yaml"
+            "--subdyn, --springs and --mudline are for --structure NAME_ElastoDyn.dat, NAME.yaml "
+            "and NAME.bmi"
         )
-    if is_windio or structure.endswith(".dat"):
+    if is_deck:
         if springs is None:
             raise InputError(
                 f"{structure} has no springs of the mudline: give --springs k11,k22,k12 "
                 "[N/m, N·m/rad, N/rad]"
             )
-        if is_windio:
-            return description_toml(read_windio(Path(structure), springs, mudline=mudline))
-        return description_toml(read_elastodyn(Path(structure), springs, subdyn=subdyn))
+        return description_toml(_of_deck(Path(structure), springs, subdyn, mudline))
     if structure == NO_STRUCTURE:
         return None
     load_turbine(structure)
     return None if structure in SHIPPED else turbine_text(structure)
 
 
-def layout_text(channels: Sequence[GuessedChannel], turbine: str) -> str:
+def _of_deck(
+    path: Path, springs: FoundationSprings, subdyn: Path | None, mudline: float | None
+) -> TurbineDescription:
+    """The turbine of another program's file."""
+    if subdyn is not None and path.suffix != DAT:
+        raise InputError(f"--subdyn is for --structure NAME_ElastoDyn.dat, not for {path}")
+    if mudline is not None and path.suffix == DAT:
+        raise InputError(f"--mudline is for NAME.yaml and NAME.bmi, not for {path}")
+    if path.suffix == DAT:
+        return read_elastodyn(path, springs, subdyn=subdyn)
+    if path.suffix == BMI:
+        return read_bmodes(path, springs, mudline=mudline)
+    return read_windio(path, springs, mudline=mudline)
+
+
+def layout_text(
+    channels: Sequence[GuessedChannel], turbine: str, dates: DateOrder | None = None
+) -> str:
     """The layout file of guessed channels, each with what it was read from."""
     lines = [
         "# Axes: x downwind (fore-aft), y to the side (side-side), z up from mean water level.",
@@ -266,6 +294,8 @@ def layout_text(channels: Sequence[GuessedChannel], turbine: str) -> str:
             f"elevation = {each.elevation:.6g}" + ("" if each.height_known else "  # place only"),
             f"direction = [{direction}]",
         ]
+    if dates is not None:
+        lines += ["", "[time]", f"dates = {toml_string(dates)}"]
     return "\n".join(lines) + "\n"
 
 

@@ -198,9 +198,11 @@ def heights_known(layout: SensorLayout) -> bool:
 
 
 def _shape_panel(axes: Any, shape: Deflection) -> None:
-    """Draw fore-aft and side-side components with the larger one's maximum at 1."""
+    """Draw the components along x, y and z with the largest one's maximum at 1."""
     largest = max(float(np.abs(shape.displacements).max()), 1e-12)
-    styles = (("-", "o", colours.MEASURED), ("--", "s", colours.POSTERIOR))
+    styles = (
+        ("-", "o", colours.MEASURED), ("--", "s", colours.POSTERIOR), (":", "^", colours.MODEL)
+    )  # fmt: skip
     for axis, (line, marker, colour) in enumerate(styles):
         if not np.any(shape.displacements[:, axis]):
             continue  # no channel measures this direction

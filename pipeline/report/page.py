@@ -8,6 +8,8 @@ import html
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.messages import FoundationPosterior
 from pipeline.report import figures
 from pipeline.report.canvas import css_colour
@@ -288,7 +290,7 @@ def _modes(record: TurbineRecord, name: str, level: int) -> str:
         (
             figures.mode_shapes(record),
             "Mode shapes",
-            "Identified mode shapes at the sensors, largest component 1: " + _axis_words(record),
+            f"Identified mode shapes at the sensors, largest component 1{_axis_words(record)}.",
         ),
     )
     legend = []
@@ -370,9 +372,13 @@ def _operation(record: TurbineRecord, name: str, level: int) -> str:
 
 
 def _axis_words(record: TurbineRecord) -> str:
-    if not record.has_structure:
-        return "along x solid, along y dashed."
-    return "fore-aft (x) solid, side-side (y) dashed."
+    """Return which line is which axis, of the axes that sensors have; "" where it is one."""
+    x, y = ("fore-aft (x)", "side-side (y)") if record.has_structure else ("along x", "along y")
+    layout = record.layout
+    lines = (f"{x} solid", f"{y} dashed", "along z dotted")
+    seen = np.ones(3, dtype=bool) if layout is None else np.any(layout.directions, axis=0)
+    present = [line for line, each in zip(lines, seen, strict=True) if each]
+    return f": {', '.join(present)}" if len(present) > 1 else ""
 
 
 def _frequency_captions(record: TurbineRecord) -> tuple[str, str]:

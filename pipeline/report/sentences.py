@@ -225,7 +225,7 @@ def _rejected_windows(record: TurbineRecord) -> Iterator[str]:
     not_used = [each for each in record.state.rejected if each.start_ns in identified]
     failed = [each for each in record.state.rejected if each.start_ns not in identified]
     if failed:
-        windows = count_noun(len(failed), "window")
+        windows = count_noun(sum(1 + each.windows_before for each in failed), "window")
         yield f"{windows} could not be identified: {_counts_by_code(failed)}."
     if not_used:
         number = count_noun(len(not_used), "identified window")
@@ -248,7 +248,9 @@ def _books(record: TurbineRecord) -> Iterator[str]:
 
 
 def _counts_by_code(rejected: Sequence[WindowRejected]) -> str:
-    counts = Counter(each.code for each in rejected)
+    counts = Counter[str]()
+    for each in rejected:
+        counts[each.code] += 1 + each.windows_before
     return join_with_and([f"{count} × {code}" for code, count in counts.most_common()])
 
 

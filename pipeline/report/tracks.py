@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.messages import ModePair
+from pipeline.messages import Mode, ModePair
 from pipeline.report.recorded_session import TurbineRecord
+from pipeline.state.run_modes import pairs_by_track
 from sensors.arrays import FloatArray
 
 
@@ -42,21 +43,17 @@ def frequency_tracks(record: TurbineRecord) -> tuple[FrequencyTrack, ...]:
     Modes without a name are left out: they have no counterpart in other windows.
     """
     seen: dict[str, list[tuple[int, float, float]]] = {}
+    latest: dict[str, Mode] = {}
     for estimate in sorted(record.state.estimates, key=lambda estimate: estimate.start_ns):
         middle = (estimate.start_ns + estimate.end_ns) // 2
         for mode in estimate.modes:
             if mode.name:
+                latest[mode.name] = mode
                 seen.setdefault(mode.name, []).append((middle, mode.frequency, mode.frequency_std))
-    pairs = _pairs_by_track(record)
+    posterior = record.state.posterior
+    pairs = pairs_by_track(latest, posterior) if posterior else {}
     tracks = [_track(name, rows, pairs.get(name)) for name, rows in seen.items()]
     return tuple(sorted(tracks, key=lambda track: float(np.median(track.frequencies))))
-
-
-def _pairs_by_track(record: TurbineRecord) -> dict[str, ModePair]:
-    """Return two modes that cannot be separated have one pair, "m1+m2"."""
-    posterior = record.state.posterior
-    pairs = posterior.pairs if posterior else ()
-    return {name: pair for pair in pairs for name in pair.identified.split("+")}
 
 
 def _track(

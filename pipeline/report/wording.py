@@ -97,4 +97,5 @@ def join_with_and(texts: list[str]) -> str:
 
 
 def _datetime(time_ns: int) -> datetime:
-    return datetime.fromtimestamp(time_ns // NANOSECONDS, UTC)
+    """Return the nearest second: a clock fitted to rounded stamps begins just before midnight."""
+    return datetime.fromtimestamp(round(time_ns / NANOSECONDS), UTC)

@@ -102,7 +102,10 @@ class SnapshotFolder:
     def _make_room(self) -> None:
         """For one more file: turbines may be made up for ever, and those that exist renew theirs
         meanwhile."""
-        files = sorted(self._path.glob(f"{self._node}-*.checkpoint"), key=_renewed)
+        files = [file for file in self._path.iterdir() if file.name.startswith(f"{self._node}-")]
+        if len(files) < MOST_FILES:  # when each was renewed costs ten times as much
+            return
+        files.sort(key=_renewed)
         for longest_left in files[: len(files) + 1 - MOST_FILES]:
             logger.warning("removed %s: %d checkpoints are kept", longest_left, MOST_FILES)
             longest_left.unlink(missing_ok=True)

@@ -10,7 +10,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,8 @@ from pipeline.sources.durable_publisher import kept_until_acknowledged
 from pipeline.sources.spool import Spool
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.layout import LayoutError, SensorLayout
+from sensors.feeds.address import is_feed
 from sensors.feeds.assembly.channel_map import sensor_layout
 from sensors.feeds.live import LiveFeed
 from sensors.feeds.open_feed import layout_file_of, open_feed
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 NODE = "feed"
+SCADA = "scada+"  # begins the address of a controller, which has no channels on the tower
 QUIET_INSTRUMENT = 60.0  # of an instrument, before a link that is up is doubted [s]
 NOTHING_CAME = "is the address right, is data sent, and may this user read it?"
 QUIET_CONTROLLER = 3600.0  # the same: they speak every few minutes
@@ -104,8 +106,21 @@ def publish_feed(
     return account.fed()
 
 
-def channels_of(layout: Path | None, scenario: str | None) -> LayoutFile:
+def channels_of(
+    address: str, layout: Path | None, scenario: str | None, turbine: str | None = None
+) -> LayoutFile:
     """Return where an instrument's channels are: by a layout file, or as a scenario's sensors.
+
+    Parameters
+    ----------
+    address : str
+        Of the instrument; SCADA has no channels and needs a turbine only.
+    layout : Path or None
+        File that lists them.
+    scenario : str or None
+        Whose sensors they are.
+    turbine : str, optional
+        Its name; None: as layout or scenario have it.
 
     Returns
     -------
@@ -114,10 +129,25 @@ def channels_of(layout: Path | None, scenario: str | None) -> LayoutFile:
     Raises
     ------
     LayoutError
+        If nothing states where they are: it is never assumed.
     ScenarioError
     """
+    channels = _stated_channels(address, layout, scenario, turbine)
+    return channels if turbine is None else replace(channels, turbine=turbine)
+
+
+def _stated_channels(
+    address: str, layout: Path | None, scenario: str | None, turbine: str | None
+) -> LayoutFile:
     if layout is not None:
         return load_layout(layout)
+    if scenario is None and is_feed(address):
+        if not address.startswith(SCADA):
+            raise LayoutError(
+                f"{address}: where on the tower are its channels? --layout FILE.toml says it"
+            )
+        if turbine is None:
+            raise LayoutError(f"{address}: of which turbine? --turbine NAME says it")
     # here and not above: a tower unit with a layout file needs no structure and no updating
     from pipeline.scenario import DEFAULT_SCENARIO, load_scenario
 
@@ -151,7 +181,7 @@ def feed_source(
     from pipeline.scenario import load_scenario, modes_only
     from pipeline.sources.sources import Source, report_modes_only
 
-    channels = channels_of(layout, scenario)
+    channels = channels_of(address, layout, scenario)
     live = open_feed(address, channels, state=state)
     if not live.gives_blocks:
         raise FeedError(f"{address} measures no accelerations; run `pilewatch feed {address}`")

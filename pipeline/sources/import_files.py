@@ -25,7 +25,14 @@ from sensors.files.block_builder import (
     stamp_samples,
 )
 from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
-from sensors.files.table import EVERYTHING, STANDING_STAMPS, ChannelTable, FileError
+from sensors.files.table import (
+    EVERYTHING,
+    STANDING_STAMPS,
+    ChannelTable,
+    DateOrder,
+    FileError,
+    dated,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +81,7 @@ def open_measurement(
     turbine: str = "turbine",
     sampling_rate: float | None = None,
     reader: str | None = None,
+    dates: DateOrder | None = None,
 ) -> Measurement:
     """Return the files as one measurement, before its samples are read.
 
@@ -88,6 +96,8 @@ def open_measurement(
         stamps.
     reader : str, optional
         "package.module:function" that gives SEP005 channels; None: by the suffixes.
+    dates : {"day-first", "month-first"}, optional
+        What comes first in dates such as 3/4/2024; None: as the layout states.
 
     Returns
     -------
@@ -104,7 +114,7 @@ def open_measurement(
         raise FileError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
     if twice := [path for path in paths if paths.count(path) > 1]:
         raise FileError(f"{twice[0]} is named twice")
-    wanted = EVERYTHING if layout is None else layout.wanted()
+    wanted = dated(EVERYTHING if layout is None else layout.wanted(), dates)
     wanted = replace(wanted, stamps=sampling_rate is None)
     opened = [open_file(path, reader, wanted) for path in paths]
     files = sort_by_time([file for file, _ in opened])

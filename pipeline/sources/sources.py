@@ -233,6 +233,13 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
         chosen = load_scenario(scenario or MODES_ONLY)
         first = farm_members(chosen)[0]
         return Source("live", chosen, first.layout, truth=None, duration=None)
+    if Path(text).is_file() and text.endswith(".mcap"):
+        raise SourceError(f"--source {text} is a recording: --source replay:{text} replays it")
+    if Path(text).is_file():
+        raise SourceError(
+            f"--source {text} is a file of measurements; `pilewatch import` makes a recording of "
+            "it, which replay:FILE.mcap names"
+        )
     raise SourceError(
         f"--source {text!r} is none of replay:FILE, simulate:SCENARIO, live and a file that exists"
     )

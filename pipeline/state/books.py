@@ -95,13 +95,15 @@ class Books:
 
     def _block(self, block: AccelerationBlock) -> None:
         session = _session(block)
-        counter = self._boots.setdefault(session, BootCounter())
+        counter = self._boots.pop(session, None) or BootCounter()
+        self._boots[session] = counter  # of too many, those that were not heard for longest go
         present = self._blocks.get((*session, counter.boot))
         repeats = present is not None and block.sequence in present.recorded
         unused = counter.unused_before(block)
         boot = counter.boot_of(block, repeats=repeats)
         forget_oldest(self._boots)
-        book = self._blocks.setdefault((*session, boot), BlockBook())
+        book = self._blocks.pop((*session, boot), None) or BlockBook()
+        self._blocks[(*session, boot)] = book
         forget_oldest(self._blocks)
         if counter.also and present is not None:  # they were taken for the same once more
             present.repeated -= counter.also
@@ -206,7 +208,7 @@ class Books:
             "alarms": [asdict(alarm) for alarm in self.alarms() if only in (None, alarm.turbine)],
             "units": [
                 dict(zip(names, boot, strict=True)) | book.as_json()
-                for boot, book in self._blocks.items()
+                for boot, book in sorted(self._blocks.items(), key=lambda each: each[0])
                 if book.recorded and only in (None, boot[0])
             ],
             "refused": {

@@ -52,23 +52,33 @@ def combined_modes(
         for number, mode in enumerate(estimate.modes):
             name = mode.name or f"window {estimate.window} mode {number + 1}"
             sightings.setdefault(name, []).append((mode, estimate.weight))
-    pairs = _pair_of_each_track(sightings, posterior) if posterior else {}
+    latest = {name: seen[-1][0] for name, seen in sightings.items()}
+    pairs = pairs_by_track(latest, posterior) if posterior else {}
     combined = [_combined(name, seen, pairs.get(name)) for name, seen in sightings.items()]
     return sorted(combined, key=lambda mode: mode.frequency)
 
 
-def _pair_of_each_track(
-    sightings: Mapping[str, Sequence[tuple[Mode, float]]], posterior: FoundationPosterior
+def pairs_by_track(
+    latest: Mapping[str, Mode], posterior: FoundationPosterior
 ) -> dict[str, ModePair]:
-    """Track → its pair. Two modes that cannot be separated have one pair, "m1+m2": each of them
-    is then named after the model mode near the pair whose shape it has."""
+    """Return the pair of each track, by the track's name.
+
+    Two modes that cannot be separated have one pair, "m1+m2": each of them is then named after the
+    model mode near the pair whose shape it has.
+
+    Parameters
+    ----------
+    latest : mapping of str to Mode
+        The last mode of each track.
+    posterior : FoundationPosterior
+        Whose pairs these are.
+    """
     pairs = {pair.identified: pair for pair in posterior.pairs}
     for together in [name for name in pairs if "+" in name]:
         pair = pairs.pop(together)
         for member in together.split("+"):
-            if member in sightings:
-                mode, _ = sightings[member][-1]
-                pairs[member] = _member_pair(mode, pair, posterior)
+            if member in latest:
+                pairs[member] = _member_pair(latest[member], pair, posterior)
     return pairs
 
 

@@ -51,7 +51,9 @@ class TurbineBook:
     """The last answer of the updating that may have overtaken its estimate on the way: two nodes
     send them, and nothing orders what different nodes send."""
     last: dict[WindowKey, int] = field(default_factory=dict)
-    """Boots of the units → number of their last window."""
+    """Boot of a unit → number of its last window."""
+    latest: tuple[WindowKey, ...] = ()
+    """Boots of the last window that has any: a window in which no unit was there is theirs."""
     skipped: list[str] = field(default_factory=list)
     """Windows that have no fate, in words."""
 
@@ -95,8 +97,8 @@ class TurbineBook:
         key = _key(rejected)
         known = self.known.get(key)
         if known is None:
-            self.rejected[rejected.code] += 1
-            self._follow(rejected)
+            self.rejected[rejected.code] += 1 + rejected.windows_before
+            self._follow(rejected, rejected.windows_before)
             self.known[key] = WindowFate(rejected.window, rejected.start_ns, rejected.code)
             self.early = {key: rejected.code}
             forget_oldest(self.known)
@@ -131,19 +133,27 @@ class TurbineBook:
             self.pending[key] += 1
         del self.pending[answered]
 
-    def _follow(self, answer: ModalEstimate | WindowRejected) -> None:
-        """Note windows between this one and the last of the same boots that have no answer."""
-        if not answer.origins:
-            return
-        boots: WindowKey = tuple((o.unit, o.session, o.boot) for o in answer.origins)
-        last = self.last.pop(boots, None)
-        self.last[boots] = max(answer.window, -1 if last is None else last)
-        forget_oldest(self.last)
-        if last is not None and answer.window > last + 1:
+    def _follow(self, answer: ModalEstimate | WindowRejected, before: int = 0) -> None:
+        """Note windows between this one and the last of its boots that have no answer.
+
+        before: windows before it that it answers too. Of joined units some may be left out of some
+        windows: the last window of any of them counts, and one that follows the latest is theirs.
+        """
+        boots = tuple((o.unit, o.session, o.boot) for o in answer.origins) or self.latest
+        first = answer.window - before
+        last = max((self.last.get(boot, -1) for boot in boots), default=-1)
+        latest = max((self.last.get(boot, -1) for boot in self.latest), default=-1)
+        if 0 <= last < first - 1 != latest:
+            _, session, number = boots[0]
             self.skipped.append(
-                f"windows {last + 1} to {answer.window - 1} of boot {answer.origins[0].boot} of "
-                f"session {answer.origins[0].session} have no answer"
+                f"windows {last + 1} to {first - 1} of boot {number} of session {session} have no "
+                "answer"
             )
+        self.latest = boots
+        for boot in boots:
+            self.last.pop(boot, None)  # the longest unheard is forgotten first
+            self.last[boot] = max(answer.window, last)
+            forget_oldest(self.last)
 
     @property
     def forgotten(self) -> int:

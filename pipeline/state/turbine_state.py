@@ -241,7 +241,7 @@ class TurbineState:
         """
         self.last_answer = rejected
         known = rejected.code in self.rejections or len(self.rejections) < MOST_NAMES_KNOWN
-        self.rejections[rejected.code if known else "other"] += 1
+        self.rejections[rejected.code if known else "other"] += 1 + rejected.windows_before
         again = any(
             each.code == rejected.code and same_window(each, rejected) for each in self.rejected
         )

@@ -17,6 +17,7 @@ import types
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, asdict, dataclass, fields, is_dataclass
+from functools import cache
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -148,6 +149,12 @@ def _has_default(field: Field[Any]) -> bool:
     return field.default is not MISSING or field.default_factory is not MISSING
 
 
+@cache
+def _types_of(kind: type) -> dict[str, Any]:
+    """Types of a dataclass's fields; a state holds thousands of them."""
+    return get_type_hints(kind)
+
+
 def _value(tree: Any, hint: Any, arrays: _Arrays) -> Any:
     """The value of the annotated type; fields are read in the order they were written."""
     origin, arguments = get_origin(hint), get_args(hint)
@@ -162,7 +169,7 @@ def _value(tree: Any, hint: Any, arrays: _Arrays) -> Any:
     if origin is np.ndarray:
         return arrays.next(tree["shape"])
     if is_dataclass(hint) and isinstance(hint, type):
-        types_of = get_type_hints(hint)
+        types_of = _types_of(hint)
         values = {
             f.name: _value(tree[f.name], types_of[f.name], arrays)
             for f in fields(hint)

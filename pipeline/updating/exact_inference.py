@@ -107,16 +107,18 @@ class ExactInference:
         """How every paired mode's track depends on springs, at the median, and on the water."""
         water = partners_in_water(match.all_modes) if evidence.level_varied else None
         slopes = stiffness_slopes(match.all_modes, self._prior, median)
-        found = {
-            evidence.modes[each.identified].track: TrackSensitivity(
+        chosen = evidence.one_a_track(each.identified for each in match.used)
+        found = [
+            TrackSensitivity(
                 track=evidence.modes[each.identified].track,
                 model=match.all_modes.labels[each.model_modes[0]],
                 slopes=slopes[list(each.model_modes)].mean(axis=0),
                 water=np.zeros(2) if water is None else water[each.model_modes[0]].curve,
             )
             for each in match.used
-        }
-        return tuple(each for each in found.values() if np.all(np.isfinite(each.slopes)))
+            if each.identified in chosen
+        ]
+        return tuple(each for each in found if np.all(np.isfinite(each.slopes)))
 
     def _representative(self, draws: PosteriorDraws, peak: FloatArray) -> FloatArray:
         """(3,) the median of each ratio, what else is uncertain beside it; where these three cannot

@@ -5,11 +5,16 @@
 in `SpringCoordinates`, each draw (μ, Σ, ε) one from the posterior of the farm that
 `pipeline.farm` samples: how sure the farm is of its mean and spread, and that a new turbine
 may be unlike the others, are in it. It is kept as a small JSON file.
+
+Where the turbines' structure is uncertain, x are the springs as the nominal description reads them,
+and the true ones are x + Lᵀ ξ: errors ξ ~ N(0, I) of the description, which the new turbine shares.
+An inference that has the figures of its structure takes x + Lᵀ ξ as it is, so that what they share
+is not counted twice; for an exact structure the errors widen the prior.
 """
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +57,17 @@ class SpringCoordinates:
         r11, r22 = np.exp(points[..., 0]), np.exp(points[..., 1])
         return np.stack([r11, r22, rho / coupling * np.sqrt(r11 * r22)], axis=-1)
 
+    def steps(self, log_steps: FloatArray, ratios: FloatArray) -> FloatArray:
+        """(..., 3) steps of x, to the first order, of steps of ln k, (..., 3), at ratios, (3,).
+
+        d atanh ρ = ρ / (1 − ρ²) (d ln k12 − (d ln k11 + d ln k22) / 2)
+        """
+        rho = self._nominal_coupling * ratios[2] / np.sqrt(ratios[0] * ratios[1])
+        coupled = log_steps[..., 2] - (log_steps[..., 0] + log_steps[..., 1]) / 2
+        return np.stack(
+            [log_steps[..., 0], log_steps[..., 1], rho / (1 - rho**2) * coupled], axis=-1
+        )
+
     def log_jacobian(self, points: FloatArray) -> FloatArray:
         """(...,) log |∂r/∂x|: up to a constant, the density in x of a prior uniform in k.
 
@@ -78,6 +94,13 @@ class StiffnessPopulation:
     covariances: FloatArray  # Σ, (n_draws, 3, 3)
     outlier_shares: FloatArray  # ε, (n_draws,)
     outlier_std: float  # w [-]
+    figures: tuple[str, ...] = ()  # of the description, whose errors all turbines share
+    common: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # L, (n_figures, 3)
+
+    @property
+    def _wide(self) -> FloatArray:
+        """(n_draws, 3, 3) Σ with the description's errors, independent of this turbine's."""
+        return np.asarray(self.covariances + self.common.T @ self.common)
 
     @property
     def name(self) -> str:
@@ -104,10 +127,11 @@ class StiffnessPopulation:
 
     def _log_mixture(self, points: FloatArray) -> FloatArray:
         offsets = points - self.means[:, None]
-        wide = self.covariances + self.outlier_std**2 * np.eye(3)
+        covariances = self._wide
+        wide = covariances + self.outlier_std**2 * np.eye(3)
         logs = np.stack(
             [
-                log_gaussian(offsets, self.covariances[:, None])
+                log_gaussian(offsets, covariances[:, None])
                 + np.log1p(-self.outlier_shares)[:, None],
                 log_gaussian(offsets, wide[:, None]) + np.log(self.outlier_shares)[:, None],
             ]
@@ -116,10 +140,17 @@ class StiffnessPopulation:
 
     def draws(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, 3) ratios k / nominal."""
+        return self._drawn(n, generator, self._wide)
+
+    def as_described(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """(n, 3) ratios k / nominal as the nominal description reads them, without its errors."""
+        return self._drawn(n, generator, self.covariances)
+
+    def _drawn(self, n: int, generator: np.random.Generator, covariances: FloatArray) -> FloatArray:
         chosen = generator.integers(len(self.means), size=n)
         outlying = generator.random(n) < self.outlier_shares[chosen]
         wide = outlying[:, None, None] * self.outlier_std**2 * np.eye(3)
-        factors = np.linalg.cholesky(self.covariances[chosen] + wide)
+        factors = np.linalg.cholesky(covariances[chosen] + wide)
         normal = generator.standard_normal((n, 3))
         points = self.means[chosen] + np.einsum("nij,nj->ni", factors, normal)
         return self.coordinates.to_ratios(points)
@@ -142,6 +173,8 @@ class StiffnessPopulation:
             "covariances": self.covariances.tolist(),
             "outlier_shares": self.outlier_shares.tolist(),
             "outlier_std": self.outlier_std,
+            "figures": self.figures,
+            "common": self.common.tolist(),
         }
         return json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -176,6 +209,8 @@ def _checked(content: Mapping[str, Any]) -> StiffnessPopulation:
     """Raises ValueError, KeyError, TypeError where numbers do not fit together."""
     shares = np.array(content["outlier_shares"], dtype=float)
     n = len(shares)
+    figures = tuple(str(each) for each in content.get("figures", ()))
+    common = content["common"] if figures else np.zeros((0, 3))
     population = StiffnessPopulation(
         turbines=tuple(str(each) for each in content["turbines"]),
         nominal=_shaped(content["nominal"], (3,), "nominal"),
@@ -183,6 +218,8 @@ def _checked(content: Mapping[str, Any]) -> StiffnessPopulation:
         covariances=_shaped(content["covariances"], (n, 3, 3), "covariances"),
         outlier_shares=shares,
         outlier_std=float(content["outlier_std"]),
+        figures=figures,
+        common=_shaped(common, (len(figures), 3), "common"),
     )
     if n == 0 or not population.turbines:
         raise ValueError("it was learned from nothing")

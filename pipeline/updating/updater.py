@@ -24,7 +24,7 @@ from pipeline.updating.change.event_message import (
 from pipeline.updating.change.midpoint_slopes import measured_half_way
 from pipeline.updating.change.random_walk import deviation
 from pipeline.updating.change.revised_size import BeforeEvent, relative_change, revised_step
-from pipeline.updating.change.sufficient_statistics import with_tracks_only
+from pipeline.updating.change.sufficient_statistics import Sensitivities, with_tracks_only
 from pipeline.updating.checkpoint import CheckpointOwner, decoded_checkpoint, encoded_checkpoint
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused
@@ -180,16 +180,16 @@ class FoundationUpdater:
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationEvent | None]:
         """The detectors' sums with one more window, and the event they report."""
-        window = watched_window(state.evidence, estimate, self._rise(estimate))
+        unknown = self._unknown_level_std
+        window = watched_window(state.evidence, estimate, self._rise(estimate), unknown)
         remembered = [mode.track for mode in state.evidence.modes]
         change = replace(state.change, sums=with_tracks_only(state.change.sums, remembered))
-        known = sensitivities_of(change.sums.tracks, state.sensitivities)
+        known = self._sensitivities(change, state)
         change = self._detector.updated(change, window, known)
-        known = sensitivities_of(change.sums.tracks, state.sensitivities)
+        known = self._sensitivities(change, state)
         verdict = self._detector.verdict(change, known, window_duration=estimate.duration)
         if not verdict.alarm or state.median is None:
             return replace(state, change=change), None
-        known = replace(known, rough=state.is_rough)
         found = self._detector.change(change, verdict, known)
         found = measured_half_way(
             found,
@@ -207,6 +207,19 @@ class FoundationUpdater:
         earlier = BeforeEvent.of(change.sums, found.candidate, state.sensitivities, state.median)
         after = self._detector.restarted(change, found.restart)
         return replace(anew, change=after, before_event=earlier), event
+
+    def _sensitivities(self, change: ChangeState, state: UpdatingState) -> Sensitivities:
+        """Of the tracks in the sums, by the state's last posterior."""
+        unknown = state.evidence.unknown_level_share * self._unknown_level_std
+        known = sensitivities_of(change.sums.tracks, state.sensitivities)
+        return replace(known, rough=state.is_rough, level_std=unknown)
+
+    @property
+    def _unknown_level_std(self) -> float:
+        """Of a water level that nothing reports [m]; 0 where the structure is exact."""
+        if isinstance(self._inference, ExactInference):
+            return 0.0
+        return self._inference.prior.unknown_level_std
 
     def _model_before(self, state: UpdatingState, median: FloatArray) -> ForwardModel:
         """The structure that the last posterior found, its modes followed from there."""
@@ -247,12 +260,11 @@ class FoundationUpdater:
             median=found.representative[:3],
             sensitivities=found.sensitivities,
         )
-        change = self._change_probability(state.change, state.sensitivities, estimate.duration)
         return after, replace(
             posterior,
             structure=STATED_EXACT if self.settings.structure.stated else UNSTATED_EXACT,
             population=self._population_name,
-            change_probability=change,
+            change_probability=self._change_probability(state, estimate.duration),
             relative=_relative_to_earlier(after),
         )
 
@@ -291,7 +303,7 @@ class FoundationUpdater:
             joint=found.warm_starts,
             sensor_fault="" if found.fault is None else found.fault.name,
         )
-        change = self._change_probability(state.change, after.sensitivities, estimate.duration)
+        change = self._change_probability(after, estimate.duration)
         return after, replace(
             posterior, population=self._population_name, change_probability=change
         )
@@ -300,12 +312,10 @@ class FoundationUpdater:
     def _population_name(self) -> str:
         return "" if self._population is None else self._population.name
 
-    def _change_probability(
-        self, change: ChangeState, pairs: Sequence[TrackSensitivity], duration: float
-    ) -> float:
+    def _change_probability(self, state: UpdatingState, duration: float) -> float:
         """That the modes have changed since the last event, by windows of that duration [s]."""
-        known = sensitivities_of(change.sums.tracks, pairs)
-        verdict = self._detector.verdict(change, known, window_duration=duration)
+        known = self._sensitivities(state.change, state)
+        verdict = self._detector.verdict(state.change, known, window_duration=duration)
         return float(verdict.probability)
 
     def _in_this_window(
@@ -334,20 +344,20 @@ def _joint_sensitivities(
     modes = peak.comparison.linearisation
     by_theta = np.linalg.inv(fit.coordinates.slopes(peak.u)[:3, :3])
     slopes = modes.log_frequency_slopes[:, :3] @ by_theta * fit.coordinates.nominal
-    varied = found.evidence.level_varied
-    water = [each.curve for each in fit.partners_in_water(peak)] if varied else None
-    sensitivities = {}
-    for each in peak.comparison.used:
-        track = found.evidence.modes[each.identified].track
-        first = each.model_modes[0]
-        if labels[first] != "?":
-            sensitivities[track] = TrackSensitivity(
-                track=track,
-                model=labels[first],
-                slopes=slopes[list(each.model_modes)].mean(axis=0),
-                water=np.zeros(2) if water is None else water[first],
-            )
-    return tuple(sensitivities.values())
+    moved = found.evidence.level_varied or found.evidence.n_unknown_levels > 0
+    water = [each.curve for each in fit.partners_in_water(peak)] if moved else None
+    known = [each for each in peak.comparison.used if labels[each.model_modes[0]] != "?"]
+    chosen = found.evidence.one_a_track(each.identified for each in known)
+    return tuple(
+        TrackSensitivity(
+            track=found.evidence.modes[each.identified].track,
+            model=labels[each.model_modes[0]],
+            slopes=slopes[list(each.model_modes)].mean(axis=0),
+            water=np.zeros(2) if water is None else water[each.model_modes[0]],
+        )
+        for each in known
+        if each.identified in chosen
+    )
 
 
 def _relative_to_earlier(state: UpdatingState) -> tuple[RelativeStiffness, ...]:

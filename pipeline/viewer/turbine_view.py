@@ -215,6 +215,8 @@ class TurbineView:
         foundation_views.log_joint_posterior(recording, root, posterior, self._truth)
         foundation_views.log_posterior_widths(recording, root, posterior)
         foundation_views.log_change_probability(recording, root, posterior)
+        if self._sized:
+            foundation_views.log_revised_sizes(recording, root, posterior)
         picture = pile_picture(posterior, self._description, self._truth)
         foundation_views.log_pile(recording, root, picture)
         estimate = self._estimate_of(posterior)

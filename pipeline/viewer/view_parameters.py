@@ -15,6 +15,7 @@ from sensors.acquisition.layout import SensorLayout
 Corner = Literal["", "LeftTop"]  # of a plot, where its legend is; "": there is none
 AT_LEFT = Corner2DBatch("LeftTop")
 TIME_MARGIN = 0.05  # of a finished session's time axis on both sides: room for dates [-]
+GRID_MARGIN = 0.15  # the same of the small plots in a grid [-]
 LEGEND_MARGIN = 0.2  # the same on the left where a legend stands there, beside the lines [-]
 
 
@@ -54,7 +55,7 @@ def time_series(origin: str, name: str, legend: Corner = "", **more: Any) -> rrb
     )
 
 
-def with_margins(part: Any, span_ns: tuple[int, int]) -> None:
+def with_margins(part: Any, span_ns: tuple[int, int], margin: float = TIME_MARGIN) -> None:
     """Give every plot below a container its room beside the first and the last sample.
 
     Parameters
@@ -63,16 +64,19 @@ def with_margins(part: Any, span_ns: tuple[int, int]) -> None:
         Changed in place.
     span_ns : tuple of int
         Start and end of the session [ns since 1970].
+    margin : float, optional
+        Room on both sides, as a share of the session [-].
     """
     if isinstance(part, rrb.Container):
+        inside = GRID_MARGIN if isinstance(part, rrb.Grid) else margin
         for each in part.contents:
-            with_margins(each, span_ns)
+            with_margins(each, span_ns, inside)
     elif isinstance(part, rrb.TimeSeriesView):
         (start, end), legend = span_ns, part.properties["PlotLegend"]
         at_left = isinstance(legend, rrb.PlotLegend) and legend.corner == AT_LEFT
-        left = LEGEND_MARGIN if at_left else TIME_MARGIN
+        left = LEGEND_MARGIN if at_left else margin
         first = rrb.TimeRangeBoundary.absolute(nanos=round(start - left * (end - start)))
-        last = rrb.TimeRangeBoundary.absolute(nanos=round(end + TIME_MARGIN * (end - start)))
+        last = rrb.TimeRangeBoundary.absolute(nanos=round(end + margin * (end - start)))
         part.properties["TimeAxis"] = rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last))
 
 

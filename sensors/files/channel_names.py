@@ -33,20 +33,33 @@ _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")  # of "WindSpeed" too
 _IN_METRES = re.compile(r"(?<![A-Za-z0-9.,])(-?\d+(?:[.,]\d+)?) ?([mc]?)[mM](?![A-Za-z/])")
 _AFTER_LETTERS = re.compile(r"(?<![A-Za-z0-9])(?:[Ll]at|LAT|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)")
 _NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?!\d|\.\d)")
+_COMPASS = re.compile(r"(?<![A-Za-z])(?:N[-/ ]?S|S[-/ ]?N|[EO][-/ ]?W|W[-/ ]?[EO])(?![A-Za-z])")
 _SEED = re.compile(r"\.[A-Z]{2}([NEZ])$")  # last letter of a SEED channel code: its orientation
 _OPENFAST = re.compile(r"(?:TwHt\dAL|YawBrTA|NcIMUTA)([xyz])[tps]$")  # accelerations of the tower
 _TRAILING = re.compile(r"(?:\d|\b[Aa][Cc]?[Cc]?)([XYZxyz])(?![A-Za-z])")
 
 # Words of a name, in lower case, that stand for what is no motion of the structure.
 CONDITIONS = {
-    **dict.fromkeys(("wind", "windspeed", "wspd", "anemometer"), "the wind"),
-    **dict.fromkeys(("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm"), "the rotor"),
+    **dict.fromkeys(
+        ("wind", "windspeed", "wspd", "ws", "anemometer", "windgeschwindigkeit"), "the wind"
+    ),
+    **dict.fromkeys(
+        ("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm", "drehzahl"), "the rotor"
+    ),
     **dict.fromkeys(("pitch", "bldpitch", "azimuth", "yaw", "nacyaw"), "an angle of the turbine"),
-    **dict.fromkeys(("power", "pwr", "genpwr", "torque"), "power"),
-    **dict.fromkeys(("temp", "temperature", "ptemp", "tamb", "humidity"), "the weather"),
+    **dict.fromkeys(("power", "pwr", "genpwr", "torque", "leistung"), "power"),
+    **dict.fromkeys(
+        ("temp", "temperature", "ptemp", "tamb", "humidity", "temperatur"), "the weather"
+    ),
     **dict.fromkeys(("pressure", "rain"), "the weather"),
-    **dict.fromkeys(("batt", "battery", "volt", "voltage", "supply"), "the logger's supply"),
-    **dict.fromkeys(("wave", "tide", "waterlevel", "sealevel", "water", "sea"), "the sea"),
+    **dict.fromkeys(
+        ("batt", "battery", "volt", "voltage", "supply", "batterie"),
+        "the logger's supply",
+    ),
+    **dict.fromkeys(
+        ("wave", "tide", "waterlevel", "sealevel", "water", "sea", "wasserstand", "pegel"),
+        "the sea",
+    ),
     **dict.fromkeys(("status", "state", "flag", "counter", "record", "valid"), "a state"),
 }
 # Units of such quantities; patterns over the unit in lower case without blanks.
@@ -139,6 +152,11 @@ def _height(name: str, shared: frozenset[str]) -> tuple[float | None, str, bool]
 
 
 def _axis(name: str) -> tuple[str, str]:
+    pair = _COMPASS.search(name)
+    if pair:
+        return ("ns" if "N" in pair[0] else "ew"), pair[0]
+    if name.startswith(("V", "v")):  # a velocity, a voltage
+        name = name[1:]
     for words in (_LETTERS.findall(name), _WORD.findall(name)):
         for word in reversed(words):
             if word.lower() in AXIS_OF_NAME:

@@ -21,12 +21,12 @@ IDLING = 0.1  # a rotor that is slower stands [rpm]
 
 # Field of a ScadaSample: a word of the name, and what a value of each unit is in the field's unit.
 _FIELDS: dict[str, tuple[str, dict[str, float]]] = {
-    "wind_speed": ("wind|windspeed|wspd", {"m/s": 1.0}),
-    "rotor_speed": ("rotspeed|rotorspeed|rotor|rpm", {"rpm": 1.0, "1/min": 1.0, "": 1.0}),
+    "wind_speed": ("wind|windspeed|wspd|ws|windgeschwindigkeit", {"m/s": 1.0}),
+    "rotor_speed": ("rotspeed|rotorspeed|rotor|rpm|drehzahl", {"rpm": 1.0, "1/min": 1.0, "": 1.0}),
     "pitch": ("pitch|bldpitch", {"deg": 1.0, "°": 1.0, "": 1.0}),
     "yaw": ("yaw|nacyaw|yawpos", {"deg": 1.0, "°": 1.0}),
-    "power": ("power|pwr|genpwr", {"w": 1.0, "kw": 1e3, "mw": 1e6}),
-    "water_level": ("waterlevel|sealevel|waveelev|tide|level", {"m": 1.0}),
+    "power": ("power|pwr|genpwr|leistung", {"w": 1.0, "kw": 1e3, "mw": 1e6}),
+    "water_level": ("waterlevel|sealevel|waveelev|tide|level|wasserstand|pegel", {"m": 1.0}),
 }
 _NOT_A_LEVEL = {"std", "min", "max", "dir", "direction", "err", "error", "rate", "temp", "y", "z"}
 

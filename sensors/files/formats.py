@@ -108,7 +108,7 @@ def read_chunks(
         yield from CHUNK_READERS.get(suffix, read_csv_chunks)(path, wanted)
 
 
-def channels_in(path: Path, reader: str | None = None) -> ChannelTable:
+def channels_in(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING) -> ChannelTable:
     """Return names and units of all channels of a file, without its samples.
 
     Even of such as differ in rate.
@@ -124,7 +124,7 @@ def channels_in(path: Path, reader: str | None = None) -> ChannelTable:
     """
     channels = _channels(path, reader)
     if channels is None:
-        first = next(read_chunks(path, reader), None)
+        first = next(read_chunks(path, reader, wanted), None)
         if first is None:
             raise FileError(f"{path}: 0 samples; at least two are needed")
         return replace(first, samples=first.samples[:0], times=None)

@@ -9,6 +9,7 @@
     [time]                     only where the titles do not state the time
     column = "Messpunkt"
     unit = "ms"
+    dates = "day-first"        where 3/4/2024 is in April
 
 What it lists is taken, in its order; other channels of the measurement are left out.
 """
@@ -31,7 +32,14 @@ from sensors.acquisition.layout import (
     LayoutError,
     SensorLayout,
 )
-from sensors.files.table import ChannelTable, Quantity, TimeColumn, Wanted, in_standard_unit
+from sensors.files.table import (
+    UNSTATED,
+    ChannelTable,
+    Quantity,
+    TimeColumn,
+    Wanted,
+    in_standard_unit,
+)
 from sensors.settings import settings_from_table, toml_string
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
@@ -96,8 +104,8 @@ class LayoutFile:
     origin: str = "layout"
     """The file's name, for errors."""
 
-    time: TimeColumn | None = None
-    """Where the titles do not state it."""
+    time: TimeColumn = UNSTATED
+    """What the titles do not state of it."""
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -249,11 +257,13 @@ class _Heading:
     turbine: str = "turbine"
     unit: str = "tower"
     layout_id: str = "imported"
-    time: TimeColumn | None = None
+    time: TimeColumn = UNSTATED
 
     def __post_init__(self) -> None:
-        if self.time is None or not self.time.unit:
+        if not self.time.unit:
             return
+        if not self.time.column:
+            raise LayoutError(f"[time] unit is {self.time.unit!r}, but no column is named")
         from sensors.files.text.time_column import known_unit  # pyarrow: not on a tower unit
 
         if known_unit(self.time.unit) is None:

@@ -41,7 +41,8 @@ STEP_NOTES = ("dt", "sampling_interval", "sample_interval", "wf_increment", "del
 START = ("start_timestamp", "start_time", "wf_start_time", "start", "t0", "starttime")
 OFFSET = ("wf_start_offset",)  # of the first sample behind `START` [s]
 UNIT_NOTES = ("unit_str", "unit_string", "unit", "units")
-NAME_NOTES = ("names", "channel_names", "channels", "columns")
+NAME_NOTES = ("names", "channel_names", "channels", "columns", "labels", "channel_labels",
+              "channelnames", "chan_names", "sensor_names", "sensors")  # fmt: skip
 NEARLY = 0.99  # channels of one rate that are so much alike in length belong together
 
 _FREQUENCY = {"hz": 1.0, "khz": 1e3, "s/s": 1.0, "sps": 1.0, "1/s": 1.0, "": 1.0}

@@ -78,7 +78,7 @@ def join_channels(
     """
     if not channels:
         raise FileError(f"{path}: there is no channel of numbers in it")
-    if wanted.time is not None and wanted.stamps:
+    if wanted.time.column and wanted.stamps:
         channels = _with_time(channels, wanted.time, path)
     names = distinct([str(channel.get("name") or "") for channel in channels])
     chosen = wanted.among(names)
@@ -134,7 +134,8 @@ def _with_time(
             f"{path}: no series {time.column!r} to be the time; it has {', '.join(names)}"
         )
     place = names.index(time.column)
-    clock = TextClock(time.column, time.unit or str(channels[place].get("unit_str") or ""))
+    unit = time.unit or str(channels[place].get("unit_str") or "")
+    clock = TextClock(time.column, unit, time.dates)
     try:
         seconds = clock.seconds(pa.array(np.asarray(channels[place]["data"])))
     except (ClockError, pa.ArrowException) as error:

@@ -67,6 +67,7 @@ LIKE_DISPLACEMENT = (
 )  # fmt: skip
 
 Quantity = Literal["acceleration", "velocity", "displacement"]
+DateOrder = Literal["day-first", "month-first"]
 
 _WORDS: dict[Quantity, tuple[str, ...]] = {
     "acceleration": ("a", "acc", "accel", "acceleration", "accelerometer"),
@@ -81,13 +82,19 @@ class FileError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class TimeColumn:
-    """Which column or series of a file is its time, where its title does not state it."""
+    """What is stated of a file's time beside the file."""
 
-    column: str
-    """Name as the file has it, without a unit in brackets."""
+    column: str = ""
+    """Name as the file has it, without a unit in brackets; empty: found by its title."""
 
     unit: str = ""
     """Unit of its numbers: s, ms, us, ns, min, h, d. Empty: as the title states, else by size."""
+
+    dates: DateOrder | None = None
+    """What comes first in dates such as 3/4/2024; None: as the dates show."""
+
+
+UNSTATED = TimeColumn()
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +107,8 @@ class Wanted:
     stamps: bool = True
     """False: the samples are counted and time stamps are not read."""
 
-    time: TimeColumn | None = None
-    """The time, where it is stated beside the file."""
+    time: TimeColumn = UNSTATED
+    """What is stated of the time beside the file."""
 
     def among(self, names: Sequence[str]) -> list[int]:
         """Return which of the channels are read; all where one that is wanted is missing."""
@@ -109,9 +116,14 @@ class Wanted:
         return [i for i, name in enumerate(names) if name in self.names or not complete]
 
 
+def dated(wanted: Wanted, dates: DateOrder | None) -> Wanted:
+    """Return what is wanted with another order of day and month; None leaves it as it is."""
+    return replace(wanted, time=replace(wanted.time, dates=dates or wanted.time.dates))
+
+
 EVERYTHING = Wanted()
 STANDING_STAMPS = (
-    "{path}: its time stamps stand still; --sampling-rate HZ counts the samples instead"
+    "{path}: its time stamps do not increase; --sampling-rate HZ counts the samples instead"
 )
 
 
@@ -193,7 +205,7 @@ def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
     -------
     float or None
     """
-    if len(times) < 2:
+    if len(times) < 2 or not times[-1] > times[0]:
         return None
     steps = np.diff(times)
     typical = max(float(np.median(steps)), float(np.mean(steps)) / 2)

@@ -162,13 +162,44 @@ class RigidBody:
     """Centre from the tower's top (x, y, z) [m]."""
 
     inertia: Vector = (0.0, 0.0, 0.0)
-    """Inertia about its centre, round x, y, z [kg·m²]."""
+    """Moments of inertia round x, y, z: I_xx, I_yy, I_zz [kg·m²]."""
+
+    products: Vector = (0.0, 0.0, 0.0)
+    """The tensor's other entries I_xy, I_xz, I_yz, with I_xy = −∫ x y dm [kg·m²]."""
+
+    inertia_point: Vector | None = None
+    """Point that moments and products are about, from the tower's top; the centre if absent [m]."""
 
     def __post_init__(self) -> None:
         where = f"body {self.name!r}"
         _require_not_negative(where, "mass", self.mass)
         for axis, value in zip("xyz", self.inertia, strict=True):
             _require_not_negative(where, f"inertia round {axis}", value)
+        least = float(np.linalg.eigvalsh(self.tensor)[0])
+        if least < -1e-6 * max(self.inertia):
+            raise TurbineError(
+                f"{where}: about its centre the inertia has a principal moment of {least:g} kg·m²; "
+                "it must not be negative: check products and inertia_point"
+            )
+
+    @property
+    def tensor(self) -> FloatArray:
+        """(3, 3) inertia about the centre [kg·m²], by the parallel axis theorem."""
+        xy, xz, yz = self.products
+        stated = np.diag(self.inertia) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
+        if self.inertia_point is None:
+            return stated
+        arm = np.subtract(self.centre, self.inertia_point)
+        return np.asarray(stated - self.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
+
+    @property
+    def about_centre(self) -> "RigidBody":
+        """The same body with its inertia about its centre."""
+        if self.inertia_point is None:
+            return self
+        i = self.tensor.tolist()
+        moments, products = (i[0][0], i[1][1], i[2][2]), (i[0][1], i[0][2], i[1][2])
+        return replace(self, inertia=moments, products=products, inertia_point=None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,10 @@ from sensors.structure.foundation import TurbineError
 FigureChange = Callable[[TurbineDescription, float], TurbineDescription]
 Distribution = Literal["normal", "half-normal"]
 
-KNOWN_LEVEL_STD = 0.1  # of a sea level that SCADA reports: gauge, waves, distance to it [m]
-UNKNOWN_LEVEL_STD = 1.0  # of one that no sensor reports: the tide of an open coast [m]
+JUDGEMENT = "engineering judgement"  # of a prior whose width no source states
+# engineering judgement, both: gauge, waves and distance to it; the tide of an open coast
+KNOWN_LEVEL_STD = 0.1  # of a sea level that SCADA reports [m]
+UNKNOWN_LEVEL_STD = 1.0  # of one that no sensor reports [m]
 LEVEL = "water_level"
 
 
@@ -43,7 +45,7 @@ class Figure:
     distribution: Distribution
     """Half-normal: nothing of it is described, and there cannot be less."""
     source: str
-    """Where the standard deviation comes from."""
+    """Where the standard deviation comes from; JUDGEMENT where no source states it."""
     change: FigureChange
     """The description with a departure of so much."""
     present: Callable[[TurbineDescription], bool]
@@ -70,7 +72,7 @@ def _blades(change: Callable[[BladeElement, float], BladeElement]) -> FigureChan
 def _bodies(change: Callable[[RigidBody, float], RigidBody]) -> FigureChange:
     def changed(turbine: TurbineDescription, departure: float) -> TurbineDescription:
         nacelle = turbine.rotor_nacelle
-        bodies = tuple(change(body, departure) for body in nacelle.bodies)
+        bodies = tuple(change(body.about_centre, departure) for body in nacelle.bodies)
         return replace(turbine, rotor_nacelle=replace(nacelle, bodies=bodies))
 
     return changed
@@ -141,31 +143,34 @@ def _has_transition(turbine: TurbineDescription) -> bool:
 FIGURES: tuple[Figure, ...] = (
     Figure(
         "steel_modulus", "Young's modulus of the tubes", "-", 0.01, "normal",
-        "EN 1993-1-1 takes 210 GPa; mills' records of plate scatter by about 1 %",
+        "EN 1993-1-1, 3.2.6 for 210 GPa; that plates averaged over a tower scatter by 1 %: "
+        f"{JUDGEMENT}",
         _tubes(lambda t, d: replace(t, youngs_modulus=t.youngs_modulus * (1 + d))), _always,
     ),
     Figure(
         "wall_thickness", "wall of the tubes, outer diameter kept", "-", 0.01, "normal",
-        "EN 10029 class B: -.3 to +2.5 mm of a 40 to 60 mm plate, averaged over the cans",
+        "EN 10029 class B, table 1: -.3 to +2.5 mm of a 40 to 80 mm plate; that the cans' mean "
+        f"scatters by 1 %: {JUDGEMENT}",
         _tubes(lambda t, d: replace(t, thickness=t.thickness * (1 + d))), _always,
     ),
     Figure(
         "steel_density", "density of the tubes with paint and bolts", "-", 0.01, "normal",
-        "secondary steel and coating, counted into 8500 kg/m³ by rule of thumb",
+        f"secondary steel and coating, counted into 8500 kg/m³ by rule of thumb: {JUDGEMENT}",
         _tubes(lambda t, d: replace(t, density=t.density * (1 + d))), _always,
     ),
     Figure(
         "rna_mass", "mass of nacelle, hub and yaw bearing", "-", 0.02, "normal",
-        "weighing certificates and what is added on site", _rna_mass, _has_bodies,
+        f"weighing certificates and what is added on site: {JUDGEMENT}", _rna_mass, _has_bodies,
     ),
     Figure(
         "rna_height", "height of the nacelle's centre of mass", "m", 0.05, "normal",
-        "drawings; 1 % of the nacelle's height", _rna_height,
+        f"drawings; 1 % of the nacelle's height: {JUDGEMENT}", _rna_height,
         lambda turbine: any(any(b.inertia) for b in turbine.rotor_nacelle.bodies),
     ),
     Figure(
         "nacelle_roll_inertia", "nacelle's moment of inertia about the fore-aft axis", "-",
-        0.2, "normal", "definitions of the IEA 15 MW turbine differ by 31 % between versions",
+        0.2, "normal", "version 1.1 of the IEA 15 MW definition has 31 % more than what follows "
+        f"from the yaw inertia of version 1.0; two thirds of that: {JUDGEMENT}",
         _inertia(0), _has_inertia(0),
     ),
     Figure(
@@ -178,12 +183,12 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure(
         "blade_mass", "mass of the blades", "-", 0.02, "normal",
-        "makers match a set to .1 %, but a class of blades scatters by 2 %",
+        f"a blade of a class against its drawing: {JUDGEMENT}",
         _blades(lambda e, d: replace(e, mass_per_length=e.mass_per_length * (1 + d))), _has_blades,
     ),
     Figure(
         "flap_stiffness", "flapwise rigidity of the blades", "-", 0.05, "normal",
-        "IEC 61400-23 lets tested blades differ from their design by 5 % in frequency",
+        f"a tested blade against its design: {JUDGEMENT}",
         _blades(lambda e, d: replace(e, flapwise_rigidity=e.flapwise_rigidity * (1 + d))),
         _has_blades,
     ),
@@ -195,18 +200,20 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure(
         "added_mass", "coefficient of the water that moves along", "-", 0.15, "normal",
-        "DNV-RP-C205: C_a of .8 to 1 for a large cylinder near the surface",
+        "DNV-RP-C205, 6.9 for C_a = 1 at small motions, less at large ones; its spread by waves "
+        f"and the surface: {JUDGEMENT}",
         _water(lambda w, d: replace(w, added_mass_coefficient=w.added_mass_coefficient * (1 + d))),
         _has_water,
     ),
     Figure(
         "marine_growth", "thickness of marine growth below the mean sea level", "m", 0.03,
-        "half-normal", "DNV-ST-0437: up to 100 mm between +2 and -10 m, less below",
+        "half-normal", f"design standards take 50 to 150 mm at the end of life: {JUDGEMENT}",
         _water(lambda w, d: replace(w, growth=w.growth + d)), _has_water,
     ),
     Figure(
         "transition_piece", "mass at the top of the monopile", "kg", 150e3, "half-normal",
-        "flange, platform, boat landing and grout: 0 to 400 t built, the definition has 100 t",
+        "100 t in the IEA 15 MW definition, version 1.1; flange, platform, boat landing and grout "
+        f"of others up to 400 t: {JUDGEMENT}",
         _transition_piece, _has_transition,
     ),
 )  # fmt: skip

@@ -96,7 +96,7 @@ def nacelle_mass(nacelle: RotorNacelle) -> FloatArray:
     disc = nacelle.hub_inertia / 2 * (np.eye(3) + np.outer(shaft, shaft))
     mass = ROTATION.T @ disc @ ROTATION
     for body in rigid_bodies(nacelle):
-        mass += rigid_body_mass(body.mass, body.centre, body.inertia)
+        mass += rigid_body_mass(body.mass, body.centre, body.tensor)
     return mass
 
 

@@ -4,6 +4,7 @@
         [--sets N] [--keep]
 
 drawn     every figure from its prior, six windows
+identified  the same from time histories, by the product's identification
 weak      the same under the weak load; `single`: one window
 level     the water level unknown (1 m)
 alone     one figure off, the others as described, ten sets each
@@ -26,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.messages import ModalEstimate
+from pipeline.nodes.identification import IdentificationNode
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference
@@ -41,6 +43,7 @@ from tests.outside.instruments import SensorFault, instruments
 from tests.outside.loads import STRONG, WEAK, Loads
 from tests.outside.modal_data import LAYOUT, Truth, estimates
 from tests.outside.model import NOMINAL, Description, SpringSign, averaged, converged, detailed
+from tests.outside.records import record
 
 FIRST_SEED = 30000
 SPRINGS = ("k11", "k22", "k12")
@@ -92,6 +95,8 @@ class Case:
     faults: tuple[SensorFault, ...] = ()
     beyond: float = 1.0
     """Factor on the drawn figures' departures."""
+    identified: bool = False
+    """Whether the modes come from time histories; else they are drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,21 +134,24 @@ def inference_of(sign: SpringSign) -> JointInference:
 def outcome(case: Case, sign: SpringSign, inference: JointInference) -> Outcome | None:
     """Draw a set and infer; None where there is no posterior."""
     rng = np.random.default_rng(case.seed)
-    truth, found = _truth(case, sign, rng), []
+    truth = _truth(case, sign, rng)
     known = case.level_std <= 0.1
     sensed = instruments(LAYOUT, case.faults)
-    modal = estimates(
-        truth,
-        case.n_windows,
-        rng,
-        layout=replace(sensed.true, layout_id=LAYOUT.layout_id),
-        loads=case.loads,
-        reported_levels=[0.0] * case.n_windows if known else None,
-    )
+    if case.identified:
+        modal = _identified(truth, case, rng)
+    else:
+        drawn = estimates(
+            truth,
+            case.n_windows,
+            rng,
+            layout=replace(sensed.true, layout_id=LAYOUT.layout_id),
+            loads=case.loads,
+            reported_levels=[0.0] * case.n_windows if known else None,
+        )
+        modal = [_scaled(estimate, sensed.gains) for estimate in drawn]
     evidence = ModalEvidence(channels=LAYOUT.channel_names)
     for estimate in modal:
-        evidence = evidence.with_estimate(_scaled(estimate, sensed.gains))
-        found.append(estimate)
+        evidence = evidence.with_estimate(estimate)
     started = time.process_time()
     posterior = joint_refresh(inference, evidence, (), rng)
     if posterior is None:
@@ -171,6 +179,16 @@ def outcome(case: Case, sign: SpringSign, inference: JointInference) -> Outcome 
         paired=pairing.paired_share,
         seconds=seconds,
     )
+
+
+def _identified(truth: Truth, case: Case, rng: np.random.Generator) -> list[ModalEstimate]:
+    """What the product identifies in the time histories of a set, the level reported."""
+    made = record(truth, case.n_windows, rng, faults=case.faults, loads=case.loads)
+    node = IdentificationNode()
+    found = list(node.handle(LAYOUT))
+    for block in made.blocks():
+        found.extend(node.handle(block))
+    return [replace(each, water_level=0.0) for each in found if isinstance(each, ModalEstimate)]
 
 
 def _truth(case: Case, sign: SpringSign, rng: np.random.Generator) -> Truth:
@@ -213,9 +231,11 @@ def _scaled(estimate: ModalEstimate, gains: np.ndarray) -> ModalEstimate:
 
 def cases(part: str, first: int, sets: int | None) -> Iterator[Case]:
     """The sets of one part."""
-    seeds = range(first, first + (sets or {"drawn": 60, "weak": 24, "single": 24}.get(part, 24)))
+    seeds = range(first, first + (sets or {"drawn": 60}.get(part, 24)))
     if part in ("drawn", "inside"):
         yield from (Case(part, seed) for seed in seeds)
+    elif part == "identified":
+        yield from (Case(part, seed, identified=True) for seed in seeds)
     elif part == "weak":
         yield from (Case(part, seed, loads=WEAK) for seed in seeds)
     elif part == "single":

@@ -281,8 +281,9 @@ def events(draw: st.DrawFn) -> FoundationEvent:
 def _spanned(draw: st.DrawFn) -> WindowRejected | StreamGap:
     start_ns, end_ns = draw(spans)
     rejected = st.builds(
-        WindowRejected, texts, counts, *map(st.just, (start_ns, end_ns)), texts, texts
-    )
+        WindowRejected, texts, counts, *map(st.just, (start_ns, end_ns)), texts, texts,
+        windows_before=counts,
+    )  # fmt: skip
     gap = st.builds(
         StreamGap, texts, texts, texts, *map(st.just, (start_ns, end_ns)), counts, counts
     )

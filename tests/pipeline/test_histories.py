@@ -3,7 +3,9 @@
 import pytest
 
 from tests.pipeline.histories import complaints, shrunk
+from tests.pipeline.unit_histories import UnitHistory, violations
 
+FOUND_OF_UNITS = (4, 7, 17)  # seeds of two units that failed once
 FOUND = (80036, 80207, 80436, 80492, 80884, 100162, 110843, 120072)  # seeds that failed once
 
 
@@ -11,3 +13,8 @@ FOUND = (80036, 80207, 80436, 80492, 80884, 100162, 110843, 120072)  # seeds tha
 def test_books_balance_and_kills_change_nothing(seed: int) -> None:
     found = complaints(seed)
     assert not found, f"seed {seed}: {found}; what is needed for it: {shrunk(seed)}"
+
+
+@pytest.mark.parametrize("seed", FOUND_OF_UNITS)
+def test_clocks_of_two_units_and_restarts_cost_no_window_without_a_step(seed: int) -> None:
+    assert violations(seed) == [], UnitHistory.of(seed)

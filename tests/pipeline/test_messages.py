@@ -1,9 +1,14 @@
 """What the messages say of themselves."""
 
+import math
+from dataclasses import MISSING, fields
+
 import numpy as np
 import pytest
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ParameterSummary
+from pipeline.nodes.node import NodeStatistics
+from pipeline.streams import STREAMS
 from tests.pipeline.example_messages import START_NS, block
 
 FACTOR = np.array([[0.003, 0.0], [0.0, 0.001], [0.0, 0.0], [0.3, 0.4]])
@@ -29,6 +34,26 @@ def test_an_estimate_of_ten_minutes_lasts_600_seconds() -> None:
     end_ns = START_NS + 600 * 10**9
     estimate = ModalEstimate("t1", 0, START_NS, end_ns, "four-levels", (), ())
     assert estimate.duration == pytest.approx(600.0)
+
+
+@pytest.mark.parametrize("kind", [each.message for each in STREAMS])
+def test_what_a_message_leaves_out_is_nothing_or_not_known(kind: type) -> None:
+    """An older recording lacks it: a count is 0 there, a text empty, a condition not known."""
+    meant = {("ModalEstimate", "weight"): 1.0, ("FoundationPosterior", "trusted"): True}
+    for each in fields(kind):
+        expected = meant.get((kind.__name__, each.name))
+        if each.default is MISSING:
+            continue
+        unknown = isinstance(each.default, float) and math.isnan(each.default)
+        if expected is None:
+            assert not each.default or unknown, each.name
+        else:
+            assert each.default == expected
+
+
+def test_statistics_of_nothing_add_nothing() -> None:
+    counted = NodeStatistics(lost=1, late=2, duplicate=3, recorded=4)
+    assert counted + NodeStatistics() == counted == NodeStatistics() + counted
 
 
 def test_one_block_ends_where_the_next_begins() -> None:

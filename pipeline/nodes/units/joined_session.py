@@ -23,7 +23,7 @@ from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
-LARGEST_LEAD = 3600.0  # by which a unit that starts may be ahead of the others [s]
+LARGEST_LEAD = 3600.0  # by which a unit that starts may be apart from the others [s]
 SILENT = 20  # blocks of each of the other units after which a unit has nothing to say
 
 
@@ -114,8 +114,19 @@ class JoinedSession:
         return all(self._disagreed.get(unit, 0) >= STUBBORN for unit in heard)
 
     def release(self) -> list[AccelerationBlock]:
-        """Blocks that could not be used and that another session may begin with."""
-        return list(self._unused)
+        """Blocks that could not be used and that another session may begin with.
+
+        The unit whose stamps are nearest to the joined clock comes first: the others' stamps are
+        judged by its own.
+        """
+        now_ns = self._joiner.now_ns
+        if now_ns is None:
+            return list(self._unused)
+
+        def apart(block: AccelerationBlock) -> int:
+            return abs(self._newest[block.unit].start_ns - now_ns)
+
+        return sorted(self._unused, key=apart)
 
     def finish(self) -> Iterator[Message]:
         """Answer what is left."""
@@ -134,21 +145,33 @@ class JoinedSession:
         self._windows.recall(answer)
 
     def needed(self) -> dict[str, int]:
-        """First sample of each unit that is not in an answered window or fits its clock's line."""
+        """First sample of each unit that is not in an answered window or fits its clock's line; of
+        one that is left out, that of its newest block."""
+        since = self._windows.next_index * self._settings.hop
+        absent = self._absent(since)
         return {
-            unit: self._joiner.needed(unit, self._windows.next_index * self._settings.hop)
-            for unit in self._newest
+            unit: newest.first_sample if unit in absent else self._joiner.needed(unit, since)
+            for unit, newest in self._newest.items()
         }
+
+    def _absent(self, since: float) -> set[str]:
+        """Units that are left out and have no samples in a window that is not answered."""
+        return {unit for unit in self._out if not self._joiner.has(unit, since)}
 
     def state(self) -> dict[str, Any]:
         """What a restart needs beside the samples, as JSON can say it."""
         grid = self._joiner.grid
-        return {"window": self._windows.next_index, "grid": None if grid is None else list(grid)}
+        return {
+            "window": self._windows.next_index,
+            "grid": None if grid is None else list(grid),
+            "out": sorted(self._absent(self._windows.next_index * self._settings.hop)),
+        }
 
     def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
         """Go on with the first window that is not answered, on the same clock."""
         for unit, beginning in needed.items():
             self._orders[unit] = BlockOrder(self._settings.lateness, beginning)
+        self._out = set(state.get("out", ()))
         if state["grid"] is None:
             return
         origin_ns, rate, session = state["grid"]
@@ -172,7 +195,7 @@ class JoinedSession:
         ]
         lead = (block.start_ns - max(others)) / NANOSECONDS if others else 0.0
         if before is None:
-            if lead > LARGEST_LEAD:
+            if abs(lead) > LARGEST_LEAD:
                 self._out.add(block.unit)
         elif block.first_sample >= before.first_sample:
             step = clock_step(stamp_of(before), stamp_of(block), block.sampling_rate)
@@ -219,6 +242,7 @@ class JoinedSession:
             yield from self._windows.push(joined)
 
     def _origins(self, window: Window) -> tuple[UnitOrigin, ...]:
+        """Of the units that are there when the window begins."""
         beginnings = self._joiner.beginnings(window.first_sample)
         return tuple(
             UnitOrigin(unit, self._boots[unit].session, self._boots[unit].number, sample)

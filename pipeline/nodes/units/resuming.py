@@ -45,7 +45,8 @@ class IdentificationState:
     ) -> "IdentificationState":
         """What a running identification must not forget."""
         needed = {} if session is None else session.needed()
-        marks = {name: units.by_name[name].mark_before(first) for name, first in needed.items()}
+        known = units.by_name  # a unit of the session may have been let go
+        marks = {n: known[n].mark_before(first) for n, first in needed.items() if n in known}
         return cls(
             {name: unit.admission.state() for name, unit in units.by_name.items()},
             {name: unit.boot for name, unit in units.by_name.items()},

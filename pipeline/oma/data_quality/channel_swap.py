@@ -62,12 +62,9 @@ def _shapes_of_same_modes(
 ) -> tuple[FloatArray, FloatArray]:
     """Shapes of the modes that both windows see clearly at one frequency, (n, n_channels) each."""
     pairs = []
+    clear = list(filter(_is_clear, reference.modes))
     for mode in filter(_is_clear, estimate.modes):
-        near = [
-            other
-            for other in filter(_is_clear, reference.modes)
-            if abs(mode.frequency / other.frequency - 1.0) < SAME_MODE
-        ]
+        near = [other for other in clear if abs(mode.frequency / other.frequency - 1.0) < SAME_MODE]
         if len(near) == 1:
             pairs.append((mode.shape, near[0].shape))
     shapes = np.array(pairs).reshape(len(pairs), 2, len(estimate.channels))

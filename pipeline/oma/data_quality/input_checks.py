@@ -96,12 +96,12 @@ def check_finite(
         return ()
     row, column = np.argwhere(bad)[0]
     text = (
-        f"{int(bad.sum())} of {bad.size} samples are not finite, the first in "
-        f"{channel_names[column]} at {row / sampling_rate:.3f} s"
+        f"{int(bad.sum())} of {bad.size} samples are missing or no numbers, the first in "
+        f"{channel_names[column]} {row / sampling_rate:.3f} s after the start of the window"
     )
     worst = float(bad.mean(axis=0).max())
     if worst <= MOST_MISSING:
-        return (Finding("missing", f"{text}; filled by prediction from the others", "mend"),)
+        return (Finding("missing", f"{text}; predicted from the samples around them", "mend"),)
     return (
         Finding(
             "nan",

@@ -174,11 +174,10 @@ class UnitJoiner:
             return None
         return self._origin_ns, self._rate, self._session
 
-    def time_of(self, sample: int) -> int | None:
-        """Time of a grid sample [ns]; None before the grid is settled."""
-        if self._origin_ns is None:
-            return None
-        return self._origin_ns + round(sample * (NANOSECONDS / self._rate))
+    @property
+    def now_ns(self) -> int | None:
+        """Time of the next grid sample [ns]; None before the grid is settled."""
+        return None if self._origin_ns is None else int(self._grid(1)[0])
 
     def is_past(self, block: AccelerationBlock) -> bool:
         """Whether nothing will be read from a block: the grid is beyond it."""
@@ -195,6 +194,10 @@ class UnitJoiner:
             unit: max(0, round(position + (sample - given) * rates.get(unit, 1.0)))
             for unit, position in positions.items()
         }
+
+    def has(self, unit: str, since: float) -> bool:
+        """Whether a unit has samples on the grid where a time since its beginning lies [s]."""
+        return bool(self._rate) and unit in self.beginnings(round(since * self._rate))
 
     def needed(self, unit: str, since: float) -> int:
         """First sample of a unit that the grid from `since` [s] on is read from, with the stamps
@@ -318,7 +321,12 @@ class UnitJoiner:
         return int((until_ns - now_ns) / NANOSECONDS * self._rate) // size - 1  # stamps scatter
 
     def _positions_of(self, time_ns: int) -> dict[str, float]:
-        return {u: s[-1].position_at(time_ns) for u, s in self._streams.items() if s}
+        """Of units that have samples then, each in its own count."""
+        return {
+            unit: streams[-1].position_at(time_ns)
+            for unit, streams in self._streams.items()
+            if streams and streams[-1].start_ns <= time_ns < streams[-1].newest_ns
+        }
 
     def _passed_over(self, n_blocks: int, size: int) -> MissingSamples:
         first, start_ns = self._next, int(self._grid(1)[0])

@@ -19,7 +19,7 @@ from pipeline.oma.windows.unit_clock import ClockFit, ClockStep, clock_step, fit
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.arrays import FloatArray
 
-TOLD_WINDOWS = 100  # that lie in one gap and are still rejected one by one
+MOST_SINGLE_REJECTIONS = 100  # of windows in one gap; of more, one rejection stands for many
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +131,7 @@ class Window:
     first_sample: int = 0  # since the unit's start
     steps: tuple[ClockStep, ...] = ()  # of the unit's stamps inside the window
     clock: ClockFit | None = None  # of the stamps inside the window; None: too few
+    passed_over: int = 0  # windows right before it that are not cut: all lie in the same gap
 
     @property
     def duration(self) -> float:
@@ -160,6 +161,7 @@ class WindowCutter:
     _gaps: list[MissingSamples] = field(default_factory=list)
     _steps: list[ClockStep] = field(default_factory=list)
     _index: int = 0  # of the next window
+    _passed_over: int = 0  # windows before it that are not cut
     _reached: int = 0  # samples since the session's start that came or are known to be missing
     _newest: AccelerationBlock | None = None
 
@@ -193,12 +195,13 @@ class WindowCutter:
             self._steps.append(ClockStep(block.first_sample, step))
 
     def _skip_to(self, sample: int) -> None:
-        """After a gap of very many windows, leave out those that lie in it: the gap says it."""
+        """After a gap of very many windows, go to the last that lies in it: it stands for all."""
         assert self._newest is not None
         hop = self.hop * self._newest.sampling_rate
         overlapping = math.ceil(self.window_duration / self.hop)
         reached = math.floor(sample / hop) - overlapping
-        if reached - self._index > TOLD_WINDOWS:
+        if reached - self._index > MOST_SINGLE_REJECTIONS:
+            self._passed_over += reached - self._index
             self._index = reached
 
     def finish(self) -> Iterator[Window]:
@@ -246,8 +249,9 @@ class WindowCutter:
             first_sample=first,
             steps=steps,
             clock=None if steps else fit_clock(stamps, rate),
+            passed_over=self._passed_over,
         )
-        self._index += 1
+        self._index, self._passed_over = self._index + 1, 0
         self._forget_before(self._bounds(self._index)[0])
         return window
 

@@ -293,7 +293,7 @@ class StabilisationDiagram(_message.Message):
     def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., orders: _Optional[_Iterable[float]] = ..., bands: _Optional[_Iterable[float]] = ..., frequencies: _Optional[_Iterable[float]] = ..., frequency_stds: _Optional[_Iterable[float]] = ..., damping_ratios: _Optional[_Iterable[float]] = ..., refused: _Optional[_Iterable[_Union[RefusedMode, _Mapping]]] = ...) -> None: ...
 
 class WindowRejected(_message.Message):
-    __slots__ = ("turbine", "window", "start_ns", "end_ns", "code", "reason", "origins")
+    __slots__ = ("turbine", "window", "start_ns", "end_ns", "code", "reason", "origins", "windows_before")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     WINDOW_FIELD_NUMBER: _ClassVar[int]
     START_NS_FIELD_NUMBER: _ClassVar[int]
@@ -301,6 +301,7 @@ class WindowRejected(_message.Message):
     CODE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
     ORIGINS_FIELD_NUMBER: _ClassVar[int]
+    WINDOWS_BEFORE_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     window: int
     start_ns: int
@@ -308,7 +309,8 @@ class WindowRejected(_message.Message):
     code: str
     reason: str
     origins: _containers.RepeatedCompositeFieldContainer[UnitOrigin]
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., code: _Optional[str] = ..., reason: _Optional[str] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
+    windows_before: int
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., start_ns: _Optional[int] = ..., end_ns: _Optional[int] = ..., code: _Optional[str] = ..., reason: _Optional[str] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ..., windows_before: _Optional[int] = ...) -> None: ...
 
 class ParameterSummary(_message.Message):
     __slots__ = ("name", "unit", "nominal", "median", "p05", "p95", "contraction")
@@ -351,7 +353,7 @@ class ModePair(_message.Message):
     def __init__(self, identified: _Optional[str] = ..., model: _Optional[str] = ..., frequency: _Optional[float] = ..., frequency_std: _Optional[float] = ..., model_frequency: _Optional[float] = ..., mac: _Optional[float] = ..., shape_used: bool = ..., misfit: _Optional[float] = ..., information: _Optional[float] = ...) -> None: ...
 
 class FoundationPosterior(_message.Message):
-    __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings", "population", "figures", "change_probability", "structure", "budget", "alternatives", "unpredicted_share", "relative", "origins")
+    __slots__ = ("turbine", "window", "time_ns", "n_windows", "parameters", "correlation", "draws", "pairs", "model_labels", "model_frequencies", "model_shapes", "sampler", "ess", "rhat", "autocorrelation_time", "reduced_chi_square", "paired_share", "pairing_cost", "trusted", "warnings", "population", "figures", "change_probability", "structure", "budget", "alternatives", "unpredicted_share", "relative", "figure_errors", "origins")
     TURBINE_FIELD_NUMBER: _ClassVar[int]
     WINDOW_FIELD_NUMBER: _ClassVar[int]
     TIME_NS_FIELD_NUMBER: _ClassVar[int]
@@ -380,6 +382,7 @@ class FoundationPosterior(_message.Message):
     ALTERNATIVES_FIELD_NUMBER: _ClassVar[int]
     UNPREDICTED_SHARE_FIELD_NUMBER: _ClassVar[int]
     RELATIVE_FIELD_NUMBER: _ClassVar[int]
+    FIGURE_ERRORS_FIELD_NUMBER: _ClassVar[int]
     ORIGINS_FIELD_NUMBER: _ClassVar[int]
     turbine: str
     window: int
@@ -409,10 +412,23 @@ class FoundationPosterior(_message.Message):
     alternatives: _containers.RepeatedCompositeFieldContainer[StructureAlternative]
     unpredicted_share: float
     relative: _containers.RepeatedCompositeFieldContainer[RelativeStiffness]
+    figure_errors: _containers.RepeatedCompositeFieldContainer[FigureError]
     origins: _containers.RepeatedCompositeFieldContainer[UnitOrigin]
-    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: bool = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., population: _Optional[str] = ..., figures: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., change_probability: _Optional[float] = ..., structure: _Optional[str] = ..., budget: _Optional[_Iterable[_Union[FigureShare, _Mapping]]] = ..., alternatives: _Optional[_Iterable[_Union[StructureAlternative, _Mapping]]] = ..., unpredicted_share: _Optional[float] = ..., relative: _Optional[_Iterable[_Union[RelativeStiffness, _Mapping]]] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
+    def __init__(self, turbine: _Optional[str] = ..., window: _Optional[int] = ..., time_ns: _Optional[int] = ..., n_windows: _Optional[int] = ..., parameters: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., correlation: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., draws: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., pairs: _Optional[_Iterable[_Union[ModePair, _Mapping]]] = ..., model_labels: _Optional[_Iterable[str]] = ..., model_frequencies: _Optional[_Iterable[float]] = ..., model_shapes: _Optional[_Union[DoubleMatrix, _Mapping]] = ..., sampler: _Optional[str] = ..., ess: _Optional[float] = ..., rhat: _Optional[float] = ..., autocorrelation_time: _Optional[float] = ..., reduced_chi_square: _Optional[float] = ..., paired_share: _Optional[float] = ..., pairing_cost: _Optional[float] = ..., trusted: bool = ..., warnings: _Optional[_Iterable[_Union[Warning, _Mapping]]] = ..., population: _Optional[str] = ..., figures: _Optional[_Iterable[_Union[ParameterSummary, _Mapping]]] = ..., change_probability: _Optional[float] = ..., structure: _Optional[str] = ..., budget: _Optional[_Iterable[_Union[FigureShare, _Mapping]]] = ..., alternatives: _Optional[_Iterable[_Union[StructureAlternative, _Mapping]]] = ..., unpredicted_share: _Optional[float] = ..., relative: _Optional[_Iterable[_Union[RelativeStiffness, _Mapping]]] = ..., figure_errors: _Optional[_Iterable[_Union[FigureError, _Mapping]]] = ..., origins: _Optional[_Iterable[_Union[UnitOrigin, _Mapping]]] = ...) -> None: ...
 
 class FigureShare(_message.Message):
+    __slots__ = ("name", "k11", "k22", "k12")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    K11_FIELD_NUMBER: _ClassVar[int]
+    K22_FIELD_NUMBER: _ClassVar[int]
+    K12_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    k11: float
+    k22: float
+    k12: float
+    def __init__(self, name: _Optional[str] = ..., k11: _Optional[float] = ..., k22: _Optional[float] = ..., k12: _Optional[float] = ...) -> None: ...
+
+class FigureError(_message.Message):
     __slots__ = ("name", "k11", "k22", "k12")
     NAME_FIELD_NUMBER: _ClassVar[int]
     K11_FIELD_NUMBER: _ClassVar[int]

@@ -5,6 +5,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.updating.change.classification import ChangeKind, foundation_probability, kind_of
+from pipeline.updating.change.level_from_modes import (
+    LastLevel,
+    apart_from_water,
+    with_level_from_modes,
+)
 from pipeline.updating.change.likelihood_ratios import (
     StiffnessStep,
     log_drift,
@@ -38,6 +43,7 @@ class ChangeState:
 
     sums: ChangeSums = field(default_factory=ChangeSums)
     walk: WalkState = field(default_factory=WalkState)
+    last_level: LastLevel = field(default_factory=LastLevel)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +83,7 @@ class Change:
     latest: int  # … and 95 % quantiles
     step: StiffnessStep  # if it was the foundation
     rough: bool  # whether that is of a model whose description does not hold
+    level_std: float  # of levels that followed from the modes; 0: they were reported [m]
     shifts: FloatArray  # (J,) change of ln f; NaN for tracks not seen before and after
     shift_stds: FloatArray  # (J,)
     log_frequencies: FloatArray  # (J,) before it, at the model's water level and WIND_REFERENCE
@@ -100,15 +107,18 @@ class ChangeDetector:
         sums = with_tracks_of(state.sums, window)
         known = _padded(sensitivities, len(sums.tracks))
         told = seen_in(sums, window)
-        walk = wandered(state.walk, sums, window, told, known)
+        if window.level_std > 0:
+            window = with_level_from_modes(window, sums, told, known.water, state.last_level)
+        walk = wandered(state.walk, sums, window, told, apart_from_water(known, sums))
         most = self.settings.candidates
         sums = with_window(sums, window, told, known.water, most_candidates=most)
-        return ChangeState(sums, walk)
+        return ChangeState(sums, walk, LastLevel(window.water_level, window.start_ns))
 
     def verdict(
         self, state: ChangeState, sensitivities: Sensitivities, *, window_duration: float
     ) -> Verdict:
         """Whether there was a change. window_duration [s]"""
+        sensitivities = apart_from_water(sensitivities, state.sums)
         found = steps(state.sums, sensitivities.water)
         kinds = np.array([log_drift(found), log_foundation(found, sensitivities.stiffness)])
         share = self.settings.foundation_share
@@ -123,6 +133,7 @@ class ChangeDetector:
     def change(self, state: ChangeState, verdict: Verdict, sensitivities: Sensitivities) -> Change:
         """The change behind an alarm, measured on the frequencies as they were."""
         sums = state.sums
+        sensitivities = apart_from_water(sensitivities, sums)
         logs = log_sum(verdict.log_kinds)
         chances = np.exp(logs - log_sum(logs))
         candidate = int(np.argmax(chances))
@@ -141,6 +152,7 @@ class ChangeDetector:
             latest=latest,
             step=stiffness_step(step, sensitivities),
             rough=sensitivities.rough,
+            level_std=sensitivities.level_std,
             shifts=step.g[0] / known,
             shift_stds=1 / np.sqrt(known),
             log_frequencies=sums.reference + line.coefficients[0],
@@ -149,12 +161,13 @@ class ChangeDetector:
     def remeasured(self, state: ChangeState, found: Change, sensitivities: Sensitivities) -> Change:
         """The change with its size by other sensitivities, such as those half way through it."""
         step = steps(state.sums, sensitivities.water, UNCUT_MOMENTS).of(found.candidate)
-        sensitivities = replace(sensitivities, rough=found.rough)
+        sensitivities = replace(sensitivities, rough=found.rough, level_std=found.level_std)
+        sensitivities = apart_from_water(sensitivities, state.sums)
         return replace(found, step=stiffness_step(step, sensitivities))
 
     def restarted(self, state: ChangeState, candidate: int) -> ChangeState:
         """That candidate's windows as all there is: what was before is forgotten."""
-        return ChangeState(since(state.sums, candidate), WalkState())
+        return ChangeState(since(state.sums, candidate), WalkState(), state.last_level)
 
 
 def _padded(sensitivities: Sensitivities | None, n_tracks: int) -> Sensitivities:
@@ -164,7 +177,8 @@ def _padded(sensitivities: Sensitivities | None, n_tracks: int) -> Sensitivities
     missing = n_tracks - len(sensitivities.stiffness)
     if not missing:
         return sensitivities
-    return Sensitivities(
-        np.pad(sensitivities.stiffness, ((0, missing), (0, 0))),
-        np.pad(sensitivities.water, ((0, missing), (0, 0))),
+    return replace(
+        sensitivities,
+        stiffness=np.pad(sensitivities.stiffness, ((0, missing), (0, 0))),
+        water=np.pad(sensitivities.water, ((0, missing), (0, 0))),
     )

@@ -37,11 +37,15 @@ class TrackSensitivity:
 
 
 def watched_window(
-    evidence: ModalEvidence, estimate: ModalEstimate, water_level: float = 0.0
+    evidence: ModalEvidence,
+    estimate: ModalEstimate,
+    water_level: float = 0.0,
+    unknown_level_std: float = 0.0,
 ) -> WatchedWindow:
     """The frequencies of the window that entered the evidence last, by track.
 
-    water_level   above the model's [m]
+    water_level         above the model's [m]
+    unknown_level_std   of a level that nothing reports [m]
     """
     latest = {
         mode.track: SeenFrequency(
@@ -59,6 +63,7 @@ def watched_window(
         weight=estimate.weight,
         water_level=water_level,
         wind=float(np.nan_to_num(estimate.wind_speed - WIND_REFERENCE)),
+        level_std=unknown_level_std if np.isnan(estimate.water_level) else 0.0,
     )
 
 

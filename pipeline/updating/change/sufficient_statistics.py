@@ -28,6 +28,7 @@ WIND_STD = 0.00005  # prior of ∂ ln f / ∂ wind speed, as storms move simulat
 WIND_REFERENCE = 10.0  # where the regression counts the wind from [m/s]
 FLAT = 1e-6  # information on the intercept of ln f: a standard deviation of 1000
 PRIOR = np.diag([FLAT, SLOPE_STD**-2, WIND_STD**-2])[:, :, None]  # of β, as information
+MODEL_SLOPE_PRIOR = np.diag([FLAT, 1e8, WIND_STD**-2])[:, :, None]  # the model's slopes hold
 CUT = 3.0  # errors beyond so many standard deviations count as such [-]
 SCATTER_WINDOWS = 10.0  # what the identification's own standard deviation counts for
 SCATTER_RANGE = (0.5, 25.0)  # of s²
@@ -59,6 +60,7 @@ class WatchedWindow:
     weight: float = 1.0  # hop / window duration: how much of it is new [-]
     water_level: float = 0.0  # above the model's [m]; 0 where it is not known
     wind: float = 0.0  # mean speed above WIND_REFERENCE [m/s]; 0 where it is not known
+    level_std: float = 0.0  # of a level that nothing reports; 0 where one is reported [m]
 
     @property
     def surroundings(self) -> FloatArray:
@@ -90,6 +92,7 @@ class Sensitivities:
     stiffness: FloatArray  # S = ∂ ln f / ∂ (k / nominal), (J, 3) [-]
     water: FloatArray  # ∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (J, 2) [1/m, 1/m²]
     rough: bool = False  # of a model whose description does not hold
+    level_std: float = 0.0  # of levels that follow from the modes; 0: they are reported [m]
 
     @property
     def slope_error(self) -> float:
@@ -156,10 +159,14 @@ class Regression:
 
     @classmethod
     def of(
-        cls, sums: FloatArray, water: FloatArray, moments: slice = UNCUT_MOMENTS
+        cls,
+        sums: FloatArray,
+        water: FloatArray,
+        moments: slice = UNCUT_MOMENTS,
+        prior: FloatArray = PRIOR,
     ) -> "Regression":
         """sums: (N_SUMS, J). water: the model's slope and curvature, (J, 2)."""
-        covariance = _inverse(_products(sums)[:, :N_Z] + PRIOR)
+        covariance = _inverse(_products(sums)[:, :N_Z] + prior)
         moved = reduced_moments(sums, water, moments)
         return cls((covariance * moved).sum(axis=1), covariance)
 

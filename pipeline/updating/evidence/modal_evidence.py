@@ -17,7 +17,7 @@ so that two more sums for each mode bring the combined estimate to the model's l
 of the model turns out to be its partner.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,23 +36,25 @@ FOLLOWING_REJECTION = 9.0  # three standard deviations: beyond, it is another mo
 JUMP = 0.1  # largest relative change of f by which a mode may be the same after a jump: a fifth of
 # the springs lost moves the second bending modes by 8 % [-]
 JUMP_MAC = 0.9  # least MAC for that
-ESTABLISHED_MODE = 2  # windows from which a mode can be missed
 
 
 def jumped_from(
-    modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation], followed: Sequence[int]
+    modes: Sequence[ModeEvidence],
+    seen: Sequence[ModeObservation],
+    followed: Sequence[int],
+    window: int,
 ) -> list[int]:
     """For each observation that continues no mode, the one of which it may be the continuation
     after a jump of frequency, or −1.
 
-    That is the nearest established mode of like shape that this window did not see. The two stay
+    That is the nearest mode of like shape that most windows saw and this one did not. The two stay
     apart as evidence, since a mean over both would be neither's frequency, but share a track: on
     it a change is detected.
     """
     missed = [
         number
         for number, mode in enumerate(modes)
-        if number not in followed and mode.n_windows >= ESTABLISHED_MODE
+        if number not in followed and mode.missed_by_chance(window)
     ]
     found = [-1] * len(seen)
     waiting = [row for row, number in enumerate(followed) if number < 0]
@@ -160,7 +162,7 @@ class ModalEvidence:
         window = self.n_windows + 1
         modes, n_tracks = list(self.modes), self.n_tracks
         followed = followed_by(self.modes, seen.sightings)
-        returned = jumped_from(self.modes, seen.sightings, followed)
+        returned = jumped_from(self.modes, seen.sightings, followed, window)
         for number, jump, sighting in zip(followed, returned, seen.sightings, strict=True):
             if number >= 0:
                 known = modes[number]
@@ -179,6 +181,7 @@ class ModalEvidence:
                 modes[number] = updated
             else:
                 modes.append(updated)
+        modes, n_tracks = _with_own_tracks(modes, window, n_tracks)
         return replace(
             self,
             modes=_remembered(modes, window),
@@ -197,6 +200,14 @@ class ModalEvidence:
             return self
         modes = tuple(mode.with_channels(order, signs) for mode in self.modes)
         return replace(self, modes=modes)
+
+    def one_a_track(self, places: Iterable[int]) -> set[int]:
+        """Of the modes at these places, of every track the one that most windows saw.
+
+        A second one is the track's after a jump that may yet prove to be another mode.
+        """
+        rising = sorted(places, key=lambda place: self.modes[place].n_windows)
+        return set({self.modes[place].track: place for place in rising}.values())
 
     @property
     def unknown_level_share(self) -> float:
@@ -224,6 +235,25 @@ class ModalEvidence:
         tracks = {mode.last_frequency: mode.track for mode in other.modes}
         modes = [replace(m, track=tracks.get(m.last_frequency, m.track)) for m in self.modes]
         return replace(self, modes=tuple(modes), n_tracks=max(self.n_tracks, other.n_tracks))
+
+
+def _with_own_tracks(
+    modes: Sequence[ModeEvidence], window: int, n_tracks: int
+) -> tuple[list[ModeEvidence], int]:
+    """The modes and the number of tracks, none of which this window sees twice.
+
+    What seemed to be the continuation of a missed mode was another one if a window sees both: the
+    mode of more windows keeps the track.
+    """
+    owners: set[int] = set()
+    apart = list(modes)
+    now = [number for number, mode in enumerate(modes) if mode.last_window == window]
+    for number in sorted(now, key=lambda number: modes[number].n_windows, reverse=True):
+        if modes[number].track in owners:
+            apart[number] = replace(modes[number], track=n_tracks)
+            n_tracks += 1
+        owners.add(apart[number].track)
+    return apart, n_tracks
 
 
 def _remembered(modes: Sequence[ModeEvidence], n_windows: int) -> tuple[ModeEvidence, ...]:

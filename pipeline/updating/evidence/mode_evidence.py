@@ -11,6 +11,8 @@ from pipeline.updating.evidence.observations import ModeObservation
 from sensors.arrays import FloatArray
 
 MISSED_WINDOWS = 144  # windows without a mode for each window with it, after which it is forgotten
+ESTABLISHED = 1  # windows that have seen a mode before its absence means anything
+SEEN_MOSTLY = 0.5  # of the windows since the first see it where its absence is an exception [-]
 SOLVED = 2000  # modes whose mean and covariance are remembered: of some turbines
 LONGEST_PATIENCE = 4320  # windows, a month of ten minutes each
 
@@ -65,6 +67,7 @@ class ModeEvidence:
     last_frequency: float = np.nan  # as that window saw it [Hz]
     last_frequency_std: float = np.nan  # [Hz]
     close_pair: bool = False
+    first_window: int = 1  # that saw it, counted as the last one
 
     @classmethod
     def empty(cls, sighting: ModeObservation, track: int = 0) -> "ModeEvidence":
@@ -112,6 +115,7 @@ class ModeEvidence:
             information_mean=information_mean,
             level_information=level_information,
             n_windows=self.n_windows + 1,
+            first_window=self.first_window if self.n_windows else window,
             last_window=window,
             last_frequency=sighting.frequency,
             last_frequency_std=float(np.linalg.norm(sighting.factor[0])),
@@ -136,6 +140,10 @@ class ModeEvidence:
             information_mean=self.information_mean[rows] * turned,
             level_information=self.level_information[:, rows][:, :, rows] * both,
         )
+
+    def missed_by_chance(self, window: int) -> bool:
+        """Whether a window, counted as the last one, that doesn't see the mode is the exception."""
+        return self.n_windows > max(ESTABLISHED, SEEN_MOSTLY * (window - self.first_window))
 
     def forgotten(self, n_windows: int) -> bool:
         """Whether it has not been seen for so long, after n_windows in all, that it was a mistake

@@ -6,8 +6,13 @@ Between such structures no figure leads from one to the other, so each is a mode
     p(u | d) = Σ_a p(a | d) p(u | d, a),   p(a | d) ∝ p(a) |H_a|^(−1/2) exp(−cost_a / 2)
 
 with costs at one σ for all, that of the best, in which a mode without a partner costs its rejection
-(`joint_fit`), so that alternatives that pair different modes can be compared.
-Source: MacKay, "Information Theory, Inference, and Learning Algorithms" (2003), chapter 28.
+(`joint_fit`), so that alternatives that pair different modes can be compared. Where the best misses
+the modes by more than their errors, φ = cost per degree of freedom > 1, differences of misfit are
+worth 1/φ of what they are otherwise, those of the prior as much as ever: a quasi-likelihood. Over
+many windows errors that stay outgrow those that were counted on, and a structure with a figure at
+six standard deviations of its prior would else win by what is no more than their pattern.
+Sources: MacKay, "Information Theory, Inference, and Learning Algorithms" (2003), chapter 28;
+McCullagh and Nelder, "Generalized Linear Models" (1989), chapter 9, for φ.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -245,9 +250,13 @@ class JointInference:
         evidence: ModalEvidence,
     ) -> list[float]:
         sigma = min(posterior.likeliest_sigma for *_, posterior in found)
+        dispersion = max(1.0, min(peak.relative_cost for _, _, peak, _ in found))
         logs = []
         for alternative, fit, peak, _ in found:
             cost, log_determinant = fit.judged(peak, evidence, sigma)
+            prior = fit.coordinates.prior_cost(peak.u)
+            if not fit.is_rough:
+                cost = (cost - prior) / dispersion + prior
             log_likelihood = -0.5 * (cost + log_determinant) / modes_to_a_cause(fit, peak)
             logs.append(np.log(alternative.probability) + log_likelihood)
         weights = np.exp(np.array(logs) - max(logs))

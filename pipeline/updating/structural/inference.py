@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import expit
 
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.prior import UpdatingError
@@ -15,7 +16,12 @@ from pipeline.updating.structural.alternatives import (
     JointInference,
 )
 from pipeline.updating.structural.joint_fit import JointFit
-from pipeline.updating.structural.prior import GaussianBelief, JointCoordinates, StructuralPrior
+from pipeline.updating.structural.prior import (
+    N_SPRINGS,
+    GaussianBelief,
+    JointCoordinates,
+    StructuralPrior,
+)
 from pipeline.updating.structural.sensors.figures import (
     GAIN_STD,
     HEADING_STD,
@@ -25,6 +31,7 @@ from pipeline.updating.structural.sensors.figures import (
 )
 from pipeline.updating.structural.settings import StructureSettings
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 from sensors.dynamics.figure_model import BladeMesh, FigureModel
 from sensors.structure.calibration import Calibration
 from sensors.structure.description import TurbineDescription
@@ -74,7 +81,6 @@ def joint_inference(
         prior.known_level_std,
         sensor_names=sensors.names,
     )
-    springs = None if population is None else _springs_belief(population, coordinates)
     calibration, turbine = turbine.calibration, replace(turbine, calibration=None)
     floor = min(settings.likelihood.shape_floor, SHAPE_FLOOR)
     likelihood = replace(settings.likelihood, shape_floor=floor)
@@ -82,13 +88,14 @@ def joint_inference(
         _check(calibration, prior_stds(prior, sensors), turbine)
     fits = []
     for each in _structures(turbine, structure):
-        alternative, belief = each.alternative, springs
+        alternative, belief = each.alternative, None
         if calibration is not None:
-            weight, figures = _calibrated(calibration, alternative.name, coordinates)
-            if figures is None:
+            weight, belief = _calibrated(calibration, alternative.name, coordinates)
+            if belief is None:
                 continue
             alternative = replace(alternative, probability=weight)
-            belief = figures if springs is None else springs.beside(figures)
+        if population is not None:
+            belief = _with_population(population, coordinates, belief)
         model = _figure_model(turbine, layout, prior.names, each.mesh)
         fit = JointFit(
             model.with_flooding(each.flooded),
@@ -163,15 +170,35 @@ def _named(turbine: TurbineDescription, mesh: BladeMesh, flooded: bool) -> str:
     return ", ".join(words) or "as described"
 
 
-def _springs_belief(
-    population: StiffnessPopulation, coordinates: JointCoordinates
+def _with_population(
+    population: StiffnessPopulation, coordinates: JointCoordinates, figures: GaussianBelief | None
 ) -> GaussianBelief:
-    """A farm's prior of the springs as one Gaussian, outlying turbines in its spread."""
-    drawn = population.draws(BELIEF_DRAWS, np.random.default_rng(0))
-    u = coordinates.of_ratios(drawn)
-    return GaussianBelief(
-        ("k11", "k22", "k12"), u.mean(axis=0), np.asarray(np.linalg.inv(np.cov(u, rowvar=False)))
-    )
+    """A farm's prior of the springs beside what is known of the figures.
+
+    The farm has u − Lᵀ z, the springs less what errors z of the description make, as one Gaussian
+    N(μ, S), outlying turbines in its spread: with R = (I, −Lᵀ) the precision Rᵀ S⁻¹ R is added to
+    the figures'. Errors that are none of the coordinates widen S.
+    """
+    drawn = coordinates.of_ratios(population.as_described(BELIEF_DRAWS, np.random.default_rng(0)))
+    rho = np.sqrt(expit(drawn[:, 2].mean()))
+    common = population.common * np.array([1.0, 1.0, 2 / rho])  # d logit ρ² = 2 / ρ d atanh ρ
+    effects = dict(zip(population.figures, common, strict=True))
+    others = [row for name, row in effects.items() if name not in coordinates.names]
+    shared = GaussianBelief((), np.empty(0), np.empty((0, 0))) if figures is None else figures
+    names = dict.fromkeys((*shared.names, *(n for n in effects if n in coordinates.names)))
+    rows = np.hstack([np.eye(N_SPRINGS), *(-_column(effects.get(name)) for name in names)])
+    known = slice(N_SPRINGS, N_SPRINGS + len(shared.names))
+    mean, precision = np.zeros(rows.shape[1]), np.diag([0.0] * N_SPRINGS + [1.0] * len(names))
+    mean[known], precision[known, known] = shared.mean, shared.precision
+    mean[:N_SPRINGS] = drawn.mean(axis=0) - rows[:, N_SPRINGS:] @ mean[N_SPRINGS:]
+    covariance = np.cov(drawn, rowvar=False) + sum(np.outer(row, row) for row in others)
+    precision += rows.T @ np.linalg.solve(covariance, rows)
+    return GaussianBelief(("k11", "k22", "k12", *names), mean, precision)
+
+
+def _column(effect: FloatArray | None) -> FloatArray:
+    """(3, 1) of a figure's effect on the springs; zeros for a figure that the farm has exact."""
+    return np.zeros((N_SPRINGS, 1)) if effect is None else effect[:, None]
 
 
 # ---- a calibration -----------------------------------------------------------------------------

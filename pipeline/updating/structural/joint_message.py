@@ -5,6 +5,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import ndtri
 
 from pipeline.messages import (
+    UNCERTAIN_STRUCTURE,
+    FigureError,
     FigureShare,
     FoundationPosterior,
     ModalEstimate,
@@ -30,6 +32,7 @@ from pipeline.updating.posterior_message import (
 )
 from pipeline.updating.prior import PARAMETER_NAMES, Prior
 from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE
+from pipeline.updating.structural.posterior import figure_errors
 from pipeline.updating.structural.predictive_checks import UNPREDICTED
 from pipeline.updating.structural.prior import N_SPRINGS
 from pipeline.updating.structural.refresh import JointRefresh
@@ -38,7 +41,6 @@ from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.figures import LEVEL
 
 SAMPLER = "laplace"
-UNCERTAIN_STRUCTURE = "uncertain"
 WORTH_NAMING = 0.02  # share of a spring's variance from which a figure stands in the budget [-]
 LEAST_ALTERNATIVE = 1e-3  # probability from which an alternative is named [-]
 NORMAL_90 = float(np.ptp(ndtri([0.05, 0.95])))  # width of the 90 % interval [std]
@@ -93,6 +95,7 @@ def joint_message(
         alternatives=_alternatives(found),
         unpredicted_share=found.checks.unpredicted_share,
         relative=_relative(found, reference_ns),
+        figure_errors=_figure_errors(found),
     )
 
 
@@ -250,6 +253,14 @@ def _budget(found: JointRefresh) -> tuple[FigureShare, ...]:
         *(sum(getattr(each, name) for each in rest) for name in PARAMETER_NAMES),
     )
     return (*large, others)
+
+
+def _figure_errors(found: JointRefresh) -> tuple[FigureError, ...]:
+    best = found.best
+    coordinates = best.fit.coordinates
+    names = (*(figure.name for figure in coordinates.figures), LEVEL)
+    rows = figure_errors(best.peak.u, best.posterior.covariance, coordinates)
+    return tuple(FigureError(name, *row) for name, row in zip(names, rows.tolist(), strict=True))
 
 
 def _alternatives(found: JointRefresh) -> tuple[StructureAlternative, ...]:

@@ -21,6 +21,15 @@ The error budget: the variance of ln k that a figure brings is what would vanish
 
 the squared correlation of the joint posterior. Shares of correlated figures overlap and are scaled
 to the part that figures make together, 1 − var(ln k | all figures) / var(ln k).
+
+Errors of the figures stay in the springs: with H⁻¹ = C and P_f the precision of the figures' prior,
+true figures f miss the prior's mean f₀ and the peak the true springs by
+
+    u − û = C_uf P_f (f − f₀) + what the windows' own errors make,   f − f₀ = P_f^(−1/2) ξ,
+
+so that the columns of C_uf P_f^(1/2) are what ξ, independent and standard normal, makes of them.
+Source: the first, Rodgers, "Inverse Methods for Atmospheric Sounding" (2000), chapter 3 (smoothing
+error).
 """
 
 from dataclasses import dataclass, replace
@@ -128,6 +137,22 @@ def _log_density(found: ModeErrors, sigma: float) -> float:
     gross = np.log(GROSS_SHARE) + counts * np.log(np.sqrt(2 * np.pi) / (2 * GROSS_REACH))
     logs = np.logaddexp(np.log(1 - GROSS_SHARE) - (squares + wider) / 2, gross)
     return float(logs.sum())
+
+
+def figure_errors(
+    u: FloatArray, covariance: FloatArray, coordinates: JointCoordinates
+) -> FloatArray:
+    """(q + 1, 3) ln (true / estimated spring) by an error of one prior standard deviation of each
+    of the description's figures and of the level.
+
+    u            (n_dim,) peak
+    covariance   (n_dim, n_dim) of the joint posterior
+    """
+    places = np.arange(N_SPRINGS, N_SPRINGS + len(coordinates.figures) + 1)
+    values, vectors = np.linalg.eigh(coordinates.prior_precision[np.ix_(places, places)])
+    root = (vectors * np.sqrt(values)) @ vectors.T  # symmetric: a figure keeps its name
+    logs = coordinates.slopes(u)[:N_SPRINGS, :N_SPRINGS] / coordinates.springs(u)[:, None]
+    return np.asarray((logs @ covariance[:N_SPRINGS][:, places] @ root).T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

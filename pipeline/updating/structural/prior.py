@@ -74,15 +74,6 @@ class GaussianBelief:
     precision: FloatArray
     """(n, n)"""
 
-    def beside(self, other: "GaussianBelief") -> "GaussianBelief":
-        """Both, of different coordinates and independent."""
-        n = len(self.names)
-        precision = np.zeros((n + len(other.names),) * 2)
-        precision[:n, :n], precision[n:, n:] = self.precision, other.precision
-        return GaussianBelief(
-            (*self.names, *other.names), np.concatenate([self.mean, other.mean]), precision
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPoint:

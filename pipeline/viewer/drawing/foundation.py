@@ -116,8 +116,23 @@ def log_change(recording: rr.RecordingStream, root: str, event: FoundationEvent)
     """Draw a change's probability and size at the end of the window that detected it."""
     recording.log(f"{root}/change/noticed", rr.Scalars(event.probability))
     for change in event.changes:
-        sizes = 100.0 * np.array([change.p05, change.median, change.p95])
-        recording.log(f"{root}/change/size/{change.name}", rr.Scalars(sizes))
+        _log_size(recording, root, change.name, (change.p05, change.median, change.p95))
+
+
+def log_revised_sizes(
+    recording: rr.RecordingStream, root: str, posterior: FoundationPosterior
+) -> None:
+    """Draw what all windows since the last change make of its size."""
+    for ratio in posterior.relative:
+        shares = (ratio.p05 - 1.0, ratio.median - 1.0, ratio.p95 - 1.0)
+        _log_size(recording, root, ratio.name, shares)
+
+
+def _log_size(
+    recording: rr.RecordingStream, root: str, name: str, shares: tuple[float, float, float]
+) -> None:
+    """Draw 5 %, median and 95 % of a change, shares of what a stiffness was before it."""
+    recording.log(f"{root}/change/size/{name}", rr.Scalars(100.0 * np.array(shares)))
 
 
 def log_joint_posterior(

@@ -27,6 +27,7 @@ TALL = 2.0  # the tower and what stands in the water [picture units]
 LEAN = 0.5  # displacement of the top on the nominal foundation [picture units]
 WALL = -0.7  # where the lateral spring is held [picture units]
 STUB = 0.55  # of the pile below the mudline [picture units]
+SINGULAR = 1e-12  # a determinant that is less, relative to k11·k22, is rounding
 COILS = 6  # of the lateral spring
 QUANTILES = (0.05, 0.5, 0.95)
 
@@ -42,7 +43,7 @@ class PilePicture:
     nominal: FloatArray
     """(2, 2) axis of the tower on the nominal foundation."""
     posterior: tuple[FloatArray, ...]
-    """(2, 2) at 5, 50 and 95 % of displacement and rotation."""
+    """(2, 2) at 5, 50 and 95 % of displacement and rotation; empty if no draw carries a load."""
     truth: tuple[FloatArray, ...]
     """(2, 2); empty where it is not known."""
     texts: tuple[Text, ...]
@@ -51,6 +52,8 @@ class PilePicture:
 def mudline_response(theta: FloatArray, height: float, sign: SpringSign) -> FloatArray:
     """Return u [m] and ψ [rad] at the mudline under LOAD at the tower's top, shape (..., 2).
 
+    NaN for springs that carry no load: k11·k22 = k12², to rounding, or less.
+
     Parameters
     ----------
     theta : ndarray, shape (..., 3)
@@ -58,8 +61,13 @@ def mudline_response(theta: FloatArray, height: float, sign: SpringSign) -> Floa
     height : float
         Height h of the top above the mudline [m].
     """
-    load = np.array([[LOAD], [LOAD * height]])  # H [N], H·h [N·m]
-    return np.linalg.solve(spring_matrix(theta, sign), load)[..., 0]
+    springs = spring_matrix(theta, sign)
+    k11, k22, coupling = springs[..., 0, 0], springs[..., 1, 1], springs[..., 0, 1]
+    determinant = k11 * k22 - coupling**2
+    carries = determinant > SINGULAR * np.abs(k11 * k22)
+    force_and_moment = np.stack([k22 - coupling * height, k11 * height - coupling], axis=-1)
+    compliance = np.where(carries, LOAD / np.where(carries, determinant, 1.0), np.nan)
+    return np.asarray(compliance[..., None] * force_and_moment)
 
 
 def pile_picture(
@@ -75,9 +83,10 @@ def pile_picture(
 
     nominal = response(np.array([posterior.parameter(name).nominal for name in STIFFNESSES]))
     scale = LEAN / abs(_at_top(nominal, height))  # picture units a metre
-    responses = response(posterior.draws[:, :3])
-    quantiles = np.quantile(responses, QUANTILES, axis=0)
-    true = () if truth is None else (response(np.array([truth.k11, truth.k22, truth.k12])),)
+    responses = _known(response(posterior.draws[:, :3]))
+    quantiles = np.quantile(responses, QUANTILES, axis=0) if len(responses) else ()
+    of_truth = np.empty((0, 3)) if truth is None else [[truth.k11, truth.k22, truth.k12]]
+    true = _known(response(np.asarray(of_truth, dtype=np.float64)))
     return PilePicture(
         fixed=_fixed(),
         springs=(_coil(), _spiral()),
@@ -86,6 +95,11 @@ def pile_picture(
         truth=tuple(_axis(each, height, scale) for each in true),
         texts=_spring_texts(posterior) + _response_texts(responses, height, scale * height / TALL),
     )
+
+
+def _known(responses: FloatArray) -> FloatArray:
+    """Return the responses of springs that carry a load."""
+    return responses[np.isfinite(responses).all(axis=1)]
 
 
 def _at_top(response: FloatArray, height: float) -> float:
@@ -129,10 +143,12 @@ def _spring_texts(posterior: FoundationPosterior) -> tuple[Text, ...]:
     for name, place in zip(STIFFNESSES, places, strict=True):
         k = posterior.parameter(name)
         texts.append(Text(place, f"{name} {k.median:.4g} {k.unit}, {k.median / k.nominal:.3f} ×"))
-    return (*texts, Text((-0.95, -0.07), "mudline"))
+    return (*texts, Text((-0.95, -0.13), "mudline"))
 
 
 def _response_texts(responses: FloatArray, height: float, exaggeration: float) -> tuple[Text, ...]:
+    if not len(responses):
+        return (Text((0.0, 0.72), "no draw of the posterior carries a load"),)
     u, psi = responses.T
     texts = (
         f"mudline displacement {_spread(1e3 * u)} mm",

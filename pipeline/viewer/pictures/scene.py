@@ -176,7 +176,10 @@ class Deflection:
 
 
 def deflection(layout: SensorLayout, channels: Sequence[str], shape: FloatArray) -> Deflection:
-    """Return a shape as displacements at its sensors, along their directions.
+    """Return the displacements at the sensors that a shape stands for.
+
+    Where several sensors are at one elevation, they are the smallest displacement that explains
+    all of them best: the mean of two along one axis, the sum of two across each other.
 
     Parameters
     ----------
@@ -188,10 +191,11 @@ def deflection(layout: SensorLayout, channels: Sequence[str], shape: FloatArray)
     by_name = {channel.name: channel for channel in layout.channels}
     used = [by_name[name] for name in channels]
     elevations = np.unique([channel.elevation for channel in used])
-    displacements = np.zeros((len(elevations), 3))
-    for channel, component in zip(used, shape, strict=True):
-        level = np.searchsorted(elevations, channel.elevation)
-        displacements[level] += component * np.array(channel.direction)
+    heights = np.array([channel.elevation for channel in used])
+    directions = np.array([channel.direction for channel in used], dtype=np.float64)
+    displacements = np.array(
+        [np.linalg.pinv(directions[each]) @ shape[each] for each in heights == elevations[:, None]]
+    )
     return Deflection(elevations, displacements)
 
 

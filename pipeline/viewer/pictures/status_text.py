@@ -260,14 +260,17 @@ def count_noun(number: int, noun: str) -> str:
 
 
 def posterior_text(posterior: FoundationPosterior) -> str:
-    """Return one line about a refreshed posterior: medians and half the 90 % intervals' widths."""
+    """Return one line about a refreshed posterior: medians of k11, k22 and k12, half the widths.
+
+    Of the 90 % intervals. It is as short as the list of events is narrow.
+    """
     parts = []
     for name in STIFFNESSES:
         k = posterior.parameter(name)
         half_width = (k.p95 - k.p05) / 2 / k.nominal
-        parts.append(f"{name} {k.median / k.nominal:.3f} ± {half_width:.3f}")
+        parts.append(f"{k.median / k.nominal:.3f} ± {half_width:.3f}")
     trust = "" if posterior.trusted else "NOT TRUSTED: "
-    return f"{trust}{', '.join(parts)} × nominal, from {count_noun(posterior.n_windows, 'window')}"
+    return f"{trust}k ÷ nominal: {', '.join(parts)}"
 
 
 def frequencies_text(frequencies: Sequence[float]) -> str:

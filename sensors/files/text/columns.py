@@ -20,6 +20,7 @@ from sensors.arrays import FloatArray
 from sensors.files.table import (
     EVERYTHING,
     ChannelTable,
+    DateOrder,
     FileError,
     TimeColumn,
     Wanted,
@@ -73,6 +74,9 @@ class SortedColumns:
     start_ns: int = 0
     """Time of the first sample [ns since 1970-01-01 UTC]; 0: not stated."""
 
+    dates: DateOrder | None = None
+    """What comes first in dates such as 3/4/2024; None: as the dates show."""
+
     @property
     def used(self) -> tuple[int, ...]:
         """All that are read, in their order."""
@@ -93,7 +97,7 @@ def sort_columns(
     FileError
         No channel; a column that looks like a clock under another name.
     """
-    if wanted.time is not None:
+    if wanted.time.column:
         columns, clock = _stated_clock(columns, wanted.time, path)
     else:
         clock = _clock_columns(columns, path)
@@ -114,7 +118,8 @@ def sort_columns(
         )
     if times:
         log_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
-    return SortedColumns(tuple(columns), channels, clock if wanted.stamps else ())
+    used = clock if wanted.stamps else ()
+    return SortedColumns(tuple(columns), channels, used, dates=wanted.time.dates)
 
 
 def _stated_clock(
@@ -249,7 +254,7 @@ def _seconds_of(
         return lambda chunk, _: replace(chunk, start_ns=columns.start_ns)
     titles = [columns.all[i] for i in columns.clock]
     unit = titles[0].unit or time_unit(titles[0].name)
-    clock = TextClock(" and ".join(each.name for each in titles), unit)
+    clock = TextClock(" and ".join(each.name for each in titles), unit, columns.dates)
 
     def timed(chunk: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
         stamps = [batch.column(place[i]) for i in columns.clock]

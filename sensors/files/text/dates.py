@@ -16,6 +16,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from sensors.files.table import DateOrder
+
 DateKind = Literal["moment", "date", "time of day"]
 Order = Literal["ymd", "dmy", "mdy"]
 
@@ -56,8 +58,15 @@ class DateStyle:
     zoned: bool
 
     @classmethod
-    def of(cls, examples: Sequence[str]) -> "DateStyle":
+    def of(cls, examples: Sequence[str], dates: DateOrder | None = None) -> "DateStyle":
         """Return the style of a column's first texts.
+
+        Parameters
+        ----------
+        examples : sequence of str
+            Its first texts.
+        dates : {"day-first", "month-first"}, optional
+            What comes first where the texts leave it open; None: an error there.
 
         Returns
         -------
@@ -74,7 +83,7 @@ class DateStyle:
             return cls("ymd", False, zoned)
         if re.match(r"\d{4}", first):
             return cls("ymd", True, zoned)
-        return cls(_order(examples), True, zoned)
+        return cls(_order(examples, dates), True, zoned)
 
     def nanoseconds(self, texts: pa.Array) -> NDArray[np.int64]:
         """(n,) [ns] since 1970-01-01 UTC, or since midnight.
@@ -141,7 +150,7 @@ _TIMES = [
 ]
 
 
-def _order(examples: Sequence[str]) -> Order:
+def _order(examples: Sequence[str], dates: DateOrder | None) -> Order:
     parts = [found for each in examples if (found := _PARTS.match(each.strip()))]
     if not parts or "." in examples[0].strip()[:3]:  # month by name; only a German date has dots
         return "dmy"
@@ -149,6 +158,9 @@ def _order(examples: Sequence[str]) -> Order:
         return "dmy"
     if any(int(found[2]) > 12 for found in parts):
         return "mdy"
+    if dates is not None:
+        return "dmy" if dates == "day-first" else "mdy"
     raise DateError(
-        f"{examples[0].strip()!r} day or month first? Dates written as 2024-12-31 are clear"
+        f"{examples[0].strip()!r}: is the day or the month first? --dates day-first or --dates "
+        'month-first says it, as does dates = "day-first" under [time] of a layout file'
     )

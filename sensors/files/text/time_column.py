@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
 from sensors.constants import DAY
+from sensors.files.table import DateOrder
 from sensors.files.text.dates import DateError, DateStyle, kind_of_text
 
 SECONDS_PER_UNIT = {
@@ -143,10 +144,12 @@ class TextClock:
 
     title   of the column, for errors
     unit    of its numbers; "" where it is not stated
+    dates   what comes first in dates such as 3/4/2024; None: as they show
     """
 
     title: str
     unit: str = ""
+    dates: DateOrder | None = None
     start_ns: int = 0
     """The file's first stamp [ns since 1970]; 0 where it counts from a start."""
 
@@ -200,7 +203,7 @@ class TextClock:
     def _of_texts(self, texts: pa.Array) -> FloatArray:
         try:
             if self._style is None:
-                self._style = DateStyle.of(texts.to_pylist())
+                self._style = DateStyle.of(texts.to_pylist(), self.dates)
             return self._of_nanoseconds(self._style.nanoseconds(texts), dated=self._style.dated)
         except DateError as error:
             raise ClockError(f"has {error}") from error

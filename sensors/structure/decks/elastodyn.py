@@ -43,17 +43,25 @@ class Deck:
             raise TurbineError(f"{path}: {error.strerror}") from error
         self.path = path
 
-    def text(self, keyword: str) -> str:
-        """The value before a keyword, without quotes; TurbineError where it is missing."""
+    def text(self, keyword: str, *older: str) -> str:
+        """The value before a keyword, without quotes; TurbineError where it is missing.
+
+        Parameters
+        ----------
+        keyword : str
+            As OpenFAST has it today.
+        older : str
+            Its names in earlier versions.
+        """
         for line in self.lines:
-            words = line.split()
-            if keyword in words[1:3]:
-                return words[0].strip('"')
+            words = [word.rstrip(":") for word in line.split()]
+            if not {keyword, *older}.isdisjoint(words[1:3]):
+                return words[0].strip("\"'")
         raise TurbineError(f"{self.path}: there is no {keyword}; is it the right kind of file?")
 
-    def number(self, keyword: str) -> float:
+    def number(self, keyword: str, *older: str) -> float:
         """The number before a keyword."""
-        text = self.text(keyword)
+        text = self.text(keyword, *older)
         try:
             return float(text.replace("D", "E").replace("d", "e"))
         except ValueError:
@@ -169,13 +177,17 @@ def tube_of(bottom: float, top: float, mass_per_length: float, rigidity: float) 
 
 def monopile_tubes(deck: Deck) -> tuple[Tube, ...]:
     """Members of a SubDyn file as tubes, lowest first; TurbineError for a jacket."""
+    if deck.number("NReact") != 1:
+        raise TurbineError(
+            f"{deck.path}: it stands on {deck.text('NReact')} joints: no monopile, which has one"
+        )
     joints = {
         int(row[0]): [float(value) for value in row[1:4]]
         for row in deck.table("JointID", int(deck.number("NJoints")))
     }
     sections = {
         int(row[0]): [float(value) for value in row[1:6]]
-        for row in deck.table("PropSetID", int(deck.number("NPropSetsCyl")))
+        for row in deck.table("PropSetID", int(deck.number("NPropSetsCyl", "NPropSets")))
     }
     tubes = []
     for row in deck.table("MemberID", int(deck.number("NMembers"))):

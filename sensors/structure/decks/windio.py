@@ -150,7 +150,9 @@ def _rotor_nacelle(components: Any) -> RotorNacelle:
         if each is not None:
             x, y, z = (float(value) for value in each["location"])
             i_x, i_y, i_z = (float(value) for value in each["inertia"][:3])
-            bodies.append(RigidBody(name, float(each["mass"]), (x, y, z), (i_x, i_y, i_z)))
+            xy, xz, yz = [*(float(value) for value in each["inertia"][3:6]), 0.0, 0.0, 0.0][:3]
+            moments, products = (i_x, i_y, i_z), (xy, xz, yz)
+            bodies.append(RigidBody(name, float(each["mass"]), (x, y, z), moments, products))
     return RotorNacelle(
         bodies=tuple(bodies),
         overhang=-along,

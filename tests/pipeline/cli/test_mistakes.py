@@ -26,6 +26,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("run --source simulate:parked --layout layout.toml", "--layout layout.toml is for a file"),
     ("run --source live --notices gone.toml", "gone.toml"),
     ("run --source simulate:parked --view pink", "pink"),
+    ("run --source live --shards -1", "--shards -1 needs --processes"),
     ("run --source simulate:parked --metrics 99999", "99999"),
     (
         "run --source simulate:parked --zenoh-config gone.json5 --lock-step",
@@ -49,6 +50,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
         "are for --structure NAME_ElastoDyn.dat",
     ),
     ("new noise.csv -o noise.csv", "-o noise.csv is a file; a folder is needed"),
+    ("new noise.csv -o made --dates american", "'american' is not one of"),
     ("new noise.csv noise.csv -o made", "noise.csv is named twice"),
     # status
     ("status", "no session"),
@@ -154,17 +156,21 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("feed udp://127.0.0.1:0 --for 0", "--for 0"),
     ("feed udp://127.0.0.1:0 --layout layout.toml --scenario parked", "give one"),
     ("feed mqtt://", "mqtt://"),
+    ("feed udp://127.0.0.1:0", "where on the tower are its channels?"),
+    ("feed scada+csv:noise.csv", "of which turbine?"),
     ("feed udp://127.0.0.1:0 --layout template.toml", "height"),
     # publish
     ("publish", "Missing option '--source'"),
     ("publish --source replay:gone.mcap", "gone.mcap"),
-    ("publish --source short.mcap", "'short.mcap' is none of"),
+    ("publish --source short.mcap", "--source replay:short.mcap replays it"),
+    ("publish --source noise.csv", "`pilewatch import` makes a recording"),
     ("publish --source simulate:parked --speed fast", "--speed fast"),
     # node
     ("node", "Missing argument 'name"),
     ("node updater", "'updater' is not one of"),
     ("node updating --recording gone.mcap", "gone.mcap"),
     ("node updating --scenario gone", "'gone' is neither"),
+    ("node updating --shard 3", "--shard '3' is not like 1/4"),
     # certificates
     ("certificates", "Missing argument 'folder'"),
     ("certificates keys", "no client is named"),

@@ -29,4 +29,4 @@ def test_of_many_warnings_of_a_kind_some_are_printed_and_the_rest_counted(
     assert "… and 17 more mode-birth" in lines
     assert "clipped: z41-fa" in lines
     assert sum("rejected: gap of [2 s]" in line for line in lines) == 3
-    assert "… and 1 more rejected windows (gap)" in lines
+    assert "… and 1 more rejected (gap)" in lines

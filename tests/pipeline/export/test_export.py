@@ -124,6 +124,14 @@ def test_other_channels_of_a_unit_go_on_in_another_file(tmp_path: Path) -> None:
     assert read_file(files[1].path).names == fewer.channel_names
 
 
+def test_each_layout_of_a_unit_has_a_number_of_its_own(tmp_path: Path) -> None:
+    layouts = [replace(LAYOUT, layout_id=f"layout {n}") for n in range(4)]
+    blocks = [replace(block(n), layout_id=each.layout_id) for n, each in enumerate(layouts)]
+    files = export(recorded(tmp_path / "a.mcap", [*layouts, *blocks]), tmp_path / "out", "csv")
+    names = [f"{NAME}.csv", *(f"{NAME}-{n}.csv" for n in (2, 3, 4))]
+    assert [each.path.name for each in files] == names
+
+
 def test_a_block_without_its_layout_has_numbered_channels(tmp_path: Path) -> None:
     path = recorded(tmp_path / "bare.mcap", [block(0)])
     (samples,) = export(path, tmp_path / "out", "csv")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.messages import FoundationPosterior, ParameterSummary
+from pipeline.messages import FigureError, FoundationPosterior, ParameterSummary
 from pipeline.updating.prior import PARAMETER_NAMES, PARAMETER_UNITS
 from tests.pipeline.example_messages import START_NS
 
@@ -77,6 +77,25 @@ def drawn_farm(
         for number, each in enumerate(centre)
     ]
     return posteriors, np.exp(truth)
+
+
+def of_one_description(
+    n: int, *, seed: int, error: float = 0.1
+) -> tuple[list[FoundationPosterior], np.ndarray]:
+    """A farm whose description has one figure wrong, which moves all turbines alike.
+
+    error   of ln k11, ln k22, ln k12 by one standard deviation of the figure's prior [-]
+    """
+    posteriors, truth = drawn_farm(n, seed=seed)
+    generator = np.random.default_rng([seed, 1])
+    xi = float(generator.standard_normal())
+    moved = []
+    for each in posteriors:
+        cloud = np.exp(error * (generator.standard_normal((len(each.draws), 1)) - xi))
+        again = posterior_of(each.turbine, each.draws[:, :3] / NOMINAL * cloud)
+        made = (FigureError("added_mass", error, error, error),)
+        moved.append(replace(again, structure="uncertain", figure_errors=made))
+    return moved, truth
 
 
 def untrusted(posterior: FoundationPosterior) -> FoundationPosterior:

@@ -5,11 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.farm.evidence import StackedEvidence, TurbineEvidence, evidence_of
+from pipeline.farm.evidence import (
+    StackedEvidence,
+    TurbineEvidence,
+    common_errors,
+    evidence_of,
+)
 from pipeline.updating.population import SpringCoordinates
 
 NOMINAL = np.array([0.098e11, 8.238e11, 0.678e11])
 COORDINATES = SpringCoordinates(NOMINAL)
+COUPLING = NOMINAL[2] / np.sqrt(NOMINAL[0] * NOMINAL[1])  # ρ of the nominal foundation [-]
 
 
 def posterior_of(points, generator):
@@ -19,7 +25,12 @@ def posterior_of(points, generator):
     weights = np.exp(log_prior - log_prior.max())
     chosen = generator.choice(len(points), 1000, p=weights / weights.sum())
     draws = COORDINATES.to_ratios(points[chosen]) * NOMINAL
-    return SimpleNamespace(turbine="t1", draws=np.column_stack([draws, np.zeros(len(draws))]))
+    return SimpleNamespace(
+        turbine="t1",
+        draws=np.column_stack([draws, np.zeros(len(draws))]),
+        structure="exact",
+        figure_errors=(),
+    )
 
 
 def test_the_prior_is_taken_out_of_a_wide_posterior():
@@ -34,6 +45,45 @@ def test_the_prior_is_taken_out_of_a_wide_posterior():
         (found.means - centre) ** 2
     )
     np.testing.assert_allclose(np.sqrt(spread), std, rtol=0.1)
+
+
+def test_an_uncertain_structures_prior_flat_in_the_logarithms_is_taken_out_as_such():
+    generator = np.random.default_rng(4)
+    mean, std = np.array([0.1, -0.1, 0.2]), np.array([0.3, 0.2, 0.2])
+    likely = mean + std * generator.standard_normal((200_000, 3))
+    rho = np.tanh(likely[:, 2] + np.arctanh(COUPLING))
+    chosen = generator.choice(len(likely), 1000, p=(1 / rho) / (1 / rho).sum())
+    draws = COORDINATES.to_ratios(likely[chosen]) * NOMINAL
+    posterior = SimpleNamespace(
+        turbine="t1",
+        draws=np.column_stack([draws, np.zeros(len(draws))]),
+        structure="uncertain",
+        figure_errors=(),
+    )
+    found = evidence_of(posterior, COORDINATES, generator)
+    np.testing.assert_allclose(found.shares @ found.means, mean, atol=0.03)
+
+
+def test_what_errors_of_the_description_make_is_taken_out_of_the_evidence():
+    """C = own + LᵀL gives the own part back; where L makes more than C, a hundredth stays."""
+    own = np.diag([1.0, 2.0, 3.0])
+    L = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, -1.0]])
+    found = TurbineEvidence(
+        "a", np.ones(1), np.zeros((1, 3)), (own + L.T @ L)[None], ("E", "level"), L
+    )
+    np.testing.assert_allclose(found.of_the_description().covariances[0], own, atol=1e-12)
+    small = TurbineEvidence("a", np.ones(1), np.zeros((1, 3)), np.eye(3)[None], ("E",), L[:1])
+    left = np.linalg.eigvalsh(small.of_the_description().covariances[0])
+    np.testing.assert_allclose(left, [0.01, 1.0, 1.0], atol=1e-12)
+
+
+def test_errors_that_a_turbine_does_not_share_are_zero_for_it():
+    one = TurbineEvidence("a", np.ones(1), np.zeros((1, 3)), np.eye(3)[None])
+    L = np.array([[1.0, 2.0, 3.0]])
+    two = TurbineEvidence("b", np.ones(1), np.zeros((1, 3)), np.eye(3)[None], ("E",), L)
+    names, found = common_errors([one, two])
+    assert names == ("E",)
+    np.testing.assert_array_equal(found, [np.zeros((1, 3)), L])
 
 
 def test_two_peaks_are_told_as_two():

@@ -12,6 +12,7 @@ from tests.pipeline.farm.farms import (
     NOMINAL,
     SPREAD,
     drawn_farm,
+    of_one_description,
     posterior_of,
     untrusted,
 )
@@ -64,6 +65,23 @@ def test_errors_of_a_farm_fall_by_a_quarter_and_intervals_still_hold():
     assert np.median(np.abs(shrunk)) < 0.75 * np.median(np.abs(own))
     # of 120, a turbine's three hardly apart from each other: as 50, three deviations below .9
     assert np.mean(held) > 0.77
+
+
+def test_an_error_of_the_description_is_as_large_for_a_farm_as_for_one_turbine():
+    """Twenty turbines of which every spring is known to a few percent of its own, to 10 % by one
+    figure of the description: pooled, that stays; how they differ is known as well as ever."""
+    posteriors, truth = of_one_description(20, seed=4)
+    found = pooled_farm(posteriors, BRIEF)
+    widths = [(k.p95 - k.p05) / 2 / k.median for each in found.turbines for k in each.pooled]
+    assert min(widths) > 0.14  # 1.64 × .1, less what some hundred draws of it err by
+    centre = np.exp(np.log(truth).mean(axis=0))
+    off = [
+        [abs(1 + each.median - t) for each, t in zip(turbine.deviations, true, strict=True)]
+        for turbine, true in zip(found.turbines, truth / centre, strict=True)
+    ]
+    assert np.median(off) < 0.015
+    assert max(each.half_width for turbine in found.turbines for each in turbine.deviations) < 0.06
+    assert found.population.figures == ("added_mass",)
 
 
 def test_the_order_of_the_posteriors_makes_no_difference():

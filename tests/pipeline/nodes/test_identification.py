@@ -16,6 +16,7 @@ from pipeline.messages import (
 )
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
+from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import biaxial_layout
 from tests.pipeline.oma.conftest import structure
@@ -231,3 +232,27 @@ def test_a_dead_channel_rejects_the_window_with_its_reason() -> None:
     said = answers(cut(samples))
     assert isinstance(said[0], WindowRejected)
     assert (said[0].code, said[0].reason) == ("constant", "z80-ss is constant over the window")
+
+
+@pytest.mark.parametrize("hours", [1, 24, 7 * 24])
+def test_every_window_of_a_long_gap_has_an_answer(blocks, hours: int) -> None:
+    """On today's main the audit of a day's cut names windows without one."""
+    away = hours * 3600 - 90
+    later = [
+        replace(
+            each,
+            sequence=each.sequence + away,
+            first_sample=each.first_sample + away * round(RATE),
+            start_ns=each.start_ns + away * NANOSECONDS,
+        )
+        for each in blocks[90:]
+    ]
+    said = answers([*blocks[:90], *later])
+    books = Books(updates=False)
+    for message in (*blocks[:90], *later, *said):
+        books.handle(message)
+    assert not books.violations()
+    (turbine,) = books.as_json()["turbines"]
+    # the gap ends 90 s into the blocks that are left: two windows of theirs, and the last is short
+    assert turbine["identified"] + sum(turbine["rejected"].values()) == hours * 60 + 2
+    assert len(said) < 150

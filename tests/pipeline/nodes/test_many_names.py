@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
 from pipeline.nodes.by_turbine import LimitedMembers, NodeByTurbine
@@ -9,6 +10,7 @@ from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.oma.settings import OmaSettings
+from pipeline.runtime.snapshots import SnapshotFolder
 from sensors.acquisition.scada import ScadaSample
 from tests.pipeline.example_messages import LAYOUT, block, rejection
 
@@ -71,6 +73,38 @@ def test_a_flood_of_names_leaves_bounded_memory_and_the_session_that_ran() -> No
         "more than 4 turbines",
         "more than 3 units of a turbine",
     ]
+
+
+def test_a_unit_that_is_let_go_while_its_session_runs_ends_no_node(tmp_path: Path) -> None:
+    """Names that are made up come before the tower's first block, one of them has the session."""
+    store = SnapshotFolder(tmp_path, "identification")
+    node = IdentificationNode(SETTINGS, limits=FEW, store=store)
+    list(node.handle(replace(LAYOUT, unit="forged 0", layout_id="forged 0")))
+    said: list[Message] = []
+    for number in range(70):
+        for other in range(4):
+            name = f"forged {4 * number + other}"
+            forged = replace(block(number, unit=name), session=name)
+            said += node.handle(forged)
+            said += node.handle(StreamEnd(LAYOUT.turbine, name, name, forged.end_ns, 1))
+        if number == 5:
+            said += node.handle(LAYOUT)
+        said += node.handle(block(number))
+    windows = [each for each in said if isinstance(each, ModalEstimate)]
+    assert [each.origins[0].unit for each in windows] == [LAYOUT.unit]
+
+
+def test_units_without_a_layout_never_take_the_place_of_one_that_has_one() -> None:
+    """However many of their blocks come between two of its own."""
+    node = IdentificationNode(SETTINGS)
+    said = list(node.handle(LAYOUT))
+    for number in range(62):
+        said += node.handle(block(number))
+        for other in range(30):
+            said += node.handle(block(number, unit=f"forged {other % 4}"))
+    windows = [each for each in said if isinstance(each, ModalEstimate | WindowRejected)]
+    assert [(type(each), each.window) for each in windows] == [(ModalEstimate, 0)]
+    assert node.statistics.rejected["no-layout"] > 1700
 
 
 def test_nodes_of_the_turbines_that_were_heard_most_are_kept() -> None:

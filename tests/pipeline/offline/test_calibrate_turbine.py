@@ -84,6 +84,10 @@ def test_what_cannot_be_calibrated_is_refused_in_one_line(estimates, tmp_path: P
         "taken as exact": session(tmp_path / "exact.mcap", estimates, EXACT),
         "has no modal estimates": session(tmp_path / "none.mcap", []),
         "3 windows can be used": session(tmp_path / "few.mcap", estimates[:3]),
+        "half.mcap: 3 windows can be used, 3 cannot": session(
+            tmp_path / "half.mcap",
+            [*estimates[:3], *(replace(each, modes=()) for each in estimates[3:6])],
+        ),
         "its structure changed in window 3": session(tmp_path / "e.mcap", [*estimates, event]),
     }
     for words, path in refused.items():

@@ -30,3 +30,11 @@ def test_two_instants_name_a_day_or_the_start_once() -> None:
     begin = 1_709_629_200 * 10**9
     assert between_instants(begin, begin + 3000 * 10**9) == "5 March 2024 09:00 to 09:50 UTC"
     assert between_instants(0, 1200 * 10**9) == "0:00:00 to 0:20:00 after the start"
+
+
+def test_a_start_just_before_midnight_is_midnight() -> None:
+    midnight = 1_767_225_600 * 10**9  # 1 January 2026
+    just_before = midnight - 400_000  # a clock fitted to stamps in whole milliseconds
+    assert between_instants(just_before, midnight + 3600 * 10**9) == (
+        "1 January 2026 00:00 to 01:00 UTC"
+    )

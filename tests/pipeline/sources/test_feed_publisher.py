@@ -181,6 +181,8 @@ def test_the_command_publishes_for_a_while_and_says_what_came(
     [
         (("ftp://x/y",), "is no feed"),
         (("udp://:0", "--for", "0"), "--for 0: a positive number of seconds is needed"),
+        (("udp://:0",), "where on the tower are its channels?"),
+        (("scada+csv:x.csv",), "of which turbine?"),
         (("udp://:0", "--layout", "none.toml"), "layout none.toml cannot be read"),
         (("udp://:0", "--layout", "a.toml", "--scenario", "parked"), "both define the channels"),
     ],
@@ -197,7 +199,7 @@ def test_a_mistake_of_the_command_is_one_line(
 def test_an_instrument_and_processes_are_two_commands(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_of("run", "--source", "udp://:0", "--processes") == 2
     assert "run `pilewatch feed udp://:0` beside" in " ".join(capsys.readouterr().err.split())
-    assert exit_of("run", "--source", "scada+csv:x.csv") == 2
+    assert exit_of("run", "--source", "scada+csv:x.csv", "--scenario", "parked") == 2
     assert "measures no accelerations" in " ".join(capsys.readouterr().err.split())
 
 

@@ -264,9 +264,9 @@ def test_a_layout_chooses_channels_of_one_rate_and_what_else_there_is_does_not_m
     assert identify_file(tmp_path / "a.h5", layout=layout).channels == ("A",)
     rows = "".join(f"12:00:00,{value},ok\n" for value in SAMPLES[:, 0])
     coarse = written(tmp_path / "a.csv", "time,A,state\n" + rows)
-    with pytest.raises(InputError, match="stand still; --sampling-rate HZ counts the samples"):
+    with pytest.raises(InputError, match="do not increase; --sampling-rate HZ counts the samples"):
         record_measurement(open_measurement([coarse], layout=layout), tmp_path / "a.mcap")
-    with pytest.raises(InputError, match="stand still; --sampling-rate HZ counts the samples"):
+    with pytest.raises(InputError, match="do not increase; --sampling-rate HZ counts the samples"):
         identify_file(coarse)
     assert identify_file(coarse, sampling_rate=RATE).estimates
     counted = open_measurement([coarse], layout=layout, sampling_rate=RATE)

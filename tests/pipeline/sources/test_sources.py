@@ -85,8 +85,10 @@ def test_a_live_source_without_a_scenario_has_no_structure(
     assert load_scenario(open_source("live").scenario.origin).turbine.description == "none"
 
 
-def test_a_feed_without_a_scenario_has_no_structure() -> None:
-    source = feed_source("udp://127.0.0.1:0", None, None)
+def test_a_feed_without_a_scenario_has_no_structure(tmp_path: Path) -> None:
+    layout = tmp_path / "layout.toml"
+    layout.write_text('[[channels]]\nname = "a"\nelevation = 9.0\ndirection = [1, 0, 0]\n')
+    source = feed_source("udp://127.0.0.1:0", layout, None)
     assert not source.scenario.has_structure
     assert source.scenario.turbine.id == source.layout.turbine
 

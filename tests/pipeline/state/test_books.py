@@ -1,12 +1,14 @@
 """Every block, window and estimate has one fate; what has none, or two, is named."""
 
 from dataclasses import replace
+from itertools import islice
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.messages import MessageCount, ModalEstimate, StreamEnd, StreamGap, UnitOrigin
+from pipeline.state import turbine_book
 from pipeline.state.block_book import Intervals
 from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS
@@ -180,6 +182,42 @@ def test_windows_without_an_answer_are_named_and_repeated_ones_count_once() -> N
     ]
     (turbine,) = books.as_json()["turbines"]
     assert (turbine["identified"], turbine["rejected"]) == (2, {"gap": 1})
+
+
+def test_one_rejection_may_stand_for_the_windows_of_a_long_gap() -> None:
+    long = replace(rejected(144), windows_before=142)
+    assert not books_of(identified(1), long, identified(145), updates=False).violations()
+    (turbine,) = books_of(identified(1), long).as_json()["turbines"]
+    assert turbine["rejected"] == {"gap": 143}
+    one_less = books_of(identified(1), replace(long, windows_before=141), updates=False)
+    assert one_less.violations() == [
+        "t1: windows 2 to 2 of boot 0 of session session-1 have no answer"
+    ]
+
+
+def test_windows_of_joined_units_go_on_where_one_unit_or_both_are_left_out() -> None:
+    both = (UnitOrigin("lower", "s", 0, 0), UnitOrigin("upper", "s", 0, 0))
+
+    def at(window: int, *present: UnitOrigin) -> ModalEstimate:
+        origins = tuple(replace(each, first_sample=window) for each in present)
+        return replace(identified(window), origins=origins)
+
+    present = (both, both, both[1:], both[:1], (), both)
+    whole = [at(window, *units) for window, units in enumerate(present)]
+    assert not books_of(*whole, updates=False).violations()
+    (skipped,) = books_of(*whole[:3], whole[5], updates=False).violations()
+    assert skipped.startswith("t1: windows 3 to 4 of")
+
+
+def test_books_of_a_flood_of_names_make_room_by_those_that_were_not_heard_for_longest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(turbine_book, "MOST_BOOKS", 10)
+    forged = (block(0, unit=f"forged {k}") for k in range(120))
+    books = books_of(*(each for k in range(30) for each in (block(k), *islice(forged, 4))))
+    (unit,) = [each for each in books.as_json()["units"] if each["unit"] == "tower"]
+    assert (unit["recorded"], unit["boot"]) == (30, 0)
+    assert len(books.as_json()["units"]) == 10
 
 
 def test_refusals_of_nodes_are_told_by_reason() -> None:

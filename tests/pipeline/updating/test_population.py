@@ -64,6 +64,27 @@ def test_a_population_read_again_has_the_same_density(tmp_path):
     assert again.name == "3 turbines, t1 … t3"
 
 
+def test_errors_of_the_description_widen_the_prior_of_an_exact_structure(tmp_path):
+    farm = replace(
+        population(std=0.02, share=0.001), figures=("E",), common=np.array([[0.1, 0.2, 0.0]])
+    )
+    stds = np.log(farm.draws(40_000, np.random.default_rng(6))).std(axis=0)
+    np.testing.assert_allclose(stds[:2], [0.1, 0.2], rtol=0.06)
+    described = np.log(farm.as_described(40_000, np.random.default_rng(6))).std(axis=0)
+    assert described[1] < 0.04
+    path = tmp_path / "farm.json"
+    path.write_text(farm.as_json(), encoding="utf-8")
+    again, ratios = load_population(path), farm.draws(10, np.random.default_rng(3))
+    assert again.figures == ("E",)
+    np.testing.assert_array_equal(again.log_density(ratios), farm.log_density(ratios))
+
+
+def test_a_population_of_before_there_were_errors_of_the_description_is_read():
+    content = json.loads(population().as_json())
+    del content["figures"], content["common"]
+    assert population_from_json(json.dumps(content), "farm.json").common.shape == (0, 3)
+
+
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [

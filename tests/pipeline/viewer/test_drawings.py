@@ -89,6 +89,14 @@ def test_a_skew_accelerometer_moves_the_picture_along_its_own_direction():
     assert moved.direction == "FA"
 
 
+def test_two_sensors_along_one_axis_at_one_height_are_drawn_at_their_mean():
+    twice = SensorLayout(
+        "t1", "u", "twice", tuple(Accelerometer(name, 50.0, (1.0, 0.0, 0.0)) for name in "ab")
+    )
+    moved = deflection(twice, ("a", "b"), np.array([0.9, 1.1]))
+    assert moved.displacements == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
+
+
 def test_a_shape_on_part_of_the_channels_is_drawn_where_these_sit():
     part = deflection(LAYOUT, ("z145-ss", "z41-ss"), np.array([1.0, 0.2]))
     assert list(part.elevations) == [41.0, 145.0]
@@ -271,6 +279,19 @@ def test_a_tower_leans_as_its_springs_let_it(sign: SpringSign):
     assert 0.5 * LOAD * (u + height * psi) == pytest.approx(energy)
     assert mudline_response(0.9 * theta, height, sign) == pytest.approx(np.array([u, psi]) / 0.9)
     assert (u > 0) == (sign == "embedded-pile")
+
+
+@pytest.mark.parametrize("all_singular", [False, True])
+def test_draws_of_springs_that_carry_no_load_are_left_out(all_singular: bool):
+    rng = np.random.default_rng(8)
+    posterior = foundation_posterior(modal_estimate(0, rng), 1, rng)
+    draws = posterior.draws.copy()
+    draws[: None if all_singular else 3, :3] = [2.0**20, 2.0**30, 2.0**25]  # k11·k22 = k12²
+    truth = FoundationTruth(TURBINE, 0, 2.0**20, 2.0**30, 2.0**25)
+    picture = pile_picture(replace(posterior, draws=draws), DESCRIPTION, truth)
+    assert len(picture.posterior) == (0 if all_singular else 3)
+    assert np.isfinite(np.array(picture.posterior)).all()
+    assert len(picture.truth) == 0
 
 
 def test_the_truth_leans_within_the_posterior_and_less_than_nominal_where_it_is_stiffer():

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 import rerun.blueprint as rrb
 
-from pipeline.messages import FoundationPosterior, FoundationTruth, ModalEstimate
+from pipeline.messages import (
+    FoundationPosterior,
+    FoundationTruth,
+    ModalEstimate,
+    RelativeStiffness,
+)
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.pictures.scene import DRAWN_HEIGHT, outline
@@ -244,6 +249,20 @@ def test_a_change_gets_its_mark_and_its_sizes_where_there_is_one(tmp_path: Path)
     assert "foundation: changed" in indicators
 
 
+def test_the_size_of_a_change_is_drawn_again_with_every_posterior_since(tmp_path: Path):
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    messages = list(session(Episode(n_windows=2, block=60)))
+    last = next(each for each in reversed(messages) if isinstance(each, FoundationPosterior))
+    end_ns = last.time_ns + WINDOW * NANOSECONDS
+    revised = RelativeStiffness("k22", 0.91, 0.9, 0.92, last.time_ns)
+    later = replace(last, time_ns=end_ns, relative=(revised,))
+    for message in [*messages, change_event(1), later]:
+        viewer.handle(message)
+    viewer.close()
+    sizes = Recorded(tmp_path / "s.rrd").scalars(f"{ROOT}/change/size/k22")
+    assert sizes == pytest.approx(np.array([[-12.0, -10.0, -8.0], [-10.0, -9.0, -8.0]]))
+
+
 def test_every_posterior_has_a_probability_of_change(recorded: Recorded):
     assert recorded.scalars(f"{ROOT}/change/probability").shape == (2, 1)
     assert recorded.series_names(f"{ROOT}/change/probability") == ["probability [-]"]
@@ -271,7 +290,7 @@ def test_status_and_events_tell_the_session(recorded: Recorded):
         assert text_labels in health
     events = [text for (text,) in recorded.column(f"{ROOT}/events", "TextLog:text")]
     assert sum("window 1 rejected" in text for text in events) == 1
-    assert sum("× nominal" in text for text in events) == 2
+    assert sum("÷ nominal" in text for text in events) == 2
     levels = [level for (level,) in recorded.column(f"{ROOT}/events", "TextLog:level")]
     assert levels.count("WARN") == 2  # the gap and the rejected window
 

@@ -23,6 +23,10 @@ X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
         ("ACCY_85m", 85.0, Y),
         ("Level 25 m, Y-dir", 25.0, Y),
         ("85_NS", 85.0, X),
+        ("V_45m_N-S", 45.0, X),
+        ("V_45m_O-W", 45.0, Y),  # Ost
+        ("Vel 45m E/W", 45.0, Y),
+        ("acc_45m_V", 45.0, Z),
     ],
 )
 def test_height_and_axis_are_read_from_a_channels_name(
@@ -32,6 +36,10 @@ def test_height_and_axis_are_read_from_a_channels_name(
     assert (guessed.elevation, guessed.direction) == (elevation, direction)
     assert guessed.height_known
     assert guessed.direction_known
+
+
+def test_a_leading_v_is_a_velocity_and_no_axis() -> None:
+    assert not any(each.direction_known for each in guess_channels(["V_20m", "V_45m"]))
 
 
 @pytest.mark.parametrize("name", ["ch1", "channel 7", "AI0"])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sensors.files.block_builder import open_file
+from sensors.files.channel_names import other_quantity
 from sensors.files.conditions import condition_channels, read_conditions, state_of_rotor
 
 
@@ -21,6 +22,13 @@ def test_fields_are_found_by_name_and_unit() -> None:
         "water_level": "WaterLevel",
     }
     assert found["power"].factor == 1e3
+
+
+def test_fields_are_found_in_german_too() -> None:
+    names = ("Windgeschwindigkeit", "Drehzahl Rotor", "Leistung", "Wasserstand")
+    found = condition_channels(names, ("m/s", "1/min", "kW", "m"))
+    assert set(found) == {"wind_speed", "rotor_speed", "power", "water_level"}
+    assert all(other_quantity(name, "") for name in names)
 
 
 def test_samples_are_means_of_ten_seconds_and_the_rest_is_unknown(tmp_path: Path) -> None:

@@ -68,6 +68,20 @@ def test_a_unit_of_time_that_is_none_is_one_line(tmp_path: Path) -> None:
         load_layout(layout(tmp_path, 'column = "t"\nunit = "m/s"'))
 
 
+def test_a_unit_of_time_without_a_column_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(LayoutError, match="unit is 'ms', but no column is named"):
+        load_layout(layout(tmp_path, 'unit = "ms"'))
+
+
+def test_a_layout_states_what_comes_first_in_its_dates(tmp_path: Path) -> None:
+    path = tmp_path / "measured.csv"
+    rows = [f"03/04/2024 12:00:0{i},{i}" for i in range(4)]
+    path.write_text("\n".join(["time,a", *rows]))
+    mapping = load_layout(layout(tmp_path, 'dates = "day-first"'))
+    start = np.datetime64(read_file(path, wanted=mapping.wanted()).start_ns, "ns")
+    assert str(start.astype("datetime64[D]")) == "2024-04-03"
+
+
 def test_a_layout_with_all_heights_at_sea_level_is_one_line(tmp_path: Path) -> None:
     path = tmp_path / "layout.toml"
     path.write_text(CHANNEL.replace("80.0", "0.0"))

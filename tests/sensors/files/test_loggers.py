@@ -11,7 +11,7 @@ import pytest
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.constants import STANDARD_GRAVITY
 from sensors.files.formats import read_file
-from sensors.files.table import FileError
+from sensors.files.table import EVERYTHING, DateOrder, FileError, dated
 
 RATE = 50.0  # [Hz]
 START = np.datetime64("2024-03-13T12:00:00.250", "ns")
@@ -178,11 +178,29 @@ def test_axes_in_brackets_are_no_units(tmp_path: Path) -> None:
     assert table.units == ("", "")
 
 
+@pytest.mark.parametrize(("dates", "month"), [("day-first", 4), ("month-first", 3)])
+def test_the_order_of_day_and_month_can_be_stated(
+    tmp_path: Path, dates: DateOrder, month: int
+) -> None:
+    text = "Time,a,b\n" + rows(as_date("03/04/2024 %H:%M:%S.%f"))
+    table = read_file(written(tmp_path / "a.csv", text), wanted=dated(EVERYTHING, dates))
+    assert np.datetime64(table.start_ns, "ns").astype("datetime64[M]") == np.datetime64(
+        f"2024-{month:02d}"
+    )
+
+
+def test_a_stated_order_does_not_turn_dates_that_are_clear(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", "Time,a,b\n" + rows(as_date("13/04/2024 %H:%M:%S.%f")))
+    assert (
+        read_file(path).start_ns == read_file(path, None, dated(EVERYTHING, "month-first")).start_ns
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("when," + SI.format(",") + rows(seconds), "column 'when' rises evenly from 0 by 0.02"),
-        ("Time,a,b\n" + rows(as_date("03/04/2024 %H:%M:%S.%f")), r"day or month first\?"),
+        ("Time,a,b\n" + rows(as_date("03/04/2024 %H:%M:%S.%f")), "is the day or the month first"),
         ("t,a,b\n" + rows(lambda i: str(20 * i)), "steps by 20 and has no unit"),
         ("t [s],a,b\n" + rows(lambda i: str(10**12 + 20 * i)), "after the year 2100"),
         ("t,a\n" + rows(seconds), "line 1 has 2 titles, the samples below it 3 columns"),

@@ -200,7 +200,7 @@ def test_columns_of_parquet_are_understood_by_their_types(tmp_path: Path) -> Non
 
 def test_structures_of_matlab_are_groups_with_their_own_notes(tmp_path: Path) -> None:
     content = {
-        "tower": {"acc": SAMPLES, "fs": RATE, "units": "g", "names": np.array(["a", "b"], object)},
+        "tower": {"acc": SAMPLES, "fs": RATE, "units": "g", "labels": np.array(["a", "b"], object)},
         "comment": "made today",
         "settings": {"empty": np.zeros((0, 0)), "flag": True},
     }
@@ -210,6 +210,12 @@ def test_structures_of_matlab_are_groups_with_their_own_notes(tmp_path: Path) ->
     assert table.units == ("m/s²", "m/s²")
     assert table.sampling_rate == RATE
     np.testing.assert_allclose(table.samples, 9.80665 * SAMPLES)
+
+
+def test_cells_of_matlab_that_hold_more_than_texts_are_no_names(tmp_path: Path) -> None:
+    content = {"acc": SAMPLES, "fs": RATE, "names": np.array(["a", 2.0], object)}
+    savemat(tmp_path / "a.mat", content)
+    assert read_file(tmp_path / "a.mat").names != ("a", "2.0")
 
 
 def test_days_of_matlab_in_a_mat_file_have_a_date(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from sensors.simulation.schedule import (
     StiffnessEvent,
     Tide,
 )
-from sensors.simulation.settings import SimulationSettings
+from sensors.simulation.settings import SimulationError, SimulationSettings
 from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
 
@@ -128,3 +128,9 @@ def test_every_load_begins_a_transient_before_the_record() -> None:
     loads = build_loads(model, settings, schedule, rate=10.0)
     starts = [load.start for load in loads if hasattr(load, "start")]
     assert starts == [-25.0] * 3  # waves, wind, rotor
+
+
+def test_limits_of_settings_are_themselves_allowed() -> None:
+    SimulationSettings(seed=0, transient=0.0, noise_share=0.0, quantisation_step=0.0)
+    with pytest.raises(SimulationError, match="seed is -1"):
+        SimulationSettings(seed=-1)

@@ -68,7 +68,7 @@ def rigid_kinetic_energy(
     top = np.array([0, 0, turbine.tower_top])
     for body in rigid_bodies(turbine.rotor_nacelle):
         u = moved(top + body.centre)
-        total += body.mass * (u @ u) + rotation @ (np.array(body.inertia) * rotation)
+        total += body.mass * (u @ u) + rotation @ body.tensor @ rotation
     tilt = np.radians(turbine.rotor_nacelle.tilt)
     round_shaft = rotation @ [-np.cos(tilt), 0, np.sin(tilt)]
     total += turbine.rotor_nacelle.hub_inertia * (rotation @ rotation + round_shaft**2) / 2

@@ -138,6 +138,11 @@ ROTOR_MISTAKES = [
     ("modes_per_element = 1", "modes_per_element = 4", r"modes_per_element is 4; 0 to 3"),
     ("mass = 530887.918", "mass = -1.0", r"\[rotor_nacelle.bodies\[0\]\].*mass is -1"),
     ("centre = [-4.688, 0.0, 4.240]", "centre = [1.0, 2.0]", r"centre has 2 values; 3 are needed"),
+    (
+        "centre = [-4.688, 0.0, 4.240]",
+        "centre = [-4.688, 0.0, 4.240]\ninertia_point = [0.0, 0.0, 0.0]",
+        r"a principal moment of -1.\d*e\+07 kg·m²",
+    ),
     ('name = "2", direction = "FA"', 'name = "1", direction = "FA"', r"'1' is listed more than"),
     ('direction = "SS"', 'direction = "SW"', r"direction is 'SW'; it can be 'FA' or 'SS'"),
 ]

@@ -1,7 +1,12 @@
 """A figure changes what its title says, and nothing else."""
 
-from sensors.structure.description import TurbineDescription
-from sensors.structure.figures import varied
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sensors.structure.description import RigidBody, TurbineDescription
+from sensors.structure.figures import FIGURES, JUDGEMENT, varied
 from tests.sensors.structure.towers import parked_turbine
 
 
@@ -31,3 +36,19 @@ def test_the_rotor_nacelle_mass_is_that_of_nacelle_yaw_bearing_and_hub() -> None
 def test_masses_of_blades_and_of_steel_are_figures_of_their_own() -> None:
     assert changed_by("blade_mass", -0.03) == {"blades": -0.03}
     assert changed_by("steel_density", 0.01) == {"tubes": 0.01}
+
+
+def test_a_prior_whose_width_no_source_states_says_so() -> None:
+    for figure in FIGURES:
+        assert JUDGEMENT in figure.source or figure.source.startswith("as the"), figure.name
+
+
+def test_a_moment_of_inertia_about_another_point_changes_about_the_centre() -> None:
+    turbine = parked_turbine()
+    body = RigidBody("nacelle", 5e5, (-4.0, 0.0, 4.0), (4e7,) * 3, inertia_point=(0.0, 0.0, 0.0))
+    stated = replace(turbine, rotor_nacelle=replace(turbine.rotor_nacelle, bodies=(body,)))
+    (after,) = varied(stated, {"nacelle_yaw_inertia": 0.5}).rotor_nacelle.bodies
+    yaw = 4e7 - 5e5 * 4.0**2
+    assert np.diag(after.tensor) == pytest.approx([4e7 - 5e5 * 16, 4e7 - 5e5 * 32, 1.5 * yaw])
+    (after,) = varied(stated, {"rna_mass": 0.5}).rotor_nacelle.bodies
+    np.testing.assert_allclose(after.tensor, body.tensor)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from sensors.structure.description import RotorNacelle
+from sensors.structure.description import RigidBody, RotorNacelle
+from sensors.structure.foundation import TurbineError
 from sensors.structure.rotor_nacelle import (
     ROTATION,
     BladeDirection,
@@ -34,6 +35,35 @@ def test_the_parallel_axis_theorem_holds() -> None:
     nodding, yawing = np.eye(6)[1], np.eye(6)[5]
     assert nodding @ mass @ nodding == pytest.approx(8e6 + 530e3 * (4.688**2 + 4.24**2))
     assert yawing @ mass @ yawing == pytest.approx(9e6 + 530e3 * 4.688**2)
+
+
+def test_a_tensor_about_the_towers_top_is_that_about_the_centre_and_the_masss() -> None:
+    """Two points of 200 t and 100 t: their tensor about any point gives one mass matrix."""
+    arms, masses = np.array([[-3.0, 1.0, 4.0], [-6.0, -1.0, 5.5]]), np.array([2e5, 1e5])
+    centre = tuple((masses @ arms / masses.sum()).tolist())
+    expected = sum(
+        rigid_body_mass(m, arm, np.zeros(3)) for m, arm in zip(masses, arms, strict=True)
+    )
+    for point in ((0.0, 0.0, 0.0), (1.0, 2.0, -3.0), None):
+        off = arms - np.array(centre if point is None else point)
+        i = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, off, strict=True))
+        body = RigidBody(
+            "nacelle",
+            float(masses.sum()),
+            centre,
+            (i[0, 0], i[1, 1], i[2, 2]),
+            (i[0, 1], i[0, 2], i[1, 2]),
+            point,
+        )
+        found = nacelle_mass(RotorNacelle(bodies=(body,)))
+        np.testing.assert_allclose(found, expected, atol=1e-6 * expected.max())
+        again = nacelle_mass(RotorNacelle(bodies=(body.about_centre,)))
+        np.testing.assert_allclose(again, expected, atol=1e-6 * expected.max())
+
+
+def test_a_nacelle_heavier_than_its_inertia_allows_is_one_line() -> None:
+    with pytest.raises(TurbineError, match=r"principal moment of -.*check products and inertia_po"):
+        RigidBody("nacelle", 5e5, (-4.7, 0.0, 4.2), (1e6, 1e6, 1e6), inertia_point=(0.0, 0.0, 0.0))
 
 
 def test_the_nacelle_weighs_what_its_parts_weigh() -> None:

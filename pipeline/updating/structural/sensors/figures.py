@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
-GAIN_STD = 0.01  # of a channel: data sheets of MEMS and force-balance accelerometers [-]
+# Engineering judgement, all three: no standard states them.
+GAIN_STD = 0.01  # of a channel, as usual data sheets of accelerometers have it [-]
 HEADING_STD = 2.0  # of a sensor: alignment by eye to the nacelle's or the door's axis [deg]
 HEIGHT_STD = 0.2  # of a sensor: bracket against drawing [m]
 

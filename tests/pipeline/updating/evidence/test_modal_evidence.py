@@ -257,6 +257,45 @@ def test_a_close_sister_seen_in_the_same_window_is_no_jump():
     assert len({mode.track for mode in after.modes}) == len(LABELS) + 1
 
 
+def test_what_a_later_window_sees_beside_the_missed_mode_was_no_jump():
+    """A neighbour first seen while a mode is missed takes its track only until both are seen."""
+    evidence = combined(windows(6, seed=19))
+    first, second = windows(2, seed=20)
+    neighbours = [
+        replace(w.modes[0], frequency=w.modes[0].frequency * 1.02) for w in (first, second)
+    ]
+    missed = replace(first, modes=(neighbours[0], *first.modes[1:]))
+    both = replace(second, modes=(*second.modes, neighbours[1]))
+    mistaken = evidence.with_estimate(missed)
+    assert len({mode.track for mode in mistaken.modes}) == len(LABELS)
+    after = mistaken.with_estimate(both)
+    tracks = {round(mode.frequency, 3): mode.track for mode in after.modes}
+    assert len(set(tracks.values())) == len(after.modes) == len(LABELS) + 1
+    kept = [mode.track for mode in after.modes if mode.n_windows == 7]
+    assert kept[0] == evidence.modes[0].track
+
+
+def test_a_mode_that_most_windows_miss_does_not_jump():
+    """Another one of like shape, seen beside its absence, is another one."""
+    rare, *others = windows(6, seed=21)
+    without = [replace(each, modes=each.modes[1:]) for each in others]
+    evidence = combined([rare, without[0], others[1], *without[2:]])
+    (estimate,) = windows(1, seed=22)
+    other = replace(estimate.modes[0], frequency=estimate.modes[0].frequency * 1.02)
+    after = evidence.with_estimate(replace(estimate, modes=(other, *estimate.modes[1:])))
+    assert len({mode.track for mode in after.modes}) == len(LABELS) + 1
+
+
+def test_of_two_modes_on_one_track_the_one_that_most_windows_saw_stands_for_it():
+    evidence = combined(windows(6, seed=15))
+    (estimate,) = windows(1, seed=16)
+    jumped = replace(estimate.modes[0], frequency=estimate.modes[0].frequency * 1.02)
+    after = evidence.with_estimate(replace(estimate, modes=(jumped,)))
+    chosen = after.one_a_track(range(len(after.modes)))
+    assert len(after.modes) == len(LABELS) + 1
+    assert [after.modes[place].n_windows for place in sorted(chosen)] == [6] * len(LABELS)
+
+
 def under_water(estimate, rise, slope, curvature):
     """The estimate with every frequency as the water moves it."""
     factor = np.exp(slope * rise + curvature * rise**2)

@@ -3,18 +3,31 @@
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from pipeline.updating.structural.alternatives import Alternative, JointInference
 
 
-def weights_of(costs: dict[str, float], probabilities: dict[str, float]) -> list[float]:
-    """Of structures whose fits end at these costs."""
+def weights_of(
+    costs: dict[str, float],
+    probabilities: dict[str, float],
+    *,
+    priors: dict[str, float] | None = None,
+    degrees: int = 40,
+) -> list[float]:
+    """Of structures whose fits end at these costs, of which so much is the figures' prior."""
     found = [
         (
             Alternative(name, probabilities[name]),
-            SimpleNamespace(is_rough=False, judged=lambda *_, cost=cost: (cost, 0.0)),
-            None,
+            SimpleNamespace(
+                is_rough=False,
+                judged=lambda *_, cost=cost: (cost, 0.0),
+                coordinates=SimpleNamespace(
+                    prior_cost=lambda _, name=name: (priors or {}).get(name, 0.0)
+                ),
+            ),
+            SimpleNamespace(u=None, relative_cost=cost / degrees),
             SimpleNamespace(likeliest_sigma=0.0),
         )
         for name, cost in costs.items()
@@ -35,3 +48,13 @@ def test_structures_that_explain_the_data_alike_keep_their_prior_probabilities()
 def test_a_cost_of_two_more_is_a_factor_of_e() -> None:
     dry, flooded = weights_of({"dry": 40.0, "flooded": 42.0}, {"dry": 0.5, "flooded": 0.5})
     assert dry / flooded == pytest.approx(2.718281828)
+
+
+def test_where_modes_err_by_more_than_they_state_a_figure_far_from_its_prior_does_not_win() -> None:
+    """Costs 80 and 76 at 40 degrees: a misfit of 72 and 34, a prior of 8 and 42. φ = 1.9."""
+    dry, flooded = weights_of(
+        {"dry": 80.0, "flooded": 76.0},
+        {"dry": 0.5, "flooded": 0.5},
+        priors={"dry": 8.0, "flooded": 42.0},
+    )
+    assert dry / flooded == pytest.approx(np.exp(((34 - 72) / 1.9 + 42 - 8) / 2))

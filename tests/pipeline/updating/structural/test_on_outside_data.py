@@ -12,6 +12,7 @@ from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.structural.joint_message import distrust
+from pipeline.updating.structural.posterior import figure_errors
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
 from pipeline.updating.structural.relative_change import relative_springs
 from pipeline.updating.structural.settings import UNCERTAIN
@@ -109,6 +110,19 @@ def test_the_budget_names_what_makes_the_interval(inference: JointInference) -> 
     assert largest in ("added_mass", "water_level", "transition_piece")
 
 
+def test_what_errors_of_the_figures_make_of_the_springs_is_part_of_their_variance(
+    inference: JointInference,
+) -> None:
+    found = refreshed(inference, truth_of(7), 7)
+    fit, covariance = found.best.fit, found.best.posterior.covariance
+    errors = figure_errors(found.best.peak.u, covariance, fit.coordinates)
+    stds = np.log(found.draws[:, :3]).std(axis=0)
+    shares = (errors**2).sum(axis=0) / stds**2
+    assert np.all((shares > 0.1) & (shares < 1.0))
+    names = [*(figure.name for figure in fit.coordinates.figures), "water_level"]
+    assert names[int(np.argmax(np.abs(errors[:, 1])))] in ("added_mass", "water_level")
+
+
 def test_modes_of_the_right_structure_predict_each_other(inference: JointInference) -> None:
     checks = refreshed(inference, truth_of(8), 8).checks
     assert checks.unpredicted_share < 0.1
@@ -126,7 +140,9 @@ def test_the_updater_publishes_the_joint_posterior_and_goes_on_after_a_restart(
     assert isinstance(first, FoundationPosterior)
     assert first.structure == "uncertain"
     assert first.budget
-    assert decode(FoundationPosterior, encode(first)).alternatives == first.alternatives
+    sent = decode(FoundationPosterior, encode(first))
+    assert sent.alternatives == first.alternatives
+    assert sent.figure_errors == first.figure_errors != ()
     _, second = updater.updated(state, windows[1])
     _, again = updater.updated(updater.restored(updater.saved(state)), windows[1])
     assert isinstance(second, FoundationPosterior)

@@ -11,6 +11,7 @@ from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.decks.elastodyn import (
     Deck,
     mean_between,
+    monopile_tubes,
     read_elastodyn,
     tower_tubes,
     tube_of,
@@ -102,6 +103,47 @@ def test_the_text_is_read_again_as_the_same_structure(oc3: TurbineDescription) -
             )
         assert again.rotor_nacelle == turbine.rotor_nacelle
         assert again.water == turbine.water
+
+
+SUBDYN = """
+{legs} NReact
+{members} NMembers
+3 NJoints
+JointID X Y Z
+- - - -
+1 0.0 0.0 -20.0
+2 0.0 0.0 -5.0
+3 {x} 0.0 10.0
+MemberID MJointID1 MJointID2 MPropSetID1 MPropSetID2
+- - - - -
+1 1 2 1 1
+2 2 3 1 1
+1 {sections}
+PropSetID YoungE ShearG MatDens XsecD XsecT
+- - - - - -
+1 2.1e11 8.08e10 8500.0 6.0 0.06
+"""
+
+
+@pytest.mark.parametrize("sections", ["NPropSets", "NPropSetsCyl"])
+def test_a_monopile_of_any_version_of_subdyn_is_read(tmp_path: Path, sections: str) -> None:
+    path = tmp_path / "a.dat"
+    path.write_text(SUBDYN.format(legs=1, members=2, x=0.0, sections=sections))
+    assert [(tube.bottom, tube.top) for tube in monopile_tubes(Deck(path))] == [
+        (-20.0, -5.0),
+        (-5.0, 10.0),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("legs", "x", "message"),
+    [(4, 0.0, "stands on 4 joints: no monopile"), (1, 3.0, "member 2 is not upright")],
+)
+def test_a_jacket_is_refused_in_one_line(tmp_path: Path, legs: int, x: float, message: str) -> None:
+    path = tmp_path / "a.dat"
+    path.write_text(SUBDYN.format(legs=legs, members=2, x=x, sections="NPropSets"))
+    with pytest.raises(TurbineError, match=message):
+        monopile_tubes(Deck(path))
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
