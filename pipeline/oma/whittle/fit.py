@@ -6,7 +6,7 @@ Fourier lines of a stationary record are nearly independent and complex Gaussian
     F_ab = Σ_k tr(E_k⁻¹ ∂_a E_k E_k⁻¹ ∂_b E_k)
 
 F is the information that the lines carry, the curvature of J on the average over records. The
-background moves with the modes: N = L (I + X) Lᵀ with X symmetric and 0 at the present N = L Lᵀ.
+background moves with the modes: N = L (I + X) L with X symmetric and 0 at the present N = L L.
 n_0 lines of a small N_0 beside the band's keep it positive where the modes explain some direction
 wholly. F of the modes is what is left of it where the background is unknown.
 """
@@ -124,7 +124,7 @@ def _moved(modes: CloseModes, step: FloatArray, by_noise: FloatArray) -> CloseMo
     """
     turn = (symmetric_basis(len(modes.noise)) @ by_noise).reshape(modes.noise.shape)
     values, vectors = np.linalg.eigh(turn)
-    root = np.linalg.cholesky(modes.noise) @ vectors
+    root = _square_root(modes.noise) @ vectors
     forces = slice(2 * modes.n_modes, 3 * modes.n_modes)
     step[forces] = np.clip(step[forces], -LARGEST_FACTOR, LARGEST_FACTOR)
     moved = stepped(modes, step / max(_excess(step, modes), 1.0))
@@ -133,6 +133,13 @@ def _moved(modes: CloseModes, step: FloatArray, by_noise: FloatArray) -> CloseMo
         half_widths=np.maximum(moved.half_widths, LEAST_WIDTH),
         noise=(root * np.clip(1 + values, *NOISE_FACTORS)) @ root.T,
     )
+
+
+def _square_root(matrix: FloatArray) -> FloatArray:
+    """The symmetric L with L L = the matrix: unlike Cholesky's it keeps the channels' order out of
+    the iteration."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 1e-300))) @ vectors.T)
 
 
 @cache
@@ -230,7 +237,7 @@ class _State:
         self._free = np.ones((self.modes.n_modes, len(self.modes.shapes)), dtype=bool)
         self._free[np.arange(self.modes.n_modes), self.modes.units] = False
         gradient, information = self._of_modes()
-        root = np.asarray(np.linalg.cholesky(self.modes.noise), dtype=np.float64)
+        root = _square_root(self.modes.noise)
         basis = symmetric_basis(len(root))
         by_noise, of_noise = self._of_noise(root, basis)
         across = self._across(root, basis)
