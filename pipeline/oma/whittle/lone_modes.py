@@ -45,8 +45,9 @@ POLES_SHARE = (
     0.3  # of the pole's std: of 64 modes of `records` (seeds 5021 to 5090) a 95 % interval
 )
 # of the lines alone held .88
-LEFT_BY_NEIGHBOURS = 20.0  # rise of ln p that a mode more may promise near one fitted with others:
-# of 145 such fits (`structures`, seeds 110001 to 110060) three left more, of parked towers most
+LEFT_BY_NEIGHBOURS = 50.0  # rise of ln p that a mode more may promise near one fitted with others:
+# of 145 such fits (`structures`, seeds 110001 to 110060) three left 21 to 42, all right; of a
+# parked tower (seed 8500) those with a hidden partner left 85 to 265
 NEAR_WIDTHS = 2.5  # half bandwidths within which another mode shares a resonance
 ANOTHER = 2.5  # power over flank of a direction that belongs to another mode [-]
 FLANK_WIDTHS = 5.0  # half bandwidths of a mode within which another of its shape is its flank
