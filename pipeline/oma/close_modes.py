@@ -30,7 +30,7 @@ MIXED_SHAPES = (
     0.6  # correlation of two modes' forces beyond which their shapes are doubtful mixtures [-]
 )
 MOST_UNLIKE = 2.5  # ratio of half bandwidths of two modes of a resolved group [-]
-VAGUEST_SHAPE = 0.6  # std of a component of a shape that overlapping modes leave [-]
+VAGUEST_SHAPE = 1.2  # std of a component of a shape that overlapping modes leave [-]
 ALIKE_SHAPES = 0.8  # MAC of one mode's shapes by poles and by lines [-]
 TINTED = 4.0  # colour of a band whose background moves with its modes: the model does not hold [-]
 UNEXPLAINED = 12.0  # rise of ln p that a mode more would promise: a band holds more than its

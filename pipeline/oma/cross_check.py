@@ -190,8 +190,10 @@ def _decay(power: FloatArray, first: int, duration: float, half_width: float) ->
         return None
     size_of = float(np.hypot(position, width))
     damping = width / size_of
-    bound = EXPECTED_STD * float(np.sqrt(damping / (2 * np.pi * size_of)))
-    std = float(np.hypot(bound, SHARE_OF_BANDWIDTH * damping))
+    # a bell that its neighbours cut short has too little damping, and would seem sharper for it
+    expected = max(damping, half_width / size_of)
+    bound = EXPECTED_STD * float(np.sqrt(expected / (2 * np.pi * size_of)))
+    std = float(np.hypot(bound, SHARE_OF_BANDWIDTH * expected))
     return CrossCheck(size_of / duration, damping, std * size_of / duration, std)
 
 

@@ -235,7 +235,9 @@ def _judged(
         if hardly_damped(mode) and is_harmonic(steady, sampling_rate, mode.frequency):
             judged.harmonics.append(mode)
         elif not each.steady:
-            judged.refused.append(unsteady(mode, settings.minimum_presence))
+            reason = unsteady(mode, settings.minimum_presence)
+            judged.refused.append(reason)
+            judged.doubtful.append((mode, reason))
         elif (why := why_refused(mode, duration, settings, alone=each.alone)) is None:
             judged.modes.append(mode)
         else:

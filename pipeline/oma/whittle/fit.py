@@ -6,15 +6,13 @@ Fourier lines of a stationary record are nearly independent and complex Gaussian
     F_ab = Σ_k tr(E_k⁻¹ ∂_a E_k E_k⁻¹ ∂_b E_k)
 
 F is the information that the lines carry, the curvature of J on the average over records. The
-background N follows by expectation and maximisation between the steps: with q̂_k and V_k the modal
-coordinates' mean and covariance given the lines,
-
-    N = (Σ_k Re[(y_k − Φ q̂_k)(y_k − Φ q̂_k)ᴴ + Φ V_k Φᵀ] + n_0 N_0) / (n_lines + n_0)
-
-whose n_0 lines of a small N_0 keep it positive where the modes explain some direction wholly.
+background moves with the modes: N = L (I + X) L with X symmetric and 0 at the present N = L L.
+n_0 lines of a small N_0 beside the band's keep it positive where the modes explain some direction
+wholly. F of the modes is what is left of it where the background is unknown.
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -30,12 +28,14 @@ from pipeline.oma.whittle.spectral_model import (
 from pipeline.oma.work_limit import checkpoint
 from sensors.arrays import ComplexArray, FloatArray
 
-MOST_SCORING_STEPS = 60
-CONVERGED = 0.05  # decrease of J of a step that ends the iteration [nats]
-LARGEST_SHIFT = 2.0  # of a mode's position in a step [lines]
+MOST_SCORING_STEPS = 25
+CONVERGED = 0.2  # decrease of J of a step that ends the iteration [nats]
+LARGEST_SHIFT = 2.0  # of a mode's position in a step [lines],
+LARGEST_TURN = 0.5  # or half bandwidths, where these are more
 LARGEST_FACTOR = 1.0  # of a logarithm or a shape's component in a step [-]
+WARY = 0.1  # least damping after a step that failed [-]
+NOISE_FACTORS = (0.2, 3.0)  # least and largest of the background's power in a step [-]
 LEAST_WIDTH = 0.02  # of a mode [lines]: a narrower one is a harmonic
-LONGEST_REACH = 16.0  # of a step of the background, in plain ones [-]
 COLOUR, COLOUR_STD = 1.0, 2.0  # prior of the mean c: from displacements to
 # accelerations under white force
 PRIOR_LINES = 2.0  # n_0
@@ -53,6 +53,8 @@ class WhittleFit:
     """F of the modes' parameters, in the order of `spectral_model.stepped`."""
     directions: FloatArray
     """Columns along which the parameters moved, (n_parameters, n_directions)."""
+    converged: bool
+    """Whether the last step brought next to nothing."""
 
     @property
     def covariance(self) -> FloatArray:
@@ -75,59 +77,81 @@ def prior_noise(band: NarrowBand) -> FloatArray:
 def cost_of_background(band: NarrowBand) -> float:
     """J of a band without any mode."""
     prior = np.diag(prior_noise(band))
-    total = band.n_together * band.matrices.sum(axis=0).real + PRIOR_LINES * prior
+    total = band.total.real + PRIOR_LINES * prior
     n = band.n_lines + PRIOR_LINES
     _, log_noise = np.linalg.slogdet(total / n)
     return float(n * (log_noise + len(prior)))
 
 
-def fitted(start: CloseModes, band: NarrowBand, along: FloatArray) -> WhittleFit:
+def fitted(
+    start: CloseModes, band: NarrowBand, along: FloatArray, *, most_steps: int = MOST_SCORING_STEPS
+) -> WhittleFit:
     """The nearest minimum of J, by Levenberg and Marquardt's damping of Fisher scoring.
 
     along   directions D in which the parameters move, in the order of `spectral_model.stepped`,
             (n_parameters, n_directions)
     """
     prior = prior_noise(band)
-    modes = start.normalised()
-    damping, reach = 1e-2, 1.0
-    state = _State(modes, band, prior)
-    for _ in range(MOST_SCORING_STEPS):
+    state = _State(start.normalised(), band, prior)
+    curvature = state.curvature()
+    damping, converged = 1e-2, False
+    for _ in range(most_steps):
         checkpoint()
-        before = state.cost
-        gradient, information = state.curvature()
-        gradient, information = along.T @ gradient, along.T @ information @ along
-        scale = np.maximum(np.diag(information), 1e-9)
-        step: FloatArray = along @ np.linalg.solve(
-            information + damping * np.diag(scale), -gradient
-        )
-        moved = stepped(state.modes, _limited(step, modes.n_modes))
-        moved = replace(moved, half_widths=np.maximum(moved.half_widths, LEAST_WIDTH))
+        free = curvature.along(along)
+        scale = damping * np.maximum(np.diag(free.information), 1e-9)
+        damped = free.information + np.diag(scale)
+        step = np.asarray(np.linalg.solve(damped, -free.gradient), dtype=np.float64)
+        n_modal = along.shape[1]
+        moved = _moved(state.modes, along @ step[:n_modal], step[n_modal:])
         proposal = _State(moved, band, prior)
-        if proposal.cost < state.cost:
+        decrease = state.cost - proposal.cost
+        if decrease > 0:
             state, damping = proposal, max(1e-6, damping / 5)
+            curvature = state.curvature()
         else:
-            damping *= 8
-        state, reach = _with_next_noise(state, band, prior, reach)
-        if before - state.cost < CONVERGED and (damping < 1.0 or damping > 1e6):
+            damping = max(8 * damping, WARY)
+        converged = damping > 1e6 or (abs(decrease) < CONVERGED and damping < 1)
+        if converged:
             break
-    return WhittleFit(state.modes, state.cost, state.curvature()[1], along)
+    return WhittleFit(state.modes, state.cost, curvature.of_modes(), along, converged)
 
 
-def _with_next_noise(
-    state: "_State", band: NarrowBand, prior: FloatArray, reach: float
-) -> tuple["_State", float]:
-    """The background follows, farther than by expectation and maximisation as long as that helps.
+def _moved(modes: CloseModes, step: FloatArray, by_noise: FloatArray) -> CloseModes:
+    """The modes and their background a step further, or as far as the derivatives hold.
 
-    reach   of the step, in those of the plain algorithm
+    step       of the modes' parameters
+    by_noise   X, its upper triangle along `symmetric_basis`
     """
-    now = state.modes.noise
-    step = state.noise_given_lines() - now
-    if reach > 1:
-        bold = _State(replace(state.modes, noise=now + reach * step), band, prior)
-        if bold.cost < state.cost:
-            return bold, min(2 * reach, LONGEST_REACH)
-    plain = _State(replace(state.modes, noise=now + step), band, prior)
-    return plain, 2.0
+    turn = (symmetric_basis(len(modes.noise)) @ by_noise).reshape(modes.noise.shape)
+    values, vectors = np.linalg.eigh(turn)
+    root = _square_root(modes.noise) @ vectors
+    forces = slice(2 * modes.n_modes, 3 * modes.n_modes)
+    step[forces] = np.clip(step[forces], -LARGEST_FACTOR, LARGEST_FACTOR)
+    moved = stepped(modes, step / max(_excess(step, modes), 1.0))
+    return replace(
+        moved,
+        half_widths=np.maximum(moved.half_widths, LEAST_WIDTH),
+        noise=(root * np.clip(1 + values, *NOISE_FACTORS)) @ root.T,
+    )
+
+
+def _square_root(matrix: FloatArray) -> FloatArray:
+    """The symmetric L with L L = the matrix: unlike Cholesky's it keeps the channels' order out of
+    the iteration."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 1e-300))) @ vectors.T)
+
+
+@cache
+def symmetric_basis(n: int) -> FloatArray:
+    """Orthonormal symmetric matrices, as columns, (n², n (n + 1) / 2)."""
+    rows, columns = np.triu_indices(n)
+    basis = np.zeros((n, n, len(rows)))
+    each = np.arange(len(rows))
+    basis[rows, columns, each] = np.sqrt(0.5)
+    basis[columns, rows, each] = np.sqrt(0.5)
+    basis[rows, columns, each] += np.where(rows == columns, 1 - np.sqrt(0.5), 0.0)
+    return np.asarray(basis.reshape(n * n, -1))
 
 
 def every_parameter(m: int, n_channels: int, *, one_colour: bool) -> FloatArray:
@@ -141,19 +165,47 @@ def every_parameter(m: int, n_channels: int, *, one_colour: bool) -> FloatArray:
     return along
 
 
-def _limited(step: FloatArray, m: int) -> FloatArray:
-    """A step shortened where it would leave what the derivatives describe."""
-    logs = np.concatenate([step[m : 3 * m], step[n_inner(m) - m :]])
-    ratio = max(
-        float(np.abs(step[:m]).max()) / LARGEST_SHIFT,
-        float(np.abs(logs).max()) / LARGEST_FACTOR,
-        1.0,
-    )
-    return np.asarray(step / ratio)
+def _excess(step: FloatArray, modes: CloseModes) -> float:
+    """By how much a step leaves what the derivatives describe."""
+    m = modes.n_modes
+    logs = np.concatenate([step[m : 2 * m], step[n_inner(m) - m : n_inner(m)]])
+    shifts = step[:m] / np.maximum(LARGEST_SHIFT, LARGEST_TURN * modes.half_widths)
+    return max(float(np.abs(shifts).max()), float(np.abs(logs).max()) / LARGEST_FACTOR)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curvature:
+    """Gradient of J and F, of the modes' parameters and then of the background's X."""
+
+    gradient: FloatArray
+    """(n_parameters,)"""
+    information: FloatArray
+    """(n_parameters, n_parameters)"""
+    n_modal: int
+    """Parameters of the modes."""
+
+    def along(self, directions: FloatArray) -> "Curvature":
+        """The same along directions of the modes' parameters."""
+        n = self.n_modal
+        of_noise = len(self.gradient) - n
+        every = np.zeros((len(self.gradient), directions.shape[1] + of_noise))
+        every[:n, : directions.shape[1]] = directions
+        every[n:, directions.shape[1] :] = np.eye(of_noise)
+        return Curvature(
+            every.T @ self.gradient, every.T @ self.information @ every, directions.shape[1]
+        )
+
+    def of_modes(self) -> FloatArray:
+        """F of the modes' parameters where the background is unknown, (n_modal, n_modal)."""
+        n = self.n_modal
+        across = self.information[:n, n:]
+        return np.asarray(
+            self.information[:n, :n] - across @ np.linalg.solve(self.information[n:, n:], across.T)
+        )
 
 
 class _State:
-    """J at some modes, and what its derivatives and the next background need."""
+    """J at some modes, and what its derivatives need."""
 
     def __init__(self, modes: CloseModes, band: NarrowBand, prior: FloatArray) -> None:
         self.modes, self._band, self._prior = modes, band, prior
@@ -166,74 +218,114 @@ class _State:
         self._k = r @ self._gram  # Φᵀ E⁻¹ Φ
         self._rows = r @ self._loads.T  # Φᵀ E⁻¹
         self._of_rows = self._q @ self._rows  # Q Φᵀ E⁻¹
-        self._rows_of_lines = self._rows @ band.matrices  # Φᵀ E⁻¹ D
-        self._seen = self._q @ self._rows_of_lines  # Q Φᵀ E⁻¹ D
-        self._spread = self._q @ r  # V
         sign, log_noise = np.linalg.slogdet(modes.noise)
-        log_rest = np.linalg.slogdet(system)[1].sum()
-        white = np.vdot(self._precision, band.matrices.sum(axis=0)).real
-        explained = np.einsum("kji,ij->", self._seen, self._loads).real
+        log_rest = band.n_together @ np.linalg.slogdet(system)[1]
+        seen = band.n_together[:, None, None] * (self._of_rows @ band.matrices)  # n Q Φᵀ E⁻¹ D
+        left = np.vdot(self._precision, band.total) - np.vdot(
+            seen.sum(axis=0).conj(), self._loads.T
+        )
         self.cost = float("inf")
         if sign > 0 and np.isfinite(log_rest):
-            total = len(band.numbers) * log_noise + log_rest + white - explained
             prior_cost = PRIOR_LINES * (log_noise + prior @ np.diag(self._precision))
             prior_cost += 0.5 * float((((modes.colours - COLOUR) / COLOUR_STD) ** 2).mean())
-            self.cost = float(band.n_together * total + prior_cost)
+            self.cost = float(band.n_lines * log_noise + log_rest + left.real + prior_cost)
 
-    def noise_given_lines(self) -> FloatArray:
-        """N of the next iteration."""
-        phi, band = self.modes.shapes, self._band
-        seen = phi @ self._seen.sum(axis=0)
-        total = band.matrices.sum(axis=0) - seen - seen.conj().T
-        middle = (self._seen @ self._of_rows.conj().transpose(0, 2, 1) + self._spread).sum(axis=0)
-        real = (total + phi @ middle @ phi.T).real * band.n_together
-        real = 0.5 * (real + real.T) + PRIOR_LINES * np.diag(self._prior)
-        return np.asarray(real / (band.n_lines + PRIOR_LINES))
-
-    def curvature(self) -> tuple[FloatArray, FloatArray]:
+    def curvature(self) -> Curvature:
         """Gradient of J and F."""
+        self._inverse = self._precision - self._loads @ self._of_rows  # E⁻¹
+        self._dq = with_derivatives(self.modes, self._band.numbers).derivatives
+        self._free = np.ones((self.modes.n_modes, len(self.modes.shapes)), dtype=bool)
+        self._free[np.arange(self.modes.n_modes), self.modes.units] = False
+        gradient, information = self._of_modes()
+        root = _square_root(self.modes.noise)
+        basis = symmetric_basis(len(root))
+        by_noise, of_noise = self._of_noise(root, basis)
+        across = self._across(root, basis)
+        return Curvature(
+            np.concatenate([gradient, by_noise]),
+            np.block([[information, across], [across.T, of_noise]]),
+            len(gradient),
+        )
+
+    def _of_modes(self) -> tuple[FloatArray, FloatArray]:
+        """Gradient and F of the modes' parameters alone."""
         modes, band = self.modes, self._band
         m, n_channels = modes.n_modes, len(modes.shapes)
-        dq = with_derivatives(modes, band.numbers).derivatives
-        rows, of_rows, k = self._rows, self._of_rows, self._k
-        inverse = self._precision - self._loads @ of_rows  # E⁻¹
-        w = self._rows_of_lines @ rows.conj().transpose(0, 2, 1)  # Φᵀ E⁻¹ D E⁻¹ Φ
+        counts = band.n_together[:, None, None]
+        dq, rows, of_rows, k = self._dq, self._rows, self._of_rows, self._k
+        counted = counts * self._inverse  # n E⁻¹
+        w = rows @ band.matrices @ rows.conj().transpose(0, 2, 1)  # Φᵀ E⁻¹ D E⁻¹ Φ
         n_lines, n_inner_parameters = dq.shape[:2]
         tall = dq.reshape(n_lines, -1, m)  # parameters and rows side by side
         by_line = dq.transpose(1, 0, 3, 2).reshape(n_inner_parameters, -1)  # dQᵀ
-        inner = (by_line @ (k - w).ravel()).real
+        inner = (by_line @ (counts * (k - w)).ravel()).real
         # sums over the lines as products of matrices that hold lines and modes side by side
-        explained = self._seen.transpose(1, 0, 2).reshape(m, -1) @ inverse.reshape(-1, n_channels)
-        by_shape = 2 * (of_rows.sum(axis=0) - explained).real  # (m, n_channels)
+        seen = (of_rows @ band.matrices).transpose(1, 0, 2).reshape(m, -1)
+        explained = seen @ counted.reshape(-1, n_channels)
+        by_shape = 2 * (np.tensordot(band.n_together, of_rows, axes=1) - explained).real
         dq_k = (tall @ k).reshape(dq.shape)
         turned = dq_k.transpose(1, 0, 3, 2).reshape(n_inner_parameters, -1)
-        flat = dq_k.transpose(1, 0, 2, 3).reshape(n_inner_parameters, -1)
-        by_inner = (flat @ turned.T).real
+        flat = (counts[:, None] * dq_k).transpose(1, 0, 2, 3).reshape(n_inner_parameters, -1)
+        by_inner = _real_product(flat, turned.T)
         q_k = self._q @ k
         # Q K dQ = (dQ (Q K)ᴴ)ᴴ, since dQ is Hermitian
         turned_back = (tall @ q_k.conj().transpose(0, 2, 1)).reshape(dq.shape).conj()
         before = turned_back.transpose(1, 3, 0, 2).reshape(n_inner_parameters * m, -1)
-        across = 2 * (before @ rows.reshape(-1, n_channels)).real  # (n_inner × m, n_channels)
+        across = 2 * _real_product(before, (counts * rows).reshape(-1, n_channels))
         left = of_rows.reshape(len(k), -1)
-        crossed = (left.T @ left).real.reshape(m, n_channels, m, n_channels)
+        crossed = _real_product(left.T, (counts * of_rows).reshape(len(k), -1))
         squares = (q_k @ self._q).reshape(len(k), -1)  # Q Φᵀ E⁻¹ Φ Q
-        direct = (squares.T @ inverse.reshape(len(k), -1).conj()).real
+        direct = _real_product(squares.T, counted.reshape(len(k), -1).conj())
         shapes = 2 * (
-            crossed.transpose(0, 3, 2, 1)
+            crossed.reshape(m, n_channels, m, n_channels).transpose(0, 3, 2, 1)
             + direct.reshape(m, m, n_channels, n_channels).transpose(0, 2, 1, 3)
         )
-        free = np.ones((m, n_channels), dtype=bool)
-        free[np.arange(m), modes.units] = False
-        chosen = free.ravel()
+        chosen = self._free.ravel()
         off = across.reshape(n_inner_parameters, -1)[:, chosen]
         both = shapes.reshape(m * n_channels, -1)[np.ix_(chosen, chosen)]
         gradient = np.concatenate([inner, by_shape.ravel()[chosen]])
         information = np.block([[by_inner, off], [off.T, both]])
-        gradient, information = band.n_together * gradient, band.n_together * information
         at = np.arange(n_inner(m) - m, n_inner(m))
         gradient[at] += (modes.colours - COLOUR) / (m * COLOUR_STD**2)
         information[at, at] += 1 / (m * COLOUR_STD**2)
         return gradient, information
+
+    def _of_noise(self, root: FloatArray, basis: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient and F of X alone: ∂E = L S Lᵀ for each S of the basis."""
+        band, n = self._band, len(root)
+        turned = root.T @ self._inverse @ root
+        into = np.linalg.inv(root)
+        data = into @ band.matrices @ into.T
+        unexplained = turned - turned @ data @ turned
+        gradient = np.tensordot(band.n_together, unexplained, axes=1).real
+        gradient += PRIOR_LINES * (np.eye(n) - (into * self._prior) @ into.T)
+        # tr(E e_a e_bᵀ E e_c e_dᵀ) = E_da E_bc, of which the real part counts
+        parts = np.concatenate([turned.real, turned.imag]).reshape(2 * len(turned), -1)
+        signed = np.concatenate([band.n_together, -band.n_together])[:, None] * parts
+        whole = (signed.T @ parts).reshape(n, n, n, n).transpose(1, 2, 3, 0).reshape(n * n, -1)
+        information = basis.T @ whole @ basis + PRIOR_LINES * np.eye(basis.shape[1])
+        return basis.T @ gradient.ravel(), information
+
+    def _across(self, root: FloatArray, basis: FloatArray) -> FloatArray:
+        """F of the modes' parameters with X, (n_modal, n_noise)."""
+        m, n = self.modes.n_modes, len(root)
+        counts = self._band.n_together[:, None, None]
+        rows = self._rows @ root  # Φᵀ E⁻¹ L
+        moved = (self._dq @ rows[:, None]).transpose(1, 3, 0, 2)  # dQ Φᵀ E⁻¹ L
+        of_inner = _real_product(
+            moved.reshape(-1, rows[:, :, 0].size), (counts * rows.conj()).reshape(-1, n)
+        )
+        inner = of_inner.reshape(self._dq.shape[1], -1) @ basis
+        before = (self._of_rows @ root).reshape(len(rows), -1)  # Q Φᵀ E⁻¹ L
+        after = (counts * (root.T @ self._inverse)).reshape(len(rows), -1)  # n Lᵀ E⁻¹
+        both = 2 * _real_product(before.T, after).reshape(m, n, n, n)
+        shapes = np.tensordot(both, basis.reshape(n, n, -1), axes=([1, 2], [0, 1]))
+        return np.concatenate([inner, shapes.reshape(m * n, -1)[self._free.ravel()]])
+
+
+def _real_product(one: ComplexArray, other: ComplexArray) -> FloatArray:
+    """Real part of a matrix product, at half its cost."""
+    return np.asarray(one.real @ other.real - one.imag @ other.imag)
 
 
 def whitened(modes: CloseModes, band: NarrowBand) -> ComplexArray:

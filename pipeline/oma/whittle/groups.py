@@ -163,7 +163,7 @@ def modes_of_group(
     root = _root(covariance)
     modes = {
         place: mode
-        for place, mode in enumerate(_modes(best, band, root))
+        for place, mode in enumerate(modes_of_fit(best, band))
         if group.holds(mode.frequency, band.duration)
         and mode.damping_ratio < settings.maximum_damping
         and best.modes.half_widths[place] > HARMONIC_WIDTH
@@ -281,8 +281,9 @@ def _root(covariance: FloatArray) -> FloatArray:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def _modes(fit: WhittleFit, band: NarrowBand, root: FloatArray) -> list[Mode]:
+def modes_of_fit(fit: WhittleFit, band: NarrowBand) -> list[Mode]:
     """Every mode of a fit with the covariance that the lines leave it, in the fit's order."""
+    root = _root(fit.covariance)
     return [_mode(fit, band, place, root) for place in range(fit.modes.n_modes)]
 
 

@@ -1,6 +1,7 @@
 """The Fourier lines of a window, and the few of them that a group of close modes is fitted to."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy import fft, linalg
@@ -20,8 +21,8 @@ class NarrowBand:
     """Mean of y_k y_kᴴ over the lines taken together, (n_bins, n_channels, n_channels) [-]."""
     numbers: FloatArray
     """Frequency × duration of each bin's middle, (n_bins,) [-]."""
-    n_together: int
-    """Lines in each bin."""
+    n_together: IntArray
+    """Lines in each bin, (n_bins,)."""
     scales: FloatArray
     """Divisors of the channels, (n_channels,), in the samples' units."""
     duration: float
@@ -32,7 +33,12 @@ class NarrowBand:
     @property
     def n_lines(self) -> int:
         """Lines of the periodogram in the band."""
-        return len(self.matrices) * self.n_together
+        return int(self.n_together.sum())
+
+    @property
+    def total(self) -> ComplexArray:
+        """Sum of y_k y_kᴴ over the lines, (n_channels, n_channels)."""
+        return np.asarray(np.tensordot(self.n_together, self.matrices, axes=1))
 
     @property
     def powers(self) -> FloatArray:
@@ -41,7 +47,12 @@ class NarrowBand:
 
     def only(self, chosen: BoolArray) -> "NarrowBand":
         """The chosen bins, which lie side by side."""
-        return replace(self, matrices=self.matrices[chosen], numbers=self.numbers[chosen])
+        return replace(
+            self,
+            matrices=self.matrices[chosen],
+            numbers=self.numbers[chosen],
+            n_together=self.n_together[chosen],
+        )
 
     def accelerations(self, frequency: float) -> FloatArray:
         """Factors from the shapes of the scaled channels to those of accelerations,
@@ -77,11 +88,30 @@ class WindowSpectrum:
         return NarrowBand(
             binned.transpose(0, 2, 1) @ binned.conj() / n_together,
             first + n_together * np.arange(n_bins) + (n_together - 1) / 2,
-            n_together,
+            np.full(n_bins, n_together),
             self._scales,
             self.duration,
             self._integrations,
         )
+
+    def uneven_band(self, edges: IntArray) -> NarrowBand:
+        """Bins from each of some lines up to the next one, the last of them left out."""
+        parts = [self._lines[one:other] for one, other in pairwise(edges.tolist())]
+        sizes = np.diff(edges)
+        sums: ComplexArray = np.array([part.T @ part.conj() for part in parts])
+        return NarrowBand(
+            np.asarray(sums / sizes[:, None, None]),
+            edges[:-1] + (sizes - 1) / 2,
+            sizes,
+            self._scales,
+            self.duration,
+            self._integrations,
+        )
+
+    @property
+    def n_lines(self) -> int:
+        """Of the whole spectrum."""
+        return len(self._lines)
 
     def powers_over_flank(self, low: float, high: float, half_bandwidth: float) -> FloatArray:
         """Power at resonances over that beside them, direction by direction, largest first [-].

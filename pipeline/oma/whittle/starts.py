@@ -90,7 +90,7 @@ def told_apart_by_place(
 
 def _reach(band: NarrowBand, half_width: float) -> int:
     """Bins to either side that a mode fills."""
-    return max(1, round(half_width / band.n_together))
+    return max(1, round(half_width / float(np.median(band.n_together))))
 
 
 def _places(white: ComplexArray, reach: int) -> list[SpectralPlace]:

@@ -28,7 +28,7 @@ def test_frequencies_of_a_pair_are_known_to_half_a_line_at_best() -> None:
     modes, band = two_modes()
     modes = replace(modes, positions=np.array([100.3, 100.5]))
     n_parameters = 3 * 2 + 4 + 2 * 3
-    fit = WhittleFit(modes, 0.0, np.eye(n_parameters), np.eye(n_parameters))
+    fit = WhittleFit(modes, 0.0, np.eye(n_parameters), np.eye(n_parameters), True)
     axes = along_axes(fit, band, (0, 1), np.zeros((n_parameters, 1)))
     for mode in (axes.stronger, axes.weaker):
         assert mode.frequency_std * band.duration == pytest.approx(0.5, rel=0.1)

@@ -33,7 +33,7 @@ def test_a_parameter_costs_half_the_logarithm_of_twice_the_lines() -> None:
     """The real and the imaginary part of each line are data (Schwarz's criterion); parameters that
     may not move cost nothing."""
     modes, _ = two_modes()
-    fewer, more = (WhittleFit(modes, 100.0, np.eye(15), np.eye(15)[:, :n]) for n in (10, 14))
+    fewer, more = (WhittleFit(modes, 100.0, np.eye(15), np.eye(15)[:, :n], True) for n in (10, 14))
     assert more.bayes_cost(50) - fewer.bayes_cost(50) == pytest.approx(2 * np.log(100))
 
 
