@@ -230,7 +230,7 @@ class FigureError:
     turbines of one description have it in common.
     """
 
-    name: str  # of the figure, or "water_level"
+    name: str  # of the figure, "water_level", or "systematic k11": identification and mesh
     k11: float  # [-]
     k22: float  # [-]
     k12: float  # [-]

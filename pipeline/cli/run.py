@@ -152,11 +152,10 @@ def run(
             output.print_json(json.dumps(session.figures))
         else:
             _print_session(session, opened)
-            if len(opened.turbines) > 1:
-                shown_of = session.figures["turbine"]
-                output.print(
-                    escape_markup(farm_note(opened.turbines, shown_of, out)), soft_wrap=True
-                )
+            turbines = [each["turbine"] for each in session.figures.get("turbines", ())]
+            if len(turbines) > 1:
+                note = farm_note(turbines, session.figures["turbine"], out)
+                output.print(escape_markup(note), soft_wrap=True)
         shown.wait(stopping)
     if not session.complete:
         raise typer.Exit(2)

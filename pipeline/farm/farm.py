@@ -5,11 +5,11 @@
                                                                       └ StiffnessPopulation
 
 Turbines of one design share the description, and with it its errors: what the figures of the
-structure have wrong moves all of them alike, however many there are. So the turbines are pooled as
-the nominal description reads them, by what their own measurements leave open, and one draw ξ of the
-description's errors is added to all of them (`evidence`). Where the figures differ from turbine to
-turbine instead, they stand in the spread that the pooling infers, and deviations are those of the
-springs with what the figures make of them.
+structure, the mesh and the identification have wrong moves all of them alike, however many there
+are. So the turbines are pooled as the nominal description reads them, by what their own
+measurements leave open, and one draw ξ of the description's errors is added to all of them
+(`evidence`). Where the figures differ from turbine to turbine instead, they stand in the spread
+that the pooling infers, and deviations are those of the springs with what the figures make of them.
 """
 
 from collections.abc import Sequence

@@ -49,11 +49,19 @@ class SessionSummary(Sink):
         self.source = source
         self.live = live
         self.run = RunState(kept=KEPT_WINDOWS if live else None, once=live)
-        self.main = self.run.turbine(turbine)
+        self._first = turbine
         results = (ModalEstimate, WindowRejected, FoundationEvent, FoundationPosterior)
         accounts = (StreamGap, FoundationTruth, NodeStatus)
         blocks = (AccelerationBlock,) if live else ()  # else counted where they are published
         self.inputs = (*results, *accounts, *blocks)
+
+    @property
+    def main(self) -> TurbineState:
+        """The session's first turbine; where it is silent and others are not, the first of them."""
+        measured = self.run.measured
+        if self._first in measured or not measured:
+            return self.run.turbine(self._first)
+        return next(iter(measured.values()))
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Take note of a message. Gives nothing back."""
@@ -95,13 +103,13 @@ def run_figures(
             turbine, source=source, wall=wall, live=live, published=published, books=books
         )
 
-    first = run.turbine(main)
+    first = run.reported(main)
     answer = figures(first, run.published, run.books.as_json())
-    if len(run.turbines) > 1:
+    if len(run.measured) > 1:
         others = {
             name: figures(each, each.published, run.books.as_json(name))
-            for name, each in run.turbines.items()
-            if each is not first
+            for name, each in run.measured.items()
+            if name != main
         }
         members = {main: dict(answer), **others}
         answer["turbines"] = [members[name] for name in sorted(members)]
@@ -111,7 +119,7 @@ def run_figures(
 
 def turbine_figures(run: RunState, turbine: str, *, source: str) -> Json:
     """Return the figures of one turbine of a recorded run."""
-    state = run.turbine(turbine)
+    state = run.reported(turbine)
     figures: Json = with_nulls(
         _figures(
             state,

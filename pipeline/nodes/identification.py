@@ -35,7 +35,6 @@ from pipeline.nodes.units.unit_session import UnitSession
 from pipeline.nodes.window_identification import CpuClock, CpuLimit
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
@@ -123,9 +122,7 @@ class TurbineIdentification:
     def _take_all(self, unit: AcquisitionUnit, admission: Admission) -> Iterator[Message]:
         blocks = admission.blocks
         if admission.begins is not None:
-            unit.beginning = admission.begins
-            unit.monitor.restart()
-            unit.marks.clear()
+            unit.begin(admission.begins)
             self.revision += 1
         if blocks and self._session is not None and self._session.refusal(blocks[0]) is not None:
             yield from self._end_session()
@@ -136,8 +133,7 @@ class TurbineIdentification:
 
     def _take(self, unit: AcquisitionUnit, block: AccelerationBlock) -> Iterator[Message]:
         boot = unit.boot
-        begins = not unit.marks or unit.marks[0] == BlockMark.of(block)
-        beginning = unit.beginning if begins else Beginning(block.first_sample, block.sequence)
+        beginning = unit.expected(block)
         opening = OpeningBlock(block, boot, beginning)
         if self._session is None or not self._session.goes_on_with(block, boot):
             if self._waits(block):
@@ -152,6 +148,8 @@ class TurbineIdentification:
         if isinstance(self._session, UnitSession):
             self._refuse_dropped(self._opening.use(opening))
         yield from self._session.push(block, boot, beginning)
+        if isinstance(self._session, JoinedSession):
+            unit.note_joined(block)
         if self._session.has_lost_time:
             unused = self._session.release()
             yield from self._end_session()
@@ -312,6 +310,7 @@ class TurbineIdentification:
         self._answers = tuple(each for each in snapshot.messages if isinstance(each, WindowAnswer))
         for name, admission in state.admissions.items():
             self.units.named(name).admission.resume(admission)
+            self.units.named(name).beginning = None
         if state.session is not None:
             self._resumable = state
             for name, mark in state.marks.items():

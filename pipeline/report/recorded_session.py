@@ -45,7 +45,7 @@ class TurbineRecord:
     @property
     def state(self) -> TurbineState:
         """State of the turbine after the last message."""
-        return self.run.turbine(self.turbine)
+        return self.run.reported(self.turbine)
 
     @property
     def figures(self) -> Json:
@@ -125,7 +125,7 @@ def read_session(path: Path) -> RecordedSession:
             has_structure=has_structure,
             signals=signals[name],
         )
-        for name in sorted(run.turbines)
+        for name in sorted(run.measured)
     ]
     if not any(record.has_results for record in turbines):
         raise RecordingError(

@@ -226,10 +226,12 @@ def _rejected_windows(record: TurbineRecord) -> Iterator[str]:
     failed = [each for each in record.state.rejected if each.start_ns not in identified]
     if failed:
         windows = count_noun(sum(1 + each.windows_before for each in failed), "window")
-        yield f"{windows} could not be identified: {_counts_by_code(failed)}."
+        counts = _counts_by_code(failed)
+        yield f"{windows} could not be identified: {counts}. {_last_reason(failed)}"
     if not_used:
         number = count_noun(len(not_used), "identified window")
-        yield f"{number} did not enter the stiffness: {_counts_by_code(not_used)}."
+        counts = _counts_by_code(not_used)
+        yield f"{number} did not enter the stiffness: {counts}. {_last_reason(not_used)}"
 
 
 def _books(record: TurbineRecord) -> Iterator[str]:
@@ -252,6 +254,11 @@ def _counts_by_code(rejected: Sequence[WindowRejected]) -> str:
     for each in rejected:
         counts[each.code] += 1 + each.windows_before
     return join_with_and([f"{count} × {code}" for code, count in counts.most_common()])
+
+
+def _last_reason(rejected: Sequence[WindowRejected]) -> str:
+    """Return why the last of them was rejected; the others are in the table of windows."""
+    return f"The last one: {rejected[-1].reason}."
 
 
 def _missing_samples(record: TurbineRecord) -> str:

@@ -103,8 +103,8 @@ def _shapes(example: Example) -> str:
     better = [label for label in ("1", "4") if ours[label] > printed[label] + 0.1]
     if len(better) == len(pairs):
         text += (
-            " Here they are told from their fore-aft neighbours; the printed values are what one "
-            "gets where they are not."
+            " Here they are separated from their fore-aft neighbours; the printed values are what "
+            "one gets where they are not."
         )
     return text
 

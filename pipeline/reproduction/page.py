@@ -158,5 +158,6 @@ def _introduction(study: Study) -> str:
         "through Bayesian model updating”: the parked IEA 15 MW turbine on a monopile, 750 s of "
         "which 150 s are dropped, eight channels, 3 % noise, SSI-cov, deterministic updating from "
         f"three starts, TMCMC with {study.samples} samples a stage. Here: {span}, scenario "
-        "“paper”; what its loads are and why stands in the scenario's description."
+        "“paper”, the structure taken as exactly known, as there; what its loads are and why "
+        "stands in the scenario's description."
     )

@@ -31,6 +31,7 @@ from sensors.acquisition.blocks import AccelerationBlock
 
 logger = logging.getLogger(__name__)
 
+CLOSED_WITHIN = 120.0  # all nodes, when all is handled and nothing presses: files of a slow machine
 KEPT_FOR_RECORDER = 4.0  # of that, when the nodes before it have ended [s]
 KEPT_FOR_LAST = 1.0  # of that, for what follows the recorder [s]
 RECORDER = "recorder"
@@ -82,9 +83,12 @@ def run_workers(
     unacknowledged_blocks   blocks published ahead of the slowest node; None: never wait
     stopping                ends the run early, with everything closed
 
+    A run whose source has ended has time: a viewer that is killed leaves pictures without an end.
+
     Raises NodeFailed when a node ends with an exception; the others are closed first.
     """
     ended = stopping or threading.Event()
+    patience = STOPPED_WITHIN
     with one_blas_thread():
         for worker in workers:
             worker.start()
@@ -95,10 +99,11 @@ def run_workers(
                 feed.wait(lambda: False)
             else:
                 feed.publish(source, turbine, unacknowledged_blocks, report)
+            patience = CLOSED_WITHIN
         except RunEnded:
             logger.info("the session was ended early")
         finally:
-            deadline = time.monotonic() + STOPPED_WITHIN
+            deadline = time.monotonic() + patience
             for worker, kept in zip(workers, _kept_for_others(workers), strict=True):
                 worker.stop(deadline - kept - time.monotonic())
         for worker in workers:

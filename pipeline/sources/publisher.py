@@ -2,10 +2,11 @@
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from pipeline.messages import Message
 from pipeline.runtime.node_thread import open_session
 from pipeline.runtime.source_feed import with_end
 from pipeline.sources.durable_publisher import kept_until_acknowledged
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+LINKS_SETTLE = 2.0  # of links between a new publisher and who subscribes [s]
 LINGER = 5.0  # after the last block, for subscribers that ask for what they missed [s]
 
 
@@ -63,7 +65,8 @@ def publish_source(
         assert isinstance(bus, ZenohBus)
         bus.answer(f"{REPLAY_KEY}/{source.layout.turbine}", control.answer)
         publish = stack.enter_context(kept_until_acknowledged(bus, spool))
-        for message in with_end(control.messages()):
+        messages = with_end(control.messages())
+        for message in messages if speed <= 1.0 else settled(messages, stopping.wait):
             if stopping.is_set():
                 break
             publish(message)
@@ -73,3 +76,28 @@ def publish_source(
                     report(message)
         stopping.wait(LINGER)
     return published
+
+
+def settled(messages: Iterable[Message], wait: Callable[[float], object]) -> Iterator[Message]:
+    """Yield messages; wait for the links once the first block of every unit is out.
+
+    As fast as it can, a source would send more before anything listens than the transport keeps for
+    late subscribers.
+
+    Parameters
+    ----------
+    messages : iterable of Message
+        Blocks of several units alternate.
+    wait : callable
+        Waits so many seconds.
+    """
+    seen: set[tuple[str, str]] = set()
+    has_waited = False
+    for message in messages:
+        if isinstance(message, AccelerationBlock) and not has_waited:
+            unit = (message.turbine, message.unit)
+            if unit in seen:
+                wait(LINKS_SETTLE)
+                has_waited = True
+            seen.add(unit)
+        yield message

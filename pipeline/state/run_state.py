@@ -6,6 +6,8 @@ message ──► [RunState] ──► summary.json, status, metrics, alarms, vi
              └ turbines  name ──► TurbineState
 """
 
+from dataclasses import replace
+
 from pipeline.messages import Message
 from pipeline.state.books import Books
 from pipeline.state.health import Health
@@ -59,6 +61,27 @@ class RunState:
                 del self.turbines[min(self.turbines, key=self._heard)]
             self.turbines[name] = TurbineState(name, kept=self._kept)
         return self.turbines[name]
+
+    @property
+    def measured(self) -> dict[str, TurbineState]:
+        """Turbines of which more is known than states of nodes; all of them where none is.
+
+        A live session has a name of its own until a turbine sends under another one: the first one
+        that sends then has the states of its nodes.
+        """
+        known = {name: each for name, each in self.turbines.items() if each.is_measured}
+        if not known:
+            return self.turbines
+        first = next(iter(known))
+        of_session = [each for each in self.turbines.values() if not each.is_measured]
+        if of_session and not known[first].statuses:
+            statuses = {node: said for each in of_session for node, said in each.statuses.items()}
+            known[first] = replace(known[first], statuses=statuses)
+        return known
+
+    def reported(self, name: str) -> TurbineState:
+        """Return what is reported of one turbine: its state, as `measured` has it."""
+        return self.measured.get(name) or self.turbine(name)
 
     def _heard(self, name: str) -> int:
         return self.turbines[name].received.total()

@@ -180,6 +180,11 @@ class TurbineState:
         return self.units.get(name) or self._name(self.units, name, UnitState())
 
     @property
+    def is_measured(self) -> bool:
+        """Whether more is known of it than the states of nodes."""
+        return self.received.total() > self.received[NodeStatus.__name__]
+
+    @property
     def truth(self) -> FoundationTruth | None:
         """The latest true stiffnesses of a simulation."""
         return next(reversed(self.truths.values()), None)

@@ -216,7 +216,7 @@ class Beginnings:
                 self._asked.put(replace(wanted, attempt=wanted.attempt + 1, due=due))
             else:
                 logger.warning(
-                    "nobody has the %d messages with which %s begins",
+                    "no publisher has the %d messages with which %s begins any more",
                     *(wanted.first_number, wanted.publisher.key),
                 )
                 wanted.begin(wanted.publisher, [])

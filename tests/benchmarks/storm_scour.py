@@ -37,7 +37,7 @@ DEPENDS = ["pipeline/updating", "pipeline/oma", "sensors", "pipeline/scenarios/s
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What one session said."""
+    """What one session reports."""
 
     seed: int
     events: tuple[int, ...]

@@ -6,6 +6,7 @@ from tests.pipeline.histories import complaints, shrunk
 from tests.pipeline.unit_histories import UnitHistory, violations
 
 FOUND_OF_UNITS = (4, 7, 17)  # seeds of two units that failed once
+FOUND_OF_DISTURBED_UNITS = (2010, 2021)
 FOUND = (80036, 80207, 80436, 80492, 80884, 100162, 110843, 120072)  # seeds that failed once
 
 
@@ -13,6 +14,11 @@ FOUND = (80036, 80207, 80436, 80492, 80884, 100162, 110843, 120072)  # seeds tha
 def test_books_balance_and_kills_change_nothing(seed: int) -> None:
     found = complaints(seed)
     assert not found, f"seed {seed}: {found}; what is needed for it: {shrunk(seed)}"
+
+
+@pytest.mark.parametrize("seed", FOUND_OF_DISTURBED_UNITS)
+def test_cuts_and_boots_of_units_that_are_left_out_are_in_the_books(seed: int) -> None:
+    assert violations(seed, disturbed=True) == [], UnitHistory.of(seed).disturbed(seed)
 
 
 @pytest.mark.parametrize("seed", FOUND_OF_UNITS)

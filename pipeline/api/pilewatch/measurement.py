@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -158,6 +158,7 @@ def read(
     *,
     sampling_rate: float | None = None,
     layout: str | os.PathLike[str] | None = None,
+    dates: Literal["day-first", "month-first"] | None = None,
 ) -> Measurement:
     """Read a recording (MCAP) or a file of measurements.
 
@@ -169,6 +170,8 @@ def read(
         [Hz]; needed where the file has neither a rate nor a time column.
     layout : str or path, optional
         Layout file (TOML): which channels, where they are, in what units.
+    dates : {"day-first", "month-first"}, optional
+        What comes first in dates such as 3/4/2024; needed where the file leaves it open.
 
     Returns
     -------
@@ -186,7 +189,9 @@ def read(
         raise InputError(f"read takes a file's path, not {type(path).__name__}; identify an array")
     file = Path(path)
     mapping = None if layout is None else load_layout(Path(layout))
-    table = measured_channels(file, mapping)
+    if dates not in (None, "day-first", "month-first"):
+        raise InputError(f"dates is {dates!r}; it can be 'day-first' or 'month-first'")
+    table = measured_channels(file, mapping, dates)
     rate = table.sampling_rate
     if sampling_rate is not None:
         rate = positive("sampling_rate", sampling_rate, "Hz")

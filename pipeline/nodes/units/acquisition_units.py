@@ -10,6 +10,7 @@ from pipeline.nodes.node import NodeStatistics
 from pipeline.nodes.units.block_admission import BlockAdmission, BlockMark
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
 from pipeline.oma.windows.windowing import Beginning
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
 LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
@@ -34,7 +35,9 @@ class AcquisitionUnit:
         self.layouts: dict[str, SensorLayout] = {}  # by their ids, the latest last
         self.ends: dict[str, StreamEnd] = {}  # by session: announced, blocks still missing
         self.marks: deque[BlockMark] = deque(maxlen=MARKS)  # of the present boot
-        self.beginning = Beginning()  # where the present boot was expected to begin
+        # where the present boot was expected to begin; None: with its next block, after a restart
+        self.beginning: Beginning | None = Beginning()
+        self._reached = Beginning()  # after the newest block of the present boot that was joined
 
     @property
     def layout(self) -> SensorLayout | None:
@@ -45,6 +48,29 @@ class AcquisitionUnit:
     def boot(self) -> Boot:
         """The present one."""
         return Boot(self.admission.session or "", self.admission.boot)
+
+    def begin(self, beginning: Beginning) -> None:
+        """Begin a boot."""
+        self.beginning = beginning
+        self.monitor.restart()
+        self.marks.clear()
+        self._reached = Beginning()
+
+    def expected(self, block: AccelerationBlock) -> Beginning:
+        """Where a session that begins with a block expects the unit's first one: after the newest
+        that a session before it had, so that what is missing in between is reported."""
+        first = self.marks[0] if self.marks else None
+        if first is None or (first.sequence, first.start_ns) == (block.sequence, block.start_ns):
+            return self.beginning or Beginning(block.first_sample, block.sequence)
+        if 0 < self._reached.first_sample < block.first_sample:
+            return self._reached
+        return Beginning(block.first_sample, block.sequence)
+
+    def note_joined(self, block: AccelerationBlock) -> None:
+        """Remember that a session has a block."""
+        end = block.first_sample + len(block.samples)
+        if end > self._reached.first_sample:
+            self._reached = Beginning(end, block.sequence + 1)
 
     def note_end(self, end: StreamEnd) -> None:
         """Remember that a session's end was announced."""

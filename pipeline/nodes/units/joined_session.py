@@ -49,6 +49,7 @@ class JoinedSession:
         self._late = self._duplicate = 0  # blocks of boots of units that are over
         self._newest: dict[str, AccelerationBlock] = {}
         self._out: set[str] = set()  # units whose stamps do not agree with the others'
+        self._agreed_from: dict[str, int] = {}  # first sample since a unit was left out
         self._disagreed: dict[str, int] = {}  # blocks of a unit on end
         self._heard: dict[str, int] = {}  # number of the unit's last block among all
         self._n_pushed = 0
@@ -103,8 +104,7 @@ class JoinedSession:
         self._disagreed[block.unit] = 0 if agreed else self._disagreed.get(block.unit, 0) + 1
         if not agreed:
             self._unused.append(block)
-        if used:
-            yield from self._taken(block, list(self._orders[block.unit].push(block)))
+        yield from self._taken(block, list(self._orders[block.unit].push(block)))
 
     @property
     def has_lost_time(self) -> bool:
@@ -146,12 +146,16 @@ class JoinedSession:
 
     def needed(self) -> dict[str, int]:
         """First sample of each unit that is not in an answered window or fits its clock's line; of
-        one that is left out, that of its newest block."""
+        one that is left out, or of which nothing is joined yet, that of its newest block."""
         since = self._windows.next_index * self._settings.hop
         absent = self._absent(since)
+        found = {
+            unit: None if unit in absent else self._joiner.needed(unit, since)
+            for unit in self._newest
+        }
         return {
-            unit: newest.first_sample if unit in absent else self._joiner.needed(unit, since)
-            for unit, newest in self._newest.items()
+            unit: self._newest[unit].first_sample if first is None else first
+            for unit, first in found.items()
         }
 
     def _absent(self, since: float) -> set[str]:
@@ -207,9 +211,8 @@ class JoinedSession:
         if not others or abs(lead) > self._settings.lateness + 2 * block.duration:
             return False
         self._out.discard(block.unit)
+        self._agreed_from[block.unit] = block.first_sample
         self._joiner.restart(block.unit)
-        beginning = Beginning(block.first_sample, block.sequence)
-        self._orders[block.unit] = BlockOrder(self._settings.lateness, beginning)
         return True
 
     def _restarted(
@@ -220,9 +223,9 @@ class JoinedSession:
         known = self._boots.get(block.unit)
         self._boots[block.unit] = boot
         self._newest.pop(block.unit, None)
-        self._out.discard(block.unit)
         self._orders[block.unit] = BlockOrder(self._settings.lateness, beginning)
         if order is None or known is None:
+            self._out.discard(block.unit)
             return
         pieces = list(order.flush())
         self._late += order.late
@@ -230,20 +233,27 @@ class JoinedSession:
         blocks = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
         if blocks:
             yield from self._taken(blocks[-1], pieces)
+        self._out.discard(block.unit)
+        self._agreed_from.pop(block.unit, None)
         self._joiner.restart(block.unit)
 
     def _taken(
         self, block: AccelerationBlock, pieces: Sequence[AccelerationBlock | MissingSamples]
     ) -> Iterator[Message]:
+        """Report what is missing; join what is there, but for what was sent while it was out."""
         for piece in pieces:
             if isinstance(piece, MissingSamples):
                 yield self._windows.gap(piece, block.unit, block.session)
-        for joined in self._joiner.push(block, pieces):
+        if block.unit in self._out:
+            return
+        since = self._agreed_from.get(block.unit, 0)
+        agreed = [piece for piece in pieces if piece.first_sample >= since]
+        for joined in self._joiner.push(block, agreed):
             yield from self._windows.push(joined)
 
     def _origins(self, window: Window) -> tuple[UnitOrigin, ...]:
         """Of the units that are there when the window begins."""
-        beginnings = self._joiner.beginnings(window.first_sample)
+        beginnings = self._joiner.origins(window.first_sample)
         return tuple(
             UnitOrigin(unit, self._boots[unit].session, self._boots[unit].number, sample)
             for unit, sample in sorted(beginnings.items())

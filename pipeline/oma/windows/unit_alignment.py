@@ -195,17 +195,26 @@ class UnitJoiner:
             for unit, position in positions.items()
         }
 
+    def origins(self, sample: int) -> dict[str, int]:
+        """First samples of the units that are there at a grid sample; none where it was passed
+        over, whatever was there before: a restart does not know."""
+        size = max(1, round(GRID_BLOCK * self._rate))
+        given = any(first <= sample < first + size for first, _ in self._beginnings)
+        return self.beginnings(sample) if given else {}
+
     def has(self, unit: str, since: float) -> bool:
         """Whether a unit has samples on the grid where a time since its beginning lies [s]."""
         return bool(self._rate) and unit in self.beginnings(round(since * self._rate))
 
-    def needed(self, unit: str, since: float) -> int:
+    def needed(self, unit: str, since: float) -> int | None:
         """First sample of a unit that the grid from `since` [s] on is read from, with the stamps
-        that its clock's line is fitted to."""
-        begins = self.beginnings(round(since * self._rate)) if self._rate else {}
+        that its clock's line is fitted to; None of a unit that has no samples here."""
         streams = self._streams[unit]
-        if unit not in begins or not streams:
-            return streams[-1].first_sample if streams else 0
+        if not streams:
+            return None
+        begins = self.beginnings(round(since * self._rate)) if self._rate else {}
+        if unit not in begins:
+            return streams[-1].first_sample
         margin = FITTED_STAMPS * streams[-1].block_length + 4 * HALF_LENGTH
         return max(streams[-1].first_sample, begins[unit] - margin)
 

@@ -350,6 +350,12 @@ class JointFit:
         hessian = (J.T / D) @ J + self.coordinates.prior_precision
         return cost, float(np.linalg.slogdet(hessian)[1])
 
+    def cost_at(self, evidence: ModalEvidence, u: FloatArray) -> float:
+        """Cost at a point where it stands; infinite where nothing can be compared."""
+        targets = self.targets(evidence)
+        found = self.compared(evidence, targets, u, self.tolerance)
+        return np.inf if found is None else self._cost(u, found, targets, 0.0)
+
     def _step(
         self,
         u: FloatArray,

@@ -32,7 +32,7 @@ from pipeline.updating.posterior_message import (
 )
 from pipeline.updating.prior import PARAMETER_NAMES, Prior
 from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE
-from pipeline.updating.structural.posterior import figure_errors
+from pipeline.updating.structural.posterior import figure_errors, systematic_errors
 from pipeline.updating.structural.predictive_checks import UNPREDICTED
 from pipeline.updating.structural.prior import N_SPRINGS
 from pipeline.updating.structural.refresh import JointRefresh
@@ -256,10 +256,14 @@ def _budget(found: JointRefresh) -> tuple[FigureShare, ...]:
 
 
 def _figure_errors(found: JointRefresh) -> tuple[FigureError, ...]:
+    """Of the figures and the level, then of what identification and mesh do to all turbines."""
     best = found.best
     coordinates = best.fit.coordinates
-    names = (*(figure.name for figure in coordinates.figures), LEVEL)
-    rows = figure_errors(best.peak.u, best.posterior.covariance, coordinates)
+    figures = figure_errors(best.peak.u, best.posterior.covariance, coordinates)
+    systematic = systematic_errors(best.peak, best.posterior, coordinates)
+    names = [*(figure.name for figure in coordinates.figures), LEVEL]
+    names += [f"systematic {name}" for name in PARAMETER_NAMES]
+    rows = np.vstack([figures, systematic])
     return tuple(FigureError(name, *row) for name, row in zip(names, rows.tolist(), strict=True))
 
 

@@ -28,8 +28,10 @@ true figures f miss the prior's mean f₀ and the peak the true springs by
     u − û = C_uf P_f (f − f₀) + what the windows' own errors make,   f − f₀ = P_f^(−1/2) ξ,
 
 so that the columns of C_uf P_f^(1/2) are what ξ, independent and standard normal, makes of them.
-Source: the first, Rodgers, "Inverse Methods for Atmospheric Sounding" (2000), chapter 3 (smoothing
-error).
+Systematic errors of identification and mesh stay as well: with the gain G = C Jᵀ D⁻¹ they have the
+covariance G (F + σ² R) Gᵀ.
+Source: Rodgers, "Inverse Methods for Atmospheric Sounding" (2000), chapter 3, where the first is
+the smoothing error, the second the forward model's.
 """
 
 from dataclasses import dataclass, replace
@@ -151,8 +153,31 @@ def figure_errors(
     places = np.arange(N_SPRINGS, N_SPRINGS + len(coordinates.figures) + 1)
     values, vectors = np.linalg.eigh(coordinates.prior_precision[np.ix_(places, places)])
     root = (vectors * np.sqrt(values)) @ vectors.T  # symmetric: a figure keeps its name
-    logs = coordinates.slopes(u)[:N_SPRINGS, :N_SPRINGS] / coordinates.springs(u)[:, None]
-    return np.asarray((logs @ covariance[:N_SPRINGS][:, places] @ root).T)
+    return np.asarray((_log_rows(u, coordinates) @ covariance[:, places] @ root).T)
+
+
+def systematic_errors(
+    peak: JointPeak, posterior: JointPosterior, coordinates: JointCoordinates
+) -> FloatArray:
+    """(3, 3) symmetric root of the covariance that systematic errors of the modes, the floors and
+    the discrepancy, give ln k11, ln k22, ln k12."""
+    found = peak.comparison
+    lasting = found.floors + posterior.likeliest_sigma**2 * found.reference
+    D = found.variances + lasting
+    weights = found.robust_weights(D)
+    gain = (
+        _log_rows(peak.u, coordinates) @ posterior.covariance @ (found.jacobian.T * (weights / D))
+    )
+    values, vectors = np.linalg.eigh((gain * (lasting / weights)) @ gain.T)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+
+
+def _log_rows(u: FloatArray, coordinates: JointCoordinates) -> FloatArray:
+    """(3, n_dim) d ln θ / d u."""
+    rows = np.zeros((N_SPRINGS, len(u)))
+    slopes = coordinates.slopes(u)[:N_SPRINGS, :N_SPRINGS]
+    rows[:, :N_SPRINGS] = slopes / coordinates.springs(u)[:, None]
+    return rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,10 +196,7 @@ def error_budget(
     u: FloatArray, covariance: FloatArray, coordinates: JointCoordinates
 ) -> ErrorBudget:
     """The budget about a peak u with the joint covariance."""
-    theta = coordinates.springs(u)
-    logs = coordinates.slopes(u)[:N_SPRINGS, :N_SPRINGS] / theta[:, None]  # d ln θ / d u
-    rows = np.zeros((N_SPRINGS, len(u)))
-    rows[:, :N_SPRINGS] = logs
+    rows = _log_rows(u, coordinates)
     total = np.einsum("ki,ij,kj->k", rows, covariance, rows)
     cross = rows @ covariance  # (3, n_dim)
     figures = np.arange(N_SPRINGS, len(u))

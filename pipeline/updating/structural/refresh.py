@@ -26,9 +26,9 @@ from pipeline.updating.structural.predictive_checks import (
 from pipeline.updating.structural.relative_change import RelativeSprings, relative_springs
 from pipeline.updating.structural.sensors.faults import (
     SensorFault,
-    exchanged_channels,
     sensor_fault,
     suspicious,
+    wrong_cables,
 )
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -188,7 +188,7 @@ def _with_sensor_fault(
     best = result.best
     if best.fit.is_rough:
         fine = best.fit.with_tolerance(FINEST_TOLERANCE)
-        found = exchanged_channels(fine, evidence, best.peak.u, last=last)
+        found = wrong_cables(fine, evidence, best.peak.u, last=last)
     else:
         peak = best.fit.settled(evidence, best.peak.u) or best.peak  # by the floors alone
         found = sensor_fault(best.fit, evidence, peak, last=last)

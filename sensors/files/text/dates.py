@@ -162,5 +162,5 @@ def _order(examples: Sequence[str], dates: DateOrder | None) -> Order:
         return "dmy" if dates == "day-first" else "mdy"
     raise DateError(
         f"{examples[0].strip()!r}: is the day or the month first? --dates day-first or --dates "
-        'month-first says it, as does dates = "day-first" under [time] of a layout file'
+        'month-first says it (dates="day-first" in Python, under [time] of a layout file too)'
     )

@@ -1,6 +1,7 @@
 """`import pilewatch`: arrays and files in, modes and posteriors out, in a handful of lines."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from pipeline.messages import FoundationPosterior
 from pipeline.offline.identify_file import identify_file
 from pipeline.recording.reader import read_messages
+from tests.pipeline.state.test_posterior_json import POSTERIOR
 
 pw = pytest.importorskip("pilewatch", reason="the project is not installed")
 
@@ -130,7 +132,7 @@ def test_a_masked_sample_is_a_missing_one_and_none_is_a_mode() -> None:
     masked = np.ma.masked_all((1000, 2))
     found = pw.identify(masked, 20.0)
     assert not len(found)
-    assert "not finite" in repr(found)
+    assert "missing or no numbers" in repr(found)
 
 
 def test_a_tables_columns_and_time_stamps_are_names_and_rate() -> None:
@@ -224,3 +226,13 @@ def test_tables_have_a_row_a_mode_and_a_parameter(
     last = table[table["window"] == table["window"].max()]
     np.testing.assert_array_equal(last["frequency_hz"], modes.frequencies)
     assert list(posterior.to_dataframe().index[:3]) == ["k11", "k22", "k12"]
+
+
+def test_a_posterior_reads_as_median_and_half_of_its_90_percent_interval() -> None:
+    draws = 1.0 + np.linspace(-0.1, 0.1, 2001)
+    nominal = np.array([2.0, 3.0, -4.0])
+    message = replace(POSTERIOR, draws=np.column_stack([np.outer(draws, nominal), draws]))
+    springs = "k11 1.000 ± 0.090, k22 1.000 ± 0.090, k12 1.000 ± 0.090"
+    assert repr(pw.Posterior(message, nominal)).startswith(
+        f"<Posterior: {springs} × nominal (90 %)"
+    )

@@ -226,3 +226,9 @@ def test_names_that_are_made_up_do_not_grow_the_page() -> None:
     assert sizes[1] <= 1.01 * sizes[0]
     samples = [s for family in node.collect() for s in family.samples if "samples" in s.name]
     assert [s.labels["turbine"] for s in samples] == ["t1"]
+
+
+def test_moments_of_alarms_are_seconds_since_1970(scraped: Figures) -> None:
+    moment = scraped["pilewatch_alarm_delivered_timestamp_seconds", "webhook-1"]
+    assert moment == pytest.approx(START_NS / SECOND)
+    assert scraped["pilewatch_alarm_age_seconds", "webhook-1"] == 5.0

@@ -37,6 +37,17 @@ def test_an_empty_session_is_valid_json_with_unknowns_as_null() -> None:
     assert figures["timing"]["identify_s_per_window"] is None
 
 
+def test_of_a_live_session_that_names_no_turbine_the_first_that_sends_is_reported() -> None:
+    summary = SessionSummary("live", "turbine", live=True)
+    summary.handle(replace(status("recorder", recorded=2), turbine="turbine"))
+    for name in ("a", "b"):
+        summary.handle(block(0, turbine=name))
+    figures = summary.as_json(wall=1.0)
+    assert summary.main.turbine == figures["turbine"] == "a"
+    assert [each["turbine"] for each in figures["turbines"]] == ["a", "b"]
+    assert figures["stream"]["recorded"] == 2
+
+
 def test_no_number_that_somebody_sends_keeps_the_summary_from_being_written() -> None:
     summary = SessionSummary("live", "t1")
     summary.handle(estimate(0, mode("m1", float("inf"), 0.1)))

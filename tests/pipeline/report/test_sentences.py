@@ -69,7 +69,9 @@ def test_changes_come_first_then_each_spring_then_how_far_the_data_go(tmp_path: 
     assert [each.split(",")[0] for each in text[1:4]] == ["k11", "k22", "k12"]
     assert "is known to ±1.0 %: 0.912 × its nominal value" in text[2]
     assert text[2].endswith("The simulated truth, 0.910, lies inside.")
-    assert any("1 window could not be identified: 1 × gap" in each for each in text[4:])
+    assert any(
+        "1 window could not be identified: 1 × gap. The last one: " in each for each in text[4:]
+    )
     assert text[-1] == "1 gap in the stream, 4 s in all."
     assert condition(record) == "doubt"
 

@@ -108,6 +108,7 @@ def test_the_report_holds_both_tables_and_explains_every_difference(
     assert [row[0] for row in rows[1:]] == list(LABELS)
     assert rows[5][4] == "1.0890" or rows[4][4] == "1.0890"  # mode 4 as printed
     text = (tmp_path / "report" / "report.md").read_text(encoding="utf-8")
+    assert "the structure taken as exactly known" in text
     for mode in study.first.modes:
         if not np.isfinite(mode.frequency):
             assert f"Not mode {mode.label}:" in text

@@ -11,7 +11,7 @@ import pytest
 from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.nodes.node import Node, NodeStatistics
 from pipeline.runtime.errors import NodeFailed
-from pipeline.runtime.node_thread import DRAINED_WITHIN, NodeThread, serve
+from pipeline.runtime.node_thread import DRAINED_WITHIN, STOPPED_WITHIN, NodeThread, serve
 from pipeline.runtime.runner import run_lock_step, run_workers
 from pipeline.runtime.source_feed import with_end
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -115,6 +115,27 @@ def test_a_node_that_fails_ends_the_run_and_the_others_are_closed(
         )
     assert fragile.closed
     assert listener.closed
+
+
+class Slow(NodeThread):
+    """Remembers how long it was waited for."""
+
+    waited = 0.0
+
+    def stop(self, within: float = STOPPED_WITHIN) -> None:
+        self.waited = within
+        super().stop(within)
+
+
+def test_a_run_whose_source_has_ended_waits_for_its_nodes_to_close_their_files() -> None:
+    bus = MemoryBus()
+    slow = Slow(Listener(), lambda: bus, "t1")
+    run_workers(blocks(5), [slow], bus, turbine="t1", unacknowledged_blocks=None)
+    assert slow.waited > 100.0
+    again, stopping = Slow(Listener(), lambda: bus, "t1"), threading.Event()
+    stopping.set()
+    run_workers(None, [again], bus, turbine="t1", unacknowledged_blocks=None, stopping=stopping)
+    assert again.waited <= STOPPED_WITHIN
 
 
 def test_a_run_that_is_stopped_handles_what_was_published() -> None:

@@ -6,7 +6,7 @@ are put right. The cheapest is taken where it lowers the cost by more than chanc
 faults that were tried allow.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -19,7 +19,8 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
 WIDE = {"gain": 40.0, "heading": 30.0, "height": 30.0}  # factor on the prior's std of a fault
-EXCHANGES_TRIED = 3  # of two channels, those that pair the modes best
+EXCHANGES_TRIED = 3  # of channels, those that pair the modes best
+CORRECTIONS_TRIED = 4  # flips and swaps, those that fit best where the fit without a fault ended
 LEAST_DROP = 25.0  # of the cost: 12 nats against some sixty faults tried
 LARGEST_COST = 2.5  # per degree of freedom with the fault: above, the structure is another one
 SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked for
@@ -71,18 +72,21 @@ def sensor_fault(
     last   name of the fault that the last refresh found: while it explains the data, no other is
            looked for
     """
-    faults = list(_faults(fit))
-    known = [fault for fault in (*faults, *_exchanges(fit)) if fault.name == last]
+    figures, corrections = list(_wrong_figures(fit)), list(_wrong_cables(fit))
+    known = [each for each in (*figures, *corrections, *_exchanges(fit)) if each.name == last]
     found = _best_of(known, evidence, peak)
     if found is None:
-        found = _best_of([*faults, *_likely_exchanges(fit, evidence)], evidence, peak)
+        corrections.sort(key=lambda each: fit.cost_at(each.corrected(evidence), peak.u))
+        likely = [*corrections[:CORRECTIONS_TRIED], *_best_paired(_exchanges(fit), fit, evidence)]
+        found = _best_of([*figures, *likely], evidence, peak)
     return found
 
 
-def exchanged_channels(
+def wrong_cables(
     fit: JointFit, evidence: ModalEvidence, start: FloatArray, *, last: str = ""
 ) -> tuple[SensorFault, JointPeak] | None:
-    """Two exchanged channels that explain why modes find no partners, and the peak with them.
+    """Sensors swapped, or a channel flipped, or two exchanged, that explain why modes find no
+    partners, and the peak with them.
 
     fit     at the finest tolerance, within which modes find none
     start   (n_dim,) where the fit without a fault ended
@@ -91,9 +95,9 @@ def exchanged_channels(
     peak = fit.best(evidence, [start], most_starts=2)
     if peak is None:
         return None
-    known = [fault for fault in _exchanges(fit) if fault.name == last]
-    found = _best_of(known, evidence, peak)
-    return found or _best_of(_likely_exchanges(fit, evidence), evidence, peak)
+    faults = [*_wrong_cables(fit), *_exchanges(fit)]
+    found = _best_of([fault for fault in faults if fault.name == last], evidence, peak)
+    return found or _best_of(_best_paired(faults, fit, evidence), evidence, peak)
 
 
 def _best_of(
@@ -104,13 +108,19 @@ def _best_of(
         fitted = _fitted(fault, evidence, peak)
         if fitted is None or _share(fitted) < _share(peak) - LOST_PAIRS:
             continue  # a mode without a partner is cheaper than one with a poor shape
-        if best is None or fitted.cost < best[1].cost:
+        if best is None or _excess(fitted) < _excess(best[1]):
             best = (fault, fitted)
-    if best is None or best[1].cost > peak.cost - LEAST_DROP:
+    if best is None or _excess(best[1]) > _excess(peak) - LEAST_DROP:
         return None
     fault, end = best
     text = _sized(fault, end) if end.relative_cost <= LARGEST_COST else ""
     return (replace(fault, text=text), end) if text else None
+
+
+def _excess(peak: JointPeak) -> float:
+    """Cost beyond what as many compared components cost by chance: a fault that gives modes their
+    partners back has more of them."""
+    return peak.cost - peak.degrees
 
 
 def _share(peak: JointPeak) -> float:
@@ -126,12 +136,19 @@ def _fitted(fault: SensorFault, evidence: ModalEvidence, peak: JointPeak) -> Joi
     return fault.fit.best(corrected, [peak.u], most_starts=2)
 
 
-def _faults(fit: JointFit) -> Iterator[SensorFault]:
-    layout: SensorLayout = fit.model.layout
-    n = len(layout.channels)
+def _wrong_figures(fit: JointFit) -> Iterator[SensorFault]:
+    """One gain, heading or height that is far off."""
+    n = len(fit.model.layout.channels)
     order, signs = tuple(range(n)), (1.0,) * n
     for number, figure in enumerate(fit.sensors.figures):
         yield SensorFault(figure.name, figure.name, _loosened(fit, number), order, signs)
+
+
+def _wrong_cables(fit: JointFit) -> Iterator[SensorFault]:
+    """One channel flipped, or two sensors swapped."""
+    layout: SensorLayout = fit.model.layout
+    n = len(layout.channels)
+    order = tuple(range(n))
     for channel in range(n):
         flipped = tuple(-1.0 if c == channel else 1.0 for c in range(n))
         name = layout.channels[channel].name
@@ -145,7 +162,7 @@ def _faults(fit: JointFit) -> Iterator[SensorFault]:
             for a, b in zip(here, there, strict=True):
                 swapped[a], swapped[b] = b, a
             text = f"the sensors at {low:g} m and {high:g} m are swapped"
-            yield SensorFault(f"swapped {low:g} {high:g}", text, fit, tuple(swapped), signs)
+            yield SensorFault(f"swapped {low:g} {high:g}", text, fit, tuple(swapped), (1.0,) * n)
 
 
 def _exchanges(fit: JointFit) -> Iterator[SensorFault]:
@@ -161,10 +178,12 @@ def _exchanges(fit: JointFit) -> Iterator[SensorFault]:
         yield SensorFault(name, text, fit, tuple(order), (1.0,) * n)
 
 
-def _likely_exchanges(fit: JointFit, evidence: ModalEvidence) -> list[SensorFault]:
+def _best_paired(
+    faults: Iterable[SensorFault], fit: JointFit, evidence: ModalEvidence
+) -> list[SensorFault]:
     """Those with which modes find nearer partners among drawn structures, the nearest first."""
     as_it_is = fit.pairing_bound(evidence)
-    bounds = [(fit.pairing_bound(each.corrected(evidence)), each) for each in _exchanges(fit)]
+    bounds = [(fit.pairing_bound(each.corrected(evidence)), each) for each in faults]
     better = [each for each in bounds if each[0] < as_it_is]
     return [fault for _, fault in sorted(better, key=lambda each: each[0])][:EXCHANGES_TRIED]
 

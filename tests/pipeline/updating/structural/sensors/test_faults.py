@@ -1,0 +1,72 @@
+"""Which of several faults of sensors is named."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.updating.structural.joint_fit import JointPeak
+from pipeline.updating.structural.sensors import faults
+from pipeline.updating.structural.sensors.faults import SensorFault
+
+
+@dataclass(frozen=True)
+class Pairing:
+    paired_share: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    pairing: Pairing
+
+
+@dataclass(frozen=True)
+class Fit:
+    sensors: Any
+
+
+@dataclass(frozen=True)
+class NoFigures:
+    figures: tuple[()] = ()
+
+
+def peak(cost: float, degrees: int, share: float) -> JointPeak:
+    comparison: Any = Comparison(Pairing(share))
+    return JointPeak(np.zeros(3), comparison, cost, degrees)
+
+
+def fault(name: str) -> SensorFault:
+    fit: Any = Fit(NoFigures())
+    return SensorFault(name, name, fit, (0,), (1.0,))
+
+
+def best(
+    ends: dict[str, JointPeak], without: JointPeak, monkeypatch: pytest.MonkeyPatch
+) -> str | None:
+    monkeypatch.setattr(faults, "_fitted", lambda each, *_: ends[each.name])
+    evidence: Any = None
+    found = faults._best_of([fault(name) for name in ends], evidence, without)
+    return None if found is None else found[0].name
+
+
+def test_a_fault_that_gives_all_modes_their_partners_is_better_than_a_cheaper_one_that_leaves_some(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A tower whose sensors at 41 and 145 m are swapped: an exchange of two of the four channels
+    explains fewer modes, whose costs are then missing from its own."""
+    ends = {
+        "swapped 41 145": peak(267.5, 241, 1.0),
+        "exchanged z41-fa z145-fa": peak(222.6, 126, 0.74),
+    }
+    assert best(ends, peak(297.7, 33, 0.53), monkeypatch) == "swapped 41 145"
+
+
+def test_chance_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert best({"gain z41-fa": peak(230.0, 240, 1.0)}, peak(240.0, 240, 1.0), monkeypatch) is None
+
+
+def test_a_fault_that_loses_partners_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert (
+        best({"flipped z41-fa": peak(90.0, 180, 0.8)}, peak(240.0, 240, 1.0), monkeypatch) is None
+    )
