@@ -97,7 +97,7 @@ def check_finite(
     row, column = np.argwhere(bad)[0]
     text = (
         f"{int(bad.sum())} of {bad.size} samples are missing or no numbers, the first in "
-        f"{channel_names[column]} {row / sampling_rate:.3f} s after the start of the window"
+        f"{channel_names[column]}, {row / sampling_rate:.3f} s after the start of the window"
     )
     worst = float(bad.mean(axis=0).max())
     if worst <= MOST_MISSING:
