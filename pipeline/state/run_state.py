@@ -67,16 +67,17 @@ class RunState:
         """Turbines of which more is known than states of nodes; all of them where none is.
 
         A live session has a name of its own until a turbine sends under another one: the first one
-        that sends then has the states of its nodes.
+        that sends then has the states of its nodes beside those that speak for itself.
         """
         known = {name: each for name, each in self.turbines.items() if each.is_measured}
         if not known:
             return self.turbines
         first = next(iter(known))
         of_session = [each for each in self.turbines.values() if not each.is_measured]
-        if of_session and not known[first].statuses:
+        if of_session:
             statuses = {node: said for each in of_session for node, said in each.statuses.items()}
-            known[first] = replace(known[first], statuses=statuses)
+            own = known[first].statuses
+            known[first] = replace(known[first], statuses={**statuses, **own})
         return known
 
     def reported(self, name: str) -> TurbineState:
