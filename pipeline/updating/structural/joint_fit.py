@@ -58,6 +58,7 @@ ROUGH_FIGURES = 3.0  # how much farther figures of a description that does not h
 LONGEST_SPRING_STEP = np.array([0.35, 0.35, 0.8])  # of the springs' coordinates [-]
 LONGEST_FIGURE_STEP = 1.5  # [prior standard deviations]
 MOST_DESCENT_STEPS = 25  # at the data's own errors
+ROUGHLY = 4  # one in so many drawn structures tells a right wiring from a wrong one
 SETTLED_STEP = 0.02  # step of the fitted values at which the descent ends [standard deviations]
 
 
@@ -254,20 +255,24 @@ class JointFit:
         order = np.argsort(self._bounds(targets), kind="stable")
         return [int(row) for row in order[: self.settings.most_starts]]
 
-    def _bounds(self, targets: PairingTargets) -> FloatArray:
-        """(n_draws,) pairing cost of each drawn structure if modes could share partners."""
+    def _bounds(self, targets: PairingTargets, every: int = 1) -> FloatArray:
+        """(n_draws,) pairing cost of each drawn structure, or of every so many, if modes could
+        share partners."""
         level_std = self.coordinates.level_std
         if level_std not in self._drawn_modes:
             self._drawn_modes.clear()  # sets of modes are large, and the last level mostly stays
             self._drawn_modes[level_std] = self._modes(self._draws)
-        drawn = self._drawn_modes[level_std]
+        whole = self._drawn_modes[level_std]
+        drawn = FigureModes(
+            whole.frequencies[::every], whole.shapes[::every], whole.admissible[::every]
+        )
         costs = pairing_costs(targets, drawn, ANNEALING[0][2], self._pairing.mac_scale)
         bounds = np.minimum(costs.min(axis=2), self._pairing.rejection) @ targets.weights
         return np.asarray(bounds)
 
     def pairing_bound(self, evidence: ModalEvidence) -> float:
-        """The lowest pairing cost of any drawn structure, for a rough comparison of evidence."""
-        return float(self._bounds(self.targets(evidence)).min())
+        """The lowest pairing cost of some drawn structures, for a rough comparison of evidence."""
+        return float(self._bounds(self.targets(evidence), every=ROUGHLY).min())
 
     # ---- one descent -----------------------------------------------------------------------
 
