@@ -61,9 +61,9 @@ def print_results(
             output.print(f"  {event['revised']['text']}")
     for code, reasons in _by_code(figures["windows"]["rejected"]).items():
         for rejected in reasons[:PRINTED_PER_CODE]:
-            output.print(
-                f"window at {rejected['start']:.0f} s rejected: {escape_markup(rejected['reason'])}"
-            )
+            start = rejected["start"]  # null before anything was measured
+            place = "window" if start is None else f"window at {start:.0f} s"
+            output.print(f"{place} rejected: {escape_markup(rejected['reason'])}")
         _print_rest(reasons, f"rejected ({code})")
     for code, warnings in _by_code(figures["warnings"]).items():
         for warning in warnings[:PRINTED_PER_CODE]:

@@ -216,12 +216,11 @@ def _print_session(session: Any, source: Any) -> None:
     figures = session.figures
     print_results(session.summary, figures, scenario=source.scenario, layout=source.layout)
     stream, timing = figures["stream"], figures["timing"]
-    duration = figures["duration_s"] or 0.0  # null where nothing states when it was measured
     output.print(
         f"{stream['published']} blocks published, {stream['recorded']} recorded, "
         f"{stream['lost']} lost, {stream['recovered']} recovered, {stream['late']} late, "
         f"{stream['duplicate']} duplicate; "
-        f"{duration:.0f} s of measurements in {timing['wall_s']:.1f} s"
+        f"{figures['duration_s']:.0f} s of measurements in {timing['wall_s']:.1f} s"
     )
     output.print("Written: " + ", ".join(str(path) for path in session.files), soft_wrap=True)
     if any(path.suffix == ".rrd" for path in session.files):

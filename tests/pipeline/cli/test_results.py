@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console
 
 from pipeline.cli import results
+from pipeline.messages import WindowRejected
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.scenario import load_scenario
 
@@ -30,3 +31,17 @@ def test_of_many_warnings_of_a_kind_some_are_printed_and_the_rest_counted(
     assert "clipped: z41-fa" in lines
     assert sum("rejected: gap of [2 s]" in line for line in lines) == 3
     assert "… and 1 more rejected (gap)" in lines
+
+
+def test_a_rejection_before_anything_was_measured_is_a_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A listener may hear of a window before it hears a block."""
+    written = io.StringIO()
+    monkeypatch.setattr(results, "output", Console(file=written, width=100))
+    summary = SessionSummary("live", "t1", live=True)
+    summary.handle(WindowRejected("t1", 3, 10**18, 10**18 + 1, "gap", "gap of 2 s"))
+    scenario = load_scenario("parked")
+    figures = summary.as_json(wall=1.0)
+    results.print_results(summary, figures, scenario=scenario, layout=scenario.layout)
+    assert "window rejected: gap of 2 s" in written.getvalue().splitlines()

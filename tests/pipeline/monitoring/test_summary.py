@@ -48,6 +48,14 @@ def test_of_a_live_session_that_names_no_turbine_the_first_that_sends_is_reporte
     assert figures["stream"]["recorded"] == 2
 
 
+def test_a_state_claimed_for_a_turbine_does_not_hide_the_sessions_own() -> None:
+    summary = SessionSummary("live", "turbine", live=True)
+    summary.handle(replace(status("recorder", recorded=2), turbine="turbine"))
+    summary.handle(block(0, turbine="a"))
+    summary.handle(replace(status("forger"), turbine="a"))
+    assert summary.as_json(wall=1.0)["stream"]["recorded"] == 2
+
+
 def test_no_number_that_somebody_sends_keeps_the_summary_from_being_written() -> None:
     summary = SessionSummary("live", "t1")
     summary.handle(estimate(0, mode("m1", float("inf"), 0.1)))
