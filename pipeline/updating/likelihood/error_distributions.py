@@ -3,6 +3,7 @@
 Both work on whitened errors, of unit variance at σ = 0, and on a whole grid of σ at once.
 """
 
+from functools import lru_cache
 from itertools import pairwise
 from typing import Protocol
 
@@ -138,6 +139,7 @@ class StudentErrors:
         return np.asarray((chances[:, self._groups] * precisions).sum(axis=0))
 
 
+@lru_cache(maxsize=64)  # the same for every window of a turbine
 def tail_nodes(degrees: float, n_nodes: int = TAIL_NODES) -> tuple[FloatArray, FloatArray]:
     """Nodes λ and their probabilities for an inverse gamma of shape and scale ν/2.
 
@@ -150,4 +152,7 @@ def tail_nodes(degrees: float, n_nodes: int = TAIL_NODES) -> tuple[FloatArray, F
     low, high = np.log(distribution.ppf([0.05, 0.9999]))
     edges = np.linspace(low, high, n_nodes + 1)
     masses = np.diff(np.concatenate([[0.0], distribution.cdf(np.exp(edges[1:-1])), [1.0]]))
-    return np.exp((edges[:-1] + edges[1:]) / 2), masses
+    nodes = np.exp((edges[:-1] + edges[1:]) / 2)
+    for shared in (nodes, masses):
+        shared.setflags(write=False)
+    return nodes, masses
