@@ -231,7 +231,7 @@ def _read(
     table = measured_channels(path, layout, dates)
     unused: tuple[UnusedChannel, ...] = ()
     if layout is None and path.suffix != ".mcap":
-        columns, unused = split_motions(table)
+        columns, unused = split_motions(table, str(path))
         table = table.only(columns)
     stamped = table.sampling_rate
     if stamped is None and table.times is not None:  # they stand still

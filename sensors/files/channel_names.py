@@ -16,7 +16,7 @@ import numpy as np
 
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.arrays import FloatArray
-from sensors.files.table import ChannelTable, quantity_named, quantity_of
+from sensors.files.table import ChannelTable, FileError, quantity_named, quantity_of
 
 UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
 AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
@@ -62,6 +62,7 @@ CONDITIONS = {
     ),
     **dict.fromkeys(("status", "state", "flag", "counter", "record", "valid"), "a state"),
 }
+_UNSURE = {"the logger's supply", "a state", "constant"}  # may be a motion all the same
 # Units of such quantities; patterns over the unit in lower case without blanks.
 _OTHER_UNIT = re.compile(
     r"[kmg]?w|rpm|1/min|[kmg]?n|[kmg]?n[-*·]?m|[kmgh]?pa|m?bar|hz|%|(?:deg|°)[\s_]*[cf]|degc|k|"
@@ -211,7 +212,9 @@ class UnusedChannel:
         return f"{self.name} ({self.reason})"
 
 
-def split_motions(table: ChannelTable) -> tuple[list[int], tuple[UnusedChannel, ...]]:
+def split_motions(
+    table: ChannelTable, origin: str = "the measurement"
+) -> tuple[list[int], tuple[UnusedChannel, ...]]:
     """Return the columns that may be motions of the structure, and the channels that are none.
 
     Beside accelerometers, files of controllers and loggers have wind, power and supplies, whose
@@ -221,12 +224,19 @@ def split_motions(table: ChannelTable) -> tuple[list[int], tuple[UnusedChannel, 
     ----------
     table : ChannelTable
         Names and units; with samples, a column that is constant is left out too.
+    origin : str
+        What to call it in an error.
 
     Returns
     -------
     columns : list of int
-        All of them where none would remain.
+        All of them where none would remain and some may be (volts of an accelerometer).
     left_out : tuple of UnusedChannel
+
+    Raises
+    ------
+    FileError
+        If every channel is a condition: wind, power, weather, an angle, the sea.
     """
     reasons = [other_quantity(*each) for each in zip(table.names, table.units, strict=True)]
     if len(table.samples):
@@ -235,6 +245,12 @@ def split_motions(table: ChannelTable) -> tuple[list[int], tuple[UnusedChannel, 
             for reason, series in zip(reasons, table.samples.T, strict=True)
         ]
     columns = [column for column, reason in enumerate(reasons) if not reason]
+    if not columns and not _UNSURE & set(reasons):
+        listed = ", ".join(map(str, map(UnusedChannel, table.names, reasons)))
+        raise FileError(
+            f"{origin}: no channel measures a motion of the structure: {listed}; a layout file "
+            "takes what it lists, whatever its name (`pilewatch import FILE --layout LAYOUT`)"
+        )
     if not columns:
         return list(range(len(table.names))), ()
     return columns, tuple(
