@@ -38,16 +38,23 @@ _SEED = re.compile(r"\.[A-Z]{2}([NEZ])$")  # last letter of a SEED channel code:
 _OPENFAST = re.compile(r"(?:TwHt\dAL|YawBrTA|NcIMUTA)([xyz])[tps]$")  # accelerations of the tower
 _TRAILING = re.compile(r"(?:\d|\b[Aa][Cc]?[Cc]?)([XYZxyz])(?![A-Za-z])")
 
+# The same in German, Dutch, Danish, Norwegian, Swedish, French and Spanish.
+WIND_SPEED = (
+    *("windgeschwindigkeit", "windsnelheid", "vindhastighed", "vindhastighet", "vind"),
+    *("vent", "viento"),
+)
+ROTOR_SPEED = ("drehzahl", "toerental", "omdrejninger", "omdrejningstal", "turtall", "varvtal")
+POWER = ("leistung", "vermogen", "effekt", "puissance", "potencia")
+WATER_LEVEL = ("wasserstand", "pegel", "waterstand", "vandstand", "vannstand", "vattenstånd")
+
 # Words of a name, in lower case, that stand for what is no motion of the structure.
 CONDITIONS = {
+    **dict.fromkeys(("wind", "windspeed", "wspd", "ws", "anemometer", *WIND_SPEED), "the wind"),
     **dict.fromkeys(
-        ("wind", "windspeed", "wspd", "ws", "anemometer", "windgeschwindigkeit"), "the wind"
-    ),
-    **dict.fromkeys(
-        ("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm", "drehzahl"), "the rotor"
+        ("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm", *ROTOR_SPEED), "the rotor"
     ),
     **dict.fromkeys(("pitch", "bldpitch", "azimuth", "yaw", "nacyaw"), "an angle of the turbine"),
-    **dict.fromkeys(("power", "pwr", "genpwr", "torque", "leistung"), "power"),
+    **dict.fromkeys(("power", "pwr", "genpwr", "torque", *POWER), "power"),
     **dict.fromkeys(
         ("temp", "temperature", "ptemp", "tamb", "humidity", "temperatur"), "the weather"
     ),
@@ -57,7 +64,7 @@ CONDITIONS = {
         "the logger's supply",
     ),
     **dict.fromkeys(
-        ("wave", "tide", "waterlevel", "sealevel", "water", "sea", "wasserstand", "pegel"),
+        ("wave", "tide", "waterlevel", "sealevel", "water", "sea", *WATER_LEVEL),
         "the sea",
     ),
     **dict.fromkeys(("status", "state", "flag", "counter", "record", "valid"), "a state"),
