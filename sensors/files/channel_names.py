@@ -8,8 +8,8 @@ numbers that count 1, 2, 3 are no heights.
 """
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +26,7 @@ AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
 }
 LOWEST, HIGHEST = 2.0, 300.0  # heights that a bare number in a name may stand for [m]
 MILLIMETRES = 1000.0  # a height above it is no metres
+PAIR = 2  # channels at one height that are taken to be at right angles
 TRIAXIAL = 3  # channels; of more, a number in every name is no height
 
 _LETTERS = re.compile(r"[A-Za-z]+")
@@ -113,12 +114,24 @@ def guess_channels(names: Sequence[str]) -> tuple[GuessedChannel, ...]:
     unsure = sorted({height for height, _, sure in heights if height is not None and not sure})
     steps = {high - low for low, high in pairwise(unsure)}
     counted = steps == {1.0}  # 1, 2, 3: the sensors' numbers
-    return tuple(
+    return _pairs_apart(
         _guess(name, place, None if counted and not sure else height, seen)
         for place, (name, (height, seen, sure)) in enumerate(
             zip(names, heights, strict=True), start=1
         )
     )
+
+
+def _pairs_apart(channels: Iterable[GuessedChannel]) -> tuple[GuessedChannel, ...]:
+    """Of two channels of one height without axes, the second is the one across."""
+    guessed = list(channels)
+    for height in {each.elevation for each in guessed if each.height_known}:
+        level = [i for i, each in enumerate(guessed) if each.elevation == height]
+        if len(level) == PAIR and not any(guessed[place].direction_known for place in level):
+            second = guessed[level[1]]
+            reason = f"{second.reason}: taken across the other one at its height"
+            guessed[level[1]] = replace(second, direction=SIDE_SIDE, reason=reason)
+    return tuple(guessed)
 
 
 def _guess(name: str, place: int, height: float | None, seen_height: str) -> GuessedChannel:
